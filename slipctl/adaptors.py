@@ -1,0 +1,54 @@
+"""Adaptors between conventions: braking and traction signs, slip as speed and as ratio."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from slipctl.block import Block, make_block
+from slipctl.signals import Input, Output, Param
+
+
+def flip_sign(unit: str, to: str = "braking") -> Block:
+    """Turn the sign of a signal: from traction positive to braking positive or back.
+
+    Args:
+        unit: unit of the signal.
+        to: convention of the output, ``"braking"`` or ``"traction"``.
+    """
+    other = "traction" if to == "braking" else "braking"
+    return make_block(
+        "flip_sign", "law", lambda x, u, p: ({}, {"y": -u["u"]}),
+        inputs=[Input(unit, "signal", positive=other).named("u")],
+        outputs=[Output(unit, "signal with its sign turned", positive=to).named("y")],
+        doc=f"y = -u: positive for {to}.",
+    )  # fmt: skip
+
+
+def speed_to_ratio() -> Block:
+    """Slip ratio from slip speed: lambda = v_s / max(|v|, v_min)."""
+    return make_block(
+        "speed_to_ratio", "law",
+        lambda x, u, p: ({}, {"y": u["u"] / ca.fmax(ca.fabs(u["v"]), p["v_min"])}),
+        inputs=[
+            Input("m/s", "slip speed", per="speed").named("u"),
+            Input("m/s", "vehicle speed").named("v"),
+        ],
+        params=[Param("m/s", 1.0, "speed below which the ratio is not formed", lo=1e-3).named("v_min")],
+        outputs=[Output("1", "slip ratio", per="ratio").named("y")],
+        doc="y = u / max(|v|, v_min).",
+    )  # fmt: skip
+
+
+def ratio_to_speed() -> Block:
+    """Slip speed from slip ratio: v_s = lambda max(|v|, v_min)."""
+    return make_block(
+        "ratio_to_speed", "law",
+        lambda x, u, p: ({}, {"y": u["u"] * ca.fmax(ca.fabs(u["v"]), p["v_min"])}),
+        inputs=[
+            Input("1", "slip ratio", per="ratio").named("u"),
+            Input("m/s", "vehicle speed").named("v"),
+        ],
+        params=[Param("m/s", 1.0, "speed below which the ratio is not formed", lo=1e-3).named("v_min")],
+        outputs=[Output("m/s", "slip speed", per="speed").named("y")],
+        doc="y = u max(|v|, v_min).",
+    )  # fmt: skip

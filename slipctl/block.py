@@ -1,0 +1,666 @@
+"""The Block: one page of equations that is called, differentiated, simulated and generated as C.
+
+A block is written as a Python function whose default arguments declare its signals and whose body
+is the paper's formulas. ``@law`` is algebra, ``@flow`` gives x' = f, ``@step`` gives x+ = f.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.errors import BadInput, nearest
+from slipctl.signals import Signal, evaluate, names_in, total_size
+
+Exprs = dict[str, Any]
+Body = Callable[[Exprs, Exprs, Exprs], tuple[Exprs, Exprs]]
+Rebuild = Callable[[dict[str, "Block"]], "Block"]
+
+ROLES = ("state", "input", "param", "output")
+_PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
+
+
+class Block:
+    """Equations with declared signals; see the module text for how to write one.
+
+    Attributes:
+        name: name of the block.
+        kind: ``"law"``, ``"flow"`` or ``"step"``.
+        period: sample period in s of a step that insists on one, otherwise None.
+        doc: what the block is, with its source.
+        choices: structural choices by keyword, for name, report and C header.
+        conditions: parameter sets by the name of a rail condition, ``{"dry": {"c": 1.0}}``.
+        closed_form: for a law, function of its parameters giving the argument of its peak.
+        units: ``"checked"``, or ``"printed"`` for a printed form that cannot be made consistent.
+        sx: whether the body works on CasADi SX (scalar expressions) or on MX.
+        parts: the blocks this one was made of, by name.
+        wires: for a connected block, source by destination.
+        prefixed: whether signals carry their part's name in front (made by ``connect``).
+        transparent: whether it is its only part in another time (``sampled``, ``every``), so that
+            paths and swaps look through it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        body: Body,
+        signals: Iterable[Signal],
+        *,
+        period: float | None = None,
+        doc: str = "",
+        sx: bool = True,
+        choices: Mapping[str, Any] | None = None,
+        parts: Mapping[str, Block] | None = None,
+        rebuild: Rebuild | None = None,
+        wires: Mapping[str, str] | None = None,
+        units: str = "checked",
+        conditions: Mapping[str, Mapping[str, float]] | None = None,
+        closed_form: Callable[..., Any] | None = None,
+        prefixed: bool = False,
+        transparent: bool = False,
+    ) -> None:
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+            raise BadInput(f"a block's name must be a letter, then letters, digits, _; not {name!r}")
+        self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
+        self.choices: dict[str, Any] = dict(choices or {})
+        self.parts: dict[str, Block] = dict(parts or {})
+        self.wires: dict[str, str] = dict(wires or {})
+        self.units = units
+        self.conditions = {k: dict(v) for k, v in (conditions or {}).items()}
+        self.closed_form = closed_form
+        self.prefixed = prefixed
+        self.transparent = transparent
+        self._body, self._rebuild = body, rebuild
+        self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
+        seen: set[str] = set()
+        for s in signals:
+            if s.name in seen and s.role != "output":
+                raise BadInput(f"{name} declares {s.name!r} twice")
+            seen.add(s.name)
+            if s.role == "output" and s.name in self._signals["output"]:
+                raise BadInput(f"{name} declares the output {s.name!r} twice")
+            self._signals[s.role][s.name] = s
+        if kind == "law" and self.states:
+            raise BadInput(f"{name} is a law and cannot have states; make it a flow or a step")
+        for p in self.params.values():
+            if not p.derived and p.value is not None:
+                p.check(f"{name}.{p.name}", p.value)
+
+    # ---- signals ------------------------------------------------------------------------------
+
+    @property
+    def states(self) -> dict[str, Signal]:
+        """States in order."""
+        return self._signals["state"]
+
+    @property
+    def inputs(self) -> dict[str, Signal]:
+        """Inputs in order."""
+        return self._signals["input"]
+
+    @property
+    def params(self) -> dict[str, Signal]:
+        """Parameters in order, derived ones included."""
+        return self._signals["param"]
+
+    @property
+    def outputs(self) -> dict[str, Signal]:
+        """Outputs in order."""
+        return self._signals["output"]
+
+    @property
+    def signals(self) -> list[Signal]:
+        """All signals: states, inputs, parameters, outputs."""
+        return [s for role in ROLES for s in self._signals[role].values()]
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(self._signals[r])} {r}s" for r in ROLES if self._signals[r])
+        return f"<{self.kind} {self.name}: {counts}>"
+
+    def _repr_latex_(self) -> str:
+        from slipctl import show
+
+        return show.latex(self)
+
+    def __getitem__(self, path: str) -> Block:
+        """Return a part by its path, ``loop["plant.adh"]``."""
+        if self.transparent:
+            return next(iter(self.parts.values()))[path]
+        head, _, rest = path.partition(".")
+        if head not in self.parts:
+            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, self.parts)}")
+        return self.parts[head][rest] if rest else self.parts[head]
+
+    def leaves(self, prefix: str = "") -> Iterable[tuple[str, Block]]:
+        """Yield path and block of every block without parts, depth first."""
+        if not self.parts:
+            yield prefix, self
+        for name, part in self.parts.items():
+            path = prefix if self.transparent else f"{prefix}.{name}" if prefix else name
+            yield from part.leaves(path)
+
+    # ---- values -------------------------------------------------------------------------------
+
+    def derive(self, free: Mapping[str, Any]) -> dict[str, Any]:
+        """Complete the parameters: derived ones from the free ones (numbers or symbols)."""
+        values = {k: v for k, v in free.items() if k in self.params}
+        waiting = {n: s.value for n, s in self.params.items() if s.derived}
+        while waiting:
+            ready = [
+                n for n, e in waiting.items() if all(self._sibling(n, k) in values for k in names_in(e))
+            ]
+            if not ready:
+                name, expression = next(iter(waiting.items()))
+                for k in names_in(expression):
+                    if self._sibling(name, k) not in self.params:
+                        raise BadInput(
+                            f"{self.name}.{name} = {expression!r} uses {k!r}"
+                            f"{nearest(k, self.params)}"
+                        )
+                raise BadInput(f"{self.name}.{name} = {expression!r} depends on itself")
+            for n in ready:
+                e = waiting.pop(n)
+                local = {k: values[self._sibling(n, k)] for k in names_in(e)}
+                values[n] = evaluate(e, local, f"{self.name}.{n}")
+        return {n: values[n] for n in self.params if n in values}
+
+    @staticmethod
+    def _sibling(name: str, other: str) -> str:
+        """Full name of ``other`` beside ``name``: expressions speak of their own block."""
+        return name.rpartition(".")[0] + "." + other if "." in name else other
+
+    def param_values(self, **override: Any) -> dict[str, np.ndarray]:
+        """Values of all parameters, checked against their ranges, derived ones computed.
+
+        Raises:
+            BadInput: a parameter without value, off range, unknown, or derived and overridden.
+        """
+        free: dict[str, Any] = {}
+        for n in override:
+            self._settable(n)
+        for n, s in self.params.items():
+            if s.derived:
+                continue
+            value = override.get(n, s.value)
+            if value is None:
+                raise BadInput(f"{self.name}.{n} has no value; set it, in {s.unit}")
+            free[n] = s.check(f"{self.name}.{n}", value)
+        values = self.derive(free)
+        return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
+
+    def start(self, **override: Any) -> dict[str, np.ndarray]:
+        """Start values of the states; expressions such as ``"v / r"`` are computed.
+
+        Raises:
+            BadInput: unknown state, value off range, or an expression that cannot be computed.
+        """
+        for n in override:
+            if n not in self.states:
+                raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
+        params = self.param_values()
+        values: dict[str, Any] = {}
+        waiting: dict[str, str] = {}
+        for n, s in self.states.items():
+            value = override.get(n, s.value)
+            if isinstance(value, str):
+                waiting[n] = value
+            else:
+                values[n] = s.check(f"{self.name}.{n}", value)
+        while waiting:
+            progress = False
+            for n, e in list(waiting.items()):
+                needed = {k: self._sibling(n, k) for k in names_in(e)}
+                known = values | params
+                if all(full in known for full in needed.values()):
+                    local = {k: known[full] for k, full in needed.items()}
+                    number = np.asarray(evaluate(e, local, f"{self.name}.{n}"), dtype=float)
+                    values[n] = self.states[n].check(f"{self.name}.{n}", number)
+                    del waiting[n]
+                    progress = True
+            if not progress:
+                n, e = next(iter(waiting.items()))
+                raise BadInput(f"{self.name}.{n}: start value {e!r} cannot be computed")
+        return {n: values[n] for n in self.states}
+
+    def _settable(self, name: str) -> Signal:
+        if name not in self.params:
+            raise BadInput(f"{self.name} has no parameter {name!r}{nearest(name, self.params)}")
+        signal = self.params[name]
+        if signal.derived:
+            raise BadInput(
+                f"{self.name}.{name} is derived, {signal.value}; set "
+                + " or ".join(names_in(signal.value))
+            )
+        return signal
+
+    def with_params(self, **values: Any) -> Block:
+        """Return the block with other parameter values (or start values of its states).
+
+        Names may carry dots when passed as ``**{"car.m": 9000}``. An expression of the block's
+        own signals is a value too.
+
+        Raises:
+            BadInput: unknown or derived parameter, value off range or NaN.
+        """
+        for name, value in values.items():
+            if name in self.states:
+                if not isinstance(value, str):
+                    self.states[name].check(f"{self.name}.{name}", value)
+                continue
+            signal = self._settable(name)
+            if not isinstance(value, str):
+                signal.check(f"{self.name}.{name}", value)
+        return self._with_values(values)
+
+    def _with_values(self, values: Mapping[str, Any]) -> Block:
+        """Give each value to the part that owns it; what no part owns stays with this block."""
+        handed: dict[str, dict[str, Any]] = {}
+        own: dict[str, Any] = {}
+        for name, value in values.items():
+            owner = self._owner(name)
+            if owner is None:
+                own[name] = value
+            else:
+                handed.setdefault(owner[0], {})[owner[1]] = value
+        if handed:
+            assert self._rebuild is not None
+            parts = {
+                k: part._with_values(handed[k]) if k in handed else part
+                for k, part in self.parts.items()
+            }
+            return self._rebuild(parts)._keep_values(self, own)
+        return self._keep_values(self, own)
+
+    def _keep_values(self, before: Block, new: Mapping[str, Any]) -> Block:
+        """Take over, from the block as it was, the values that belong to no part."""
+        changed = []
+        for s in self.signals:
+            old = before._signals[s.role].get(s.name)
+            if s.role not in ("param", "state") or self._owner(s.name) is not None:
+                changed.append(s)
+            elif s.name in new:
+                changed.append(s.valued(new[s.name]))
+            else:
+                changed.append(s if old is None else s.valued(old.value))
+        return self._copy(changed)
+
+    def _owner(self, name: str) -> tuple[str, str] | None:
+        """Part that owns state or parameter ``name``, and its name there."""
+        role = "state" if name in self.states else "param"
+        if self.prefixed:
+            head, _, rest = name.partition(".")
+            found = head in self.parts and rest in self.parts[head]._signals[role]
+            return (head, rest) if found else None
+        if self._rebuild is not None:
+            for head, part in self.parts.items():
+                if name in part._signals[role]:
+                    return head, name
+        return None
+
+    def _copy(self, signals: Iterable[Signal]) -> Block:
+        block = Block(
+            self.name, self.kind, self._body, signals,
+            period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
+            rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
+            closed_form=self.closed_form, prefixed=self.prefixed,
+            transparent=self.transparent,
+        )  # fmt: skip
+        return block
+
+    def renamed(self, name: str) -> Block:
+        """Return the same block under another name."""
+        block = self._copy(self.signals)
+        block.name = name
+        return block
+
+    def swap(self, name: str, block: Block) -> Block:
+        """Return the block with part ``name`` (a path, ``"plant.adh"``) replaced.
+
+        Raises:
+            BadInput: no such part, or the new block does not fit the wires.
+        """
+        parts = dict(self.parts)
+        if self.transparent:
+            assert self._rebuild is not None
+            (head, part), = parts.items()
+            return self._rebuild({head: part.swap(name, block)})._keep_values(self, {})
+        head, _, rest = name.partition(".")
+        if head not in parts:
+            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
+        if self._rebuild is None:
+            raise BadInput(f"{self.name} cannot be rebuilt with another {head!r}")
+        parts[head] = parts[head].swap(rest, block) if rest else block
+        return self._rebuild(parts)._keep_values(self, {})
+
+    # ---- functions ----------------------------------------------------------------------------
+
+    def expr(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        """Evaluate the body on CasADi expressions by name; returns (x' or x+, outputs)."""
+        n, y = self._body(x, u, p)
+        self._complete("state", n, "derivative" if self.kind == "flow" else "next state")
+        self._complete("output", y, "output")
+        return n, y
+
+    def _complete(self, role: str, given: Mapping[str, Any], what: str) -> None:
+        wanted = self._signals[role]
+        for name in wanted:
+            if name not in given:
+                raise BadInput(f"{self.name} does not return its {what} {name!r}")
+        for name in given:
+            if name not in wanted:
+                raise BadInput(
+                    f"{self.name} returns an undeclared {what} {name!r}{nearest(name, wanted)}"
+                )
+
+    def symbols(self, role: str) -> Exprs:
+        """CasADi symbols of one role by name, named as in the equations."""
+        sym = ca.SX.sym if self.sx else ca.MX.sym
+        return {
+            n: sym(n, *(s.shape if len(s.shape) == 2 else (s.size, 1)))
+            for n, s in self._signals[role].items()
+        }
+
+    def pack(self, role: str, values: Mapping[str, Any]) -> Any:
+        """Stack values (numbers or expressions) of one role to one column vector."""
+        columns = []
+        for n, s in self._signals[role].items():
+            v = values[n]
+            shape = s.shape if len(s.shape) == 2 else (s.size, 1)
+            if isinstance(v, (list, tuple)):
+                v = ca.vertcat(*v)
+            if isinstance(v, np.ndarray):
+                v = ca.DM(v.reshape(shape) if v.ndim != 1 else v.reshape(shape))
+            elif not hasattr(v, "shape"):
+                v = ca.DM(float(v)) if shape == (1, 1) else ca.DM(v)
+            if tuple(v.shape) != tuple(shape):
+                if v.shape == (1, 1):
+                    v = ca.repmat(v, *shape)
+                elif v.shape[0] * v.shape[1] == s.size:
+                    v = ca.reshape(v, *shape)
+                else:
+                    raise BadInput(
+                        f"{self.name}.{n} has shape {tuple(v.shape)}, declared {tuple(shape)}"
+                    )
+            v = ca.densify(v)
+            columns.append(ca.reshape(v, s.size, 1) if len(s.shape) == 2 else v)
+        return ca.vertcat(*columns) if columns else ca.DM(0, 1)
+
+    def unpack(self, role: str, vector: Any) -> Exprs:
+        """Split a column vector into values of one role by name, in their shapes."""
+        out: Exprs = {}
+        at = 0
+        for n, s in self._signals[role].items():
+            piece = vector[at : at + s.size]
+            out[n] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
+            at += s.size
+        return out
+
+    @cached_property
+    def f(self) -> ca.Function:
+        """Packed function ``(x, u, p) -> (n, y)``; n is x' of a flow and x+ of a step."""
+        sym = ca.SX.sym if self.sx else ca.MX.sym
+        x, u, p = (
+            sym(letter, total_size(self._signals[role].values()))
+            for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
+        )
+        n, y = self.expr(
+            self.unpack("state", x), self.unpack("input", u), self.unpack("param", p)
+        )
+        out = [self.pack("state", n), self.pack("output", y)]
+        return ca.Function(
+            self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True}
+        )
+
+    def _c_name(self) -> str:
+        return re.sub(r"_+", "_", self.name).strip("_")
+
+    def _io_names(self, role: str, letter: str) -> list[str]:
+        names: list[str] = []
+        for n in self._signals[role]:
+            base = re.sub(r"_+", "_", f"{letter}_{n.replace('.', '_')}").rstrip("_")
+            while base in names:
+                base += "a"
+            names.append(base)
+        return names
+
+    def _named_symbols(self) -> tuple[list[Any], list[str], tuple[Exprs, Exprs, Exprs]]:
+        args: list[Any] = []
+        names: list[str] = []
+        groups = []
+        for role in ("state", "input", "param"):
+            symbols = self.symbols(role)
+            groups.append(symbols)
+            args += list(symbols.values())
+            names += self._io_names(role, _PREFIX[role])
+        return args, names, (groups[0], groups[1], groups[2])
+
+    def function(self) -> ca.Function:
+        """CasADi Function with one named argument per signal.
+
+        Inputs are ``x_<state>, u_<input>, p_<param>``, outputs ``d_<state>`` (flow) or
+        ``n_<state>`` (step) and ``y_<output>``; dots of composite names become underscores.
+        """
+        args, names, groups = self._named_symbols()
+        n, y = self.expr(*groups)
+        letter = "d" if self.kind == "flow" else "n"
+        results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
+        out = self._io_names("state", letter) + self._io_names("output", "y")
+        return ca.Function(self._c_name(), args, results, names, out)
+
+    def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
+        """Exact Jacobian of an output or of a state's equation, as a named Function.
+
+        Args:
+            of: name of an output, or of a state (its derivative or next value).
+            wrt: one or more names of states, inputs or parameters; columns in this order.
+
+        Returns:
+            Function with the arguments of ``function()`` and one result ``J``.
+
+        Raises:
+            BadInput: unknown name.
+        """
+        wanted = [wrt] if isinstance(wrt, str) else list(wrt)
+        args, names, groups = self._named_symbols()
+        n, y = self.expr(*groups)
+        results = {**n, **y}
+        if of not in results:
+            raise BadInput(f"{self.name} has no output or state {of!r}{nearest(of, results)}")
+        known = {**groups[0], **groups[1], **groups[2]}
+        for w in wanted:
+            if w not in known:
+                raise BadInput(f"{self.name} has no signal {w!r}{nearest(w, known)}")
+        J = ca.horzcat(*[ca.jacobian(results[of], known[w]) for w in wanted])
+        return ca.Function(f"jac_{self._c_name()}", args, [J], names, ["J"])
+
+    def feedthrough(self) -> dict[str, list[str]]:
+        """Inputs that each output depends on directly, by structure."""
+        return self._feedthrough
+
+    @cached_property
+    def _feedthrough(self) -> dict[str, list[str]]:
+        if not self.outputs:
+            return {}
+        if not self.inputs:
+            return {name: [] for name in self.outputs}
+        pattern = np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
+        out: dict[str, list[str]] = {}
+        row = 0
+        for name, s in self.outputs.items():
+            hit = pattern[row : row + s.size].any(axis=0)
+            row += s.size
+            used, column = [], 0
+            for u, su in self.inputs.items():
+                if hit[column : column + su.size].any():
+                    used.append(u)
+                column += su.size
+            out[name] = used
+        return out
+
+    def __call__(self, **numbers: Any) -> Any:
+        """Evaluate with numbers; what is not given has its declared value.
+
+        Returns:
+            What the body returns: outputs of a law; (derivatives or next states, outputs)
+            otherwise. Scalars are floats, the rest arrays.
+
+        Raises:
+            BadInput: unknown name, an input without value, a parameter off range.
+        """
+        known = {**self.states, **self.inputs, **self.params}
+        for n in numbers:
+            if n not in known:
+                raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
+        p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
+        given_x = {k: numbers[k] for k in self.states if k in numbers}
+        x = {**({} if len(given_x) == len(self.states) else self.start()), **given_x}
+        u: Exprs = {}
+        for n, s in self.inputs.items():
+            value = numbers.get(n, s.value)
+            if value is None:
+                raise BadInput(f"{self.name} needs the input {n} [{s.unit}]")
+            u[n] = np.broadcast_to(np.asarray(value, dtype=float), s.shape)
+        nx, y = self.f(self.pack("state", x), self.pack("input", u), self.pack("param", p))
+        outputs = self._numbers("output", y)
+        if self.kind == "law":
+            return outputs
+        return self._numbers("state", nx), outputs
+
+    def _numbers(self, role: str, vector: Any) -> dict[str, Any]:
+        out = {}
+        for n, v in self.unpack(role, vector).items():
+            shape = self._signals[role][n].shape
+            out[n] = float(v) if shape == () else np.array(v.full()).reshape(shape)
+        return out
+
+    # ---- units --------------------------------------------------------------------------------
+
+    def check_units(self) -> list[str]:
+        """Unit errors of every equation, in the paper's letters; an empty list is a pass."""
+        if self.parts:
+            found = []
+            for part in self.parts.values():
+                found += part.check_units()
+            return found
+        if self.units == "printed" or not self.sx:
+            return []
+        from slipctl import units
+
+        with units.checking_units():
+            groups = [self.symbols(r) for r in ("state", "input", "param")]
+            n, y = self.expr(groups[0], groups[1], groups[2])
+            per_second = " / s" if self.kind == "flow" else ""
+            wanted = {k: f"({s.unit}){per_second}" for k, s in self.states.items()}
+            equations = {(f"{k}'" if self.kind == "flow" else f"{k}+"): n[k] for k in self.states}
+            wanted = {(f"{k}'" if self.kind == "flow" else f"{k}+"): w for k, w in wanted.items()}
+            equations |= {k: y[k] for k in self.outputs}
+            wanted |= {k: s.unit for k, s in self.outputs.items()}
+            given = {s.name: s.unit for s in self.signals if s.role != "output"}
+            for s in self.params.values():
+                if s.derived:
+                    symbols = {**groups[2]}
+                    local = {k: symbols[k] for k in names_in(s.value)}
+                    equations[f"{s.name} ="] = evaluate(s.value, local, s.name)
+                    wanted[f"{s.name} ="] = s.unit
+            return [f"{self.name}: {e}" for e in units.check(equations, given, wanted)]
+
+
+def make_block(
+    name: str,
+    kind: str,
+    body: Body,
+    *,
+    states: Iterable[Signal] = (),
+    inputs: Iterable[Signal] = (),
+    params: Iterable[Signal] = (),
+    outputs: Iterable[Signal] = (),
+    **options: Any,
+) -> Block:
+    """Make a block from named signals and a body on dictionaries; for transforms of blocks.
+
+    Args:
+        name: name of the block.
+        kind: ``"law"``, ``"flow"`` or ``"step"``.
+        body: ``body(x, u, p) -> (n, y)`` on dictionaries of CasADi expressions.
+        states, inputs, params, outputs: signals that carry their names.
+        **options: as of :class:`Block` (``period``, ``sx``, ``parts``, ``rebuild``, ...).
+    """
+    return Block(name, kind, body, [*states, *inputs, *params, *outputs], **options)
+
+
+def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any]], Block]:
+    outputs = {k: v for k, v in options.items() if isinstance(v, Signal)}
+    rest = {k: v for k, v in options.items() if not isinstance(v, Signal)}
+    for k in rest:
+        if k not in ("period", "units", "conditions", "closed_form", "choices", "name"):
+            raise BadInput(f"@{kind} takes Output(...) signals and settings, not {k}={rest[k]!r}")
+    for k, s in outputs.items():
+        if s.role != "output":
+            raise BadInput(f"@{kind}({k}=...) must be an Output(...)")
+
+    def make(function: Callable[..., Any]) -> Block:
+        name = rest.pop("name", function.__name__)
+        declared = []
+        for k, parameter in inspect.signature(function).parameters.items():
+            s = parameter.default
+            if not isinstance(s, Signal):
+                raise BadInput(
+                    f"{name}: argument {k!r} needs a default State(...), Input(...) or Param(...)"
+                )
+            declared.append(s.named(k))
+        declared += [s.named(k) for k, s in outputs.items()]
+
+        def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+            result = function(**x, **u, **p)
+            if kind == "law":
+                return {}, _as_dict(name, result, list(outputs))
+            if not (isinstance(result, tuple) and len(result) == 2):
+                raise BadInput(f"{name} must return (dict of states, dict of outputs)")
+            return dict(result[0]), dict(result[1])
+
+        doc = inspect.getdoc(function) or ""
+        return Block(name, kind, body, declared, doc=doc, **rest)
+
+    return make
+
+
+def _as_dict(name: str, result: Any, outputs: list[str]) -> Exprs:
+    if isinstance(result, Mapping):
+        return dict(result)
+    if len(outputs) == 1:
+        return {outputs[0]: result}
+    raise BadInput(f"{name} must return a dict of its outputs {', '.join(outputs)}")
+
+
+def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function an algebraic block: ``@law(mu=Output("1", "adhesion coefficient"))``.
+
+    Args:
+        **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
+            ``closed_form`` (argument of the peak), ``units``, ``choices``, ``name``.
+    """
+    return _decorate("law", options)
+
+
+def flow(**options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function a continuous block; it returns (state derivatives, outputs)."""
+    return _decorate("flow", options)
+
+
+def step(period: float | None = None, **options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function a sampled block; it returns (next states, outputs).
+
+    Args:
+        period: sample period in s if the equations insist on one, otherwise the loop's.
+        **options: one ``Output`` per result; other settings as of ``law``.
+    """
+    if period is not None and not period > 0:
+        raise BadInput(f"@step(period={period}) must be positive, in s")
+    return _decorate("step", {"period": period, **options})

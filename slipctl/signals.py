@@ -1,0 +1,204 @@
+"""Signals: what a name in an equation means: unit, value, range, sign convention, source."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slipctl.errors import BadInput, nearest
+
+FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
+"""Functions that a value expression may use; they are CasADi's, so numbers and symbols both work."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One named quantity of a block.
+
+    Attributes:
+        role: ``"state"``, ``"input"``, ``"param"`` or ``"output"``.
+        unit: unit as text, ``"kg m^2"``; ``"1"`` for a pure number.
+        value: start value of a state, value of a parameter, value of an input left unwired.
+            A string is an expression of the block's other signals (``"v / r"``).
+        doc: meaning in words.
+        source: where the number comes from.
+        lo, hi: range; parameters and start values outside are refused, and the C code guards it.
+        shape: ``()`` scalar, ``(n,)`` vector, ``(n, m)`` matrix.
+        positive: sign convention, ``"braking"`` or ``"traction"``.
+        per: slip convention, ``"speed"`` or ``"ratio"``.
+        noise: the scenario fills this input with unit normal numbers.
+        name: the name in the equations; set by the block.
+    """
+
+    role: str
+    unit: str
+    value: Any = None
+    doc: str = ""
+    source: str = ""
+    lo: float = -math.inf
+    hi: float = math.inf
+    shape: tuple[int, ...] = ()
+    positive: str | None = None
+    per: str | None = None
+    noise: bool = False
+    name: str = ""
+
+    def named(self, name: str) -> Signal:
+        """Return the same signal under another name."""
+        return replace(self, name=name)
+
+    def valued(self, value: Any) -> Signal:
+        """Return the same signal with another value."""
+        return replace(self, value=value)
+
+    def as_role(self, role: str, **changes: Any) -> Signal:
+        """Return the same quantity in another role (an output becomes an input, say)."""
+        return replace(self, role=role, **changes)
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
+
+    @property
+    def derived(self) -> bool:
+        """Whether the value is an expression of other signals."""
+        return isinstance(self.value, str)
+
+    def check(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
+
+        Raises:
+            BadInput: with the place, the value and the range.
+        """
+        try:
+            array = np.broadcast_to(np.asarray(value, dtype=float), self.shape).copy()
+        except (TypeError, ValueError):
+            raise BadInput(
+                f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
+                f" in {self.unit}, not {value!r}"
+            ) from None
+        if np.isnan(array).any():
+            raise BadInput(f"{where} is NaN; give a number in [{self.lo:g}, {self.hi:g}] {self.unit}")
+        if (array < self.lo).any() or (array > self.hi).any() or not np.isfinite(array).all():
+            worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
+            raise BadInput(
+                f"{where} = {worst:g} {self.unit} is out of range;"
+                f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
+            )
+        return array
+
+
+def State(
+    unit: str,
+    value: Any = 0.0,
+    doc: str = "",
+    source: str = "",
+    *,
+    lo: float = -math.inf,
+    hi: float = math.inf,
+    shape: tuple[int, ...] = (),
+    positive: str | None = None,
+    per: str | None = None,
+) -> Any:
+    """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``."""
+    return Signal("state", unit, value, doc, source, lo, hi, shape, positive, per)
+
+
+def Param(
+    unit: str,
+    value: Any = None,
+    doc: str = "",
+    source: str = "",
+    *,
+    lo: float = -math.inf,
+    hi: float = math.inf,
+    shape: tuple[int, ...] = (),
+    positive: str | None = None,
+    per: str | None = None,
+) -> Any:
+    """Declare a parameter; an expression as ``value`` makes it derived, not settable itself."""
+    return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per)
+
+
+def Input(
+    unit: str,
+    doc: str = "",
+    source: str = "",
+    *,
+    value: Any = None,
+    lo: float = -math.inf,
+    hi: float = math.inf,
+    shape: tuple[int, ...] = (),
+    positive: str | None = None,
+    per: str | None = None,
+) -> Any:
+    """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it."""
+    return Signal("input", unit, value, doc, source, lo, hi, shape, positive, per)
+
+
+def Noise(unit: str = "1", doc: str = "unit normal number, drawn afresh each tick") -> Any:
+    """Declare an input that the scenario fills with unit normal numbers (zero without noise)."""
+    return Signal("input", unit, 0.0, doc, noise=True)
+
+
+def Output(
+    unit: str,
+    doc: str = "",
+    source: str = "",
+    *,
+    lo: float = -math.inf,
+    hi: float = math.inf,
+    shape: tuple[int, ...] = (),
+    positive: str | None = None,
+    per: str | None = None,
+) -> Any:
+    """Declare an output."""
+    return Signal("output", unit, None, doc, source, lo, hi, shape, positive, per)
+
+
+def total_size(signals: Iterable[Signal]) -> int:
+    """Number of elements of all signals together."""
+    return sum(s.size for s in signals)
+
+
+def names_in(expression: str) -> list[str]:
+    """Names that an expression of other signals uses, functions left out."""
+    tree = ast.parse(expression, mode="eval")
+    names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
+    return sorted(names - {*FUNCTIONS, "pi"})
+
+
+def evaluate(expression: str, values: Mapping[str, Any], where: str) -> Any:
+    """Evaluate an expression of other signals, ``"v / r"``, on numbers or CasADi symbols.
+
+    Raises:
+        BadInput: unknown name, or not an arithmetic expression.
+    """
+    allowed = (
+        ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Load, ast.Constant,
+        ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.USub, ast.UAdd,
+    )  # fmt: skip
+    try:
+        tree = ast.parse(expression, mode="eval")
+    except SyntaxError:
+        raise BadInput(f"{where}: {expression!r} is not an expression") from None
+    for node in ast.walk(tree):
+        if not isinstance(node, allowed):
+            raise BadInput(f"{where}: {expression!r} may use only arithmetic and {_KNOWN}")
+    unknown = [n for n in names_in(expression) if n not in values]
+    if unknown:
+        raise BadInput(f"{where}: {expression!r} uses {unknown[0]!r}{nearest(unknown[0], values)}")
+    import casadi
+
+    functions = {name: getattr(casadi, name) for name in FUNCTIONS} | {"pi": math.pi}
+    code = compile(tree, where, "eval")
+    return eval(code, {"__builtins__": {}}, {**functions, **values})
+
+
+_KNOWN = ", ".join(FUNCTIONS)

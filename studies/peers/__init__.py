@@ -1,0 +1,1 @@
+"""Hand-written peers that benchmarks are measured against."""
