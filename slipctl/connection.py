@@ -22,7 +22,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
         name: name of the new block.
         wires: source by destination: ``{"car.T_b": "ctl.T_b"}``. A source without a dot is an
             input of the new block (``{"car.mu": "mu", "est.mu": "mu"}``), a destination without
-            one is an output of it (``{"T_b": "ctl.T_b"}``).
+            one is an output of it (``{"T_b": "ctl.T_b"}``). A state may be a source too.
         **blocks: the parts. Flows go with flows and laws, steps with steps and laws.
 
     Returns:
@@ -42,7 +42,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     renamed: dict[tuple[str, str], str] = {}
     for destination, source in wires.items():
         if "." not in destination:
-            outer_outputs[destination] = _find(name, blocks, source, "output")
+            outer_outputs[destination] = _source(name, blocks, source)
             continue
         part, port = _find(name, blocks, destination, "input")
         signal = blocks[part].inputs[port]
@@ -56,8 +56,8 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
                     outer_inputs[source] = known.valued(signal.value)
             renamed[part, port] = source
             continue
-        from_part, from_port = _find(name, blocks, source, "output")
-        _check_wire(name, source, blocks[from_part].outputs[from_port], destination, signal)
+        from_part, from_port = _source(name, blocks, source)
+        _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
         inner[part, port] = (from_part, from_port)
 
     signals: list[Signal] = []
@@ -74,13 +74,18 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     for b, block in blocks.items():
         signals += [s.named(f"{b}.{n}") for n, s in block.outputs.items()]
     for out, (b, n) in outer_outputs.items():
-        signals.append(blocks[b].outputs[n].named(out))
+        signals.append(_signal(blocks[b], n).as_role("output", value=None).named(out))
 
     plan = _schedule(name, blocks, inner)
     sx = all(block.sx for block in blocks.values())
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        results: dict[tuple[str, str], Any] = {}
+        results: dict[tuple[str, str], Any] = {
+            (b, n): x[f"{b}.{n}"]
+            for b, block in blocks.items()
+            for n in block.states
+            if n not in block.outputs
+        }
         nxt: Exprs = {}
         for b, outputs, last in plan:
             block = blocks[b]
@@ -97,7 +102,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
             else:
                 values = _unpack_some(block, outputs, y)
             results |= {(b, k): values[k] for k in outputs}
-        y_all = {f"{b}.{k}": v for (b, k), v in results.items()}
+        y_all = {f"{b}.{k}": results[b, k] for b, block in blocks.items() for k in block.outputs}
         y_all |= {out: results[source] for out, source in outer_outputs.items()}
         return nxt, y_all
 
@@ -148,6 +153,18 @@ def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> tuple
     return part, port
 
 
+def _source(name: str, blocks: Mapping[str, Block], path: str) -> tuple[str, str]:
+    """Part and name of an output, or of a state, whose value at the start of the tick it is."""
+    part, dot, port = path.partition(".")
+    if part in blocks and dot and port in blocks[part].states:
+        return part, port
+    return _find(name, blocks, path, "output")
+
+
+def _signal(block: Block, port: str) -> Signal:
+    return block.outputs.get(port) or block.states[port]
+
+
 def _check_wire(name: str, source: str, s: Signal, destination: str, d: Signal) -> None:
     from slipctl import units
 
@@ -180,7 +197,7 @@ def _schedule(
     inner: Mapping[tuple[str, str], tuple[str, str]],
 ) -> list[Call]:
     """Order of evaluation; a part whose outputs become known in pieces is called in pieces."""
-    known: set[tuple[str, str]] = set()
+    known = {(b, n) for b, block in blocks.items() for n in block.states if n not in block.outputs}
     waiting = dict.fromkeys(blocks)
     plan: list[Call] = []
 

@@ -1,0 +1,36 @@
+"""Brakes: limits, and the lag of a cylinder."""
+
+from casadi import fmax, fmin
+
+from slipctl import Block, Input, Output, Param, State, flow, law
+
+
+def brake(lag: bool = False) -> Block:
+    """Make a brake: it cannot drive, it has a largest torque, and with ``lag`` it takes its time.
+
+    Args:
+        lag: first-order lag of the cylinder; without it the torque follows at once.
+    """
+    if not lag:
+
+        @law(T_b=Output("N m", "brake torque", positive="braking"), name="brake")
+        def ideal(
+            T_cmd=Input("N m", "commanded torque", positive="braking"),
+            T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+        ):
+            """Limits of a brake, 0 <= T_b <= T_max, without lag."""
+            return fmin(T_max, fmax(0, T_cmd))
+
+        return ideal
+
+    @flow(name="brake", choices={"lag": True})
+    def lagging(
+        T_b=State("N m", 0.0, "brake torque", lo=0, positive="braking"),
+        T_cmd=Input("N m", "commanded torque", positive="braking"),
+        T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+        tau=Param("s", 0.05, "time constant of the cylinder", "typical, guess", lo=1e-3, hi=5),
+    ):
+        """Limits of a brake and a first-order lag: tau T_b' = sat(T_cmd) - T_b."""
+        return dict(T_b=(fmin(T_max, fmax(0, T_cmd)) - T_b) / tau), {}
+
+    return lagging

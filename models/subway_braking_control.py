@@ -1,0 +1,203 @@
+"""Slip control of Huang 2020: reaching-law sliding mode and super-twisting.
+
+With the sliding variable s = v_s - v_ref (34) and the plant of ``subway_braking``,
+
+    s' = Phi + (r/J) T_b - v_ref',   Phi = -(F + f + W)/m - F r^2/J         (35), (39)
+
+so a wanted s' = nu is reached by T_b = (J/r)(nu - Phi + v_ref'). The reaching law takes
+nu = -g1 s - g2 sgn s (23), super-twisting nu = -k1 |s|^(1/2) sgn s + u_sw, u_sw' = -k2 sgn s
+(32), (33). Equation (38) prints every term of the bracket with the other sign (docs/errata.md).
+
+Each law gives the torque it wants; ``arbitration`` gives the torque that is applied. Added here:
+F = mu_hat m g from the adhesion estimate; v_ref' = 0, because the derivative of a step is no use.
+"""
+
+from casadi import fabs, fmax, fmin, if_else, logic_and, sign, sqrt
+
+from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, step
+
+SOURCE = "Huang 2020"
+TABLE_3 = "Huang 2020, Table 3"
+
+
+@law(T_eq=Output("N m", "torque that keeps the slip", positive="braking"))
+def equivalent_torque(
+    mu_hat=Input("1", "adhesion estimate", positive="braking"),
+    f_hat=Input("N", "air resistance, as known", value=0.0),
+    W_hat=Input("N", "curve resistance, as known", value=0.0),
+    m=Param("kg", 8000.0, "load, as the controller knows it", TABLE_3, lo=1000, hi=40000),
+    J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
+    r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
+    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+):
+    """Torque for s' = 0, -(J/r) Phi; Huang 2020 eq (39)."""
+    F = mu_hat * m * g
+    Phi = -(F + f_hat + W_hat) / m - F * r**2 / J
+    return -(J / r) * Phi
+
+
+@law(v_ref=Output("m/s", "wanted slip speed", positive="braking", per="speed"))
+def slip_reference(
+    v=Input("m/s", "vehicle speed"),
+    v_opt=Input("m/s", "best slip speed", positive="braking", per="speed"),
+    share=Param("1", 0.5, "largest slip as share of the speed", "guess", lo=0.01, hi=1),
+):
+    """Reference of the slip loop: the best slip, as far as the speed allows it (v_s <= v)."""
+    return fmin(v_opt, share * fmax(v, 0))
+
+
+def reaching_law() -> Block:
+    """Make the sliding-mode controller that the paper compares with."""
+
+    @law(
+        T_wanted=Output("N m", "wanted torque", positive="braking"),
+        s=Output("m/s", "sliding variable"),
+        name="smc",
+    )
+    def smc(
+        v_s=Input("m/s", "slip speed", positive="braking", per="speed"),
+        v_ref=Input("m/s", "wanted slip speed", positive="braking", per="speed"),
+        T_eq=Input("N m", "torque that keeps the slip", positive="braking"),
+        g1=Param("1/s", 36.0, "proportional reaching", "Huang 2020, section 5", lo=0),
+        g2=Param("m/s^2", 12.0, "constant reaching", "Huang 2020, section 5", lo=0),
+        J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
+        r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
+    ):
+        """Reaching-law sliding mode; Huang 2020 eq (23) in the torque of eq (35)."""
+        s = v_s - v_ref
+        return dict(T_wanted=T_eq + (J / r) * (-g1 * s - g2 * sign(s)), s=s)
+
+    return smc
+
+
+def super_twisting(
+    form: str = "consistent", gains: str = "consistent", discretisation: str = "explicit"
+) -> Block:
+    """Make the super-twisting slip controller.
+
+    Args:
+        form: ``"consistent"``, or ``"printed-38"``: (38) as printed, the negative of the law.
+        gains: ``"consistent"`` (20, 10) or ``"printed"`` (2000, 1.5).
+        discretisation: ``"explicit"`` (Euler), or ``"proper_implicit"``, whose sliding error is
+            at most L T^2 (after Seeber and Andritsch, Automatica 173, 2025).
+
+    Raises:
+        BadInput: an unknown choice.
+    """
+    _known("super_twisting", "form", form, ("consistent", "printed-38"))
+    _known("super_twisting", "gains", gains, ("consistent", "printed"))
+    _known("super_twisting", "discretisation", discretisation, ("explicit", "proper_implicit"))
+    if gains == "printed":
+        K1, K2, source = 2000.0, 1.5, "Huang 2020, section 5"
+    else:
+        K1, K2, source = 20.0, 10.0, "chosen: limit cycle (T k1/2)^2 = 1e-4 m/s at 1 ms"
+    turn = 1 if form == "consistent" else -1
+
+    @step(
+        T_wanted=Output("N m", "wanted torque", positive="braking"),
+        s=Output("m/s", "sliding variable"),
+        name="sta", choices={"form": form, "gains": gains, "discretisation": discretisation},
+    )  # fmt: skip
+    def sta(
+        u_sw=State("m/s^2", 0.0, "integral of the switching term"),
+        v_s=Input("m/s", "slip speed", positive="braking", per="speed"),
+        v_ref=Input("m/s", "wanted slip speed", positive="braking", per="speed"),
+        T_eq=Input("N m", "torque that keeps the slip", positive="braking"),
+        T_top=Input("N m", "most that may be applied now", positive="braking", value=20e3),
+        k1=Param("m^.5/s^1.5", K1, "gain of the root", source, lo=0),
+        k2=Param("m/s^3", K2, "gain of the integral", source, lo=1e-9),
+        J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
+        r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
+        T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
+    ):
+        """Super-twisting slip control; Huang 2020 eqs (32)-(38).
+
+        Added here: the integral stands still while the torque is limited (anti-windup).
+        """
+        s = v_s - v_ref
+        if discretisation == "proper_implicit":
+            # y + T k1 |y|^(1/2) sgn y + T^2 k2 xi = s with xi in Sgn(y), solved for y and xi
+            outside = fmax(0, fabs(s) - T**2 * k2)
+            root_y = (sqrt(T**2 * k1**2 + 4 * outside) - T * k1) / 2
+            xi = fmax(-1, fmin(1, s / (T**2 * k2)))
+            following = u_sw - T * k2 * xi
+            nu = following - k1 * root_y * sign(s) - T * k2 * xi
+        else:
+            following = u_sw - T * k2 * sign(s)
+            nu = -k1 * sqrt(fabs(s)) * sign(s) + u_sw
+        T_wanted = turn * (T_eq + (J / r) * nu)
+        free = logic_and(T_wanted >= 0, T_wanted <= T_top)
+        return dict(u_sw=if_else(free, following, u_sw)), dict(T_wanted=T_wanted, s=s)
+
+    return sta
+
+
+@law(
+    T_b=Output("N m", "commanded torque", positive="braking", lo=0, hi=20e3),
+    T_top=Output("N m", "most that may be applied now", positive="braking"),
+)
+def arbitration(
+    T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
+    v=Input("m/s", "vehicle speed"),
+    a_demand=Input("m/s^2", "required deceleration", positive="braking", value=10.0),
+    f_hat=Input("N", "air resistance, as known", value=0.0),
+    W_hat=Input("N", "curve resistance, as known", value=0.0),
+    m=Param("kg", 8000.0, "load, as the controller knows it", TABLE_3, lo=1000, hi=40000),
+    J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
+    r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
+    T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+    v_off=Param("m/s", 1.0, "slip control is off below", "guess, not in the paper", lo=0),
+    T_low=Param("N m", 4e3, "largest torque below v_off", "guess, not in the paper", lo=0),
+):
+    """Torque applied: the demand, unless slip control wants less; Huang 2020 section 2.2.
+
+    The demand is the torque of a rolling wheel at the required deceleration,
+    T = r (m a - f - W) + J a / r. T_b = min(demand, slip control) is bumpless, as both are
+    continuous. Added here: a brake cannot drive (T_b >= 0) and has a largest torque; below v_off
+    slip control is off, because v_s <= v and a best slip of 1.2 m/s cannot exist there. A demand
+    of 10 m/s^2, the value when none is wired, keeps slip control always awake.
+    """
+    T_demand = r * (m * a_demand - f_hat - W_hat) + J * a_demand / r
+    awake = v >= v_off
+    T_top = fmax(0, fmin(T_demand, if_else(awake, T_max, T_low)))
+    return dict(T_b=fmin(T_top, if_else(awake, fmax(0, T_wanted), T_top)), T_top=T_top)
+
+
+def controller(slip_law: Block, name: str = "ctl") -> Block:
+    """Connect reference, equivalent torque, slip law and arbitration: sensor to actuator.
+
+    Args:
+        slip_law: ``super_twisting(...)`` or ``reaching_law()``.
+        name: name of the controller.
+
+    Returns:
+        Block from v, v_s, mu_hat, v_opt, a_demand, f_hat, W_hat to the command T_b.
+    """
+    wires = {
+        "reference.v": "v",
+        "reference.v_opt": "v_opt",
+        "equivalent.mu_hat": "mu_hat",
+        "equivalent.f_hat": "f_hat",
+        "equivalent.W_hat": "W_hat",
+        "law.v_s": "v_s",
+        "law.v_ref": "reference.v_ref",
+        "law.T_eq": "equivalent.T_eq",
+        "arbitration.T_wanted": "law.T_wanted",
+        "arbitration.v": "v",
+        "arbitration.a_demand": "a_demand",
+        "arbitration.f_hat": "f_hat",
+        "arbitration.W_hat": "W_hat",
+        "T_b": "arbitration.T_b",
+    }
+    if "T_top" in slip_law.inputs:
+        wires["law.T_top"] = "arbitration.T_top"
+    return connect(
+        name, wires,
+        reference=slip_reference, equivalent=equivalent_torque, law=slip_law,
+        arbitration=arbitration,
+    )  # fmt: skip
+
+
+def _known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
+    if given not in choices:
+        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")

@@ -1,0 +1,47 @@
+"""slipctl: design wheel-slip and adhesion control of railway vehicles.
+
+One definition of a model serves simulation, exact derivatives, stability conditions and C code.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_WHERE = {
+    "errors": ["BadInput", "RunFailed"],
+    "signals": ["Signal", "State", "Input", "Param", "Noise", "Output"],
+    "block": ["Block", "law", "flow", "step", "make_block"],
+    "connection": ["connect"],
+    "timing": ["sampled", "every", "unit_delay"],
+    "adaptors": ["flip_sign", "speed_to_ratio", "ratio_to_speed"],
+    "units": ["one"],
+    "rail": ["Section", "Rail", "Scenario"],
+    "simulation": ["simulate"],
+}
+_HOME = {name: module for module, names in _WHERE.items() for name in names}
+__all__ = ["__version__", *_HOME]
+
+if TYPE_CHECKING:
+    from slipctl.adaptors import flip_sign, ratio_to_speed, speed_to_ratio
+    from slipctl.block import Block, flow, law, make_block, step
+    from slipctl.connection import connect
+    from slipctl.errors import BadInput, RunFailed
+    from slipctl.rail import Rail, Scenario, Section
+    from slipctl.timing import every, sampled, unit_delay
+    from slipctl.signals import Input, Noise, Output, Param, Signal, State
+    from slipctl.simulation import simulate
+    from slipctl.units import one
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that ``slipctl --help`` answers at once."""
+    if name in _HOME:
+        return getattr(import_module(f"slipctl.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'slipctl' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,162 @@
+"""Compile a CasADi Function once and roll it over time in C; without a compiler nothing is lost.
+
+Compiled libraries lie under the user's cache folder, keyed by the content of the Function, the
+compiler and the flags. A file is written under another name and renamed, so that runs in parallel
+never see half a library.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import os
+import shutil
+import subprocess
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+log = logging.getLogger("slipctl")
+
+FLAGS = ("-O2", "-ffp-contract=off", "-fno-builtin-exp", "-fno-builtin-log", "-fno-builtin-pow")
+"""Never fast-math: the compiled Function gives the bits of CasADi's virtual machine."""
+
+_ROLL = """
+#include <string.h>
+/* Roll (x, u, p) -> (n, y) over ticks; returns the number of ticks done, fewer than asked if a
+   state became NaN or infinite (the broken state is then in x). */
+long long slipctl_roll(long long ticks, long long nx, long long nu, long long ny, double* x,
+                       const double* u, const double* p, double* x_log, double* y_log,
+                       double* next, const double** arg, double** res, casadi_int* iw, double* w) {
+  long long k, i;
+  for (k = 0; k < ticks; ++k) {
+    memcpy(x_log + k * nx, x, (size_t)nx * sizeof(double));
+    arg[0] = x; arg[1] = u + k * nu; arg[2] = p;
+    res[0] = next; res[1] = y_log + k * ny;
+    FUNCTION(arg, res, iw, w, 0);
+    memcpy(x, next, (size_t)nx * sizeof(double));
+    for (i = 0; i < nx; ++i) if (!(x[i] - x[i] == 0.0)) return k;
+  }
+  return ticks;
+}
+"""
+
+
+@lru_cache(maxsize=1)
+def compiler() -> str | None:
+    """Path of a C compiler (``$CC``, cc, gcc or clang), or None."""
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    return None
+
+
+@lru_cache(maxsize=4)
+def _compiler_version(path: str) -> str:
+    return subprocess.run([path, "--version"], capture_output=True, text=True).stdout.split("\n")[0]
+
+
+def cache_folder() -> Path:
+    """Folder of compiled Functions: ``$SLIPCTL_CACHE``, else the user's cache folder."""
+    chosen = os.environ.get("SLIPCTL_CACHE")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "slipctl"
+
+
+class Roller:
+    """A compiled Function (x, u, p) -> (n, y), called over many ticks at once."""
+
+    def __init__(self, f: ca.Function, library: Path) -> None:
+        self.f = f
+        lib = ctypes.CDLL(str(library))
+        self._roll = lib.slipctl_roll
+        self._roll.restype = ctypes.c_longlong
+        sizes = [ctypes.c_longlong() for _ in range(4)]
+        lib[f"{f.name()}_work"](*[ctypes.byref(s) for s in sizes])
+        arg, res, iw, w = (max(int(s.value), 1) for s in sizes)
+        self._arg = (ctypes.c_void_p * max(arg, 3))()
+        self._res = (ctypes.c_void_p * max(res, 2))()
+        self._iw = (ctypes.c_longlong * iw)()
+        self._w = np.zeros(w)
+
+    def roll(
+        self, x: np.ndarray, u: np.ndarray, p: np.ndarray, x_log: np.ndarray, y_log: np.ndarray
+    ) -> int:
+        """Advance ``x`` in place over ``len(u)`` ticks, filling the logs (ticks by signals).
+
+        Returns:
+            Ticks completed; fewer than asked when a state became NaN or infinite.
+        """
+        following = np.zeros(max(x.size, 1))
+        return int(
+            self._roll(
+                *(ctypes.c_longlong(n) for n in (len(u), x.size, u.shape[1], y_log.shape[1])),
+                *(a.ctypes.data_as(ctypes.c_void_p) for a in (x, u, p, x_log, y_log, following)),
+                self._arg, self._res, self._iw, self._w.ctypes.data_as(ctypes.c_void_p),
+            )
+        )  # fmt: skip
+
+
+def compiled(f: ca.Function) -> Roller | None:
+    """Compile ``f`` or take it from the cache; None where there is no compiler or it fails."""
+    cc = compiler()
+    if cc is None:
+        return None
+    key = hashlib.sha256()
+    for part in (f.serialize(), ca.__version__, _compiler_version(cc), " ".join(FLAGS), _ROLL):
+        key.update(part.encode())
+    folder = cache_folder()
+    library = folder / f"{key.hexdigest()[:32]}.so"
+    if not library.exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _build(f, cc, library)
+        except (OSError, subprocess.SubprocessError, RuntimeError) as error:
+            log.warning("cannot compile %s, going on without: %s", f.name(), error)
+            return None
+    return Roller(f, library)
+
+
+def _build(f: ca.Function, cc: str, library: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
+        source = Path(scratch) / "roll.c"
+        generator = ca.CodeGenerator("roll.c")
+        generator.add(f)
+        text = generator.dump()
+        if "#error" in text:
+            raise RuntimeError("CasADi cannot generate C for it")
+        source.write_text(text + _ROLL.replace("FUNCTION", f.name()))
+        built = Path(scratch) / "roll.so"
+        command = [cc, *FLAGS, "-w", "-fPIC", "-shared", str(source), "-o", str(built), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(done.stderr.strip().split("\n")[0])
+        os.replace(built, library)
+
+
+def roll_interpreted(
+    f: ca.Function,
+    x: np.ndarray,
+    u: np.ndarray,
+    p: np.ndarray,
+    x_log: np.ndarray,
+    y_log: np.ndarray,
+) -> int:
+    """Do what :meth:`Roller.roll` does, in CasADi's virtual machine."""
+    ticks = len(u)
+    following, y = f.mapaccum(ticks)(x, u.T, ca.repmat(ca.DM(p), 1, ticks))
+    after = np.array(ca.DM(following).full()).T
+    x_log[0] = x
+    x_log[1:] = after[:-1]
+    y_log[:] = np.array(ca.DM(y).full()).T
+    broken = ~np.isfinite(after).all(axis=1)
+    done = int(np.argmax(broken)) if broken.any() else ticks
+    x[:] = after[min(done, ticks - 1)]
+    return done

@@ -1,0 +1,136 @@
+"""The world of a run: rail sections by time or by position, demand, noise, start, seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from slipctl.errors import BadInput
+
+Feed = float | Sequence[tuple[float, float]] | Callable[[np.ndarray], np.ndarray]
+"""Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of rail, from ``start`` to the start of the next one.
+
+    Args:
+        start: where it begins: s for a rail by time, m for a rail by position.
+        condition: rail condition by name, ``"dry"``; the adhesion law says what it means.
+        values: further parameters or inputs of the loop that hold here, ``{"R": 800}`` [SI].
+        length: its length, checked against the next start; None lasts to the next one.
+    """
+
+    start: float
+    condition: str | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    length: float | None = None
+
+
+@dataclass(frozen=True)
+class Rail:
+    """Sections in order, by time or by position.
+
+    Args:
+        sections: the first starts at 0.
+        by: ``"time"``, ``"position"`` (the loop's only state named ``x``), or the full name of
+            the state that carries the position.
+
+    Raises:
+        BadInput: no sections, first start not 0, sections that overlap or are empty.
+    """
+
+    sections: tuple[Section, ...]
+    by: str = "time"
+
+    def __init__(self, sections: Sequence[Section], by: str = "time") -> None:
+        object.__setattr__(self, "sections", tuple(sections))
+        object.__setattr__(self, "by", by)
+        unit = "s" if by == "time" else "m"
+        if not self.sections:
+            raise BadInput("a Rail needs at least one Section")
+        if self.sections[0].start != 0:
+            raise BadInput(f"the first rail section starts at {self.sections[0].start:g} {unit}, not 0")
+        for k, s in enumerate(self.sections):
+            if not math.isfinite(s.start):
+                raise BadInput(f"rail section {k} starts at {s.start} {unit}; give a finite number")
+            if s.length is not None and not s.length > 0:
+                raise BadInput(f"rail section {k} is {s.length:g} {unit} long; it must be positive")
+        for k, (a, b) in enumerate(zip(self.sections, self.sections[1:], strict=False)):
+            if b.start == a.start:
+                raise BadInput(
+                    f"rail section {k} is empty: section {k + 1} starts at the same {b.start:g} {unit}"
+                )
+            if b.start < a.start:
+                raise BadInput(
+                    f"rail sections overlap: section {k + 1} starts at {b.start:g} {unit},"
+                    f" before section {k} at {a.start:g} {unit}; sort them by start"
+                )
+            if a.length is not None and a.start + a.length > b.start + 1e-12:
+                raise BadInput(
+                    f"rail sections overlap: section {k} ends at {a.start + a.length:g} {unit},"
+                    f" section {k + 1} starts at {b.start:g} {unit}"
+                )
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Starts of the sections, s or m."""
+        return np.array([s.start for s in self.sections])
+
+    def at(self, where: float) -> Section:
+        """Section in force at a time in s or a position in m."""
+        k = int(np.searchsorted(self.starts, where, side="right")) - 1
+        return self.sections[max(k, 0)]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One situation: rail, duration, inputs, start, noise and seed.
+
+    Args:
+        name: name in files and figures.
+        duration: in s.
+        rail: conditions along the run; None leaves the loop's own parameters.
+        inputs: feeds of the loop's inputs by full or last name, in the input's unit.
+        start: start values of states by full or last name.
+        params: parameters by full or last name, for the whole run.
+        noise: factor on every noise source; 0 is silent.
+        seed: of all noise; each source has its own stream, keyed by seed and signal path.
+
+    Raises:
+        BadInput: a duration or noise that is not positive or not finite.
+    """
+
+    name: str
+    duration: float
+    rail: Rail | None = None
+    inputs: Mapping[str, Feed] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)
+    noise: float = 1.0
+    seed: int = 1
+    doc: str = ""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.duration) and self.duration > 0):
+            raise BadInput(
+                f"scenario {self.name}: duration {self.duration:g} s must be positive"
+            )
+        if not (math.isfinite(self.noise) and self.noise >= 0):
+            raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
+
+    def but(self, **changes: Any) -> Scenario:
+        """Return the scenario with some fields replaced."""
+        return replace(self, **changes)
+
+    @property
+    def changes(self) -> list[float]:
+        """Times in s at which the rail changes (empty for a rail by position)."""
+        if self.rail is None or self.rail.by != "time":
+            return []
+        return [float(t) for t in self.rail.starts[1:] if t < self.duration]

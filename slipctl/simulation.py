@@ -1,0 +1,305 @@
+"""Simulate a loop in a scenario: one Function for the whole loop, rolled over time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl import build
+from slipctl.block import Block
+from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.rail import Feed, Rail, Scenario
+from slipctl.signals import Signal
+
+if TYPE_CHECKING:
+    import xarray
+
+CHUNKS = 40
+"""Pieces a run is cut into, for progress and for stopping it."""
+
+
+def simulate(
+    loop: Block,
+    scenario: Scenario,
+    *,
+    compile: bool = True,
+    progress: Callable[[float], None] | None = None,
+    log: Iterable[str] | None = None,
+) -> xarray.Dataset:
+    """Run ``loop`` in ``scenario``.
+
+    Args:
+        loop: a step block with a period; every input must be fed by a wire, the scenario, noise
+            or its own default value.
+        scenario: what happens.
+        compile: compile the loop when a C compiler is there; the numbers are the same.
+        progress: called with the share done, 0 to 1.
+        log: names to keep; by default every scalar signal that is not a held copy.
+
+    Returns:
+        Dataset with dimension ``time`` [s] and one variable per signal (``"plant.v"``), attributes
+        ``units``, ``long_name``, ``positive``; the tick's start value for states. Its attributes
+        hold version, scenario, seed and parameters with units.
+
+    Raises:
+        BadInput: unfed inputs, unknown names, a rail condition that the loop does not know.
+        RunFailed: a state became NaN or infinite; says block, signal and time.
+    """
+    if loop.kind == "flow":
+        raise BadInput(f"{loop.name} is continuous; sampled({loop.name}, h, method) first")
+    if loop.period is None:
+        raise BadInput(f"{loop.name} has no period; one of its blocks must say it")
+    h = loop.period
+    ticks = round(scenario.duration / h)
+    if ticks < 1:
+        raise BadInput(
+            f"scenario {scenario.name}: duration {scenario.duration:g} s is shorter than one tick"
+            f" of {h:g} s"
+        )
+    params = {_find(loop, "param", k): v for k, v in scenario.params.items()}
+    start = {_find(loop, "state", k): v for k, v in scenario.start.items()}
+    if params:
+        loop = loop.with_params(**params)
+    time = np.arange(ticks) * h
+    rail_inputs, rail_params = _rail_values(loop, scenario)
+    u = _feed(loop, scenario, time, rail_inputs)
+    f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
+
+    x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
+    x_log, y_log = np.empty((ticks, x.size)), np.empty((ticks, f.size1_out(1)))
+    roller = build.compiled(f) if compile else None
+    done = 0
+    for first, last, p in pieces:
+        size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
+        for k in range(first, last, size):
+            stop = min(k + size, last)
+            span = slice(k, stop)
+            uk = np.ascontiguousarray(u[span])
+            if roller is not None:
+                n = roller.roll(x, uk, p, x_log[span], y_log[span])
+            else:
+                n = build.roll_interpreted(f, x, uk, p, x_log[span], y_log[span])
+            if n < stop - k:
+                raise RunFailed(_broken(loop, x, (k + n + 1) * h))
+            done = stop
+            if progress:
+                progress(done / ticks)
+    return _dataset(loop, scenario, time, x_log, u, y_log, log)
+
+
+def stream(seed: int, path: str) -> np.random.Generator:
+    """Random stream of one noise source, keyed by seed and signal path."""
+    digest = hashlib.sha256(path.encode()).digest()
+    words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *words])))
+
+
+def _find(loop: Block, role: str, name: str) -> str:
+    """Full name of a signal given by its full name or its unique last part."""
+    known = loop._signals[role]
+    if name in known:
+        return name
+    hits = [n for n in known if n.endswith("." + name)]
+    if len(hits) == 1:
+        return hits[0]
+    if hits:
+        raise BadInput(f"{loop.name}: {name!r} could be {' or '.join(hits)}; write which")
+    raise BadInput(f"{loop.name} has no {role} {name!r}{nearest(name, known)}")
+
+
+def _rail_values(
+    loop: Block, scenario: Scenario
+) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Values per section of the inputs and of the parameters that the rail sets."""
+    if scenario.rail is None:
+        return {}, {}
+    rows: list[dict[str, float]] = []
+    for s in scenario.rail.sections:
+        row: dict[str, float] = {}
+        if s.condition is not None:
+            if s.condition not in loop.conditions:
+                raise BadInput(
+                    f"{loop.name} knows no rail condition {s.condition!r}"
+                    f"{nearest(s.condition, loop.conditions)}; an adhesion law declares its own:"
+                    f" @law(..., conditions={{{s.condition!r}: {{...}}}})"
+                )
+            row |= loop.conditions[s.condition]
+        for name, value in s.values.items():
+            known = {**loop.inputs, **loop.params}
+            hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
+            if len(hits) != 1:
+                why = "could be " + " or ".join(hits) if hits else "is unknown" + nearest(name, known)
+                raise BadInput(f"scenario {scenario.name}: rail value {name!r} {why}")
+            row[hits[0]] = value
+        rows.append(row)
+    names = dict.fromkeys(n for row in rows for n in row)
+    inputs: dict[str, list[float]] = {}
+    params: dict[str, list[float]] = {}
+    for n in names:
+        signal = loop.inputs.get(n) or loop.params[n]
+        values = [row.get(n, signal.value) for row in rows]
+        for v in values:
+            if v is None:
+                raise BadInput(f"scenario {scenario.name}: every rail section must set {n!r}")
+            signal.check(f"{loop.name}.{n}", v)
+        (inputs if n in loop.inputs else params)[n] = values
+    return inputs, params
+
+
+def _feed(
+    loop: Block, scenario: Scenario, time: np.ndarray, rail: Mapping[str, list[float]]
+) -> np.ndarray:
+    """Input array, ticks by input elements."""
+    given = {_find(loop, "input", k): v for k, v in scenario.inputs.items()}
+    columns = []
+    for n, s in loop.inputs.items():
+        if n in rail and n not in given and scenario.rail is not None:
+            if scenario.rail.by != "time":
+                columns.append(np.tile(np.broadcast_to(rail[n][0], s.shape).ravel(), (len(time), 1)))
+                continue
+            given[n] = list(zip(scenario.rail.starts, rail[n], strict=True))
+        if n in given:
+            columns.append(_values(f"{loop.name}.{n}", s, given[n], time))
+        elif s.noise:
+            noise = stream(scenario.seed, n).standard_normal((len(time), s.size))
+            columns.append(scenario.noise * noise)
+        elif s.value is not None:
+            columns.append(np.tile(np.broadcast_to(s.value, s.shape).ravel(), (len(time), 1)))
+        else:
+            raise BadInput(
+                f"{loop.name}.{n} [{s.unit}] is not fed: wire it in connect(...), or give it in"
+                f" Scenario(inputs={{{n!r}: ...}})"
+            )
+    return np.ascontiguousarray(np.hstack(columns)) if columns else np.zeros((len(time), 0))
+
+
+def _values(where: str, s: Signal, feed: Feed, time: np.ndarray) -> np.ndarray:
+    if callable(feed):
+        values = np.asarray(feed(time), dtype=float)
+    elif isinstance(feed, (list, tuple)):
+        starts = np.array([t for t, _ in feed])
+        at = np.searchsorted(starts, time + 1e-9, side="right") - 1
+        values = np.array([v for _, v in feed], dtype=float)[np.maximum(at, 0)]
+    else:
+        values = np.full(len(time), float(feed))  # type: ignore[arg-type]
+    if not np.isfinite(values).all():
+        raise BadInput(f"{where}: its feed has NaN or infinite values")
+    s.check(where, values.max()) if s.shape == () else None
+    s.check(where, values.min()) if s.shape == () else None
+    return values.reshape(len(time), -1)
+
+
+def _pieces(
+    loop: Block, scenario: Scenario, ticks: int, h: float, rail: Mapping[str, list[float]]
+) -> tuple[ca.Function, list[tuple[int, int, np.ndarray]]]:
+    """Function to roll, and (first tick, last tick, parameter vector) of each piece."""
+
+    def vector(**values: float) -> np.ndarray:
+        p = loop.pack("param", loop.param_values(**values))
+        return np.ascontiguousarray(np.array(ca.DM(p).full()).ravel())
+
+    if scenario.rail is None or not rail and scenario.rail.by == "time":
+        return loop.f, [(0, ticks, vector())]
+    if scenario.rail.by != "time":
+        f, table = _by_position(loop, scenario)
+        return f, [(0, ticks, np.concatenate([vector(), table]))]
+    starts = [round(t / h) for t in scenario.rail.starts] + [ticks]
+    pieces = []
+    for k in range(len(starts) - 1):
+        first, last = starts[k], min(starts[k + 1], ticks)
+        if first < last:
+            pieces.append((first, last, vector(**{n: v[k] for n, v in rail.items()})))
+    return loop.f, pieces
+
+
+def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarray]:
+    """Loop whose rail values are looked up at the vehicle's position; the table is a parameter."""
+    rail: Rail = scenario.rail  # type: ignore[assignment]
+    name = _find(loop, "state", "x" if rail.by == "position" else rail.by)
+    inputs, params = _rail_values(loop, scenario)
+    varying = {**inputs, **params}
+    sym = ca.SX.sym if loop.sx else ca.MX.sym
+    n = len(rail.sections)
+    x, u, p = (sym("xup"[i], loop.f.size1_in(i)) for i in range(3))
+    table = sym("table", n * (1 + len(varying)))
+    position = loop.unpack("state", x)[name]
+    values: dict[str, Any] = {}
+    for row, key in enumerate(varying, start=1):
+        value = table[row * n]
+        for k in range(1, n):
+            value = ca.if_else(position >= table[k], table[row * n + k], value)
+        values[key] = value
+    u_dict = loop.unpack("input", u) | {k: v for k, v in values.items() if k in inputs}
+    p_dict = loop.unpack("param", p) | {k: v for k, v in values.items() if k in params}
+    free = {k: v for k, v in p_dict.items() if not loop.params[k].derived}
+    n_, y = loop.f(x, loop.pack("input", u_dict), loop.pack("param", loop.derive(free)))
+    f = ca.Function(f"{loop.f.name()}_rail", [x, u, ca.vertcat(p, table)], [n_, y],
+                    ["x", "u", "p"], ["n", "y"], {"cse": True})  # fmt: skip
+    return f, np.concatenate([rail.starts, *(np.asarray(v, dtype=float) for v in varying.values())])
+
+
+def _broken(loop: Block, x: np.ndarray, when: float) -> str:
+    at = 0
+    for n, s in loop.states.items():
+        values = x[at : at + s.size]
+        at += s.size
+        if not np.isfinite(values).all():
+            bad = values[~np.isfinite(values)][0]
+            return f"{loop.name}: {n} [{s.unit}] became {bad} at t = {when:.6g} s"
+    return f"{loop.name}: a state became NaN before t = {when:.6g} s"
+
+
+def _dataset(
+    loop: Block,
+    scenario: Scenario,
+    time: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+    y: np.ndarray,
+    log: Iterable[str] | None,
+) -> xarray.Dataset:
+    import xarray
+
+    from slipctl import __version__
+
+    wanted = None if log is None else set(log)
+    variables: dict[str, Any] = {}
+    for role, values in (("input", u), ("output", y), ("state", x)):
+        at = 0
+        for n, s in loop._signals[role].items():
+            columns = values[:, at : at + s.size]
+            at += s.size
+            last = n.rpartition(".")[2]
+            keep = s.shape == () and not last.startswith("held_") and last != "tick"
+            if not (keep if wanted is None else n in wanted):
+                continue
+            attributes = {"units": s.unit, "long_name": s.doc or n}
+            if s.positive:
+                attributes["positive"] = s.positive
+            dims = ["time", *(f"{n}.{i}" for i in range(len(s.shape)))]
+            data = columns.reshape(len(time), *s.shape, order="F" if len(s.shape) < 2 else "C")
+            if len(s.shape) == 2:  # stored column by column
+                data = columns.reshape(len(time), s.shape[1], s.shape[0]).transpose(0, 2, 1)
+            variables[n] = (dims, np.ascontiguousarray(data), attributes)
+    values = {
+        n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
+        for n, v in loop.param_values().items()
+    }
+    attributes = {
+        "format": 1,
+        "slipctl_version": __version__,
+        "loop": loop.name,
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "noise": scenario.noise,
+        "period_s": loop.period,
+        "rail_changes_s": scenario.changes,
+        "parameters": json.dumps(values),
+    }
+    coordinate = ("time", time, {"units": "s", "long_name": "time"})
+    return xarray.Dataset(variables, coords={"time": coordinate}, attrs=attributes)
