@@ -1,0 +1,122 @@
+"""Sensors: tooth wheel with a timer, speed with noise, and adhesion computed from both."""
+
+from casadi import floor, fmax, fmin, if_else, pi, vertcat
+
+from slipctl import BadInput, Block, Input, Noise, Output, Param, State, law, step
+
+
+@step(omega_m=Output("rad/s", "measured wheel speed"))
+def tooth_wheel(
+    q=State("1", "phi_0 * N / 6.283185307179586", "angle in teeth at the last tick"),
+    edge=State("1", "phi_0 * N / 6.283185307179586", "tooth of the last edge"),
+    age=State("s", "-T", "time since the last edge, at the last tick"),
+    omega_h=State("rad/s", "omega_0", "speed of the last edges"),
+    phi=Input("rad", "wheel angle"),
+    jitter=Noise("1", "unit normal number: tooth pitch and comparator"),
+    N=Param("1", 100.0, "teeth", "typical, guess", lo=1, hi=1000),
+    clock=Param("s", 1e-6, "resolution of the timer", "typical, guess", lo=1e-9, hi=1e-3),
+    sigma=Param("s", 2e-6, "jitter of an edge, standard deviation", "guess", lo=0, hi=1e-3),
+    T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
+    omega_0=Param("rad/s", 40.0, "wheel speed at the start"),
+    phi_0=Param("rad", 0.0, "wheel angle at the start"),
+):
+    """Wheel speed from the time between tooth edges, as a counter card forms it.
+
+    At a tick that saw an edge, omega = 2 pi / N (edges since the last one used) / (time between
+    them), the times rounded to the timer's clock. Without an edge the speed is held, but not above
+    what the silence since the last edge allows.
+    """
+    q_now = phi * N / (2 * pi)
+    tooth = floor(q_now)
+    seen = tooth > edge
+    since = T * (q_now - tooth) / fmax(q_now - q, 1e-12)
+    since = fmin(fmax(clock * floor((since + sigma * jitter) / clock), 0), T)
+    gap = fmax(age + T - since, clock)
+    fresh = 2 * pi / N * (tooth - edge) / gap
+    silent = fmin(omega_h, 2 * pi / N / fmax(age + T, clock))
+    omega_m = if_else(seen, fresh, silent)
+    nxt = dict(
+        q=q_now,
+        edge=if_else(seen, tooth, edge),
+        age=if_else(seen, since, age + T),
+        omega_h=omega_m,
+    )
+    return nxt, dict(omega_m=omega_m)
+
+
+@law(v_m=Output("m/s", "measured vehicle speed"))
+def speed_sensor(
+    v=Input("m/s", "vehicle speed"),
+    n=Noise(),
+    sigma=Param("m/s", 0.0, "standard deviation of the noise", "guess", lo=0, hi=5),
+):
+    """Vehicle speed with white noise; where it comes from is not told in the paper."""
+    return v + sigma * n
+
+
+@law(v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"))
+def slip_sensor(
+    v=Input("m/s", "measured vehicle speed"),
+    omega=Input("rad/s", "measured wheel speed"),
+    r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
+):
+    """Slip speed from both speeds; Huang 2020 eq (9)."""
+    return v - r * omega
+
+
+def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
+    """Make the meter of adhesion over a window of ticks.
+
+    Args:
+        window: ticks the means are taken over; 16 ms is the sample period of the speed bus.
+        torque: ``"held"`` for a torque that is in force until the next tick, ``"sampled"`` for
+            one that moves between ticks (a lag), which takes the trapezoid.
+    """
+    if window < 1 or window != int(window):
+        raise BadInput(f"adhesion_meter(window={window}) takes a whole number of ticks >= 1")
+    if torque not in ("held", "sampled"):
+        raise BadInput(f"adhesion_meter has no torque {torque!r}; it has held, sampled")
+    W = int(window)
+
+    @step(
+        mu_m=Output("1", "mean adhesion over the window", positive="braking"),
+        v_s_m=Output("m/s", "mean slip speed over the window", positive="braking", per="speed"),
+        name="meter", choices={"window": W, "torque": torque},
+    )  # fmt: skip
+    def meter(
+        omegas=State("rad/s", "omega_0", "wheel speeds, oldest first", shape=(W,)),
+        torques=State("N m", 0.0, "brake torques, oldest first", shape=(W,)),
+        slips=State("m/s", 0.0, "slip speeds, oldest first", shape=(W,)),
+        omega=Input("rad/s", "measured wheel speed"),
+        T_b=Input("N m", "measured brake torque", positive="braking"),
+        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
+        n=Noise(),
+        sigma=Param("1", 0.0, "added noise on the adhesion, standard deviation", "guess", lo=0),
+        m=Param("kg", 8000.0, "load, as the controller knows it", "Huang 2020", lo=1000, hi=40000),
+        J=Param("kg m^2", 240.0, "wheel inertia", "Huang 2020, Table 3", lo=1, hi=5000),
+        r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
+        omega_0=Param("rad/s", 40.0, "wheel speed at the start"),
+    ):
+        """Mean adhesion from the wheel's equation; Huang 2020 eqs (3), (6), formula not printed.
+
+        mu = (J (omega - omega_W)/(W T) + mean T_b) / (r m g). The increment makes the mean exact;
+        it is paired with the mean slip speed of the same window (trapezoids).
+        """
+        mean_T = sum(torques[i] for i in range(W)) / W
+        if torque == "sampled":
+            mean_T = mean_T + (T_b - torques[0]) / (2 * W)
+        mean_v = (sum(slips[i] for i in range(W)) - slips[0] / 2 + v_s / 2) / W
+        mu = (J * (omega - omegas[0]) / (W * T) + mean_T) / (r * m * g)
+        nxt = dict(
+            omegas=vertcat(omegas[1:], omega),
+            torques=vertcat(torques[1:], T_b),
+            slips=vertcat(slips[1:], v_s),
+        )
+        return nxt, dict(mu_m=mu + sigma * n, v_s_m=mean_v)
+
+    return meter
+
+
+__all__ = ["adhesion_meter", "slip_sensor", "speed_sensor", "tooth_wheel"]
