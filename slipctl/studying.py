@@ -1,0 +1,514 @@
+"""The Study: a question, its loops and scenarios, the paper's answers beside ours.
+
+A study module lies in ``slipctl.studies`` and has one name that matters, ``study``::
+
+    study = Study(
+        name="subway_braking",
+        title="Super-twisting slip control of a subway wheelset",
+        source="Huang et al., Energies 2020",
+        doc="Does super-twisting end the chattering, and what does the online optimum cost?",
+        models={"adh": double_exponential},       # what --swap adh=my.py:my_law replaces
+        cases=cases,                              # cases(models, quick) -> [Case(...), ...]
+        signals=Signals(speed="plant.wheel.v", slip="plant.wheel.v_s", ...),
+        controller="ctl",                         # what `slipctl c subway_braking:sta` exports
+        experiments={"seeds": Experiment("Many seeds", seeds)},
+        claims=(Claim("ripple", "section 5", "...", kind="number", ours=lambda r: ...), ...),
+        figures={"fig05": Figure("Slip, as Fig. 5", fig05), ...},
+    )
+
+Everything in it is declared before the run, the tolerances of the claims too; functions get what
+was run. This module imports nothing heavy.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from slipctl.errors import BadInput, nearest
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+    from slipctl.block import Block
+    from slipctl.metrics import Metric
+    from slipctl.rail import Scenario
+
+Names = str | Sequence[str] | None
+"""Name of a logged signal, or names of which the first that a loop has is meant."""
+
+Bounded = tuple[Names, Names | float, Names | float]
+"""A signal with its lower and upper bound, each a signal or a number."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Which logged signals the metrics speak of; what a study or a loop has not, it leaves out.
+
+    Attributes:
+        speed: vehicle speed.
+        wheel_speed: angular speed of the wheel, or rim speed in m/s.
+        position: position of the vehicle.
+        slip: slip speed, or slip ratio.
+        reference: slip that the controller follows.
+        best_slip: slip of the adhesion peak, as the rail has it.
+        adhesion: adhesion coefficient.
+        best_adhesion: its peak, as the rail has it.
+        torque: torque that reaches the wheel.
+        deceleration: deceleration (or acceleration) of the vehicle.
+        wanted_speed, wanted_position: what speed and position shall follow.
+        funnel: error with its prescribed bounds, ``("ctl.e", "ctl.lower", "ctl.upper")``.
+        barrier: error with the bounds that a barrier keeps.
+        step_time: time that one tick took to compute.
+    """
+
+    speed: Names = None
+    wheel_speed: Names = None
+    position: Names = None
+    slip: Names = None
+    reference: Names = None
+    best_slip: Names = None
+    adhesion: Names = None
+    best_adhesion: Names = None
+    torque: Names = None
+    deceleration: Names = None
+    wanted_speed: Names = None
+    wanted_position: Names = None
+    funnel: Bounded | None = None
+    barrier: Bounded | None = None
+    step_time: Names = None
+
+    def find(self, role: str, log: Mapping[Any, Any]) -> str | None:
+        """Name of the logged signal that plays ``role``, or None."""
+        return first_of(getattr(self, role), log)
+
+
+def first_of(names: Names, log: Mapping[Any, Any]) -> str | None:
+    """Return the first of the names that the log has, or None."""
+    wanted = [names] if isinstance(names, str) else list(names or ())
+    return next((n for n in wanted if n in log), None)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A quantity that no block computes but the study knows, put into the log beside the rest.
+
+    Args:
+        unit: unit as text.
+        values: one number per rail section (one number without a rail), or a function of the log.
+        doc: meaning in words.
+    """
+
+    unit: str
+    values: float | Sequence[float] | Callable[[xarray.Dataset], np.ndarray]
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario with the loops that run in it.
+
+    Args:
+        scenario: what happens.
+        loops: step blocks by name; ``ideal`` is the bound that the others are measured against.
+        known: further quantities for the log, ``{"rail.best_slip": Known("m/s", [1.2, 1.8])}``.
+    """
+
+    scenario: Scenario
+    loops: Mapping[str, Block]
+    known: Mapping[str, Known] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Table:
+    """What an experiment found: columns by name, each with its unit.
+
+    Args:
+        title: what it shows.
+        columns: ``{"peak": ("m/s", [1.2, 1.8])}``; numbers, texts, yes/no or None, equally long.
+        doc: what it means; how many runs and seeds it took.
+    """
+
+    title: str
+    columns: Mapping[str, tuple[str, Sequence[Any]]]
+    doc: str = ""
+
+    def __post_init__(self) -> None:
+        lengths = {name: len(values) for name, (_, values) in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise BadInput(f"table {self.title!r}: columns of unequal length, {lengths}")
+
+    def __getitem__(self, column: str) -> Sequence[Any]:
+        if column not in self.columns:
+            raise BadInput(
+                f"table {self.title!r} has no column {column!r}{nearest(column, self.columns)}"
+            )
+        return self.columns[column][1]
+
+    def where(self, wanted: str, **given: Any) -> Any:
+        """Value of column ``wanted`` in the first row in which the given columns match, or None."""
+        for k, value in enumerate(self[wanted]):
+            if all(self[c][k] == v for c, v in given.items()):
+                return value
+        return None
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A computation that is no loop in a scenario: many seeds, a sweep, a comparison of solvers.
+
+    Args:
+        title: what it is.
+        run: function of the :class:`Context`, giving one or more tables by name.
+        doc: the question in a sentence.
+    """
+
+    title: str
+    run: Callable[[Context], Table | Mapping[str, Table]]
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an experiment gets.
+
+    Attributes:
+        quick: run fewer or shorter ones.
+        models: the study's models, swapped ones in place.
+        cases: the study's cases, ``--set`` applied.
+        seed: of the experiment; draw from ``numpy.random.default_rng([seed, ...])`` only.
+        compile: whether loops may be compiled; pass it to ``simulate``.
+        progress: call it with the share done, 0 to 1.
+    """
+
+    quick: bool
+    models: Mapping[str, Any]
+    cases: Sequence[Case]
+    seed: int = 1
+    compile: bool = True
+    progress: Callable[[float], None] = lambda share: None
+
+    def loop(self, scenario: str, loop: str) -> tuple[Block, Scenario]:
+        """Loop of a case and its scenario.
+
+        Raises:
+            NotRun: the case is not among those that run.
+        """
+        for case in self.cases:
+            if case.scenario.name == scenario and loop in case.loops:
+                return case.loops[loop], case.scenario
+        raise NotRun(f"{scenario}/{loop} was not run")
+
+
+class NotRun(LookupError):
+    """A claim or figure asks for something that was not run; it says so and the rest goes on."""
+
+
+REPRODUCED, FAILED, OPEN = "reproduced", "not reproduced", "not checkable"
+KINDS = ("number", "order", "yes/no")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper and how it is checked; the verdict is computed, never typed.
+
+    Kinds:
+        number: ``paper`` is a number, best written as printed (``"254.0479"``); it holds if ours
+            is within the tolerance, or, with ``bound``, at most or at least that number.
+        order: ``paper`` is ``"dry > wet > ice"``, ours a dict of numbers by these names; it holds
+            if each step goes the right way by more than the tolerance.
+        yes/no: ``paper`` is True or False, and so is ours.
+
+    Args:
+        id: short name, unique in the study.
+        source: where it stands, ``"section 5, Fig. 7"``.
+        claim: in a sentence.
+        kind: see above.
+        paper: the paper's answer.
+        ours: function of the :class:`Results` that gives our answer; None as an answer means that
+            there is none (it never settles), which does not reproduce the claim.
+        unit: of both answers.
+        tolerance: ``"last digit"`` (half a unit of the last printed digit, where the paper gives
+            all data), ``"5 %"`` of the paper's number, or an absolute number in ``unit``.
+        tolerance_why: why this one, unless it is one of the two usual ones.
+        bound: ``"at most"`` or ``"at least"`` for a number that is a limit; the tolerance, if any
+            is given as a number, is slack on top.
+        assumption: what we had to assume, because the paper does not say it.
+        scenario, loop: where it was checked.
+        why: what explains the outcome, added to the computed reason.
+        why_not: the same, only if it is not reproduced.
+        not_checkable: why it cannot be checked; the verdict is then "not checkable".
+    """
+
+    id: str
+    source: str
+    claim: str
+    kind: str
+    paper: Any
+    ours: Callable[[Results], Any] | None = None
+    unit: str = "1"
+    tolerance: float | str | None = None
+    tolerance_why: str = ""
+    bound: str = ""
+    assumption: str = ""
+    scenario: str = ""
+    loop: str = ""
+    why: str = ""
+    why_not: str = ""
+    not_checkable: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise BadInput(f"claim {self.id}: kind {self.kind!r} is none of {', '.join(KINDS)}")
+        if self.bound not in ("", "at most", "at least"):
+            raise BadInput(f"claim {self.id}: bound {self.bound!r} is neither at most nor at least")
+        if self.ours is None and not self.not_checkable:
+            raise BadInput(f"claim {self.id}: say what ours is, or why it is not checkable")
+        if self.kind == "number" and not self.not_checkable:
+            self.allowed()
+
+    def allowed(self) -> float:
+        """Tolerance as an absolute number in the claim's unit (``number``), or a share (``order``).
+
+        Raises:
+            BadInput: no number in ``paper``, or no such tolerance.
+        """
+        t = self.tolerance
+        if t is None:
+            if self.kind == "number" and not self.bound:
+                raise BadInput(f"claim {self.id} needs a tolerance, 'last digit' or '5 %'")
+            return 0.0
+        if isinstance(t, (int, float)):
+            return float(t)
+        percent = re.fullmatch(r"\s*([\d.]+)\s*%\s*", t)
+        if percent:
+            share = float(percent[1]) / 100
+            return share if self.kind == "order" else share * abs(float(self.paper))
+        if t == "last digit" and isinstance(self.paper, str):
+            return half_last_digit(self.paper)
+        raise BadInput(
+            f"claim {self.id}: tolerance {t!r} is no number, percentage or 'last digit' of a"
+            " number written as printed"
+        )
+
+
+def half_last_digit(printed: str) -> float:
+    """Half a unit of the last digit of a number as printed: 0.00005 for ``"254.0479"``."""
+    mantissa, _, exponent = printed.lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the study.
+
+    Args:
+        caption: what it shows, one or two sentences.
+        draw: function of the :class:`Results` that gives a figure made with ``slipctl.plots``.
+        source: the paper's figure it answers, ``"Fig. 5"``.
+    """
+
+    caption: str
+    draw: Callable[[Results], Any]
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A question, its loops and scenarios, the paper's answers beside ours; see the module text.
+
+    Args:
+        name: name of its module.
+        title: what it is, a line.
+        source: the paper.
+        doc: the question, in a few sentences.
+        models: blocks, or functions that make them, by the name under which ``--swap`` replaces
+            them; ``cases`` gets them with the swaps done.
+        cases: ``cases(models, quick)``; the first one is ``base``.
+        signals: what the metrics speak of.
+        controller: part of a loop that ``slipctl c`` exports.
+        experiments: further computations by name.
+        claims: the paper's claims.
+        figures: figures by file stem.
+    """
+
+    name: str
+    title: str
+    source: str
+    doc: str
+    cases: Callable[[Mapping[str, Any], bool], Sequence[Case]]
+    signals: Signals
+    models: Mapping[str, Any] = field(default_factory=dict)
+    controller: str = "ctl"
+    experiments: Mapping[str, Experiment] = field(default_factory=dict)
+    claims: Sequence[Claim] = ()
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        seen: set[str] = set()
+        for c in self.claims:
+            if c.id in seen:
+                raise BadInput(f"study {self.name} has two claims {c.id!r}")
+            seen.add(c.id)
+
+
+@dataclass
+class Results:
+    """What a study gave.
+
+    Attributes:
+        study: the study.
+        cases: its cases as they ran, ``--set`` applied.
+        quick: whether it was the quick form.
+        data: logs by scenario and loop.
+        metrics: metrics by scenario and loop.
+        tables: tables by experiment and name.
+        failed: why a run failed, by ``scenario/loop`` or experiment.
+    """
+
+    study: Study
+    cases: Sequence[Case]
+    quick: bool = False
+    data: dict[str, dict[str, xarray.Dataset]] = field(default_factory=dict)
+    metrics: dict[str, dict[str, dict[str, Metric]]] = field(default_factory=dict)
+    tables: dict[str, dict[str, Table]] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def log(self, scenario: str, loop: str) -> xarray.Dataset:
+        """Log of a loop in a scenario.
+
+        Raises:
+            NotRun: it was left out or failed.
+        """
+        if loop in self.data.get(scenario, {}):
+            return self.data[scenario][loop]
+        key = f"{scenario}/{loop}"
+        raise NotRun(
+            f"{key} failed: {self.failed[key]}" if key in self.failed else f"{key} was not run"
+        )
+
+    def metric(self, scenario: str, loop: str, name: str) -> Any:
+        """Value of a metric: a number, a list, or None where it has no meaning for the loop.
+
+        Raises:
+            NotRun: the loop was left out or failed.
+        """
+        self.log(scenario, loop)
+        found = self.metrics[scenario][loop].get(name)
+        return None if found is None else found.value
+
+    def signal(self, scenario: str, loop: str, role: str) -> np.ndarray:
+        """Values over time of a signal by its role (``"slip"``) or by its name.
+
+        Raises:
+            NotRun: the loop was left out or failed.
+            BadInput: the loop logs no such signal.
+        """
+        log = self.log(scenario, loop)
+        name = self.study.signals.find(role, log) if hasattr(self.study.signals, role) else role
+        if name not in log:
+            raise BadInput(f"{scenario}/{loop} logs no {role}{nearest(role, map(str, log))}")
+        return log[name].values
+
+    def table(self, experiment: str, name: str | None = None) -> Table:
+        """Table of an experiment (its only or first one, unless named).
+
+        Raises:
+            NotRun: the experiment was left out or failed.
+        """
+        found = self.tables.get(experiment)
+        if not found:
+            why = (
+                f" failed: {self.failed[experiment]}"
+                if experiment in self.failed
+                else " was not run"
+            )
+            raise NotRun(f"experiment {experiment}{why}")
+        if name is not None and name not in found:
+            raise NotRun(f"experiment {experiment} gave no table {name!r}{nearest(name, found)}")
+        return found[name or next(iter(found))]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A claim with our answer and what follows."""
+
+    claim: Claim
+    ours: Any
+    verdict: str
+    why: str
+
+
+def judge(claim: Claim, results: Results) -> Verdict:
+    """Answer a claim from the results."""
+    if claim.not_checkable:
+        ours = None
+        if claim.ours is not None:
+            try:
+                ours = _plain(claim.ours(results))
+            except NotRun:
+                ours = None
+        return Verdict(claim, ours, OPEN, claim.not_checkable)
+    assert claim.ours is not None
+    try:
+        ours = _plain(claim.ours(results))
+    except NotRun as missing:
+        return Verdict(claim, None, OPEN, str(missing))
+    holds, reason = _compare(claim, ours)
+    texts = [reason, claim.why, "" if holds else claim.why_not]
+    return Verdict(claim, ours, REPRODUCED if holds else FAILED, "; ".join(t for t in texts if t))
+
+
+def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
+    if ours is None:
+        return False, "ours has no value"
+    if claim.kind == "yes/no":
+        return bool(ours) == bool(claim.paper), ""
+    allowed = claim.allowed()
+    if claim.kind == "number":
+        paper, ours = float(claim.paper), float(ours)
+        if claim.bound:
+            over = ours - paper if claim.bound == "at most" else paper - ours
+            return (
+                over <= allowed,
+                f"{abs(over):.3g} {_unit(claim)}{'beyond' if over > 0 else 'inside'}",
+            )
+        off = ours - paper
+        share = f" ({100 * off / paper:+.2g} %)" if paper else ""
+        return abs(
+            off
+        ) <= allowed, f"off by {off:+.3g} {_unit(claim)}{share}, allowed {allowed:.2g}"
+    names = re.split(r"\s*([<>])\s*", str(claim.paper))
+    for left, sign, right in zip(names[0::2], names[1::2], names[2::2], strict=False):
+        for name in (left, right):
+            if not isinstance(ours, Mapping) or name not in ours:
+                raise BadInput(f"claim {claim.id}: ours gives no {name!r}")
+            if ours[name] is None:
+                return False, f"{name} has no value"
+        high, low = (left, right) if sign == ">" else (right, left)
+        slack = allowed * abs(ours[high]) if isinstance(claim.tolerance, str) else allowed
+        if not ours[high] > ours[low] + slack:
+            return False, f"{high} is not above {low}"
+    return True, ""
+
+
+def _unit(claim: Claim) -> str:
+    return "" if claim.unit == "1" else f"{claim.unit} "
+
+
+def _plain(value: Any) -> Any:
+    """Numbers as Python has them; NaN and infinity become None."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
