@@ -78,8 +78,9 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     found: dict[str, Any] = {}
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
-        below = frame.f_back is not None and frame.f_back.f_code is code
-        if event == "return" and (below or frame.f_code is code):
+        if event != "return" or frame.f_globals.get("__name__", "").startswith("casadi"):
+            return
+        if frame.f_code is code or (frame.f_back is not None and frame.f_back.f_code is code):
             for name, value in frame.f_locals.items():
                 if isinstance(value, ca.SX) and value.numel() and not name.startswith("_"):
                     found.setdefault(name, value)
@@ -228,10 +229,12 @@ class Text:
         return self.expand(node)
 
     def wrap(self, node: int, least: int) -> str:
+        """Write a part, in brackets where its rank is below ``least``."""
         text, rank = self.at(node)
         return text if rank >= least else self.bracket(text)
 
     def expand(self, node: int) -> tuple[str, int]:
+        """Write a node without its letter, and tell the rank of its operation."""
         op, args, value, name = self.g.nodes[node]
         if op == "symbol":
             return self.symbol(name), ATOM
@@ -265,6 +268,7 @@ class Text:
     # -- sums and products
 
     def terms(self, node: int, sign: int, top: bool = False) -> list[tuple[int, int]]:
+        """Signs and nodes of the terms of a sum."""
         op, args, *_ = self.g.nodes[node]
         if (node not in self.g.letters or top) and not self.branches(node, top):
             if op in ("add", "sub"):
@@ -276,6 +280,7 @@ class Text:
         return [(sign, node)]
 
     def sum(self, node: int) -> str:
+        """Write a sum."""
         out = ""
         for sign, n in self.terms(node, 1, top=True):
             op, _, value, _ = self.g.nodes[n]
@@ -321,11 +326,13 @@ class Text:
         return 1, [(node, 1)], 1.0
 
     def squared(self, node: int, exponent: float) -> list[tuple[int, float]]:
+        """Base and exponent of repeated squares."""
         if self.g.nodes[node].op == "sq" and node not in self.g.letters:
             return self.squared(self.g.nodes[node].args[0], 2 * exponent)
         return [(node, exponent)]
 
     def below_line(self, node: int) -> tuple[int, list[tuple[int, float]], float]:
+        """Factors of a divisor, their exponents turned."""
         sign, parts, c = self.factors(node)
         if any(e < 0 for _, e in parts) or c != 1.0:
             return 1, [(node, -1)], 1.0
@@ -342,10 +349,12 @@ class Text:
                 merged.append((n, e))
         above = [(n, e) for n, e in merged if e > 0]
         below = [(n, -e) for n, e in merged if e < 0]
+        below.sort(key=lambda f: self.g.nodes[f[0]].op != "const")
         text, rank = self.fraction(coefficient, above, below)
         return sign, text, rank
 
     def factor(self, node: int, exponent: float, alone: bool = False) -> str:
+        """Write one factor of a product."""
         value = self.g.nodes[node].value
         if self.g.nodes[node].op == "const":
             base = self.number(abs(value))
@@ -358,6 +367,7 @@ class Text:
     def fraction(
         self, coefficient: float, above: list[tuple[int, float]], below: list[tuple[int, float]]
     ) -> tuple[str, int]:
+        """Write a product from its factors above and below the line."""
         if coefficient == 1.0 and len(above) == 1 and not below:
             n, e = above[0]
             return (self.factor(n, e), POWER) if e != 1 else self.at(n)
@@ -370,6 +380,7 @@ class Text:
         return text, PRODUCT
 
     def is_log10(self, node: int) -> bool:
+        """Whether the node is what CasADi makes of log10."""
         op, args, *_ = self.g.nodes[node]
         if op != "mul" or args[1] in self.g.letters:
             return False
@@ -383,13 +394,13 @@ class Text:
 
     def branches(
         self, node: int, top: bool = False
-    ) -> tuple[list[tuple[int, int, bool]], int | None] | None:
-        """Branches (condition, value, negated) and the rest (None for 0) of an if."""
+    ) -> tuple[list[tuple[int, int]], int | None] | None:
+        """Branches (condition, value) and the rest (None for 0) of an if."""
         if node in self.g.letters and not top:
             return None
         op, args, *_ = self.g.nodes[node]
         if op == "if_else_zero":
-            return [(args[0], args[1], False)], None
+            return [(args[0], args[1])], None
         if op != "add":
             return None
         first, second = (self.g.nodes[a] for a in args)
@@ -402,7 +413,7 @@ class Text:
         else:
             return None
         more = self.branches(rest)
-        mine = (condition, value, False)
+        mine = (condition, value)
         return ([mine, *more[0]], more[1]) if more else ([mine], rest)
 
     def _negates(self, node: int, other: int) -> bool:
@@ -411,52 +422,63 @@ class Text:
     # -- what LaTeX does otherwise
 
     def symbol(self, name: str) -> str:
+        """Write a name."""
         hidden = HIDDEN.fullmatch(name)
         return f"1[{hidden[1]}]" if hidden else name
 
     def number(self, value: float) -> str:
+        """Write a number with up to six digits."""
         if math.isfinite(value) and value == int(value) and abs(value) < 1e6:
             return str(int(value))
         return re.sub(r"e([+-])0*(\d)", lambda m: "e" + m[1].strip("+") + m[2], f"{value:.6g}")
 
     def bracket(self, text: str) -> str:
+        """Put brackets around."""
         return f"({text})"
 
     def minus(self, text: str, rank: int) -> str:
+        """Put a minus in front."""
         return "-" + (text if rank > SUM else self.bracket(text))
 
     def power(self, base: str, exponent: str, simple: bool) -> str:
+        """Write a power."""
         return f"{base}^{exponent if simple else self.bracket(exponent)}"
 
     def call(self, op: str, args: list[str]) -> tuple[str, int]:
+        """Write a function of arguments."""
         name = {"fabs": "abs", "fmin": "min", "fmax": "max"}.get(op, op)
         return f"{name}({', '.join(args)})", ATOM
 
     def logic(self, op: str, parts: list[str]) -> str:
+        """Write not, and, or."""
         return f"not {parts[0]}" if op == "not" else f" {op} ".join(parts)
 
     def compare(self, op: str, left: int, right: int) -> str:
+        """Write a comparison, a literal on its right."""
         if self.g.nodes[left].op == "const":
             op = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}.get(op, op)
             left, right = right, left
         return f"{self.wrap(left, SUM)} {self.relation(op)} {self.wrap(right, SUM)}"
 
     def relation(self, op: str) -> str:
+        """Write the sign of a comparison."""
         return op
 
-    def cases(
-        self, branches: list[tuple[int, int, bool]], rest: int | None
-    ) -> tuple[str, int]:
+    def cases(self, branches: list[tuple[int, int]], rest: int | None) -> tuple[str, int]:
+        """Write a formula with branches."""
         text = "".join(
             f"{self.wrap(value, LOGIC)} if {self.at(condition)[0]} else "
-            for condition, value, _ in branches
+            for condition, value in branches
         )
         return text + ("0" if rest is None else self.at(rest)[0]), CASE
 
 
 GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau"
-    " upsilon phi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+    re.findall(
+        r"\w+",
+        "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau"
+        " upsilon phi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega",
+    )
 )
 _ACCENTS = {"hat": "hat", "bar": "bar", "tilde": "tilde", "dot": "dot"}
 
@@ -467,12 +489,14 @@ class Latex(Text):
     times = r" \, "
 
     def symbol(self, name: str) -> str:
+        """Write a name."""
         hidden = HIDDEN.fullmatch(name)
         if hidden:
-            return rf"(1\,\mathrm{{{hidden[1].replace('^', '**').replace(' ', r'\,')}}})"
+            return rf"(1\,{unit(hidden[1])})"
         return letter(name)
 
     def number(self, value: float) -> str:
+        """Write a number with up to six digits."""
         if math.isinf(value):
             return r"\infty" if value > 0 else r"-\infty"
         text = super().number(value)
@@ -483,17 +507,17 @@ class Latex(Text):
         return ten if mantissa == "1" else rf"{mantissa} \cdot {ten}"
 
     def bracket(self, text: str) -> str:
+        """Put brackets around."""
         return rf"\left({text}\right)"
 
     def power(self, base: str, exponent: str, simple: bool) -> str:
-        return f"{{{base}}}^{{{exponent}}}"
-
-    def factor(self, node: int, exponent: float, alone: bool = False) -> str:
-        return super().factor(node, exponent, alone)
+        """Write a power."""
+        return f"{{{base}}}^{{{exponent}}}" if "^" in base else f"{base}^{{{exponent}}}"
 
     def fraction(
         self, coefficient: float, above: list[tuple[int, float]], below: list[tuple[int, float]]
     ) -> tuple[str, int]:
+        """Write a product from its factors above and below the line."""
         if not below:
             if coefficient == 1.0 and len(above) == 1:
                 return super().fraction(coefficient, above, below)
@@ -513,16 +537,17 @@ class Latex(Text):
 
     def join(self, numbers: list[str], parts: list[tuple[int, float]]) -> str:
         """Product; two numbers side by side get a dot between."""
-        out, was_number = "", False
+        out = ""
         texts = [(t, True) for t in numbers]
         texts += [(self.factor(n, e), self.g.nodes[n].op == "const") for n, e in parts]
         for text, is_number in texts:
             if out:
                 out += r" \cdot " if is_number else self.times
-            out, was_number = out + text, is_number
+            out += text
         return out
 
     def call(self, op: str, args: list[str]) -> tuple[str, int]:
+        """Write a function of arguments."""
         inside = ", ".join(args)
         if op == "exp":
             deep = any(c in inside for c in (r"\frac", r"\begin", r"\left"))
@@ -536,29 +561,36 @@ class Latex(Text):
             return shapes[op] % inside, ATOM
         known = {
             "fmin": r"\min", "fmax": r"\max", "log": r"\ln", "log10": r"\log_{10}",
-            "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "atan2": r"\arctan",
+            "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan",
         }  # fmt: skip
         plain = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
         name = known.get(op) or (f"\\{op}" if op in plain else rf"\operatorname{{{op}}}")
         return f"{name}{self.bracket(inside)}", ATOM
 
     def logic(self, op: str, parts: list[str]) -> str:
+        """Write not, and, or."""
         sign = {"not": r"\neg ", "and": r" \land ", "or": r" \lor "}[op]
         return sign + parts[0] if op == "not" else sign.join(parts)
 
     def relation(self, op: str) -> str:
+        """Write the sign of a comparison."""
         return {"<=": r"\le", ">=": r"\ge", "==": "=", "!=": r"\ne"}.get(op, op)
 
-    def cases(
-        self, branches: list[tuple[int, int, bool]], rest: int | None
-    ) -> tuple[str, int]:
-        rows = [rf"{self.at(v)[0]} & {self.at(c)[0]}" for c, v, _ in branches]
+    def cases(self, branches: list[tuple[int, int]], rest: int | None) -> tuple[str, int]:
+        """Write a formula with branches."""
+        rows = [rf"{self.at(v)[0]} & {self.at(c)[0]}" for c, v in branches]
         rows.append(rf"{'0' if rest is None else self.at(rest)[0]} & \text{{otherwise}}")
         return r"\begin{cases} " + r" \\ ".join(rows) + r" \end{cases}", CASE
 
 
+def unit(text: str) -> str:
+    """Write a unit as LaTeX: upright, exponents raised."""
+    raised = re.sub(r"\^([-\d./]+)", r"^{\1}", text).replace("%", r"\%")
+    return rf"\mathrm{{{raised.replace(' ', chr(92) + ',')}}}"
+
+
 def letter(name: str, accent: str = "") -> str:
-    """Write a name as LaTeX: ``omega`` is \\omega, ``v_s`` is v_{s}, ``F_a_hat`` is \\hat{F}_{a}.
+    r"""Write a name as LaTeX: ``omega`` is \omega, ``v_s`` v_{s}, ``F_a_hat`` \hat{F}_{a}.
 
     Args:
         name: name in the equations; a part's name in front (``car.v``) is written above.

@@ -15,17 +15,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from slipctl.errors import BadInput, nearest
-
-if TYPE_CHECKING:
-    from slipctl.formula import Graph
 
 Dims = tuple[tuple[str, Fraction], ...]
 """Exponents by symbol (of SI base units, or of units as written), sorted, none of them zero."""
 
-ONE = "one["
+_ONE = "one["
 """How the symbol of a hidden unit constant begins."""
 
 
@@ -116,7 +113,7 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+))|(?P<name>[^\W\d_]+(?:_[^\W\d_]+)*|[%‰°])"
     r"|(?P<op>\*\*|[*/^()]))"
 )
-_PLAIN_TEXT = str.maketrans({"·": "*", "⋅": "*", "×": "*", "−": "-", "μ": "µ"})
+_SIGNS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "−": "-", "μ": "µ"})
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·", "0123456789-.")
 
 
@@ -141,7 +138,7 @@ class _Reader:
         self.text = text
         self.tokens: list[tuple[str, str]] = []
         clean = re.sub(
-            "[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m[0].translate(_RAISED), text.translate(_PLAIN_TEXT)
+            "[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m[0].translate(_RAISED), text.translate(_SIGNS)
         )
         at, clean = 0, clean.rstrip()
         while at < len(clean):
@@ -180,7 +177,9 @@ class _Reader:
                 self.tokens.pop(0)
                 divided = op == "/"
             elif divided:
-                self.fail(f"write 1/(a b) or a b/c; what the blank before {op!r} multiplies is open")
+                self.fail(
+                    f"write 1/(a b) or a b/c; what the blank before {op!r} multiplies is open"
+                )
             factor = self.power()
             sign = -1 if op == "/" else 1
             both = value / factor if op == "/" else value * factor
@@ -230,7 +229,9 @@ class _Reader:
         if abs(exponent) > 99 or exponent.denominator > 1000:
             self.fail(f"the exponent {token} is beyond reason")
         power = value**exponent
-        return Unit(power.scale, power.dims, tuple((n, e * exponent) for n, e in value.names if exponent))
+        return Unit(
+            power.scale, power.dims, tuple((n, e * exponent) for n, e in value.names if exponent)
+        )
 
     def named(self, name: str) -> Unit:
         names: Dims = ((name, Fraction(1)),)
@@ -264,7 +265,9 @@ def _from_pint(name: str) -> tuple[float, Dims] | None:
     except Exception:  # pint raises many kinds for what it cannot read
         return None
     if zero.magnitude != 0.0 or "delta_" in str(registry.parse_units(name)):
-        raise BadInput(f"unit {name!r} is a scale with an offset, a difference or a logarithm; write K or 1")
+        raise BadInput(
+            f"unit {name!r} is a scale with an offset, a difference or a logarithm; write K or 1"
+        )
     dims = {}
     for long, exponent in base._units.items():
         if long in _BASE:
@@ -298,9 +301,11 @@ def factor(source: str, target: str) -> float:
 def _ratio(a: Unit, b: Unit) -> Fraction:
     """Ratio of the scales, exact where a short fraction is what was meant."""
     ratio = a.scale / b.scale
-    for r in (Fraction(ratio).limit_denominator(10**6), 1 / Fraction(1 / ratio).limit_denominator(10**6)):
-        if math.isclose(r, ratio, rel_tol=4e-16):
-            return r
+    short = Fraction(max(ratio, 1 / ratio)).limit_denominator(10**6)
+    if ratio < 1.0:
+        short = 1 / short
+    if math.isclose(short, ratio, rel_tol=4e-16):
+        return short
     return Fraction(ratio)
 
 
@@ -322,7 +327,9 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     text = str(text).replace("−", "-")
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'")
+        raise BadInput(
+            f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'"
+        )
     number, given = match[1], match[2].strip()
     if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]", given):
         hint = "; write a point for a comma" if given.startswith(",") else ""
@@ -384,3 +391,73 @@ def _composed(u: Unit) -> str:
             return name
     order = ("kg", "m", "A", "K", "mol", "cd", "s")
     return _written(tuple(sorted(u.dims, key=lambda d: order.index(d[0]) if d[0] in order else 9)))
+
+
+# ---- units of equations -----------------------------------------------------------------------
+
+
+_hidden: ContextVar[dict[str, tuple[Any, str]] | None] = ContextVar("_hidden", default=None)
+
+
+@contextmanager
+def checking_units() -> Iterator[dict[str, tuple[Any, str]]]:
+    """Make :func:`one` return symbols that carry their unit; for bodies on SX symbols.
+
+    Yields:
+        The hidden unit constants met so far: (symbol, meaning) by unit.
+    """
+    found: dict[str, tuple[Any, str]] = {}
+    token = _hidden.set(found)
+    try:
+        yield found
+    finally:
+        _hidden.reset(token)
+
+
+def one(text: str, doc: str = "") -> Any:
+    """Return the unit constant that an empirical formula hides.
+
+    The curve resistance 600/R, in N/kN with R in m, is written ``600 * one("m N/kN") / R``. The
+    constant is 1.0 wherever equations are computed, and carries its unit where they are checked.
+
+    Args:
+        text: the unit.
+        doc: where it hides, for ``slipctl show``.
+    """
+    found = _hidden.get()
+    if found is None:
+        return 1.0
+    if text not in found:
+        import casadi as ca
+
+        unit(text)
+        found[text] = (ca.SX.sym(f"{_ONE}{text}]"), doc)
+    return found[text][0]
+
+
+def check(
+    equations: Mapping[str, Any],
+    given: Mapping[str, str],
+    wanted: Mapping[str, str],
+    names: Mapping[str, Any] | None = None,
+) -> list[str]:
+    """Do the unit algebra of equations, and tell where a metre meets a newton.
+
+    Zero and infinity fit every unit; other literals are pure numbers.
+
+    Args:
+        equations: SX expressions by what stands left of the equals sign (``"omega'"``). Of a
+            vector every element is checked, and the first that fails is told.
+        given: units by name of the symbol.
+        wanted: units by left-hand side.
+        names: SX intermediate results by letter (see :func:`slipctl.formula.letters`).
+
+    Returns:
+        One line per error; none for a pass.
+
+    Raises:
+        BadInput: a unit cannot be read, or a symbol has none.
+    """
+    from slipctl.unitwalk import check_equations
+
+    return check_equations(equations, given, wanted, names)
