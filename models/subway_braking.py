@@ -194,3 +194,44 @@ def _known(what: str, form: str, forms: tuple[str, ...]) -> None:
         raise BadInput(f"{what} has no form {form!r}; it has {', '.join(forms)}")
 
 
+
+
+def ideal_plant(adhesion: Block = double_exponential) -> Block:
+    """Make the bound: a vehicle whose adhesion is at its peak from the start.
+
+    Args:
+        adhesion: law from ``v_s`` to ``mu``; it is taken at the best slip, ``v_opt``.
+    """
+
+    @flow(
+        v_s=Output("m/s", "slip speed", positive="braking", per="speed"),
+        F_a=Output("N", "adhesion force", positive="braking"),
+        a=Output("m/s^2", "deceleration", positive="braking"),
+        name="wheel",
+    )
+    def wheel(
+        x=State("m", 0.0, "position"),
+        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper"),
+        mu=Input("1", "adhesion coefficient", positive="braking"),
+        v_opt=Input("m/s", "best slip speed", positive="braking", per="speed"),
+        f=Input("N", "air resistance", value=0.0),
+        W=Input("N", "curve resistance", value=0.0),
+        m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+    ):
+        """m v' = -(mu m g + f + W) with mu at its peak: no controller can brake harder."""
+        F_a = mu * m * g
+        a = (F_a + f + W) / m
+        return dict(x=v, v=-a), dict(v_s=v_opt, F_a=F_a, a=a)
+
+    wires = {
+        "air.v": "wheel.v",
+        "wheel.f": "air.f",
+        "wheel.W": "curve.W",
+        "adh.v_s": "v_opt",
+        "wheel.v_opt": "v_opt",
+        "wheel.mu": "adh.mu",
+    }
+    return connect(
+        "plant", wires, wheel=wheel, adh=adhesion, air=air_resistance, curve=curve_resistance()
+    )

@@ -20,6 +20,13 @@ _WHERE = {
     "units": ["one"],
     "rail": ["Section", "Rail", "Scenario"],
     "simulation": ["simulate"],
+    "estimate": ["rls"],
+    "seek": ["differential_evolution"],
+    "optimum": ["argmax", "argmax_block"],
+    "linearise": ["linear", "nonlinear", "operating_point"],
+    "studying": ["Study", "Case", "Claim", "Context", "Experiment", "Figure", "Known", "Results",
+                 "Signals", "Table"],
+    "codegen": ["c_module"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
