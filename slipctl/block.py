@@ -26,6 +26,11 @@ ROLES = ("state", "input", "param", "output")
 _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
 
 
+def symbol_maker(sx: bool) -> Callable[..., Any]:
+    """``SX.sym`` or ``MX.sym``."""
+    return ca.SX.sym if sx else ca.MX.sym
+
+
 class Block:
     """Equations with declared signals; see the module text for how to write one.
 
@@ -67,7 +72,11 @@ class Block:
         transparent: bool = False,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-            raise BadInput(f"a block's name must be a letter, then letters, digits, _; not {name!r}")
+            raise BadInput(
+                f"a block's name must be a letter, then letters, digits, _; not {name!r}"
+            )
+        if name.lower() in ("null", "jac", "hess"):
+            raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
         self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
         self.choices: dict[str, Any] = dict(choices or {})
         self.parts: dict[str, Block] = dict(parts or {})
@@ -154,7 +163,9 @@ class Block:
         waiting = {n: s.value for n, s in self.params.items() if s.derived}
         while waiting:
             ready = [
-                n for n, e in waiting.items() if all(self._sibling(n, k) in values for k in names_in(e))
+                n
+                for n, e in waiting.items()
+                if all(self._sibling(n, k) in values for k in names_in(e))
             ]
             if not ready:
                 name, expression = next(iter(waiting.items()))
@@ -204,23 +215,30 @@ class Block:
         for n in override:
             if n not in self.states:
                 raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
-        params = self.param_values()
+        given = {n: v for n, v in override.items() if isinstance(v, str)}
+        for n, s in self.states.items():
+            if n in override and n not in given:
+                given[n] = s.check(f"{self.name}.{n}", override[n])
+        return self._start(given, self.param_values())
+
+    def _start(self, given: Mapping[str, Any], params: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Start values beside the given ones, which may lie off range."""
         values: dict[str, Any] = {}
         waiting: dict[str, str] = {}
         for n, s in self.states.items():
-            value = override.get(n, s.value)
+            value = given.get(n, s.value)
             if isinstance(value, str):
                 waiting[n] = value
             else:
-                values[n] = s.check(f"{self.name}.{n}", value)
+                values[n] = value if n in given else s.check(f"{self.name}.{n}", value)
         while waiting:
             progress = False
             for n, e in list(waiting.items()):
                 needed = {k: self._sibling(n, k) for k in names_in(e)}
-                known = values | params
+                known = {**values, **params}
                 if all(full in known for full in needed.values()):
                     local = {k: known[full] for k, full in needed.items()}
-                    number = np.asarray(evaluate(e, local, f"{self.name}.{n}"), dtype=float)
+                    number = evaluate(e, local, f"{self.name}.{n}")
                     values[n] = self.states[n].check(f"{self.name}.{n}", number)
                     del waiting[n]
                     progress = True
@@ -289,7 +307,9 @@ class Block:
                 changed.append(s.valued(new[s.name]))
             else:
                 changed.append(s if old is None else s.valued(old.value))
-        return self._copy(changed)
+        block = self._copy(changed)
+        block.name = before.name
+        return block
 
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""
@@ -329,7 +349,7 @@ class Block:
         parts = dict(self.parts)
         if self.transparent:
             assert self._rebuild is not None
-            (head, part), = parts.items()
+            ((head, part),) = parts.items()
             return self._rebuild({head: part.swap(name, block)})._keep_values(self, {})
         head, _, rest = name.partition(".")
         if head not in parts:
@@ -361,7 +381,7 @@ class Block:
 
     def symbols(self, role: str) -> Exprs:
         """CasADi symbols of one role by name, named as in the equations."""
-        sym = ca.SX.sym if self.sx else ca.MX.sym
+        sym = symbol_maker(self.sx)
         return {
             n: sym(n, *(s.shape if len(s.shape) == 2 else (s.size, 1)))
             for n, s in self._signals[role].items()
@@ -375,14 +395,14 @@ class Block:
             shape = s.shape if len(s.shape) == 2 else (s.size, 1)
             if isinstance(v, (list, tuple)):
                 v = ca.vertcat(*v)
-            if isinstance(v, np.ndarray):
-                v = ca.DM(v.reshape(shape) if v.ndim != 1 else v.reshape(shape))
-            elif not hasattr(v, "shape"):
-                v = ca.DM(float(v)) if shape == (1, 1) else ca.DM(v)
+            if isinstance(v, np.ndarray) and v.size == s.size:
+                v = ca.DM(np.asarray(v, dtype=float).reshape(shape))
+            elif isinstance(v, (np.generic, np.ndarray)) or not hasattr(v, "shape"):
+                v = ca.DM(float(v)) if np.size(v) == 1 else ca.DM(v)
             if tuple(v.shape) != tuple(shape):
                 if v.shape == (1, 1):
                     v = ca.repmat(v, *shape)
-                elif v.shape[0] * v.shape[1] == s.size:
+                elif v.numel() == s.size and 1 in v.shape:
                     v = ca.reshape(v, *shape)
                 else:
                     raise BadInput(
@@ -405,14 +425,12 @@ class Block:
     @cached_property
     def f(self) -> ca.Function:
         """Packed function ``(x, u, p) -> (n, y)``; n is x' of a flow and x+ of a step."""
-        sym = ca.SX.sym if self.sx else ca.MX.sym
+        sym = symbol_maker(self.sx)
         x, u, p = (
             sym(letter, total_size(self._signals[role].values()))
             for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
         )
-        n, y = self.expr(
-            self.unpack("state", x), self.unpack("input", u), self.unpack("param", p)
-        )
+        n, y = self.expr(self.unpack("state", x), self.unpack("input", u), self.unpack("param", p))
         out = [self.pack("state", n), self.pack("output", y)]
         return ca.Function(
             self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True}
@@ -519,8 +537,12 @@ class Block:
             if n not in known:
                 raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
         p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
-        given_x = {k: numbers[k] for k in self.states if k in numbers}
-        x = {**({} if len(given_x) == len(self.states) else self.start()), **given_x}
+        given_x = {
+            k: np.broadcast_to(np.asarray(numbers[k], dtype=float), s.shape)
+            for k, s in self.states.items()
+            if k in numbers
+        }
+        x = given_x if len(given_x) == len(self.states) else self._start(given_x, p)
         u: Exprs = {}
         for n, s in self.inputs.items():
             value = numbers.get(n, s.value)

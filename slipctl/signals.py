@@ -77,6 +77,8 @@ class Signal:
             BadInput: with the place, the value and the range.
         """
         try:
+            if hasattr(value, "full"):  # a CasADi number, always two-dimensional
+                value = value.full().reshape(self.shape if value.numel() == self.size else ())
             array = np.broadcast_to(np.asarray(value, dtype=float), self.shape).copy()
         except (TypeError, ValueError):
             raise BadInput(
@@ -84,8 +86,12 @@ class Signal:
                 f" in {self.unit}, not {value!r}"
             ) from None
         if np.isnan(array).any():
-            raise BadInput(f"{where} is NaN; give a number in [{self.lo:g}, {self.hi:g}] {self.unit}")
-        if (array < self.lo).any() or (array > self.hi).any() or not np.isfinite(array).all():
+            raise BadInput(
+                f"{where} is NaN; give a number in [{self.lo:g}, {self.hi:g}] {self.unit}"
+            )
+        if np.isinf(array).any():
+            raise BadInput(f"{where} is infinite; give a finite number in {self.unit}")
+        if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
             raise BadInput(
                 f"{where} = {worst:g} {self.unit} is out of range;"
@@ -168,8 +174,15 @@ def total_size(signals: Iterable[Signal]) -> int:
 
 
 def names_in(expression: str) -> list[str]:
-    """Names that an expression of other signals uses, functions left out."""
-    tree = ast.parse(expression, mode="eval")
+    """Names that an expression of other signals uses, functions left out.
+
+    Raises:
+        BadInput: not an expression.
+    """
+    try:
+        tree = ast.parse(expression, mode="eval")
+    except (SyntaxError, ValueError):
+        raise BadInput(f"{expression!r} is not an expression such as 'v / r'") from None
     names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
     return sorted(names - {*FUNCTIONS, "pi"})
 
@@ -198,7 +211,11 @@ def evaluate(expression: str, values: Mapping[str, Any], where: str) -> Any:
 
     functions = {name: getattr(casadi, name) for name in FUNCTIONS} | {"pi": math.pi}
     code = compile(tree, where, "eval")
-    return eval(code, {"__builtins__": {}}, {**functions, **values})
+    try:
+        return eval(code, {"__builtins__": {}}, {**functions, **values})
+    except Exception as error:  # CasADi and numpy raise many kinds
+        reason = str(error).split("\n")[0]
+        raise BadInput(f"{where}: {expression!r} cannot be computed: {reason}") from None
 
 
 _KNOWN = ", ".join(FUNCTIONS)
