@@ -12,9 +12,9 @@ Signs: T_b >= 0 brakes, F_a >= 0 retards the vehicle, v_s = v - r omega (1)(9).
 Valid for v >= 0 and 0 <= v_s. What is wrong in print is told in docs/errata.md.
 """
 
-from casadi import exp, fabs, fmax, fmin, log
+from casadi import exp, fmax, fmin, log
 
-from slipctl import Block, BadInput, Input, Output, Param, State, connect, flow, law
+from slipctl import BadInput, Block, Input, Output, Param, State, connect, flow, law
 
 SOURCE = "Huang 2020"
 TABLE_3 = "Huang 2020, Table 3"
@@ -194,8 +194,6 @@ def _known(what: str, form: str, forms: tuple[str, ...]) -> None:
         raise BadInput(f"{what} has no form {form!r}; it has {', '.join(forms)}")
 
 
-
-
 def ideal_plant(adhesion: Block = double_exponential) -> Block:
     """Make the bound: a vehicle whose adhesion is at its peak from the start.
 
@@ -219,7 +217,7 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
         g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
     ):
-        """m v' = -(mu m g + f + W) with mu at its peak: no controller can brake harder."""
+        """M v' = -(mu m g + f + W) with mu at its peak: no controller can brake harder."""
         F_a = mu * m * g
         a = (F_a + f + W) / m
         return dict(x=v, v=-a), dict(v_s=v_opt, F_a=F_a, a=a)

@@ -24,8 +24,18 @@ _WHERE = {
     "seek": ["differential_evolution"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],
-    "studying": ["Study", "Case", "Claim", "Context", "Experiment", "Figure", "Known", "Results",
-                 "Signals", "Table"],
+    "studying": [
+        "Study",
+        "Case",
+        "Claim",
+        "Context",
+        "Experiment",
+        "Figure",
+        "Known",
+        "Results",
+        "Signals",
+        "Table",
+    ],
     "codegen": ["c_module"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
@@ -37,9 +47,9 @@ if TYPE_CHECKING:
     from slipctl.connection import connect
     from slipctl.errors import BadInput, RunFailed
     from slipctl.rail import Rail, Scenario, Section
-    from slipctl.timing import every, sampled, unit_delay
     from slipctl.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.simulation import simulate
+    from slipctl.timing import every, sampled, unit_delay
     from slipctl.units import one
 
 

@@ -215,7 +215,7 @@ class Block:
         for n in override:
             if n not in self.states:
                 raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
-        given = {n: v for n, v in override.items() if isinstance(v, str)}
+        given: dict[str, Any] = {n: v for n, v in override.items() if isinstance(v, str)}
         for n, s in self.states.items():
             if n in override and n not in given:
                 given[n] = s.check(f"{self.name}.{n}", override[n])
@@ -508,7 +508,7 @@ class Block:
             return {}
         if not self.inputs:
             return {name: [] for name in self.outputs}
-        pattern = np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
+        pattern: Any = np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
         out: dict[str, list[str]] = {}
         row = 0
         for name, s in self.outputs.items():

@@ -110,7 +110,13 @@ def compiled(f: ca.Function) -> Roller | None:
     if cc is None:
         return None
     key = hashlib.sha256()
-    for part in (f.serialize(), ca.__version__, _compiler_version(cc), " ".join(FLAGS), _ROLL):
+    for part in (
+        f.serialize(),
+        ca.CasadiMeta.version(),
+        _compiler_version(cc),
+        " ".join(FLAGS),
+        _ROLL,
+    ):
         key.update(part.encode())
     folder = cache_folder()
     library = folder / f"{key.hexdigest()[:32]}.so"

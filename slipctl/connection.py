@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
-from slipctl.block import Block, Exprs
+from slipctl.block import Block, Exprs, symbol_maker
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Signal
 
@@ -52,8 +54,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
                 outer_inputs[source] = signal.named(source)
             else:
                 _check_wire(name, source, known, destination, signal)
-                if known.value is None and signal.value is not None:
-                    outer_inputs[source] = known.valued(signal.value)
+                outer_inputs[source] = _both(known, signal)
             renamed[part, port] = source
             continue
         from_part, from_port = _source(name, blocks, source)
@@ -109,7 +110,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     def rebuild(parts: dict[str, Block]) -> Block:
         return connect(name, wires, **parts)
 
-    conditions = {}
+    conditions: dict[str, dict[str, float]] = {}
     for b, block in blocks.items():
         for condition, values in block.conditions.items():
             conditions.setdefault(condition, {}).update({f"{b}.{k}": v for k, v in values.items()})
@@ -128,16 +129,12 @@ def _common_kind(name: str, blocks: Mapping[str, Block]) -> tuple[str, float | N
             f"{name}: {flows[0]} is continuous and {steps[0]} is sampled;"
             f" discretise it first, sampled({flows[0]}, h, method)"
         )
-    periods = {b: blocks[b].period for b in steps if blocks[b].period is not None}
-    if len(set(periods.values())) > 1:
-        (first, h1), (second, h2) = list(periods.items())[0], next(
-            (b, h) for b, h in periods.items() if h != next(iter(periods.values()))
-        )
-        slow, fast = (first, second) if h1 > h2 else (second, first)
-        ratio = max(h1, h2) / min(h1, h2)
+    periods = {b: h for b in steps if (h := blocks[b].period) is not None}
+    slow, fast = (f(periods, key=lambda b: periods[b], default="") for f in (max, min))
+    if periods and not math.isclose(periods[slow], periods[fast], rel_tol=1e-9):
         raise BadInput(
-            f"{name}: {first} runs every {h1:g} s and {second} every {h2:g} s; make {slow} with"
-            f" the period of {fast} and wrap it in every({slow}, {ratio:g})"
+            f"{name}: {slow} runs every {periods[slow]:g} s and {fast} every {periods[fast]:g} s;"
+            f" wrap it in every({slow}, {periods[slow] / periods[fast]:g})"
         )
     kind = "flow" if flows else "step" if steps else "law"
     return kind, next(iter(periods.values()), None)
@@ -186,9 +183,19 @@ def _check_wire(name: str, source: str, s: Signal, destination: str, d: Signal) 
             f" put {adaptor}() between them"
         )
     if s.shape != d.shape:
-        raise BadInput(
-            f"{name}: {source} has shape {s.shape}, {destination} takes {d.shape}"
-        )
+        raise BadInput(f"{name}: {source} has shape {s.shape}, {destination} takes {d.shape}")
+
+
+def _both(a: Signal, b: Signal) -> Signal:
+    """Input that feeds two parts: in both ranges, and of the convention that either declares."""
+    return replace(
+        a,
+        value=b.value if a.value is None else a.value,
+        lo=max(a.lo, b.lo),
+        hi=min(a.hi, b.hi),
+        positive=a.positive or b.positive,
+        per=a.per or b.per,
+    )
 
 
 def _schedule(
@@ -274,9 +281,10 @@ def _inputs(
 def _part(block: Block, outputs: list[str]) -> ca.Function:
     """Function of the part that gives only these outputs (and no next state)."""
     full = block.f
-    sym = ca.SX.sym if block.sx else ca.MX.sym
-    args = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
-    y = block.unpack("output", full(*args)[1])
+    sym = symbol_maker(block.sx)
+    args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
+    outputs_now: Any = full(*args)
+    y = block.unpack("output", outputs_now[1])
     column = ca.vertcat(*[ca.reshape(y[k], block.outputs[k].size, 1) for k in outputs])
     name = f"{full.name()}_part{len(outputs)}"
     return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})

@@ -55,7 +55,9 @@ class Rail:
         if not self.sections:
             raise BadInput("a Rail needs at least one Section")
         if self.sections[0].start != 0:
-            raise BadInput(f"the first rail section starts at {self.sections[0].start:g} {unit}, not 0")
+            raise BadInput(
+                f"the first rail section starts at {self.sections[0].start:g} {unit}, not 0"
+            )
         for k, s in enumerate(self.sections):
             if not math.isfinite(s.start):
                 raise BadInput(f"rail section {k} starts at {s.start} {unit}; give a finite number")
@@ -64,7 +66,7 @@ class Rail:
         for k, (a, b) in enumerate(zip(self.sections, self.sections[1:], strict=False)):
             if b.start == a.start:
                 raise BadInput(
-                    f"rail section {k} is empty: section {k + 1} starts at the same {b.start:g} {unit}"
+                    f"rail section {k} is empty: section {k + 1} starts at {b.start:g} {unit} too"
                 )
             if b.start < a.start:
                 raise BadInput(
@@ -118,9 +120,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.duration) and self.duration > 0):
-            raise BadInput(
-                f"scenario {self.name}: duration {self.duration:g} s must be positive"
-            )
+            raise BadInput(f"scenario {self.name}: duration {self.duration:g} s must be positive")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
 

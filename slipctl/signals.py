@@ -13,7 +13,7 @@ import numpy as np
 from slipctl.errors import BadInput, nearest
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
-"""Functions that a value expression may use; they are CasADi's, so numbers and symbols both work."""
+"""Functions that a value expression may use: CasADi's, so numbers and symbols both work."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import build
-from slipctl.block import Block
+from slipctl.block import Block, symbol_maker
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.rail import Feed, Rail, Scenario
 from slipctl.signals import Signal
@@ -133,7 +133,9 @@ def _rail_values(
             known = {**loop.inputs, **loop.params}
             hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
             if len(hits) != 1:
-                why = "could be " + " or ".join(hits) if hits else "is unknown" + nearest(name, known)
+                why = (
+                    "could be " + " or ".join(hits) if hits else "is unknown" + nearest(name, known)
+                )
                 raise BadInput(f"scenario {scenario.name}: rail value {name!r} {why}")
             row[hits[0]] = value
         rows.append(row)
@@ -160,7 +162,9 @@ def _feed(
     for n, s in loop.inputs.items():
         if n in rail and n not in given and scenario.rail is not None:
             if scenario.rail.by != "time":
-                columns.append(np.tile(np.broadcast_to(rail[n][0], s.shape).ravel(), (len(time), 1)))
+                columns.append(
+                    np.tile(np.broadcast_to(rail[n][0], s.shape).ravel(), (len(time), 1))
+                )
                 continue
             given[n] = list(zip(scenario.rail.starts, rail[n], strict=True))
         if n in given:
@@ -203,7 +207,7 @@ def _pieces(
         p = loop.pack("param", loop.param_values(**values))
         return np.ascontiguousarray(np.array(ca.DM(p).full()).ravel())
 
-    if scenario.rail is None or not rail and scenario.rail.by == "time":
+    if scenario.rail is None or (not rail and scenario.rail.by == "time"):
         return loop.f, [(0, ticks, vector())]
     if scenario.rail.by != "time":
         f, table = _by_position(loop, scenario)
@@ -223,7 +227,7 @@ def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarr
     name = _find(loop, "state", "x" if rail.by == "position" else rail.by)
     inputs, params = _rail_values(loop, scenario)
     varying = {**inputs, **params}
-    sym = ca.SX.sym if loop.sx else ca.MX.sym
+    sym = symbol_maker(loop.sx)
     n = len(rail.sections)
     x, u, p = (sym("xup"[i], loop.f.size1_in(i)) for i in range(3))
     table = sym("table", n * (1 + len(varying)))
@@ -286,11 +290,11 @@ def _dataset(
             if len(s.shape) == 2:  # stored column by column
                 data = columns.reshape(len(time), s.shape[1], s.shape[0]).transpose(0, 2, 1)
             variables[n] = (dims, np.ascontiguousarray(data), attributes)
-    values = {
+    parameters = {
         n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
         for n, v in loop.param_values().items()
     }
-    attributes = {
+    provenance: dict[str, Any] = {
         "format": 1,
         "slipctl_version": __version__,
         "loop": loop.name,
@@ -299,7 +303,7 @@ def _dataset(
         "noise": scenario.noise,
         "period_s": loop.period,
         "rail_changes_s": scenario.changes,
-        "parameters": json.dumps(values),
+        "parameters": json.dumps(parameters),
     }
     coordinate = ("time", time, {"units": "s", "long_name": "time"})
-    return xarray.Dataset(variables, coords={"time": coordinate}, attrs=attributes)
+    return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, make_block, symbol_maker
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Input, Output, State, total_size
@@ -46,14 +46,16 @@ def sampled(
     if block.kind != "flow":
         raise BadInput(f"{block.name} is a {block.kind}; only a flow can be sampled")
     if method not in METHODS:
-        raise BadInput(f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}")
+        raise BadInput(
+            f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
+        )
     if not (math.isfinite(h) and h > 0):
         raise BadInput(f"sampled({block.name}): h = {h:g} s must be positive")
     if substeps < 1 or substeps != int(substeps):
         raise BadInput(f"sampled({block.name}): substeps = {substeps} must be a whole number >= 1")
     dt = h / substeps
     if check:
-        check_step(block, dt, method)
+        check_step(block, dt, method, substeps)
     one_step = _one_step(block, dt, method, newton)
     loop = one_step.n_instructions() * substeps > UNROLL or not block.sx
     f = block.f
@@ -82,7 +84,7 @@ def sampled(
 
 def _one_step(block: Block, dt: float, method: str, newton: int) -> ca.Function:
     f = block.f
-    sym = ca.SX.sym if block.sx else ca.MX.sym
+    sym = symbol_maker(block.sx)
     x, u, p = (sym("xup"[i], f.size1_in(i)) for i in range(3))
 
     def rate(at: Any) -> Any:
@@ -110,7 +112,7 @@ def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
     """Rate k that solves k = f(x + gh k, u, p), by Newton's method on the exact Jacobian."""
     f = block.f
     n = f.size1_in(0)
-    sym = ca.SX.sym if block.sx else ca.MX.sym
+    sym = symbol_maker(block.sx)
     z = sym("z", n)
     a, b, c = (sym("abc"[i], f.size1_in(i)) for i in range(3))
     rate = f(a + gh * z, b, c)[0]
@@ -123,7 +125,7 @@ def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
     return k
 
 
-def check_step(block: Block, dt: float, method: str) -> None:
+def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
     """Refuse an explicit step longer than the fastest mode allows.
 
     The Jacobian of the flow is taken at the start values with zero inputs (the nearest number in
@@ -145,19 +147,22 @@ def check_step(block: Block, dt: float, method: str) -> None:
         {n: np.full(s.shape, s.value if s.value is not None else min(max(0.0, s.lo), s.hi))
          for n, s in block.inputs.items()},
     )  # fmt: skip
+    longest, mode, rail = math.inf, 0.0, ""
     for condition, values in (block.conditions or {"": {}}).items():
         known = {k: v for k, v in values.items() if k in block.params}
         p = block.pack("param", block.param_values(**known))
         for eigenvalue in np.linalg.eigvals(np.array(ca.DM(jac(x, u, p)).full())):
-            longest = largest_step(complex(eigenvalue), method)
-            if dt > longest:
+            allowed = largest_step(complex(eigenvalue), method)
+            if allowed < longest:
+                longest, mode = allowed, abs(eigenvalue)
                 rail = f" on {condition}" if condition else ""
-                raise BadInput(
-                    f"{block.name}: a step of {dt * 1e3:g} ms is too long for {method}: the fastest"
-                    f" time constant{rail} is {1e3 / abs(eigenvalue):.3g} ms, which allows"
-                    f" {longest * 1e3:.3g} ms; use substeps={math.ceil(dt / longest)} times as many"
-                    f" or method='implicit_euler' or 'sdirk2'"
-                )
+    if dt > longest:
+        needed = math.ceil(round(substeps * dt / longest, 9))
+        raise BadInput(
+            f"{block.name}: a step of {dt * 1e3:g} ms is too long for {method}: the fastest"
+            f" time constant{rail} is {1e3 / mode:.3g} ms, which allows {longest * 1e3:.3g} ms;"
+            f" use substeps={needed}, or method='implicit_euler' or 'sdirk2'"
+        )
 
 
 def every(block: Block, n: int, offset: int = 0) -> Block:
@@ -176,9 +181,9 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     """
     if block.kind == "flow":
         raise BadInput(f"every({block.name}): a flow has no ticks; sampled({block.name}, h) first")
-    if n != int(n) or n < 1:
+    if not n >= 1 or n != int(n):
         raise BadInput(f"every({block.name}, {n}): n must be a whole number >= 1")
-    if offset != int(offset) or not 0 <= offset < n:
+    if not 0 <= offset < n or offset != int(offset):
         raise BadInput(f"every({block.name}): offset {offset} must lie in 0..{n - 1}")
     n, offset = int(n), int(offset)
     f = block.f
@@ -187,25 +192,28 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     run = ca.Function(f"{f.name()}_run", [x, u, p, held], [*f(x, u, p)])
     hold = ca.Function(f"{f.name()}_hold", [x, u, p, held], [x, held])
     choose = ca.Function.if_else(f"{f.name()}_every", run, hold)
+    taken = {s.name for s in block.signals}
+    counter = _new_name("tick", taken)
+    hold_names = {_new_name(f"held_{k}", taken): k for k in block.outputs}
     states = [
         *block.states.values(),
-        State("1", float((n - offset) % n), "ticks since the last run").named("tick"),
+        State("1", float((n - offset) % n), "ticks since the last run").named(counter),
         *(
-            s.as_role("state", value=0.0, doc=f"held: {s.doc}").named(f"held_{k}")
-            for k, s in block.outputs.items()
+            # zero until the first run, even where the range of the output excludes zero
+            s.as_role("state", value=0.0, doc=f"held: {s.doc}", lo=-math.inf, hi=math.inf).named(h)
+            for h, s in zip(hold_names, block.outputs.values(), strict=True)
         ),
     ]
-    hold_names = {f"held_{k}": k for k in block.outputs}
 
     def body(xs: Exprs, us: Exprs, ps: Exprs) -> tuple[Exprs, Exprs]:
         old = block.pack("output", {k: xs[h] for h, k in hold_names.items()})
-        due = xs["tick"] == 0
+        due = xs[counter] == 0
         nxt, y = choose(
             due, block.pack("state", xs), block.pack("input", us), block.pack("param", ps), old
         )
         outputs = block.unpack("output", y)
-        tick = ca.if_else(xs["tick"] >= n - 1, 0, xs["tick"] + 1)
-        new = block.unpack("state", nxt) | {"tick": tick}
+        tick = ca.if_else(xs[counter] >= n - 1, 0, xs[counter] + 1)
+        new = block.unpack("state", nxt) | {counter: tick}
         return new | {h: outputs[k] for h, k in hold_names.items()}, outputs
 
     def rebuild(parts: dict[str, Block]) -> Block:
@@ -219,6 +227,13 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
         transparent=True,
     )  # fmt: skip
+
+
+def _new_name(name: str, taken: set[str]) -> str:
+    """Name for a state that is added to a block; ``_`` is added while the block has it already."""
+    while name in taken:
+        name += "_"
+    return name
 
 
 def unit_delay(unit: str = "1", value: float = 0.0, shape: tuple[int, ...] = ()) -> Block:

@@ -5,6 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from slipctl.models import sensors
+from slipctl.models.brakes import brake
+from slipctl.models.subway_braking import (
+    curve_resistance,
+    double_exponential,
+    ideal_plant,
+    plant,
+    wheelset,
+)
+from slipctl.models.subway_braking_control import (
+    controller,
+    reaching_law,
+    super_twisting,
+)
+
 from slipctl import (
     Block,
     Case,
@@ -17,21 +32,6 @@ from slipctl import (
     argmax,
     connect,
     sampled,
-)
-from slipctl.models import sensors
-from slipctl.models.brakes import brake
-from slipctl.models.subway_braking import (
-    air_resistance,
-    curve_resistance,
-    double_exponential,
-    ideal_plant,
-    plant,
-    wheelset,
-)
-from slipctl.models.subway_braking_control import (
-    controller,
-    reaching_law,
-    super_twisting,
 )
 
 H = 1e-3
@@ -51,7 +51,6 @@ MODELS: dict[str, Any] = {
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best slip in m/s and adhesion there, of a law on one of its rail conditions."""
-
     if condition not in law.conditions:
         return 1.0, 0.0  # the run says which conditions the law must declare
     found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])

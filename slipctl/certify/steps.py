@@ -43,12 +43,13 @@ def largest_step(eigenvalue: complex, method: str) -> float:
     else:
         low, high = 1e-3, 4.0
         radius = low
-        while radius < high and growth(direction * radius, method) <= 1:
+        while radius < high and growth(direction * radius, method) <= 1 + 1e-12:
             low, radius = radius, radius + 0.01
         high = radius
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if growth(direction * middle, method) <= 1 else (low, middle)
+        inside = growth(direction * middle, method) <= 1 + 1e-12
+        low, high = (middle, high) if inside else (low, middle)
     return low / abs(eigenvalue)
 
 

@@ -1,7 +1,8 @@
-"""Bounds of the super-twisting law x1' = -k1 |x1|^(1/2) sgn x1 + x2, x2' = -k2 sgn x1 + d, |d| <= L.
+"""Bounds of the super-twisting law.
 
-Gains in SI: k1 in m^.5/s^1.5, k2 and L in m/s^3. Scaling x1 leaves only k1/sqrt(L) and k2/L; a
-criterion that is no function of these two changes its verdict with the unit of length.
+x1' = -k1 |x1|^(1/2) sgn x1 + x2, x2' = -k2 sgn x1 + d, |d| <= L. Gains in SI: k1 in m^.5/s^1.5,
+k2 and L in m/s^3. Scaling x1 leaves only k1/sqrt(L) and k2/L; a criterion that is no function of
+these two changes its verdict with the unit of length.
 """
 
 from __future__ import annotations
