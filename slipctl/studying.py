@@ -22,13 +22,13 @@ was run. This module imports nothing heavy.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput, nearest
+from slipctl.store import plain
 
 if TYPE_CHECKING:
     import numpy as np
@@ -204,7 +204,7 @@ class Context:
         raise NotRun(f"{scenario}/{loop} was not run")
 
 
-class NotRun(LookupError):
+class NotRun(LookupError):  # noqa: N818
     """A claim or figure asks for something that was not run; it says so and the rest goes on."""
 
 
@@ -450,13 +450,13 @@ def judge(claim: Claim, results: Results) -> Verdict:
         ours = None
         if claim.ours is not None:
             try:
-                ours = _plain(claim.ours(results))
+                ours = plain(claim.ours(results))
             except NotRun:
                 ours = None
         return Verdict(claim, ours, OPEN, claim.not_checkable)
     assert claim.ours is not None
     try:
-        ours = _plain(claim.ours(results))
+        ours = plain(claim.ours(results))
     except NotRun as missing:
         return Verdict(claim, None, OPEN, str(missing))
     holds, reason = _compare(claim, ours)
@@ -499,16 +499,3 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
 
 def _unit(claim: Claim) -> str:
     return "" if claim.unit == "1" else f"{claim.unit} "
-
-
-def _plain(value: Any) -> Any:
-    """Numbers as Python has them; NaN and infinity become None."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

@@ -1,0 +1,503 @@
+"""Running a study: what the command line set and swapped, the runs, and the files they leave."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slipctl import __version__, store, units
+from slipctl.block import Block
+from slipctl.doors import blame, find_block, load_block, load_file
+from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.metrics import Run, measure, rail_changes
+from slipctl.rail import Scenario
+from slipctl.simulation import _find, _rail_values, simulate
+from slipctl.studying import Case, Context, NotRun, Results, Study, Table, Verdict, judge
+
+if TYPE_CHECKING:
+    import xarray
+
+log = logging.getLogger("slipctl")
+
+Report = Callable[[str, float], None]
+"""Called with what is running and the share of it that is done."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One ``--set [loop:]block.param=VALUE[unit]``; ``*.m`` sets every parameter of that ending."""
+
+    loop: str
+    name: str
+    value: str
+
+    @classmethod
+    def read(cls, text: str) -> Setting:
+        """Split the text of a setting.
+
+        Raises:
+            BadInput: it is not of that form.
+        """
+        target, equals, value = text.partition("=")
+        loop, _, name = target.strip().rpartition(":")
+        if not equals or not name or not value.strip():
+            raise BadInput(
+                f"--set {text!r}: write [loop:]block.param=VALUE[unit], such as car.m=8.2t"
+            )
+        return cls(loop.strip(), name.strip(), value.strip())
+
+    def matches(self, loop: Block) -> list[str]:
+        """Full names of the parameters and start values that are meant.
+
+        Raises:
+            BadInput: more than one, without a ``*``.
+        """
+        known = [*loop.params, *loop.states]
+        if self.name in known:
+            return [self.name]
+        if "*" in self.name:
+            return [n for n in known if fnmatchcase(n, self.name)]
+        hits = [n for n in known if n.endswith("." + self.name)]
+        if len(hits) > 1:
+            raise BadInput(
+                f"--set {self.name}: could be {' or '.join(hits)}; write which,"
+                f" or '*.{self.name}' for all"
+            )
+        return hits
+
+
+def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
+    """Models of a study with each ``name=file.py:block`` (or ``name=model``) in place.
+
+    Raises:
+        BadInput: no such model in the study, no such file or block.
+    """
+    swapped = dict(study.models)
+    for text in texts:
+        name, equals, source = (part.strip() for part in text.partition("="))
+        if not equals or not source:
+            raise BadInput(f"--swap {text!r}: write name=file.py:block, such as adh=my.py:my_law")
+        if name not in study.models:
+            raise BadInput(
+                f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"
+            )
+        file, colon, block = source.rpartition(":")
+        swapped[name] = find_block(load_file(file), block, file) if colon else load_block(source)
+    return swapped
+
+
+def prepare(
+    study: Study,
+    *,
+    quick: bool = False,
+    settings: Sequence[str] = (),
+    swaps: Sequence[str] = (),
+    loops: Sequence[str] = (),
+    scenarios: Sequence[str] = (),
+) -> tuple[list[Case], Mapping[str, Any]]:
+    """Build the cases of a study as asked for, and check each of them by a run of one tick.
+
+    Args:
+        study: the study.
+        quick: its quick form.
+        settings: ``[loop:]block.param=VALUE[unit]``.
+        swaps: ``name=file.py:block``.
+        loops, scenarios: the only ones to keep; none given keeps all.
+
+    Returns:
+        The cases, and the models they are made of.
+
+    Raises:
+        BadInput: anything that a person can put right; nothing was computed yet.
+    """
+    models = read_swaps(study, swaps)
+    read = [Setting.read(text) for text in settings]
+    try:
+        cases = list(study.cases(models, quick))
+        cases = _select(study, cases, loops, scenarios)
+        cases = _set(study, cases, read)
+        for case in cases:
+            for name, loop in case.loops.items():
+                _try(case, name, loop)
+    except Exception as error:
+        blame(error)
+    return cases, models
+
+
+def _select(
+    study: Study, cases: list[Case], loops: Sequence[str], scenarios: Sequence[str]
+) -> list[Case]:
+    known = [c.scenario.name for c in cases]
+    for s in scenarios:
+        if s not in known:
+            raise BadInput(f"{study.name} has no scenario {s!r}{nearest(s, known)}")
+    names = list(dict.fromkeys(n for c in cases for n in c.loops))
+    for name in loops:
+        if name not in names:
+            raise BadInput(f"{study.name} has no loop {name!r}{nearest(name, names)}")
+    kept = [c for c in cases if not scenarios or c.scenario.name in scenarios]
+    if loops:
+        kept = [replace(c, loops={n: b for n, b in c.loops.items() if n in loops}) for c in kept]
+    kept = [c for c in kept if c.loops]
+    if not kept:
+        raise BadInput(f"{study.name} has no loop {' or '.join(loops)} in {' or '.join(scenarios)}")
+    return kept
+
+
+def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[Case]:
+    """Apply the settings; each must reach at least one loop that runs."""
+    for s in settings:
+        names = list(dict.fromkeys(n for c in cases for n in c.loops))
+        if s.loop and s.loop not in names:
+            raise BadInput(
+                f"--set {s.loop}:{s.name}: no loop {s.loop!r} runs{nearest(s.loop, names)}"
+            )
+        reached, overruled, changed = 0, "", []
+        for case in (_freed(case, s) for case in cases):
+            loops = dict(case.loops)
+            for name, loop in case.loops.items():
+                if s.loop not in ("", name):
+                    continue
+                targets = s.matches(loop)
+                by_rail = {n for group in _rail_values(loop, case.scenario) for n in group}
+                free = [t for t in targets if t not in by_rail]
+                if len(free) < len(targets):
+                    overruled = f"{name}'s {next(t for t in targets if t in by_rail)}"
+                    overruled += f" in scenario {case.scenario.name}"
+                if free:
+                    loops[name] = _with(loop, free, s)
+                    reached += 1
+            changed.append(replace(case, loops=loops))
+        if not reached and overruled:
+            raise BadInput(
+                f"--set {s.name}: the rail sets {overruled}, so a constant has no effect;"
+                f" --swap the law, or edit its rail conditions"
+            )
+        if not reached:
+            loop_names = (n for c in cases for k, b in c.loops.items() if s.loop in ("", k)
+                          for n in [*b.params, *b.states])  # fmt: skip
+            endings = dict.fromkeys(e for n in loop_names for e in _endings(n))
+            where = f"loop {s.loop}" if s.loop else f"no loop of {study.name}"
+            has = "has no" if s.loop else "has a"
+            raise BadInput(f"{where} {has} parameter {s.name!r}{nearest(s.name, endings)}")
+        if overruled:
+            log.warning("--set %s has no effect where the rail sets it: %s", s.name, overruled)
+        cases = changed
+    return cases
+
+
+def _endings(name: str) -> list[str]:
+    """Endings of a dotted name with at least two parts, shortest first: what a person writes."""
+    parts = name.split(".")
+    return [".".join(parts[k:]) for k in range(max(len(parts) - 2, 0), -1, -1)]
+
+
+def _freed(case: Case, s: Setting) -> Case:
+    """Hand what the scenario gives, where a setting changes it, to the loops: the setting wins."""
+    scenario, loops = case.scenario, dict(case.loops)
+    for role, field in (("param", "params"), ("state", "start")):
+        kept = dict(getattr(scenario, field))
+        for key, value in list(kept.items()):
+            chosen = {n: b for n, b in case.loops.items() if s.loop in ("", n)}
+            if any(_find(b, role, key) in s.matches(b) for b in chosen.values()):
+                del kept[key]
+                log.warning("--set %s replaces %s of scenario %s", s.name, key, scenario.name)
+                loops = {n: b.with_params(**{_find(b, role, key): value}) for n, b in loops.items()}
+        scenario = scenario.but(**{field: kept})
+    return replace(case, scenario=scenario, loops=loops)
+
+
+def _with(loop: Block, targets: Sequence[str], s: Setting) -> Block:
+    values = {}
+    for t in targets:
+        signal = loop.params.get(t) or loop.states[t]
+        values[t] = units.parse_quantity(s.value, signal.unit, t)
+    return loop.with_params(**values)
+
+
+def _try(case: Case, name: str, loop: Block) -> None:
+    """Run one tick: whatever is missing, unknown or out of range shows."""
+    scenario = case.scenario
+    if loop.period is not None and round(scenario.duration / loop.period) > 1:
+        scenario = scenario.but(duration=loop.period)
+    try:
+        simulate(loop, scenario, compile=False)
+    except BadInput as error:
+        raise BadInput(f"{case.scenario.name}/{name}: {error}") from None
+    except RunFailed:
+        return  # the run itself will say so, with what else there is to see
+    sections = 1 if case.scenario.rail is None else len(case.scenario.rail.sections)
+    for key, known in case.known.items():
+        if isinstance(known.values, Sequence) and len(known.values) != sections:
+            raise BadInput(
+                f"{case.scenario.name}: {key} has {len(known.values)} values for {sections}"
+                f" rail sections"
+            )
+
+
+# ---- running ------------------------------------------------------------------------------------
+
+
+def run(
+    study: Study,
+    cases: Sequence[Case],
+    models: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    compile: bool = True,
+    experiments: bool = True,
+    report: Report | None = None,
+    finished: Callable[[Results, str, str], None] | None = None,
+    results: Results | None = None,
+) -> Results:
+    """Run the cases, then the experiments.
+
+    A run that breaks is noted in ``results.failed`` and the others go on.
+
+    Args:
+        study: the study.
+        cases: from :func:`prepare`.
+        models: from :func:`prepare`, for the experiments.
+        quick: as told to :func:`prepare`.
+        compile: compile the loops where there is a compiler.
+        experiments: run them too.
+        report: told how far each run is.
+        finished: called after each run, to save it.
+        results: filled as the runs finish, so that an interrupted call leaves what was done.
+    """
+    results = Results(study, cases, quick) if results is None else results
+    tell = report or (lambda what, share: None)
+    for case in cases:
+        scenario = case.scenario.name
+        ordered = sorted(case.loops, key=lambda n: n != "ideal")  # the bound first
+        for name in ordered:
+            what = f"{scenario}/{name}"
+            tell(what, 0.0)
+            try:
+                data = simulate(
+                    case.loops[name], case.scenario, compile=compile, progress=_part(tell, what)
+                )
+            except RunFailed as error:
+                results.failed[what] = str(error)
+                log.error("%s failed: %s", what, error)
+                continue
+            data = _add_known(case, data).assign_attrs(
+                study=study.name, quick=int(quick), loop_name=name
+            )
+            ideal = results.metrics.get(scenario, {}).get("ideal", {})
+            changes = rail_changes(data, case.scenario, study.signals)
+            data.attrs["rail_changes_s"] = changes
+            results.data.setdefault(scenario, {})[name] = data
+            metrics = measure(Run(data, study.signals, changes, ideal))
+            if name == "ideal" and "distance" in metrics:
+                metrics = measure(Run(data, study.signals, changes, metrics))
+            results.metrics.setdefault(scenario, {})[name] = metrics
+            log.debug("%s done", what)
+            if finished:
+                finished(results, scenario, name)
+        for store_of in (results.data, results.metrics):  # in the order of the study again
+            if scenario in store_of:
+                store_of[scenario] = {n: store_of[scenario][n] for n in case.loops
+                                      if n in store_of[scenario]}  # fmt: skip
+    if experiments:
+        for name, experiment in study.experiments.items():
+            tell(name, 0.0)
+            context = Context(
+                quick=quick, models=study.models if models is None else models, cases=cases,
+                compile=compile, progress=_part(tell, name),
+            )  # fmt: skip
+            try:
+                found = experiment.run(context)
+            except (RunFailed, BadInput) as error:
+                results.failed[name] = str(error)
+                log.error("experiment %s failed: %s", name, error)
+                continue
+            except NotRun as missing:
+                log.warning("experiment %s left out: %s", name, missing)
+                continue
+            results.tables[name] = {name: found} if isinstance(found, Table) else dict(found)
+    return results
+
+
+def _part(tell: Report, what: str) -> Callable[[float], None]:
+    return lambda share: tell(what, share)
+
+
+def _add_known(case: Case, data: xarray.Dataset) -> xarray.Dataset:
+    for name, known in case.known.items():
+        values: Any = known.values
+        if callable(values):
+            column = np.broadcast_to(np.asarray(values(data), dtype=float), data["time"].shape)
+        elif isinstance(values, Sequence):
+            column = np.asarray(values, dtype=float)[_section(case.scenario, data)]
+        else:
+            column = np.full(data["time"].shape, float(values))
+        attributes = {"units": known.unit, "long_name": known.doc or name}
+        data = data.assign({name: ("time", np.array(column), attributes)})
+    return data
+
+
+def _section(scenario: Scenario, data: xarray.Dataset) -> np.ndarray:
+    """Index of the rail section at each tick."""
+    if scenario.rail is None:
+        return np.zeros(len(data["time"]), dtype=int)
+    rail = scenario.rail
+    if rail.by == "time":
+        where = data["time"].values + 1e-9
+    else:
+        names = [n for n in map(str, data) if n == rail.by or n == "x" or n.endswith(".x")]
+        where = data[names[0]].values
+    return np.maximum(np.searchsorted(rail.starts, where, side="right") - 1, 0)
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def provenance(results: Results, command: str) -> dict[str, Any]:
+    """What every file says of where it comes from."""
+    import casadi
+
+    parameters: dict[str, Any] = {}
+    for case in results.cases:
+        for name, loop in case.loops.items():
+            values = {
+                n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
+                for n, v in loop.param_values().items()
+            }
+            first = parameters.setdefault(name, values)
+            other = {n: v for n, v in values.items() if first.get(n) != v}
+            if other:
+                parameters[f"{name}@{case.scenario.name}"] = other
+    return {
+        "slipctl_version": __version__,
+        "casadi_version": casadi.__version__,
+        "numpy_version": np.__version__,
+        "command": command,
+        "study": results.study.name,
+        "quick": results.quick,
+        "seed": {c.scenario.name: c.scenario.seed for c in results.cases},
+        "parameters": parameters,
+    }
+
+
+def save_log(results: Results, scenario: str, loop: str, out: Path, command: str) -> None:
+    """Write one log as ``.nc`` (exact) and ``.csv`` (ten digits)."""
+    data = results.data[scenario][loop].assign_attrs(command=command)
+    folder = out / "logs" / scenario
+    attrs = {k: v for k, v in data.attrs.items() if not (isinstance(v, list) and not v)}
+    packed = {str(n): {"zlib": True, "complevel": 1} for n in data.data_vars}
+    exact = data.copy(deep=False)
+    exact.attrs = attrs
+    store.write_with(
+        folder / f"{loop}.nc",
+        lambda path: exact.to_netcdf(path, engine="netcdf4", encoding=packed),
+    )
+    store.write_text(folder / f"{loop}.csv", csv_text(data))
+
+
+def csv_text(data: xarray.Dataset) -> str:
+    """Log as text: a header ``car.v [m/s]``, then one row per tick."""
+    columns, names = [data["time"].values], ["time [s]"]
+    for name, v in data.data_vars.items():
+        unit = v.attrs.get("units", "1")
+        flat = v.values.reshape(len(v), -1)
+        many = flat.shape[1] > 1
+        names += [f"{name}{f'[{k}]' if many else ''} [{unit}]" for k in range(flat.shape[1])]
+        columns += list(flat.T)
+    head = io.StringIO()
+    csv.writer(head, lineterminator="\n").writerow(names)
+    row = ",".join(["%.10g"] * len(columns))
+    rows = np.column_stack(columns).tolist()
+    return head.getvalue() + "".join([row % tuple(r) + "\n" for r in rows])
+
+
+def read_log(path: Path) -> xarray.Dataset:
+    """Read a log that :func:`save_log` wrote.
+
+    Raises:
+        BadInput: no such file, or a newer format.
+    """
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, engine="netcdf4") as data:
+            store.check_format(str(path), data.attrs.get("format"))
+            return data.load()
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def save_metrics(results: Results, out: Path, command: str) -> None:
+    """Write ``metrics.json``."""
+    scenarios = {
+        s: {
+            loop: {n: {"value": m.value, "unit": m.unit} for n, m in metrics.items()}
+            for loop, metrics in loops.items()
+        }
+        for s, loops in results.metrics.items()
+    }
+    payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
+    payload["scenarios"] = scenarios
+    if results.failed:
+        payload["failed"] = results.failed
+    store.write_json(out / "metrics.json", payload | provenance(results, command))
+
+
+def save_claims(results: Results, verdicts: Sequence[Verdict], out: Path, command: str) -> None:
+    """Write ``claims.json``."""
+    rows = [claim_row(v) for v in verdicts]
+    payload = {"study": results.study.name, "quick": results.quick, "claims": rows}
+    store.write_json(out / "claims.json", payload | provenance(results, command))
+
+
+def claim_row(v: Verdict) -> dict[str, Any]:
+    """One claim as ``claims.json`` has it."""
+    c = v.claim
+    checked = c.kind != "yes/no" and not c.not_checkable and c.tolerance is not None
+    usual = {"last digit": "half a unit of the last printed digit"}
+    return {
+        "id": c.id, "source": c.source, "claim": c.claim, "kind": c.kind, "paper": c.paper,
+        "ours": v.ours, "unit": c.unit, "bound": c.bound or None,
+        "tolerance": c.allowed() if checked else None,
+        "tolerance_why": c.tolerance_why or usual.get(str(c.tolerance), str(c.tolerance or "")),
+        "assumption": c.assumption, "scenario": c.scenario, "loop": c.loop,
+        "verdict": v.verdict, "why": v.why,
+    }  # fmt: skip
+
+
+def save_tables(results: Results, out: Path, command: str) -> None:
+    """Write ``tables.json``, the experiments; none leaves no file."""
+    if not results.tables:
+        return
+    rows = {
+        experiment: {
+            name: {
+                "title": t.title,
+                "doc": t.doc,
+                "columns": {c: {"unit": u, "values": list(v)} for c, (u, v) in t.columns.items()},
+            }
+            for name, t in tables.items()
+        }
+        for experiment, tables in results.tables.items()
+    }
+    payload = {"study": results.study.name, "quick": results.quick, "experiments": rows}
+    store.write_json(out / "tables.json", payload | provenance(results, command))
+
+
+def judge_all(results: Results) -> list[Verdict]:
+    """Answer every claim of the study."""
+    return [judge(claim, results) for claim in results.study.claims]
+
+
+def stamp(results: Results, command: str) -> str:
+    """Provenance on one line, for the metadata of a figure."""
+    return json.dumps({"format": store.FORMAT, **store.plain(provenance(results, command))})

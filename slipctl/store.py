@@ -1,0 +1,150 @@
+"""Files: written under a temporary name and renamed, so that nobody ever sees half a file.
+
+JSON is strict: no NaN, a number that does not exist is null. Every file says its ``format``, and a
+reader refuses a newer one.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from slipctl.errors import BadInput
+
+FORMAT = 1
+"""Format that this version writes, and the newest that it reads."""
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be written, without making it.
+
+    Raises:
+        BadInput: it is a file, lies below a file, or may not be written.
+    """
+    for place in (folder, *folder.absolute().parents):
+        if not os.path.lexists(place):
+            continue
+        if not place.is_dir():
+            raise BadInput(
+                f"cannot write to {folder}: {place} is not a folder; choose another --out"
+            )
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise BadInput(
+                f"cannot write to {folder}: no permission in {place}; choose another --out"
+            )
+        return
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; it becomes ``path`` if all goes well."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    scratch = Path(name)
+    try:
+        yield scratch
+        os.chmod(scratch, 0o666 & ~_umask())
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_with(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let ``write`` fill a file under a temporary name, then rename it."""
+    with replacing(path) as scratch:
+        write(scratch)
+
+
+def plain(value: Any) -> Any:
+    """Value as strict JSON has it: plain numbers, lists and dicts; NaN and infinity become None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def json_text(value: Any) -> str:
+    """Strict JSON, one line per entry, lists of plain values on one line."""
+    return _lines(plain(value), 0) + "\n"
+
+
+def _lines(value: Any, depth: int) -> str:
+    inner, outer = "  " * (depth + 1), "  " * depth
+    nested = isinstance(value, dict) or any(isinstance(v, (dict, list)) for v in _items(value))
+    if not nested or not value or (isinstance(value, dict) and _leaf(value)):
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if isinstance(value, dict):
+        rows = [f"{inner}{json.dumps(k)}: {_lines(v, depth + 1)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(rows) + f"\n{outer}}}"
+    rows = [inner + _lines(v, depth + 1) for v in value]
+    return "[\n" + ",\n".join(rows) + f"\n{outer}]"
+
+
+def _items(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _leaf(value: Mapping[str, Any]) -> bool:
+    """Whether it is a small record such as {"value": 1.0, "unit": "m"}."""
+    return len(value) <= 2 and "unit" in value
+
+
+def write_json(path: Path, payload: Mapping[str, Any]) -> None:
+    """Write strict JSON with the ``format`` in front."""
+    write_text(path, json_text({"format": FORMAT, **payload}))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file of ours.
+
+    Raises:
+        BadInput: no such file, no JSON, or a newer format.
+    """
+    try:
+        payload = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror}") from None
+    except ValueError:
+        raise BadInput(f"{path} is no JSON file of slipctl") from None
+    if not isinstance(payload, dict):
+        raise BadInput(f"{path} is no JSON file of slipctl")
+    check_format(str(path), payload.get("format"))
+    return payload
+
+
+def check_format(what: str, found: Any) -> None:
+    """Refuse a format that this version does not know.
+
+    Raises:
+        BadInput: none, or a newer one.
+    """
+    if not isinstance(found, int) and not (hasattr(found, "item") and float(found).is_integer()):
+        raise BadInput(f"{what} has no format number; it is no file of slipctl")
+    if int(found) > FORMAT:
+        raise BadInput(
+            f"{what} has format {int(found)}, this slipctl reads up to {FORMAT}; update slipctl"
+        )
