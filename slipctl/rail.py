@@ -123,6 +123,8 @@ class Scenario:
             raise BadInput(f"scenario {self.name}: duration {self.duration:g} s must be positive")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
+        if self.seed != int(self.seed) or self.seed < 0:
+            raise BadInput(f"scenario {self.name}: seed {self.seed} must be a whole number >= 0")
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some fields replaced."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -65,9 +66,8 @@ def simulate(
     start = {_find(loop, "state", k): v for k, v in scenario.start.items()}
     if params:
         loop = loop.with_params(**params)
-    time = np.arange(ticks) * h
     rail_inputs, rail_params = _rail_values(loop, scenario)
-    u = _feed(loop, scenario, time, rail_inputs)
+    u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
 
     x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
@@ -89,7 +89,7 @@ def simulate(
             done = stop
             if progress:
                 progress(done / ticks)
-    return _dataset(loop, scenario, time, x_log, u, y_log, log)
+    return _dataset(loop, scenario, np.arange(ticks) * h, x_log, u, y_log, log)
 
 
 def stream(seed: int, path: str) -> np.random.Generator:
@@ -153,49 +153,72 @@ def _rail_values(
     return inputs, params
 
 
+def _first_tick(start: Any, h: float) -> np.ndarray:
+    """First tick at or after a time; a time within a millionth of a tick is on it."""
+    return np.ceil(np.asarray(start, dtype=float) / h - 1e-6).astype(int)
+
+
 def _feed(
-    loop: Block, scenario: Scenario, time: np.ndarray, rail: Mapping[str, list[float]]
+    loop: Block, scenario: Scenario, ticks: int, h: float, rail: Mapping[str, list[float]]
 ) -> np.ndarray:
     """Input array, ticks by input elements."""
     given = {_find(loop, "input", k): v for k, v in scenario.inputs.items()}
+    for n in rail:
+        if n in given:
+            raise BadInput(
+                f"scenario {scenario.name}: both the rail and inputs= give {n!r}; give it once"
+            )
     columns = []
     for n, s in loop.inputs.items():
-        if n in rail and n not in given and scenario.rail is not None:
-            if scenario.rail.by != "time":
-                columns.append(
-                    np.tile(np.broadcast_to(rail[n][0], s.shape).ravel(), (len(time), 1))
-                )
-                continue
-            given[n] = list(zip(scenario.rail.starts, rail[n], strict=True))
-        if n in given:
-            columns.append(_values(f"{loop.name}.{n}", s, given[n], time))
+        where = f"{loop.name}.{n}"
+        if n in rail and scenario.rail is not None:
+            by_time = scenario.rail.by == "time"
+            feed = list(zip(scenario.rail.starts, rail[n], strict=True)) if by_time else rail[n][0]
+            columns.append(_values(where, s, feed, ticks, h))
+        elif n in given:
+            columns.append(_values(where, s, given[n], ticks, h))
         elif s.noise:
-            noise = stream(scenario.seed, n).standard_normal((len(time), s.size))
+            noise = stream(scenario.seed, n).standard_normal((ticks, s.size))
             columns.append(scenario.noise * noise)
         elif s.value is not None:
-            columns.append(np.tile(np.broadcast_to(s.value, s.shape).ravel(), (len(time), 1)))
+            columns.append(_values(where, s, s.check(where, s.value), ticks, h))
         else:
             raise BadInput(
-                f"{loop.name}.{n} [{s.unit}] is not fed: wire it in connect(...), or give it in"
+                f"{where} [{s.unit}] is not fed: wire it in connect(...), or give it in"
                 f" Scenario(inputs={{{n!r}: ...}})"
             )
-    return np.ascontiguousarray(np.hstack(columns)) if columns else np.zeros((len(time), 0))
+    return np.ascontiguousarray(np.hstack(columns)) if columns else np.zeros((ticks, 0))
 
 
-def _values(where: str, s: Signal, feed: Feed, time: np.ndarray) -> np.ndarray:
-    if callable(feed):
-        values = np.asarray(feed(time), dtype=float)
-    elif isinstance(feed, (list, tuple)):
-        starts = np.array([t for t, _ in feed])
-        at = np.searchsorted(starts, time + 1e-9, side="right") - 1
-        values = np.array([v for _, v in feed], dtype=float)[np.maximum(at, 0)]
-    else:
-        values = np.full(len(time), float(feed))  # type: ignore[arg-type]
+def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float) -> np.ndarray:
+    """Values of one input over all ticks, in range and element by element as the loop packs it."""
+    wanted = (ticks, *s.shape)
+    try:
+        if callable(feed):
+            values = np.asarray(feed(np.arange(ticks) * h), dtype=float)
+            values = np.broadcast_to(values, wanted) if values.ndim == 0 else values
+        elif isinstance(feed, (list, tuple)):
+            starts = [float(t) for t, _ in feed]
+            if not starts or starts != sorted(starts):
+                raise BadInput(f"{where}: its feed needs steps (time, value) in order of time")
+            at = np.searchsorted(_first_tick(starts, h), np.arange(ticks), side="right") - 1
+            steps = [np.broadcast_to(np.asarray(v, dtype=float), s.shape) for _, v in feed]
+            values = np.array(steps)[np.maximum(at, 0)]
+        else:
+            values = np.broadcast_to(np.asarray(feed, dtype=float), wanted)
+    except BadInput:
+        raise
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where}: its feed is no number, steps or function: {error}") from None
+    if values.shape != wanted:
+        raise BadInput(f"{where}: its feed gives an array {values.shape}, wanted is {wanted}")
     if not np.isfinite(values).all():
         raise BadInput(f"{where}: its feed has NaN or infinite values")
-    s.check(where, values.max()) if s.shape == () else None
-    s.check(where, values.min()) if s.shape == () else None
-    return values.reshape(len(time), -1)
+    for extreme in (values.min(), values.max()):
+        replace(s, shape=()).check(where, extreme)
+    if len(s.shape) == 2:  # a matrix is packed column by column
+        values = values.transpose(0, 2, 1)
+    return values.reshape(ticks, -1)
 
 
 def _pieces(
@@ -212,7 +235,7 @@ def _pieces(
     if scenario.rail.by != "time":
         f, table = _by_position(loop, scenario)
         return f, [(0, ticks, np.concatenate([vector(), table]))]
-    starts = [round(t / h) for t in scenario.rail.starts] + [ticks]
+    starts = [*_first_tick(scenario.rail.starts, h).tolist(), ticks]
     pieces = []
     for k in range(len(starts) - 1):
         first, last = starts[k], min(starts[k + 1], ticks)
@@ -272,6 +295,10 @@ def _dataset(
     from slipctl import __version__
 
     wanted = None if log is None else set(log)
+    known = {s.name for s in loop.signals if s.role != "param"}
+    for n in wanted or ():
+        if n not in known:
+            raise BadInput(f"{loop.name} has no signal {n!r} to log{nearest(n, known)}")
     variables: dict[str, Any] = {}
     for role, values in (("input", u), ("output", y), ("state", x)):
         at = 0
@@ -282,6 +309,8 @@ def _dataset(
             keep = s.shape == () and not last.startswith("held_") and last != "tick"
             if not (keep if wanted is None else n in wanted):
                 continue
+            if role != "output" and n in loop.outputs:
+                continue  # a wire from this name carries the output too
             attributes = {"units": s.unit, "long_name": s.doc or n}
             if s.positive:
                 attributes["positive"] = s.positive
