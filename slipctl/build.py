@@ -11,6 +11,7 @@ import ctypes
 import hashlib
 import logging
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -94,6 +95,11 @@ class Roller:
         Returns:
             Ticks completed; fewer than asked when a state became NaN or infinite.
         """
+        wanted = (self.f.size1_in(0), self.f.size1_in(1), self.f.size1_in(2), self.f.size1_out(1))
+        if (x.size, u.shape[1], p.size, y_log.shape[1]) != wanted or x_log.shape[1] != x.size:
+            raise ValueError(f"{self.f.name()} takes x, u, p, y of sizes {wanted}")
+        if any(a.dtype != float or not a.flags.c_contiguous for a in (x, u, p, x_log, y_log)):
+            raise ValueError(f"{self.f.name()} takes contiguous arrays of doubles")
         following = np.zeros(max(x.size, 1))
         return int(
             self._roll(
@@ -114,20 +120,25 @@ def compiled(f: ca.Function) -> Roller | None:
         f.serialize(),
         ca.CasadiMeta.version(),
         _compiler_version(cc),
+        platform.machine(),
         " ".join(FLAGS),
         _ROLL,
     ):
         key.update(part.encode())
     folder = cache_folder()
     library = folder / f"{key.hexdigest()[:32]}.so"
-    if not library.exists():
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _build(f, cc, library)
-        except (OSError, subprocess.SubprocessError, RuntimeError) as error:
-            log.warning("cannot compile %s, going on without: %s", f.name(), error)
-            return None
-    return Roller(f, library)
+    try:
+        if library.exists():
+            try:
+                return Roller(f, library)
+            except (OSError, AttributeError):
+                log.info("%s is damaged, building it again", library.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        _build(f, cc, library)
+        return Roller(f, library)
+    except (OSError, subprocess.SubprocessError, RuntimeError) as error:
+        log.warning("cannot compile %s, going on without: %s", f.name(), error)
+        return None
 
 
 def _build(f: ca.Function, cc: str, library: Path) -> None:
