@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from slipctl.block import Block, flow, law, make_block, step
     from slipctl.connection import connect
     from slipctl.errors import BadInput, RunFailed
+    from slipctl.linearise import linear, nonlinear, operating_point
     from slipctl.rail import Rail, Scenario, Section
     from slipctl.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.simulation import simulate

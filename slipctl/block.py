@@ -42,6 +42,7 @@ class Block:
         choices: structural choices by keyword, for name, report and C header.
         conditions: parameter sets by the name of a rail condition, ``{"dry": {"c": 1.0}}``.
         closed_form: for a law, function of its parameters giving the argument of its peak.
+        coordinates: for a law, the expressions of its parameters that an estimator works in.
         units: ``"checked"``, or ``"printed"`` for a printed form that cannot be made consistent.
         sx: whether the body works on CasADi SX (scalar expressions) or on MX.
         parts: the blocks this one was made of, by name.
@@ -68,6 +69,7 @@ class Block:
         units: str = "checked",
         conditions: Mapping[str, Mapping[str, float]] | None = None,
         closed_form: Callable[..., Any] | None = None,
+        coordinates: Iterable[str] = (),
         prefixed: bool = False,
         transparent: bool = False,
     ) -> None:
@@ -84,6 +86,7 @@ class Block:
         self.units = units
         self.conditions = {k: dict(v) for k, v in (conditions or {}).items()}
         self.closed_form = closed_form
+        self.coordinates = tuple(coordinates)
         self.prefixed = prefixed
         self.transparent = transparent
         self._body, self._rebuild = body, rebuild
@@ -329,7 +332,7 @@ class Block:
             self.name, self.kind, self._body, signals,
             period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
-            closed_form=self.closed_form, prefixed=self.prefixed,
+            closed_form=self.closed_form, coordinates=self.coordinates, prefixed=self.prefixed,
             transparent=self.transparent,
         )  # fmt: skip
         return block
@@ -522,12 +525,22 @@ class Block:
             out[name] = used
         return out
 
-    def __call__(self, **numbers: Any) -> Any:
-        """Evaluate with numbers; what is not given has its declared value.
+    def find(self, name: str, *roles: str) -> str:
+        """Full name of a signal given by its full name or its unique last part.
 
-        Returns:
-            What the body returns: outputs of a law; (derivatives or next states, outputs)
-            otherwise. Scalars are floats, the rest arrays.
+        Raises:
+            BadInput: unknown, or the last part of several names.
+        """
+        known = list(dict.fromkeys(n for role in roles for n in self._signals[role]))
+        hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
+        if len(hits) == 1:
+            return hits[0]
+        if hits:
+            raise BadInput(f"{self.name}: {name!r} could be {' or '.join(hits)}; write which")
+        raise BadInput(f"{self.name} has no {' or '.join(roles)} {name!r}{nearest(name, known)}")
+
+    def point(self, **numbers: Any) -> tuple[Exprs, Exprs, Exprs]:
+        """Numbers of all states, inputs and parameters; what is not given has its declared value.
 
         Raises:
             BadInput: unknown name, an input without value, a parameter off range.
@@ -549,6 +562,19 @@ class Block:
             if value is None:
                 raise BadInput(f"{self.name} needs the input {n} [{s.unit}]")
             u[n] = np.broadcast_to(np.asarray(value, dtype=float), s.shape)
+        return x, u, p
+
+    def __call__(self, **numbers: Any) -> Any:
+        """Evaluate with numbers; what is not given has its declared value.
+
+        Returns:
+            What the body returns: outputs of a law; (derivatives or next states, outputs)
+            otherwise. Scalars are floats, the rest arrays.
+
+        Raises:
+            BadInput: unknown name, an input without value, a parameter off range.
+        """
+        x, u, p = self.point(**numbers)
         nx, y = self.f(self.pack("state", x), self.pack("input", u), self.pack("param", p))
         outputs = self._numbers("output", y)
         if self.kind == "law":
@@ -617,11 +643,16 @@ def make_block(
     return Block(name, kind, body, [*states, *inputs, *params, *outputs], **options)
 
 
+_SETTINGS = (
+    "period", "units", "conditions", "closed_form", "coordinates", "choices", "name",
+)  # fmt: skip
+
+
 def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any]], Block]:
     outputs = {k: v for k, v in options.items() if isinstance(v, Signal)}
     rest = {k: v for k, v in options.items() if not isinstance(v, Signal)}
     for k in rest:
-        if k not in ("period", "units", "conditions", "closed_form", "choices", "name"):
+        if k not in _SETTINGS:
             raise BadInput(f"@{kind} takes Output(...) signals and settings, not {k}={rest[k]!r}")
     for k, s in outputs.items():
         if s.role != "output":
@@ -666,7 +697,8 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
 
     Args:
         **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
-            ``closed_form`` (argument of the peak), ``units``, ``choices``, ``name``.
+            ``closed_form`` (argument of the peak), ``coordinates`` (expressions of the parameters
+            that an estimator works in), ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)
 

@@ -101,15 +101,7 @@ def stream(seed: int, path: str) -> np.random.Generator:
 
 def _find(loop: Block, role: str, name: str) -> str:
     """Full name of a signal given by its full name or its unique last part."""
-    known = loop._signals[role]
-    if name in known:
-        return name
-    hits = [n for n in known if n.endswith("." + name)]
-    if len(hits) == 1:
-        return hits[0]
-    if hits:
-        raise BadInput(f"{loop.name}: {name!r} could be {' or '.join(hits)}; write which")
-    raise BadInput(f"{loop.name} has no {role} {name!r}{nearest(name, known)}")
+    return loop.find(name, role)
 
 
 def _rail_values(
