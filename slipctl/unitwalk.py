@@ -10,6 +10,7 @@ from typing import Any
 
 from slipctl import formula
 from slipctl.errors import BadInput
+from slipctl.typeset import Text, cut
 from slipctl.units import Unit, unit
 
 PLAIN = Unit(1.0, ())
@@ -37,12 +38,12 @@ def check_equations(
     parts += list(graph.roots.items())
     named = {n for n, k in graph.letters.items() if k not in graph.roots}
     formula.shorten(graph)
-    write = formula.Text(graph)
+    write = Text(graph)
     told: set[int] = set()
     lines = []
     for label, root in parts:
         for n in root:
-            where = f"in {formula.cut(f'{label} = {write.root(n)}', 90)}: "
+            where = f"in {cut(f'{label} = {write.root(n)}', 90)}: "
             new = [e for e in _within(graph, n, named) if e in walk.errors and e not in told]
             told.update(new)
             lines += [where + walk.errors[e](write) for e in new]
@@ -181,7 +182,7 @@ class _Walk:
         return u is None or u.same(target)
 
     def quote(self, write: Any, n: int) -> str:
-        return f"'{formula.cut(write.at(n)[0], 40)}' [{self.say(n)}]"
+        return f"'{cut(write.at(n)[0], 40)}' [{self.say(n)}]"
 
     def say(self, n: int) -> str:
         """Text of a node's unit, in the words of the block where it has them."""
