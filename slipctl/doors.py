@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import inspect
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -252,6 +253,18 @@ def find_block(module: ModuleType, name: str, where: str) -> Block:
     return block
 
 
+def build_cases(study: Study, quick: bool = False) -> list[Case]:
+    """Cases of a study, unchanged.
+
+    Raises:
+        BadInput: they cannot be built.
+    """
+    try:
+        return list(study.cases(study.models, quick))
+    except Exception as error:
+        blame(error)
+
+
 def find_loop(study: Study, name: str, quick: bool = False) -> tuple[Block, Case]:
     """Loop of a study by ``loop`` or ``loop@scenario``, and the first case that has it.
 
@@ -259,10 +272,7 @@ def find_loop(study: Study, name: str, quick: bool = False) -> tuple[Block, Case
         BadInput: no such loop or scenario.
     """
     loop, at, scenario = name.partition("@")
-    try:
-        cases = study.cases(study.models, quick)
-    except Exception as error:
-        blame(error)
+    cases = build_cases(study, quick)
     if at and scenario not in [c.scenario.name for c in cases]:
         known = [c.scenario.name for c in cases]
         raise BadInput(f"{study.name} has no scenario {scenario!r}{nearest(scenario, known)}")
@@ -271,3 +281,30 @@ def find_loop(study: Study, name: str, quick: bool = False) -> tuple[Block, Case
             return case.loops[loop], case
     names = dict.fromkeys(n for c in cases if scenario in ("", c.scenario.name) for n in c.loops)
     raise BadInput(f"{study.name} has no loop {loop!r}{nearest(loop, names)}")
+
+
+def loop_names(study: Study) -> list[str]:
+    """Names of the loops of a study."""
+    return list(dict.fromkeys(n for case in build_cases(study) for n in case.loops))
+
+
+def model_source(name: str) -> tuple[str, str, str]:
+    """Module, block to try, and source text of a model, by module, block or ``module.block``.
+
+    Imports of neighbours are written in full, so that the text runs from any folder.
+
+    Raises:
+        BadInput: no such model.
+    """
+    known = models()
+    module, _, block = name.rpartition(".") if "." in name else ("", "", name)
+    if not module and block in known:
+        module, block = block, next(iter(known[block][1]), "block")
+    elif not module:
+        module = next((m for m, (_, blocks) in known.items() if block in blocks), "")
+    if module not in known or block not in (*known[module][1], "block"):
+        names = [*known, *(b for _, blocks in known.values() for b in blocks)]
+        raise BadInput(f"there is no model {name!r}{_meant(name, names, 'slipctl list')}")
+    text = (folder("models") / f"{module}.py").read_text(encoding="utf-8")
+    text = re.sub(r"(?m)^(\s*from )\.(?=\w)", r"\1slipctl.models.", text)
+    return module, block, re.sub(r"(?m)^(\s*from )\.(?= import)", r"\1slipctl.models", text)

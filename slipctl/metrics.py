@@ -156,15 +156,23 @@ class Run:
         return int(np.argmax(still)) if still.any() else None
 
 
+def place(log: xarray.Dataset, rail: Any, signals: Signals) -> np.ndarray | None:
+    """Time in s or position in m of each tick, as the rail counts; None without a position."""
+    if rail.by == "time":
+        return np.asarray(log["time"].values)
+    ends = [str(n) for n in log if str(n).rpartition(".")[2] == "x"]
+    name = rail.by if rail.by in log else signals.find("position", log) or next(iter(ends), None)
+    return None if name is None else np.asarray(log[name].values)
+
+
 def rail_changes(log: xarray.Dataset, scenario: Any, signals: Signals) -> list[float]:
     """Times in s at which the rail changes; for a rail by position, when the vehicle gets there."""
     rail = scenario.rail
     if rail is None or rail.by == "time":
         return list(scenario.changes)
-    name = rail.by if rail.by in log else signals.find("position", log)
-    if name is None:
+    x, time = place(log, rail, signals), log["time"].values
+    if x is None:
         return []
-    x, time = log[name].values, log["time"].values
     found = [int(np.argmax(x >= start)) for start in rail.starts[1:] if (x >= start).any()]
     return [float(time[k]) for k in found]
 

@@ -6,11 +6,11 @@ import csv
 import io
 import json
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -18,15 +18,17 @@ from slipctl import __version__, store, units
 from slipctl.block import Block
 from slipctl.doors import blame, find_block, load_block, load_file
 from slipctl.errors import BadInput, RunFailed, nearest
-from slipctl.metrics import Run, measure, rail_changes
-from slipctl.rail import Scenario
+from slipctl.metrics import Run, measure, place, rail_changes
 from slipctl.simulation import _find, _rail_values, simulate
 from slipctl.studying import Case, Context, NotRun, Results, Study, Table, Verdict, judge
+from slipctl.texts import tolerance_text
 
 if TYPE_CHECKING:
     import xarray
 
 log = logging.getLogger("slipctl")
+
+T = TypeVar("T")
 
 Report = Callable[[str, float], None]
 """Called with what is running and the share of it that is done."""
@@ -170,9 +172,9 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
                 targets = s.matches(loop)
                 by_rail = {n for group in _rail_values(loop, case.scenario) for n in group}
                 free = [t for t in targets if t not in by_rail]
-                if len(free) < len(targets):
-                    overruled = f"{name}'s {next(t for t in targets if t in by_rail)}"
-                    overruled += f" in scenario {case.scenario.name}"
+                if len(free) < len(targets) and not overruled:
+                    first = next(t for t in targets if t in by_rail)
+                    overruled = f"{name}'s {first} in scenario {case.scenario.name}"
                 if free:
                     loops[name] = _with(loop, free, s)
                     reached += 1
@@ -274,7 +276,7 @@ def run(
         finished: called after each run, to save it.
         results: filled as the runs finish, so that an interrupted call leaves what was done.
     """
-    results = Results(study, cases, quick) if results is None else results
+    results = new_results(study, cases, quick) if results is None else results
     tell = report or (lambda what, share: None)
     for case in cases:
         scenario = case.scenario.name
@@ -290,7 +292,7 @@ def run(
                 results.failed[what] = str(error)
                 log.error("%s failed: %s", what, error)
                 continue
-            data = _add_known(case, data).assign_attrs(
+            data = _add_known(study, case, data).assign_attrs(
                 study=study.name, quick=int(quick), loop_name=name
             )
             ideal = results.metrics.get(scenario, {}).get("ideal", {})
@@ -304,10 +306,9 @@ def run(
             log.debug("%s done", what)
             if finished:
                 finished(results, scenario, name)
-        for store_of in (results.data, results.metrics):  # in the order of the study again
-            if scenario in store_of:
-                store_of[scenario] = {n: store_of[scenario][n] for n in case.loops
-                                      if n in store_of[scenario]}  # fmt: skip
+        if scenario in results.data:
+            results.data[scenario] = _as_in(results.data[scenario], case.loops)
+            results.metrics[scenario] = _as_in(results.metrics[scenario], case.loops)
     if experiments:
         for name, experiment in study.experiments.items():
             tell(name, 0.0)
@@ -328,35 +329,37 @@ def run(
     return results
 
 
+def new_results(study: Study, cases: Sequence[Case], quick: bool = False) -> Results:
+    """Make results to be filled by :func:`run`."""
+    return Results(study, cases, quick)
+
+
+def _as_in(found: dict[str, T], order: Iterable[str]) -> dict[str, T]:
+    return {name: found[name] for name in order if name in found}
+
+
 def _part(tell: Report, what: str) -> Callable[[float], None]:
     return lambda share: tell(what, share)
 
 
-def _add_known(case: Case, data: xarray.Dataset) -> xarray.Dataset:
+def _add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
+    """Add what the study knows beside the loop to a log."""
+    rail = case.scenario.rail
+    where = None if rail is None else place(data, rail, study.signals)
     for name, known in case.known.items():
         values: Any = known.values
         if callable(values):
-            column = np.broadcast_to(np.asarray(values(data), dtype=float), data["time"].shape)
+            values = np.asarray(values(data), dtype=float)
         elif isinstance(values, Sequence):
-            column = np.asarray(values, dtype=float)[_section(case.scenario, data)]
-        else:
-            column = np.full(data["time"].shape, float(values))
+            if rail is None or where is None:
+                values = values[0]
+            else:
+                section = np.searchsorted(rail.starts, where + 1e-9, side="right") - 1
+                values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
+        column = np.array(np.broadcast_to(values, data["time"].shape), dtype=float)
         attributes = {"units": known.unit, "long_name": known.doc or name}
-        data = data.assign({name: ("time", np.array(column), attributes)})
+        data = data.assign({name: ("time", column, attributes)})
     return data
-
-
-def _section(scenario: Scenario, data: xarray.Dataset) -> np.ndarray:
-    """Index of the rail section at each tick."""
-    if scenario.rail is None:
-        return np.zeros(len(data["time"]), dtype=int)
-    rail = scenario.rail
-    if rail.by == "time":
-        where = data["time"].values + 1e-9
-    else:
-        names = [n for n in map(str, data) if n == rail.by or n == "x" or n.endswith(".x")]
-        where = data[names[0]].values
-    return np.maximum(np.searchsorted(rail.starts, where, side="right") - 1, 0)
 
 
 # ---- files --------------------------------------------------------------------------------------
@@ -379,7 +382,7 @@ def provenance(results: Results, command: str) -> dict[str, Any]:
                 parameters[f"{name}@{case.scenario.name}"] = other
     return {
         "slipctl_version": __version__,
-        "casadi_version": casadi.__version__,
+        "casadi_version": casadi.__version__,  # type: ignore[attr-defined]
         "numpy_version": np.__version__,
         "command": command,
         "study": results.study.name,
@@ -463,12 +466,11 @@ def claim_row(v: Verdict) -> dict[str, Any]:
     """One claim as ``claims.json`` has it."""
     c = v.claim
     checked = c.kind != "yes/no" and not c.not_checkable and c.tolerance is not None
-    usual = {"last digit": "half a unit of the last printed digit"}
     return {
         "id": c.id, "source": c.source, "claim": c.claim, "kind": c.kind, "paper": c.paper,
         "ours": v.ours, "unit": c.unit, "bound": c.bound or None,
         "tolerance": c.allowed() if checked else None,
-        "tolerance_why": c.tolerance_why or usual.get(str(c.tolerance), str(c.tolerance or "")),
+        "tolerance_why": tolerance_text(c),
         "assumption": c.assumption, "scenario": c.scenario, "loop": c.loop,
         "verdict": v.verdict, "why": v.why,
     }  # fmt: skip
@@ -501,3 +503,32 @@ def judge_all(results: Results) -> list[Verdict]:
 def stamp(results: Results, command: str) -> str:
     """Provenance on one line, for the metadata of a figure."""
     return json.dumps({"format": store.FORMAT, **store.plain(provenance(results, command))})
+
+
+def save_pages(
+    results: Results, verdicts: Sequence[Verdict], out: Path, command: str
+) -> dict[str, str]:
+    """Draw the figures, write them and ``report.html``; gives the SVG by file stem.
+
+    A figure that asks for what was not run is left out; one that breaks is noted as failed.
+    """
+    from slipctl import plots, report
+
+    drawn: dict[str, str] = {}
+    text = stamp(results, command)
+    for stem, figure in results.study.figures.items():
+        try:
+            fig = figure.draw(results)
+        except NotRun as missing:
+            log.info("figure %s is left out: %s", stem, missing)
+            continue
+        except Exception as error:
+            what = str(error).partition("\n")[0]
+            results.failed[f"figure {stem}"] = f"{type(error).__name__}: {what}"
+            log.debug("figure %s", stem, exc_info=True)
+            continue
+        if results.quick:
+            plots.mark_quick(fig)
+        drawn[stem] = plots.save(fig, out / "figures", stem, text)
+    store.write_text(out / "report.html", report.page(results, verdicts, drawn, command))
+    return drawn

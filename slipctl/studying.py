@@ -204,7 +204,7 @@ class Context:
         raise NotRun(f"{scenario}/{loop} was not run")
 
 
-class NotRun(LookupError):  # noqa: N818
+class NotRun(LookupError):
     """A claim or figure asks for something that was not run; it says so and the rest goes on."""
 
 
@@ -476,13 +476,11 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
             over = ours - paper if claim.bound == "at most" else paper - ours
             return (
                 over <= allowed,
-                f"{abs(over):.3g} {_unit(claim)}{'beyond' if over > 0 else 'inside'}",
+                f"{abs(over):.3g}{_unit(claim)} {'beyond' if over > 0 else 'inside'}",
             )
         off = ours - paper
         share = f" ({100 * off / paper:+.2g} %)" if paper else ""
-        return abs(
-            off
-        ) <= allowed, f"off by {off:+.3g} {_unit(claim)}{share}, allowed {allowed:.2g}"
+        return abs(off) <= allowed, f"off by {off:+.3g}{_unit(claim)}{share}, allowed {allowed:.2g}"
     names = re.split(r"\s*([<>])\s*", str(claim.paper))
     for left, sign, right in zip(names[0::2], names[1::2], names[2::2], strict=False):
         for name in (left, right):
@@ -498,4 +496,4 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
 
 
 def _unit(claim: Claim) -> str:
-    return "" if claim.unit == "1" else f"{claim.unit} "
+    return "" if claim.unit == "1" else f" {claim.unit}"
