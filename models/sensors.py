@@ -54,6 +54,16 @@ def speed_sensor(
     return v + sigma * n
 
 
+@law(mu_m=Output("1", "measured adhesion", positive="braking"))
+def adhesion_sensor(
+    mu=Input("1", "adhesion coefficient", positive="braking"),
+    n=Noise(),
+    sigma=Param("1", 0.0, "standard deviation of the noise", lo=0, hi=1),
+):
+    """Adhesion as if it could be measured, with white noise."""
+    return mu + sigma * n
+
+
 @law(v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"))
 def slip_sensor(
     v=Input("m/s", "measured vehicle speed"),
@@ -119,4 +129,3 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
     return meter
 
 
-__all__ = ["adhesion_meter", "slip_sensor", "speed_sensor", "tooth_wheel"]

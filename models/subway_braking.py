@@ -56,6 +56,7 @@ because Table 1 contradicts the text, in which the optimum changes with the rail
     mu=Output("1", "adhesion coefficient", positive="braking"),
     conditions=TABLE_1 | MOVING,
     closed_form=peak_slip,
+    coordinates=("log(c)", "log(a)", "log(b - a)"),
 )
 def double_exponential(
     v_s=Input("m/s", "slip speed, vehicle minus rim", positive="braking", per="speed"),

@@ -12,9 +12,25 @@ Each law gives the torque it wants; ``arbitration`` gives the torque that is app
 F = mu_hat m g from the adhesion estimate; v_ref' = 0, because the derivative of a step is no use.
 """
 
+from collections.abc import Mapping
+
 from casadi import fabs, fmax, fmin, if_else, logic_and, sign, sqrt
 
-from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, step
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    every,
+    law,
+    opened,
+    probe,
+    rls,
+    step,
+)
 
 SOURCE = "Huang 2020"
 TABLE_3 = "Huang 2020, Table 3"
@@ -201,3 +217,58 @@ def controller(slip_law: Block, name: str = "ctl") -> Block:
 def _known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
     if given not in choices:
         raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
+
+
+def estimating_controller(
+    slip_law: Block,
+    adhesion: Block,
+    search: Block,
+    start: Mapping[str, float] | None = None,
+    period: int = 16,
+    name: str = "ctl",
+) -> Block:
+    """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
+
+    Args:
+        slip_law: ``super_twisting(...)`` or ``reaching_law()``.
+        adhesion: law whose parameters are estimated.
+        search: step from the law's parameters to the place of its peak, ``best``.
+        start: first guess of the parameters; by default their values in the law.
+        period: ticks between two runs of estimator, search and probe (16 ms speed bus).
+        name: name of the controller.
+
+    Returns:
+        Block from v, v_s (each tick), mu_m and v_s_m (measured adhesion and the slip it belongs
+        to), a_demand, f_hat, W_hat to the command T_b.
+
+    Added here: the probe, which goes past the estimated peak while that is unsure, because at a
+    constant slip the parameters cannot be identified; F in the slip law is the estimated curve at
+    the present slip, which is smoother than the measurement and as fast.
+    """
+    unknown = [n for n, s in adhesion.params.items() if not s.derived]
+    estimator = rls(adhesion, form="window", start=start)
+    peak = probe(adhesion, "v_s", within=(0.1, 6.0))
+    inner = controller(slip_law, "slip")
+    wires = {
+        "estimator.mu": "mu_m",
+        "estimator.v_s": "v_s_m",
+        "probe.best": "search.best",
+        "probe.covariance": "estimator.covariance",
+        "probe.changed": "estimator.changed",
+        "curve.v_s": "v_s",
+        "slip.mu_hat": "curve.mu",
+        "slip.v_opt": "probe.reference",
+        "slip.v": "v",
+        "slip.v_s": "v_s",
+        "slip.a_demand": "a_demand",
+        "slip.f_hat": "f_hat",
+        "slip.W_hat": "W_hat",
+        "T_b": "slip.T_b",
+    }
+    for n in unknown:
+        wires |= {f"{b}.{n}": f"estimator.{n}" for b in ("search", "probe", "curve")}
+    return connect(
+        name, wires,
+        estimator=every(estimator, period), search=every(search, period),
+        probe=every(peak, period), curve=opened(adhesion), slip=inner,
+    )  # fmt: skip

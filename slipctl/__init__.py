@@ -20,7 +20,7 @@ _WHERE = {
     "units": ["one"],
     "rail": ["Section", "Rail", "Scenario"],
     "simulation": ["simulate"],
-    "estimate": ["rls"],
+    "estimate": ["rls", "probe", "peak_bound", "opened"],
     "seek": ["differential_evolution"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],

@@ -55,7 +55,8 @@ def rls(
         measured: name of that output; may be left out if there is only one.
         unknown: parameters to estimate, by default all; the others stay parameters.
         coordinates: one expression per unknown, linear in the unknowns or the logarithm of such a
-            one. By default ``log(p)`` for a parameter that cannot be negative, else ``p``.
+            one. By default what the law declares, else ``log(p)`` for a parameter that cannot be
+            negative and ``p`` for any other.
         start: first guess of the unknowns, by default their values in the law.
         form: ``"recursive"``: one step of least squares with forgetting per sample.
             ``"window"``: Gauss-Newton over the samples since the last change
@@ -124,7 +125,7 @@ def _recursive(model: Model, period: float) -> Block:
             Param(unit, 1e-2, "standard deviation of the measurement", "chosen", lo=1e-12).named(
                 "noise"
             ),
-            spread_param(n),
+            spread_param(n, 1.0),
             Param(unit, 0.02, "residual that re-opens P", "chosen", lo=0).named("jump"),
             Param("1", 1.0, "largest trace of P over that of its start", lo=1e-3).named("cap"),
             *model.known(),

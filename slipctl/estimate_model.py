@@ -51,6 +51,8 @@ class Model:
     ) -> Model:
         """Check what the user asked for and build the functions."""
         measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
+        if coordinates is None and law.coordinates and not plain and len(unknown) == len(law.coordinates):
+            coordinates = law.coordinates
         if coordinates is None:
             coordinates = [n if plain or law.params[n].lo < 0 else f"log({n})" for n in unknown]
         values = {n: law.params[n].value for n in unknown}
@@ -139,11 +141,11 @@ def covariance_state(n: int) -> Signal:
     return State("1", 0.0, "covariance of theta", shape=(n, n)).named("P")
 
 
-def spread_param(n: int) -> Signal:
+def spread_param(n: int, value: float) -> Signal:
     """Parameter: what is known of the coordinates without any sample."""
     return Param(
-        "1", 1.0, "standard deviation of theta before the first sample and after a change",
-        "1 is a factor e on what is logarithmic", lo=1e-6, shape=(n,),
+        "1", value, "standard deviation of theta before the first sample and after a change",
+        "chosen; 1 is a factor e on what is logarithmic", lo=1e-6, shape=(n,),
     ).named("spread")  # fmt: skip
 
 

@@ -1,0 +1,232 @@
+"""Loops, rails and scenarios of the study ``subway_braking``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from slipctl.models import sensors
+from slipctl.models.brakes import brake
+from slipctl.models.subway_braking import (
+    curve_resistance,
+    double_exponential,
+    ideal_plant,
+    plant,
+    wheelset,
+)
+from slipctl.models.subway_braking_control import (
+    controller,
+    estimating_controller,
+    reaching_law,
+    super_twisting,
+)
+
+from slipctl import (
+    Block,
+    Case,
+    Input,
+    Known,
+    Output,
+    Rail,
+    Scenario,
+    Section,
+    argmax,
+    connect,
+    differential_evolution,
+    sampled,
+)
+from slipctl import law as law_block
+
+H = 1e-3
+"""Tick of every loop in s: the control period, which the paper does not state (a guess)."""
+
+MODELS: dict[str, Any] = {
+    "adh": double_exponential,
+    "wheel": wheelset(),
+    "curve": curve_resistance(),
+    "smc": reaching_law(),
+    "sta": super_twisting(),
+}
+
+
+# ---- the rails -----------------------------------------------------------------------------------
+
+
+def best(law: Block, condition: str) -> tuple[float, float]:
+    """Best slip in m/s and adhesion there, of a law on one of its rail conditions."""
+    if condition not in law.conditions:
+        return 1.0, 0.0  # the run says which conditions the law must declare
+    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])
+    return found.location, found.value
+
+
+def three_rails(law: Block, names: tuple[str, str, str], **values: Any) -> Rail:
+    """Rail of the paper: each condition for 2 s, braking at the optimum all the time."""
+    return Rail(
+        [
+            Section(
+                2.0 * k, name, {"v_opt": best(law, name)[0]} | {n: v[k] for n, v in values.items()}
+            )
+            for k, name in enumerate(names)
+        ]
+    )
+
+
+def _known(law: Block, names: tuple[str, str, str]) -> dict[str, Known]:
+    peaks = [best(law, name)[1] for name in names]
+    return {"rail.best_adhesion": Known("1", peaks, "peak adhesion of the rail")}
+
+
+TABLE_1 = ("dry", "wet", "ice")
+MOVING = ("dry_moving", "wet_moving", "ice_moving")
+
+
+START = {"c": 0.3, "a": 0.5, "b": 1.3}
+"""First guess of the estimator (a guess, the same for every rail)."""
+
+
+# ---- the loops -----------------------------------------------------------------------------------
+
+
+def _world(models: Mapping[str, Any], lag: bool) -> Block:
+    continuous = plant(models["adh"], brake(lag), models["wheel"], models["curve"])
+    return sampled(continuous, H, "rk4", substeps=10)
+
+
+def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -> Block:
+    """Loop with perfect sensors, a brake without lag and the best slip known."""
+    wires = {
+        "ctl.v": "plant.wheel.v",
+        "ctl.v_s": "plant.wheel.v_s",
+        "ctl.mu_hat": "plant.adh.mu",
+        "ctl.f_hat": "plant.air.f",
+        "ctl.W_hat": "plant.curve.W",
+        "ctl.v_opt": "v_opt",
+        "ctl.a_demand": "a_demand",
+        "plant.T_cmd": "ctl.T_b",
+    }
+    return connect("loop", wires, plant=_world(models, lag=False), ctl=controller(law))
+
+
+def real(models: Mapping[str, Any], law: Block) -> Block:
+    """Loop with 50 ms of lag, tooth wheel, noisy speed, and adhesion from the wheel's equation."""
+    wires = {
+        "tooth.phi": "plant.wheel.phi",
+        "speed.v": "plant.wheel.v",
+        "slip.v": "speed.v_m",
+        "slip.omega": "tooth.omega_m",
+        "meter.omega": "tooth.omega_m",
+        "meter.v_s": "slip.v_s",
+        "meter.T_b": "plant.brake.T_b",
+        "ctl.v": "speed.v_m",
+        "ctl.v_s": "slip.v_s",
+        "ctl.mu_hat": "meter.mu_m",
+        "ctl.v_opt": "v_opt",
+        "ctl.a_demand": "a_demand",
+        "plant.T_cmd": "ctl.T_b",
+    }
+    return connect(
+        "loop", wires,
+        plant=_world(models, lag=True),
+        tooth=sensors.tooth_wheel,
+        speed=sensors.speed_sensor.with_params(sigma=0.01),
+        slip=sensors.slip_sensor,
+        meter=sensors.adhesion_meter(window=16, torque="sampled"),
+        ctl=controller(law),
+    )  # fmt: skip
+
+
+def online(models: Mapping[str, Any], law: Block) -> Block:
+    """Loop with perfect sensors in which the best slip is estimated and searched online."""
+    wires = {
+        "adhesion.mu": "plant.adh.mu",
+        "ctl.v": "plant.wheel.v",
+        "ctl.v_s": "plant.wheel.v_s",
+        "ctl.mu_m": "adhesion.mu_m",
+        "ctl.v_s_m": "plant.wheel.v_s",
+        "ctl.f_hat": "plant.air.f",
+        "ctl.W_hat": "plant.curve.W",
+        "ctl.a_demand": "a_demand",
+        "plant.T_cmd": "ctl.T_b",
+        "truth.v_opt": "v_opt",
+    }
+    return connect(
+        "loop", wires,
+        plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
+        ctl=_estimating(models, law), truth=truth,
+    )  # fmt: skip
+
+
+def _estimating(models: Mapping[str, Any], law: Block, **numbers: float) -> Block:
+    adh = models["adh"]
+    start = START if set(START) <= set(adh.params) else None
+    return estimating_controller(law, adh, searcher(adh), start)
+
+
+def searcher(law: Block) -> Block:
+    """Differential evolution with the paper's settings (Table 2), maximising the law."""
+    return differential_evolution(law, over="v_s", maximise="mu", lo=0.01, hi=10.0)
+
+
+@law_block(v_best=Output("m/s", "best slip speed, as the rail has it"))
+def truth(
+    v_opt=Input("m/s", "best slip speed, as the rail has it", positive="braking", per="speed"),
+):
+    """Best slip for the log; the controller does not see it."""
+    return v_opt
+
+
+def ideal(models: Mapping[str, Any]) -> Block:
+    """Bound: adhesion at its peak from the start."""
+    return connect(
+        "loop", {"plant.v_opt": "v_opt"},
+        plant=sampled(ideal_plant(models["adh"]), H, "rk4"),
+    )  # fmt: skip
+
+
+def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
+    """Scenarios and the loops that run in each."""
+    adh, smc, sta = models["adh"], models["smc"], models["sta"]
+    known = _known(adh, TABLE_1)
+    rail = three_rails(adh, TABLE_1)
+    curved = three_rails(adh, TABLE_1, kappa=(0.0, 1 / 800, 1 / 400))
+    moving = three_rails(adh, MOVING)
+    implicit = super_twisting(discretisation="proper_implicit")
+    base = {
+        "ideal": ideal(models),
+        "smc": perfect(models, smc),
+        "sta": perfect(models, sta),
+        "sta_implicit": perfect(models, implicit),
+        "sta_printed": perfect(models, super_twisting(gains="printed")),
+        "sta_online": online(models, sta),
+    }
+    found = [
+        Case(Scenario("base", 6.0, rail, doc="brake limits, no lag, perfect sensors"), base, known),
+        Case(
+            Scenario("real", 6.0, rail, doc="50 ms lag, tooth wheel, noisy speed"),
+            {"ideal": ideal(models), "smc": real(models, smc), "sta": real(models, sta),
+             "sta_implicit": real(models, implicit)},
+            known,
+        ),
+        Case(
+            Scenario("curves", 6.0, curved, doc="R = 800 m from 2 s, 400 m from 4 s"),
+            {k: base[k] for k in ("ideal", "smc", "sta")},
+            known,
+        ),
+        Case(
+            Scenario("moving_optimum", 6.0, moving, doc="rails whose best slip differs"),
+            {k: base[k] for k in ("ideal", "smc", "sta", "sta_online")},
+            _known(adh, MOVING),
+        ),
+    ]  # fmt: skip
+    for name, mass in (("demand", 8000.0), ("demand_empty", 5500.0), ("demand_crush", 10000.0)):
+        loads = {"plant.wheel.m": mass, "plant.curve.m": mass}
+        found.append(
+            Case(
+                Scenario(name, 6.0, rail, inputs={"a_demand": 0.8}, params=loads,
+                         doc=f"0.8 m/s^2 wanted, {mass / 1e3:g} t, controller told 8 t"),
+                {"sta": base["sta"]},
+                known,
+            )
+        )  # fmt: skip
+    return found
