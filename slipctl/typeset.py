@@ -28,6 +28,7 @@ class Text:
 
     times, pi = "*", "pi"
     signs = (" + ", " - ")
+    digits = 6
 
     def __init__(self, g: Graph) -> None:
         self.g = g
@@ -252,13 +253,15 @@ class Text:
         return f"1[{hidden[1]}]" if hidden else name
 
     def number(self, value: float) -> str:
-        """Write a number with up to six digits."""
+        """Write a number, rounded to ``digits``."""
         for times in (1, 2):
             if value == times * math.pi:
                 return self.times.join(["2"] * (times - 1) + [self.pi])
         if math.isfinite(value) and value == int(value) and abs(value) < 1e6:
             return str(int(value))
-        return re.sub(r"e([+-])0*(\d)", lambda m: "e" + m[1].strip("+") + m[2], f"{value:.6g}")
+        return re.sub(
+            r"e([+-])0*(\d)", lambda m: "e" + m[1].strip("+") + m[2], f"{value:.{self.digits}g}"
+        )
 
     def bracket(self, text: str) -> str:
         """Put brackets around."""
@@ -324,7 +327,7 @@ class Latex(Text):
         return letter(name)
 
     def number(self, value: float) -> str:
-        """Write a number with up to six digits."""
+        """Write a number, rounded to ``digits``."""
         for times in (1, 2):
             if value == times * math.pi:
                 return self.times.join(["2"] * (times - 1) + [self.pi])
