@@ -142,7 +142,8 @@ def test_covariance_stays_bounded_without_excitation(form):
     P = last["P"].reshape(3, 3)
     eigenvalues = np.linalg.eigvalsh(P)
     assert eigenvalues.min() > 0
-    assert np.trace(P) <= 3 * (1 + 1e-9)  # spread 1 for each of three
+    spread = est.param_values()["spread"]
+    assert np.trace(P) <= np.sum(spread**2) * (1 + 1e-9)
     c, a, d = np.exp(last["theta"].ravel())
     assert curve(v, c, a, a + d) == pytest.approx(curve(v, **true), abs=1e-5)
 
@@ -298,7 +299,7 @@ def test_window_covariance_within_the_spread_for_any_data(seed, scale, n):
     eigenvalues = np.linalg.eigvalsh(P)
     assert np.isfinite(P).all()
     assert eigenvalues.min() > 0
-    assert eigenvalues.max() <= 1 + 1e-9
+    assert eigenvalues.max() <= 4 * (1 + 1e-9)  # spread 2
     assert all(np.isfinite(v).all() for v in y.values())
 
 
@@ -530,7 +531,8 @@ def test_moving_optimum_with_noise(online):
     """Noise 1e-3: adhesion use from 0.5 s after a change at least 0.99 in the mean.
 
     The errors at the end of each rail are compared with the Cramer-Rao bound of the very samples:
-    the mean square of 30 normal errors is known to 26 %, so 1.8 is three times that.
+    the mean square of 30 normal errors is known to 26 %, so 1.8 is three times that. They may lie
+    below, because the bound knows nothing of the spread around the curve before the change.
     """
     uses, ratios = [], []
     for seed in range(30):
@@ -545,6 +547,20 @@ def test_moving_optimum_with_noise(online):
         ratios.append(error / bounds)
     assert np.mean(uses, axis=0).min() >= 0.99
     assert (np.mean(np.square(ratios), axis=0) < 1.8).all()
+
+
+def test_moving_optimum_with_another_shape(online):
+    """A rail of another shape (b/a = 10, not 2.2) is found too: the old shape is soon overruled."""
+    true = {"c": 0.13, "a": 0.2, "b": 2.0}
+    rail = Rail(
+        [
+            Section(0.0, "dry_moving"),
+            Section(2.0, values={f"plant.adh.{k}": v for k, v in true.items()}),
+        ]
+    )
+    scenario = Scenario("shape", 4.0, rail, params={"meter.sigma": 2e-4})
+    best = simulate(online, scenario)["peak.best"].values
+    np.testing.assert_allclose(best[2500:], peak(**true)[0], rtol=0.05)
 
 
 # ---- bad input ---------------------------------------------------------------------------------
