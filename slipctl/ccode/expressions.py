@@ -1,0 +1,293 @@
+"""Write a CasADi SX Function as C expressions a person can read, operation for operation.
+
+The tree of operations is kept as it is (no term is moved), so that C gives the bits of Python.
+Values used once are written where they are used; ``if_else`` becomes ``?:``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+WIDTH = 68
+"""Characters of an expression above which its longest part gets a line of its own."""
+
+_ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
+
+_BINARY = {
+    ca.OP_ADD: ("+", _SUM), ca.OP_SUB: ("-", _SUM), ca.OP_MUL: ("*", _PRODUCT),
+    ca.OP_DIV: ("/", _PRODUCT),
+}  # fmt: skip
+_COMPARE = {
+    ca.OP_LT: ("<", _RELATION), ca.OP_LE: ("<=", _RELATION), ca.OP_EQ: ("==", _EQUAL),
+    ca.OP_NE: ("!=", _EQUAL),
+}  # fmt: skip
+_CALLS = {
+    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow",
+    ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_ATAN2: "atan2", ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder", ca.OP_FABS: "fabs", ca.OP_COPYSIGN: "copysign",
+    ca.OP_ERF: "erf", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_HYPOT: "hypot",
+    ca.OP_SIGN: "sign_of", ca.OP_FMIN: "lesser", ca.OP_FMAX: "greater", ca.OP_SQ: "square",
+}  # fmt: skip
+
+HELPERS = {
+    "square": "static double square(double x)\n{\n    return x * x;\n}\n",
+    "lesser": (
+        "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
+        "static double lesser(double x, double y)\n{\n"
+        "    return (x < y || y != y) ? x : y;\n}\n"
+    ),
+    "greater": (
+        "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
+        "static double greater(double x, double y)\n{\n"
+        "    return (x > y || y != y) ? x : y;\n}\n"
+    ),
+    "sign_of": (
+        "static double sign_of(double x)\n{\n"
+        "    return (x < 0.0) ? -1.0 : ((x > 0.0) ? 1.0 : x);\n}\n"
+    ),
+}
+"""Functions that the expressions may call beside those of math.h."""
+
+_SELECT = -1  # our own operation: (condition, if true, if false)
+
+
+class Unsupported(Exception):
+    """The Function has an operation that this writer does not know."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operation: its code, the nodes it takes, and a constant or (argument, element)."""
+
+    op: int
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+    place: tuple[int, int] = (0, 0)
+
+
+@dataclass
+class _Text:
+    text: str
+    rank: int
+    truth: bool = False  # a C condition (int), not a real number
+
+
+def number(value: float) -> str:
+    """Write a number as a C double that reads back to the same bits."""
+    if math.isnan(value):
+        return "((double)NAN)"
+    if math.isinf(value):
+        return "((double)INFINITY)" if value > 0 else "(-(double)INFINITY)"
+    text = repr(float(value))
+    return text if any(c in text for c in ".en") else text + ".0"
+
+
+def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
+    """Nodes of an SX Function in order, and (output, element) -> node of its results.
+
+    Raises:
+        Unsupported: an operation that cannot be written.
+    """
+    nodes: list[Node] = []
+    results: list[tuple[tuple[int, int], int]] = []
+    held: dict[int, int] = {}  # work element -> node
+    known = {*_BINARY, *_COMPARE, *_CALLS, ca.OP_NEG, ca.OP_INV, ca.OP_TWICE, ca.OP_NOT,
+             ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}  # fmt: skip
+    for k in range(f.n_instructions()):
+        op, o, i = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
+        if op == ca.OP_OUTPUT:
+            results.append(((o[0], o[1]), held[i[0]]))
+            continue
+        if op == ca.OP_CONST:
+            node = Node(op, value=float(f.instruction_constant(k)))
+        elif op == ca.OP_INPUT:
+            node = Node(op, place=(i[0], i[1]))
+        elif op == ca.OP_ASSIGN:
+            held[o[0]] = held[i[0]]
+            continue
+        elif op in known:
+            node = Node(op, tuple(held[a] for a in i))
+        else:
+            raise Unsupported(f"operation {op} of {f.name()}")
+        held[o[0]] = len(nodes)
+        nodes.append(_choice(nodes, node))
+    return nodes, results
+
+
+def _choice(nodes: list[Node], node: Node) -> Node:
+    """Read (c ? u : 0) + (!c ? v : 0), which is how CasADi keeps an if_else, as c ? u : v."""
+    if node.op != ca.OP_ADD:
+        return node
+    a, b = (nodes[k] for k in node.args)
+    if a.op != ca.OP_IF_ELSE_ZERO or b.op != ca.OP_IF_ELSE_ZERO:
+        return node
+    if nodes[b.args[0]] == Node(ca.OP_NOT, (a.args[0],)):
+        return Node(_SELECT, (a.args[0], a.args[1], b.args[1]))
+    if nodes[a.args[0]] == Node(ca.OP_NOT, (b.args[0],)):
+        return Node(_SELECT, (b.args[0], b.args[1], a.args[1]))
+    return node
+
+
+class Writer:
+    """Statements of one Function.
+
+    Args:
+        f: an SX Function.
+        read_input: C expression of (argument, element).
+        names: names for the values of results, by (output, element); other values that need a
+            line are called a1, a2, ...
+        real: C type of a number.
+
+    Attributes:
+        lines: statements, each a constant.
+        helpers: functions of ``HELPERS`` and of math.h that they call.
+    """
+
+    def __init__(
+        self,
+        f: ca.Function,
+        read_input: Callable[[int, int], str],
+        names: Mapping[tuple[int, int], str] | None = None,
+        real: str = "double",
+    ) -> None:
+        self.nodes, self.results = read(f)
+        self.read_input, self.real = read_input, real
+        self.lines: list[str] = []
+        self.helpers: set[str] = set()
+        self.texts: dict[int, _Text] = {}
+        self.count = 0
+        self.names: dict[int, str] = {}
+        for place, node in self.results:
+            if names and place in names and self.nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
+                self.names.setdefault(node, names[place])
+        self.uses = self._uses()
+        for k in range(len(self.nodes)):
+            if self.uses[k]:
+                self._write(k)
+
+    def result(self, node: int) -> str:
+        """C expression of the value of a result."""
+        return self._real(self.texts[node])
+
+    def _uses(self) -> list[int]:
+        uses = [0] * len(self.nodes)
+        for _, node in self.results:
+            uses[node] += 1
+        for k in range(len(self.nodes) - 1, -1, -1):
+            if uses[k]:
+                for a in self.nodes[k].args:
+                    uses[a] += 1
+        return uses
+
+    def _write(self, k: int) -> None:
+        node = self.nodes[k]
+        if node.op == ca.OP_CONST:
+            text = number(node.value)
+            self.texts[k] = _Text(text, _UNARY if text.startswith("-") else _ATOM)
+            return
+        if node.op == ca.OP_INPUT:
+            self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
+            return
+        made = self._compose(node)
+        while len(made.text) > WIDTH:
+            long = max(node.args, key=lambda a: len(self.texts[a].text))
+            if self.texts[long].rank == _ATOM and "(" not in self.texts[long].text:
+                break
+            self._line(long)
+            made = self._compose(node)
+        self.texts[k] = made
+        if k in self.names or self.uses[k] > 1:
+            self._line(k)
+
+    def _line(self, k: int) -> None:
+        """Give a value a line and a name of its own."""
+        made = self.texts[k]
+        name = self.names.get(k)
+        if name is None:
+            self.count += 1
+            name = f"a{self.count}"
+        kind = "int" if made.truth else self.real
+        self.lines.append(f"const {kind} {name} = {made.text};")
+        self.texts[k] = _Text(name, _ATOM, made.truth)
+
+    def _real(self, t: _Text) -> str:
+        return f"({self.real})({t.text})" if t.truth else t.text
+
+    def _operand(self, k: int, rank: int) -> str:
+        """Text of a real value that binds at least as strongly as ``rank``."""
+        t = self.texts[k]
+        if t.truth:
+            return f"({self.real})({t.text})"
+        return t.text if t.rank >= rank else f"({t.text})"
+
+    def _condition(self, k: int, rank: int) -> str:
+        t = self.texts[k]
+        if not t.truth:
+            t = _Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
+        return t.text if t.rank >= rank else f"({t.text})"
+
+    def _compose(self, node: Node) -> _Text:
+        op, a = node.op, node.args
+        if op in _BINARY:
+            sign, rank = _BINARY[op]
+            right = self._operand(a[1], rank + 1)
+            if right.startswith("-"):
+                right = f"({right})"
+            return _Text(f"{self._operand(a[0], rank)} {sign} {right}", rank)
+        if op in _COMPARE:
+            sign, rank = _COMPARE[op]
+            left, right = (self._operand(k, _SUM) for k in a)
+            return _Text(f"{left} {sign} {right}", rank, True)
+        if op == ca.OP_NEG:
+            return _Text(f"-{self._operand(a[0], _ATOM)}", _UNARY)
+        if op == ca.OP_INV:
+            return _Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
+        if op == ca.OP_TWICE:
+            return _Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
+        if op == ca.OP_NOT:
+            return self._not(a[0])
+        if op in (ca.OP_AND, ca.OP_OR):
+            sign = "&&" if op == ca.OP_AND else "||"
+            left, right = (self._condition(k, _ATOM) for k in a)
+            return _Text(f"{left} {sign} {right}", _AND if op == ca.OP_AND else _OR, True)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return self._select(a[0], self._operand(a[1], _OR), "0.0")
+        if op == _SELECT:
+            return self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
+        return self._call(op, a)
+
+    def _not(self, k: int) -> _Text:
+        t = self.texts[k]
+        if t.truth:
+            return _Text(f"!{self._condition(k, _ATOM)}", _UNARY, True)
+        return _Text(f"{self._operand(k, _RELATION)} == 0.0", _EQUAL, True)
+
+    def _select(self, condition: int, yes: str, no: str) -> _Text:
+        return _Text(f"{self._condition(condition, _ATOM)} ? {yes} : {no}", _CHOICE)
+
+    def _call(self, op: int, a: tuple[int, ...]) -> _Text:
+        if op == ca.OP_SQ and self.texts[a[0]].rank == _ATOM and self._plain(a[0]):
+            x = self._operand(a[0], _ATOM)
+            return _Text(f"{x} * {x}", _PRODUCT)
+        if op in (ca.OP_FMIN, ca.OP_FMAX) and self.nodes[a[0]].op == ca.OP_CONST:
+            a = (a[1], a[0])  # the test for NaN of a constant costs nothing
+        name = _CALLS[op]
+        if name in HELPERS:
+            self.helpers.add(name)
+        return _Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", _ATOM)
+
+    def _plain(self, k: int) -> bool:
+        return not self.texts[k].truth and "(" not in self.texts[k].text
+
+
+def helper_text(names: Iterable[str]) -> str:
+    """Definitions of helper functions, in a fixed order."""
+    chosen = set(names)
+    return "\n".join(text for name, text in HELPERS.items() if name in chosen)

@@ -1,0 +1,278 @@
+"""The source of a C module: equations, checks, init, tune and step."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+
+from slipctl.ccode.comments import comment
+from slipctl.ccode.expressions import number
+from slipctl.ccode.header import (
+    head,
+    identifier_free,
+    next_struct,
+    prototype,
+    step_prototype,
+)
+from slipctl.ccode.kernel import Kernel, definitions
+from slipctl.ccode.layout import Member
+from slipctl.ccode.plan import Plan, constant, first_sentence
+
+
+def source(plan: Plan) -> str:
+    """Text of the source."""
+    n, lay = plan.name, plan.layout
+    functions = "\n\n".join(
+        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _init(plan), _step(plan)]
+    )
+    parts = [
+        head(plan, f"{n}.c"),
+        f'#include "{n}.h"\n\n#include <float.h>\n#include <math.h>',
+        "#ifdef __FAST_MATH__\n#error compile without -ffast-math: NaN must be seen\n#endif",
+    ]
+    if plan.equations.copied:
+        parts.append(
+            comment(
+                "Functions casadi_... are copied from the templates of CasADi"
+                f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
+            )
+        )
+    if lay.states and not plan.next_in_state:
+        parts.append(f"/* State of the next tick. */\n{next_struct(plan)};")
+    parts.append(definitions([plan.equations, Kernel(helpers=frozenset(plan.start.helpers))]))
+    parts.append(_checks(functions))
+    return "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
+
+
+# ---- equations ----------------------------------------------------------------------------------
+
+
+def _equations(plan: Plan) -> str:
+    n = plan.name
+    own = plan.equations.writer is not None
+    lines = _own_lines(plan) if own else _call_lines(plan)
+    text = "\n".join(lines)
+    voids = [f"    (void){a};" for a in ("in", "param", "state") if identifier_free(text, a)]
+    arguments = [
+        f"const {n}_in *in", f"const {n}_param *param",
+        f"{n}_state *state" if plan.work_in_state else f"const {n}_state *state",
+    ]  # fmt: skip
+    if plan.layout.states:
+        arguments.append(f"struct {n}_next *next")
+    arguments.append(f"{n}_out *now")
+    signature = prototype(plan, "static void" if own else "static int", "equations", *arguments)
+    what = comment(f"Equations of {plan.block.name}; {n}.h says where they come from.")
+    return "\n".join([what, signature, "{", *voids, *lines, "}"])
+
+
+def _own_lines(plan: Plan) -> list[str]:
+    """Statements of an SX Function; a part's text stands before its first output."""
+    writer = plan.equations.writer
+    assert writer is not None
+    lines: list[str] = []
+    part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
+    docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
+    for line in writer.lines:
+        named = re.match(r"const \w+ (\w+) =", line)
+        part = part_of.get(named[1], "") if named else ""
+        if part in docs:
+            lines.append(comment(f"{part}: {docs.pop(part)}", "    "))
+        lines.append(f"    {line}")
+    lines += [""] * bool(lines)
+    at = dict(writer.results)
+    for i, (m, pointer) in enumerate(plan.results):
+        for k in range(m.size):
+            lines.append(f"    {m.at(pointer, k)} = {writer.result(at[i, k])};")
+    return lines
+
+
+def _call_lines(plan: Plan) -> list[str]:
+    """Pass the struct members to CasADi's function."""
+    sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
+    lines = [f"    const double *arg[{sz_arg}];", f"    double *res[{max(sz_res, 1)}];"]
+    place = {}
+    for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
+        place[name] = "0" if not size else f"state->work.{name}" if plan.work_in_state else name
+        if place[name] == name:
+            lines.append(f"    {kind} {name}[{size}];")
+    lines += [f"    arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
+    lines += [f"    res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
+    call = f"{plan.equations.entry}(arg, res, {place['iw']}, {place['w']}, 0)"
+    return [*lines, f"    return {call};"]
+
+
+# ---- parameters and start -----------------------------------------------------------------------
+
+
+def _default(plan: Plan) -> str:
+    lines: list[str] = []
+    for m in plan.layout.params:
+        lines += _constant(m, "param->", m.signal.value)
+    lines = lines or ["param->unused = 0.0;"]
+    return _define(f"void {plan.name}_default({plan.name}_param *param)", lines)
+
+
+def _constant(m: Member, pointer: str, value: Any) -> list[str]:
+    """Statements that give a member a constant value."""
+    flat = constant(m.signal, value).ravel(order="F")
+    if m.scalar:
+        return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
+    if m.size > 2 and (flat == flat[0]).all():
+        return [f"fill({pointer}{m.c}, {m.size}, {number(float(flat[0]))});"]
+    return [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat)]
+
+
+def _param_ok(plan: Plan) -> str:
+    checks = [_within(m, "param->") for m in plan.layout.params]
+    void = [] if checks else ["(void)param;"]
+    return _define(
+        f"static int param_ok(const {plan.name}_param *param)",
+        [*void, f"return {_conjunction(checks) or '1'};"],
+    )
+
+
+def _tune(plan: Plan) -> str:
+    n, big, derived = plan.name, plan.layout.big, plan.layout.derived
+    lines = [f"struct {n}_derived now;"] if derived else ["(void)state;"]
+    lines.append(_if(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
+    if derived:
+        lines += plan.start_lines(derived, 0, "now.")
+        good = _conjunction([_within(m, "now.") for m in derived])
+        lines += [_if([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
+    lines.append(f"return {big}_OK;")
+    return _define(f"int {n}_tune(const {n}_param *param, {n}_state *state)", lines)
+
+
+def _init(plan: Plan) -> str:
+    n, big, lay = plan.name, plan.layout.big, plan.layout
+    computed = [m for m in lay.states if m.signal.derived]
+    lines = [f"int status = {n}_tune(param, state);"]
+    if computed or lay.derived:
+        lines[0:0] = [f"{n}_param safe;"]
+        lines.append(
+            _if([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);",
+                "param = &safe;")
+        )  # fmt: skip
+    for m in lay.states:
+        if not m.signal.derived:
+            lines += _constant(m, "state->", m.signal.value)
+    if computed:
+        lines += plan.start_lines(lay.states, len(lay.derived), "state->")
+        good = _conjunction([_within(m, "state->") for m in computed])
+        lines.append(_if([f"!({good})"], f"status |= {big}_BAD_PARAM;"))
+    for m in lay.outputs:
+        lines += _constant(m, "state->held.", min(max(0.0, m.signal.lo), m.signal.hi))
+    lines.append("return status;")
+    return _define(f"int {n}_init(const {n}_param *param, {n}_state *state)", lines)
+
+
+# ---- step ---------------------------------------------------------------------------------------
+
+
+def _step(plan: Plan) -> str:
+    n, big, lay = plan.name, plan.layout.big, plan.layout
+    has_next = bool(lay.states)
+    following = "state->next" if plan.next_in_state else "next"
+    lines = [f"{n}_out now;"]
+    if has_next and not plan.next_in_state:
+        lines.append(f"struct {n}_next next;")
+    inputs = _conjunction([_finite(m, "in->") for m in lay.inputs])
+    if inputs:
+        lines.append(_if([f"!({inputs})"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
+    passed = ["in", "param", "state", *([f"&{following}"] if has_next else []), "&now"]
+    call = f"equations({', '.join(passed)})"
+    tests = [_finite(m, f"{following}.") for m in lay.states]
+    tests += [_finite(m, "now.") for m in lay.outputs]
+    if plan.equations.writer:
+        lines.append(f"{call};")
+    else:
+        tests.insert(0, f"{call} == 0")
+    good = _conjunction(tests)
+    lines.append(_if([f"!({good})"], "*out = state->held;", f"return {big}_BAD_RESULT;"))
+    lines += [
+        f"state->{m.c} = {following}.{m.c};" if m.scalar
+        else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
+        for m in lay.states
+    ]  # fmt: skip
+    lines += ["state->held = now;", "*out = now;", f"return {big}_OK;"]
+    return _define(step_prototype(plan), lines)
+
+
+# ---- small text ---------------------------------------------------------------------------------
+
+
+def _define(signature: str, lines: Iterable[str]) -> str:
+    body = "\n".join(f"    {line}" for line in lines)
+    return f"{signature}\n{{\n{body}\n}}"
+
+
+def _if(condition: list[str], *statements: str) -> str:
+    body = "\n".join(f"        {s}" for s in statements)
+    return f"if ({condition[0]}) {{\n{body}\n    }}"
+
+
+def _conjunction(tests: list[str]) -> str:
+    """Join conditions with && over as many lines as it takes."""
+    text, width = "", 0
+    for k, t in enumerate(tests):
+        if k and width + len(t) > 80:
+            text, width = f"{text}\n          && {t}", len(t) + 13
+        else:
+            text, width = f"{text}{' && ' if k else ''}{t}", width + len(t) + 4
+    return text
+
+
+def _finite(m: Member, pointer: str) -> str:
+    """Condition: neither NaN nor infinite."""
+    if m.scalar:
+        return f"is_finite({pointer}{m.c})"
+    return f"all_finite({pointer}{m.c}, {m.size})"
+
+
+def _within(m: Member, pointer: str) -> str:
+    """Condition: a finite number in the range of the signal."""
+    lo = number(m.signal.lo) if math.isfinite(m.signal.lo) else "-DBL_MAX"
+    hi = number(m.signal.hi) if math.isfinite(m.signal.hi) else "DBL_MAX"
+    if m.scalar:
+        return f"within({pointer}{m.c}, {lo}, {hi})"
+    return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"
+
+
+_LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
+_SMALL = {
+    "all_finite": (
+        "int all_finite(const double *x, int n)",
+        _LOOP % "if (!is_finite(x[k])) {\n            return 0;\n        }" + "    return 1;\n",
+    ),
+    "is_finite": (
+        "int is_finite(double x)",
+        "    return fabs(x) <= DBL_MAX; /* false for NaN */\n",
+    ),
+    "all_within": (
+        "int all_within(const double *x, int n, double lo, double hi)",
+        _LOOP % "if (!within(x[k], lo, hi)) {\n            return 0;\n        }"
+        + "    return 1;\n",
+    ),
+    "within": (
+        "int within(double x, double lo, double hi)",
+        "    return (x >= lo) && (x <= hi); /* false for NaN */\n",
+    ),
+    "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
+    "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),
+}
+"""Small functions: signature and body; one that calls another stands before it."""
+
+
+def _checks(text: str) -> str:
+    """Definitions of the small functions that ``text`` calls."""
+    chosen: list[str] = []
+    for name, (signature, body) in _SMALL.items():
+        if re.search(rf"\b{name}\(", text):
+            definition = f"static {signature}\n{{\n{body}}}"
+            chosen.insert(0, definition)
+            text += definition
+    return "\n\n".join(chosen)
