@@ -73,20 +73,26 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     found: dict[str, Any] = {}
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
-        module = frame.f_globals.get("__name__", "")
-        if event != "return" or module == "slipctl.block" or module.startswith("casadi"):
+        if event != "return":
             return
-        if frame.f_code is code or (frame.f_back is not None and frame.f_back.f_code is code):
-            for name, value in frame.f_locals.items():
-                if isinstance(value, ca.SX) and value.numel() and not name.startswith("_"):
-                    found.setdefault(name, value)
+        caller = frame.f_back
+        if frame.f_code is not code and (caller is None or caller.f_code is not code):
+            return
+        module = frame.f_globals.get("__name__", "")
+        if module == "slipctl.block" or module.startswith("casadi"):
+            return
+        for name, value in frame.f_locals.items():
+            if isinstance(value, ca.SX) and value.numel() and not name.startswith("_"):
+                found.setdefault(name, value)
 
-    before = sys.getprofile()
+    if sys.getprofile() is not None:  # a profiler is at work; go without letters
+        yield found
+        return
     sys.setprofile(watch)
     try:
         yield found
     finally:
-        sys.setprofile(before)
+        sys.setprofile(None)
 
 
 @lru_cache(maxsize=1)

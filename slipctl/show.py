@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from slipctl import formula
@@ -22,6 +23,9 @@ __all__ = ["difference", "graph", "hidden", "latex", "svg", "text"]
 
 LINES = 60
 """Equations of one block that are shown; a loop that was written out has thousands."""
+
+LARGE = 2000
+"""Operations of a block beyond which its Jacobian is not written."""
 
 WIDTH = 140
 """Letters of one equation, beyond which its middle is cut."""
@@ -139,6 +143,8 @@ def text(block: Block, jacobian: bool = True) -> str:
     for path, leaf in _leaves(block):
         if block.parts:
             out.append(f"{path}: {_first_line(leaf)}".rstrip(": "))
+            if not leaf.sx:
+                out += _indent(leaf.doc.splitlines()[1:])
         else:
             out.append("Equations")
         out += [*_indent(_equations(leaf)), ""]
@@ -195,16 +201,18 @@ def _parts(block: Block, depth: int = 0) -> list[str]:
 def _equations(leaf: Block) -> list[str]:
     g = page(leaf)
     if g is None:
-        return [f"built by a transform from other blocks, {leaf.f.n_instructions()} operations"]
+        return [f"in matrices and loops, {leaf.f.n_instructions()} operations; see its text"]
     formula.shorten(g)
-    rows = _folded(list(_lines(g, Text(g))))
+    rows = _folded(list(islice(_lines(g, Text(g)), 10 * LINES)))
     shown = _aligned(rows[:LINES])
     if len(rows) > LINES:
-        shown.append(f"... and {len(rows) - LINES} more")
+        shown.append(f"... and more, {leaf.f.n_instructions()} operations in all")
     return shown or ["none"]
 
 
 def _jacobian(leaf: Block) -> list[str]:
+    if leaf.sx and leaf.f.n_instructions() > LARGE:
+        return []
     g = page(leaf, jacobian=True)
     if g is None or not g.roots:
         return []
@@ -337,13 +345,13 @@ def latex(block: Block, jacobian: bool = False) -> str:
             rows.append(rf"&\textbf{{{title}}}")
         g = page(leaf, jacobian)
         if g is None:
-            rows.append(r"&\text{built by a transform from other blocks}")
+            rows.append(r"&\text{in matrices and loops; see its text}")
             continue
         formula.shorten(g)
-        some = list(_lines(g, Latex(g)))
+        some = list(islice(_lines(g, Latex(g)), LINES + 1))
         rows += [f"{_left(left)} &= {right}" for left, right in some[:LINES]]
         if len(some) > LINES:
-            rows.append(rf"&\text{{and {len(some) - LINES} more}}")
+            rows.append(rf"&\text{{and more, {leaf.f.n_instructions()} operations in all}}")
     body = " \\\\\n".join(rows)
     return f"$$\n\\begin{{aligned}}\n{body}\n\\end{{aligned}}\n$$"
 

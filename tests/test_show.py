@@ -356,13 +356,32 @@ def test_blocks_that_are_no_scalar_formulas_are_shown_all_the_same():
         "mapped", "law", body, sx=False,
         inputs=[Input("m", "u").named("u")], outputs=[Output("m").named("y")],
     )  # fmt: skip
-    assert "built by a transform from other blocks" in show.text(block)
-    assert "built by a transform" in show.latex(block)
+    assert "in matrices and loops" in show.text(block)
+    assert "in matrices and loops" in show.latex(block)
     assert "no difference" in show.difference(block, block)
     assert "<svg" in show.svg(block)
     both = connect("both", {"m.u": "u"}, m=block, d=curve)
-    assert "built by a transform" in show.text(both)
+    assert "in matrices and loops" in show.text(both)
     assert "mu = c*(exp(-a*v_s) - exp(-b*v_s))" in show.text(both)
+
+
+def test_a_block_of_many_operations_is_cut():
+    def body(x, u, p):
+        t = u["u"]
+        for k in range(1500):
+            t = t + ca.sin(t) * (k + 1)
+        return {}, {"y": t}
+
+    block = make_block(
+        "long", "law", body,
+        inputs=[Input("1", "u").named("u")], outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    text = show.text(block)
+    assert len(text.splitlines()) < 100
+    assert "operations in all" in text
+    assert "Jacobian" not in text
+    assert len(show.latex(block)) < 40000
+    assert "no difference" in show.difference(block, block)
 
 
 def test_numbers_of_the_table_are_exact():
@@ -387,6 +406,16 @@ def test_what_differs_is_told_and_nothing_else():
     values = show.difference(loop(), loop().with_params(**{"plant.wheel.m": 9000.0}))
     assert "param plant.wheel.m, value: 8000 -> 9000" in values
     assert "Equations" not in values
+
+
+def test_a_profiler_at_work_costs_only_the_letters():
+    import cProfile
+
+    profile = cProfile.Profile()
+    profile.enable()
+    text = show.text(wheelset)
+    profile.disable()
+    assert "omega' = (r*mu*m*g - T_b)/J" in text
 
 
 def test_letters_alone_are_no_difference():
