@@ -369,14 +369,42 @@ def _summary(results: Results, verdicts: Sequence[Verdict]) -> str:
 def _c(options: argparse.Namespace, command: str) -> int:
     from slipctl import doors, store
 
-    out = Path(options.out)
+    name, out = options.name, Path(options.out)
     store.check_folder(out)
-    block, case, loop = doors.load_controller(options.name)
+    left, colon, loop_name = name.rpartition(":")
+    if name in doors.studies():
+        names = doors.loop_names(doors.load_study(name))
+        raise BadInput(
+            f"{name} is a study; write which loop: {', '.join(f'{name}:{n}' for n in names)}"
+        )
+    is_loop = colon and (not left.endswith(".py") or doors.has_study(left))
+    block = None if is_loop else doors.load_block(name)
 
-    from slipctl import exporting
+    from slipctl import codegen
+    from slipctl.build import compiler
 
-    for line in exporting.export(block, out, command, case=case, loop=loop, check=options.check):
-        print(line)
+    if options.check and compiler() is None:
+        raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
+    if block is not None:
+        report = codegen.export(block, out, check=options.check)
+    else:
+        from slipctl.simulation import simulate
+
+        study = doors.load_study(left)
+        loop, case = doors.find_loop(study, loop_name)
+        part = study.controller
+        control = loop[part]
+        log.info("running %s for its inputs", name)
+        wanted = [*loop.inputs, *loop.outputs, *loop.states]
+        data = simulate(loop, case.scenario, log=wanted)
+        report = codegen.export(
+            control, out, f"{study.name}_{loop_name.partition('@')[0]}",
+            inputs=codegen.logged_inputs(loop, part, data), check=options.check,
+            params=codegen.logged_params(loop, part, data), period=loop.period,
+        )  # fmt: skip
+    print(report)
+    if not report.passed:
+        raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0
 
 

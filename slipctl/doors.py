@@ -174,6 +174,11 @@ def load_study(name: str) -> Study:
     return study
 
 
+def has_study(path: str) -> bool:
+    """Whether a file defines a study, so that ``file.py:loop`` is a loop of it."""
+    return hasattr(load_file(path), "study")
+
+
 def _meant(name: str, known: Any, command: str) -> str:
     said = nearest(name, known)
     return (
@@ -190,7 +195,7 @@ def load_block(name: str) -> Block:
         BadInput: no such thing, with the nearest name; a function that needs arguments.
     """
     left, colon, right = name.rpartition(":")
-    if colon and left.endswith(".py"):
+    if colon and left.endswith(".py") and not has_study(left):
         return find_block(load_file(left), right, left)
     if colon:
         return find_loop(load_study(left), right)[0]
