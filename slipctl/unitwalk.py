@@ -23,9 +23,9 @@ def check_equations(
     names: Mapping[str, Any] | None = None,
 ) -> list[str]:
     """Do the unit algebra of equations; arguments and result as of :func:`slipctl.units.check`."""
-    graph = formula.graph({k.removesuffix(" =").strip(): v for k, v in equations.items()}, names)
+    graph = formula.graph(equations, names)
     walk = _Walk(graph, given, [*given.values(), *wanted.values()])
-    targets = {k.removesuffix(" =").strip(): unit(w) for k, w in wanted.items()}
+    targets = {k: unit(w) for k, w in wanted.items()}
     for n in graph.below([n for root in graph.roots.values() for n in root]):
         walk.visit(n)
     wrong = {
@@ -36,14 +36,14 @@ def check_equations(
         return []
     parts = [(graph.letters[n], [n]) for _, n in formula.defined(graph)]
     parts += list(graph.roots.items())
-    named = {n for n, k in graph.letters.items() if k not in graph.roots}
+    named = set(graph.letters)
     formula.shorten(graph)
     write = Text(graph)
     told: set[int] = set()
     lines = []
     for label, root in parts:
         for n in root:
-            where = f"in {cut(f'{label} = {write.root(n)}', 90)}: "
+            where = f"in {cut(label.removesuffix(' =') + ' = ' + write.root(n), 90)}: "
             new = [e for e in _within(graph, n, named) if e in walk.errors and e not in told]
             told.update(new)
             lines += [where + walk.errors[e](write) for e in new]

@@ -373,6 +373,26 @@ def test_vectors_are_checked_element_by_element_and_told_once(s):
     assert check({"P": theta @ theta.T}, known, {"P": "m^2/s^2"}) == []
 
 
+def test_an_error_in_an_output_that_other_equations_use_is_told_there(s):
+    def body():
+        v_s = s["v"] - s["omega"]
+        return {"x'": s["r"] * v_s, "v_s": v_s}
+
+    with formula.letters(body.__code__) as names:
+        equations = body()
+    assert check(equations, LETTERS, {"v_s": "m/s"}, names) == [
+        "in v_s = v - omega: 'omega' [rad/s] cannot be subtracted from 'v' [m/s]"
+    ]
+
+
+def test_a_derived_parameter_may_share_its_name_with_an_output(s):
+    equations = {"q": s["v"] + s["r"], "q =": s["v"] * s["m"]}
+    assert check(equations, LETTERS, {"q": "m/s", "q =": "kg"}) == [
+        "in q = v + r: 'v' [m/s] cannot be added to 'r' [m]",
+        "in q = v*m: this is [N s], not [kg]",
+    ]
+
+
 def test_a_symbol_without_a_unit_is_bad_input(s):
     with pytest.raises(BadInput, match="'v' of an equation has no unit"):
         check({"y": s["v"]}, {}, {})
