@@ -106,9 +106,8 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
             ),
             Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
                   " after; the newest replaces them", lo=0, hi=1000).named("settling"),
-            Param("1", 0.99, "weight of what left the window, per sample", lo=1e-3, hi=1).named(
-                "forgetting"
-            ),
+            Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"
+                  " wanders where the slip shows nothing", lo=1e-3, hi=1).named("forgetting"),
             *model.known(),
         ],
         outputs=model.outputs(), period=period, sx=False,

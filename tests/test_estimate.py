@@ -288,6 +288,19 @@ def test_what_leaves_the_window_is_remembered():
     assert peak_errors(y, TABLE_1["wet"])[0] < 0.02
 
 
+def test_estimate_does_not_wander_at_constant_slip():
+    """Noise at one slip says nothing on the peak: after 5000 samples it is where the sweep left it.
+
+    2 % of the place is what the sweep itself knows of it three times over.
+    """
+    est = rls(double_exponential, form="window", window=32, **TWO_EXPONENTIALS)
+    v = np.concatenate([SWEEP, np.full(5000, 1.2)])
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(v.size)
+    y, _ = run(est, np.vstack([v, curve(v, **TABLE_1["wet"]) + noise]))
+    place = peak(*(y[k][0] for k in "cab"))[0]
+    assert abs(place[-1] / place[SWEEP.size - 1] - 1) < 0.02
+
+
 @given(seed=st.integers(0, 2**31), scale=st.floats(0.02, 1.0), n=st.integers(1, 40))
 @settings(max_examples=20, deadline=None)
 def test_window_covariance_within_the_spread_for_any_data(seed, scale, n):
