@@ -19,7 +19,8 @@ from slipctl.errors import BadInput, nearest
 from slipctl.signals import Signal, evaluate, names_in, total_size
 
 Exprs = dict[str, Any]
-Body = Callable[[Exprs, Exprs, Exprs], tuple[Exprs, Exprs]]
+Body = Any
+"""Function of dictionaries (x, u, p) of expressions, giving (x' or x+, outputs)."""
 Rebuild = Callable[[dict[str, "Block"]], "Block"]
 
 ROLES = ("state", "input", "param", "output")
@@ -599,25 +600,25 @@ class Block:
             return found
         if self.units == "printed" or not self.sx:
             return []
-        from slipctl import units
+        from slipctl import formula, units
 
-        with units.checking_units():
-            groups = [self.symbols(r) for r in ("state", "input", "param")]
-            n, y = self.expr(groups[0], groups[1], groups[2])
-            per_second = " / s" if self.kind == "flow" else ""
-            wanted = {k: f"({s.unit}){per_second}" for k, s in self.states.items()}
-            equations = {(f"{k}'" if self.kind == "flow" else f"{k}+"): n[k] for k in self.states}
-            wanted = {(f"{k}'" if self.kind == "flow" else f"{k}+"): w for k, w in wanted.items()}
-            equations |= {k: y[k] for k in self.outputs}
+        with units.checking_units(), formula.letters(self._body.__code__) as names:
+            x, u, p = (self.symbols(r) for r in ("state", "input", "param"))
+            n, y = self.expr(x, u, p)
+            flow = self.kind == "flow"
+            equations = {k + ("'" if flow else "+"): n[k] for k in self.states} | y
+            wanted = {k + ("'" if flow else "+"): s.unit for k, s in self.states.items()}
+            if flow:
+                wanted = {k: f"({unit}) / s" for k, unit in wanted.items()}
             wanted |= {k: s.unit for k, s in self.outputs.items()}
             given = {s.name: s.unit for s in self.signals if s.role != "output"}
-            for s in self.params.values():
+            for s in (*self.params.values(), *self.states.values()):
                 if s.derived:
-                    symbols = {**groups[2]}
-                    local = {k: symbols[k] for k in names_in(s.value)}
+                    local = {k: v for k, v in (x | p).items() if k in names_in(s.value)}
                     equations[f"{s.name} ="] = evaluate(s.value, local, s.name)
                     wanted[f"{s.name} ="] = s.unit
-            return [f"{self.name}: {e}" for e in units.check(equations, given, wanted)]
+            found = units.check(equations, given, wanted, names)
+        return [f"{self.name}: {e}" for e in found]
 
 
 def make_block(
