@@ -400,11 +400,12 @@ def save_log(results: Results, scenario: str, loop: str, out: Path, command: str
     packed = {str(n): {"zlib": True, "complevel": 1} for n in data.data_vars}
     exact = data.copy(deep=False)
     exact.attrs = attrs
-    store.write_with(
-        folder / f"{loop}.nc",
-        lambda path: exact.to_netcdf(path, engine="netcdf4", encoding=packed),
-    )
-    store.write_text(folder / f"{loop}.csv", csv_text(data))
+    with store.unbroken():
+        store.write_with(
+            folder / f"{loop}.nc",
+            lambda path: exact.to_netcdf(path, engine="netcdf4", encoding=packed),
+        )
+        store.write_text(folder / f"{loop}.csv", csv_text(data))
 
 
 def csv_text(data: xarray.Dataset) -> str:
