@@ -13,6 +13,9 @@ from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Input, Output, State, total_size
 
+SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
+"""Shares of a Newton step among which an implicit method chooses."""
+
 UNROLL = 20_000
 """Instructions above which substeps become a loop instead of straight-line code."""
 
@@ -22,7 +25,7 @@ def sampled(
     h: float,
     method: str = "rk4",
     substeps: int = 1,
-    newton: int = 6,
+    newton: int = 8,
     check: bool = True,
 ) -> Block:
     """Discretise a flow block: inputs are held over the step h, outputs are those at its start.
@@ -109,17 +112,33 @@ def _one_step(block: Block, dt: float, method: str, newton: int) -> ca.Function:
 
 
 def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
-    """Rate k that solves k = f(x + gh k, u, p), by Newton's method on the exact Jacobian."""
+    """Rate k that solves k = f(x + gh k, u, p), by damped Newton steps on the exact Jacobian.
+
+    It starts at k = 0, because x + gh f(x) of a stiff wheel lies far beyond the adhesion curve. Of
+    each Newton step the share is taken after which the next correction, with the same Jacobian, is
+    smallest. Source: Deuflhard, Newton Methods for Nonlinear Problems, section 3.3.
+    """
     f = block.f
     n = f.size1_in(0)
     sym = symbol_maker(block.sx)
     z = sym("z", n)
     a, b, c = (sym("abc"[i], f.size1_in(i)) for i in range(3))
-    rate = f(a + gh * z, b, c)[0]
-    residual = z - rate
-    update = z - ca.solve(ca.jacobian(residual, z), residual)
-    step = ca.Function(f"{f.name()}_newton", [z, a, b, c], [update], {"cse": True})
-    k = f(x, u, p)[0]
+
+    def residual(k: Any) -> Any:
+        return k - f(a + gh * k, b, c)[0]
+
+    J = ca.jacobian(residual(z), z)
+    whole = -ca.solve(J, residual(z))
+    trials = [z + share * whole for share in SHARES]
+    corrections = ca.solve(J, ca.horzcat(*[residual(t) for t in trials]))
+    best, smallest = trials[0], ca.inf
+    for column, trial in enumerate(trials):
+        # fmin turns a NaN beyond the curve into a large number
+        size = ca.fmin(ca.sumsqr(corrections[:, column] / (1 + ca.fabs(a))), 1e300)
+        best = ca.if_else(size < smallest, trial, best)
+        smallest = ca.fmin(size, smallest)
+    step = ca.Function(f"{f.name()}_newton", [z, a, b, c], [best], {"cse": True})
+    k = ca.DM.zeros(n, 1)
     for _ in range(newton):
         k = step(k, x, u, p)
     return k
