@@ -8,11 +8,12 @@ finished whole. Nothing heavy is imported before a command needs it.
 from __future__ import annotations
 
 import argparse
+import errno
 import logging
 import os
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
@@ -147,7 +148,7 @@ def _explain(error: Exception) -> int:
     except OSError as known:
         what = f" {known.filename}" if known.filename else ""
         _say(f"cannot read or write{what}: {known.strerror or known}")
-        return 2
+        return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
     except Exception as unknown:
         text = str(unknown).strip().partition("\n")[0]
         _say(f"a fault of slipctl, {type(unknown).__name__}: {text}; -v shows where")
@@ -325,26 +326,36 @@ def _run(options: argparse.Namespace, command: str) -> int:
         log.info("experiments are left out; they run without --loop and --scenario")
     total = sum(len(c.loops) for c in cases) + (len(study.experiments) if everything else 0)
     progress = Progress(total, sys.stderr, options.quiet)
+
+    def save(what: str, write: Callable[[], Any]) -> None:
+        with running.noted(results, what):
+            write()
+
+    def save_log(found: Results, scenario: str, loop: str) -> None:
+        where = f"log of {scenario}/{loop}"
+        save(where, lambda: running.save_log(found, scenario, loop, out, command))
+
+    def save_numbers() -> None:
+        progress.end()
+        save("metrics.json", lambda: running.save_metrics(results, out, command))
+        save("tables.json", lambda: running.save_tables(results, out, command))
+
     try:
         running.run(
             study, cases, models, quick=options.quick, compile=not options.no_compile,
-            experiments=everything, report=progress, results=results,
-            finished=lambda r, s, loop: running.save_log(r, s, loop, out, command),
+            experiments=everything, report=progress, results=results, finished=save_log,
         )  # fmt: skip
     except KeyboardInterrupt:
-        progress.end()
-        running.save_metrics(results, out, command)
-        running.save_tables(results, out, command)
+        save_numbers()
         raise
-    progress.end()
-    running.save_metrics(results, out, command)
-    running.save_tables(results, out, command)
+    save_numbers()
     verdicts = running.judge_all(results)
-    running.save_claims(results, verdicts, out, command)
+    save("claims.json", lambda: running.save_claims(results, verdicts, out, command))
     print(_summary(results, verdicts))
     sys.stdout.flush()
-    running.save_pages(results, verdicts, out, command)
-    print(f"\n{out / 'report.html'}")
+    save("report.html", lambda: running.save_pages(results, verdicts, out, command))
+    if "report.html" not in results.failed:
+        print(f"\n{out / 'report.html'}")
     for where, why in results.failed.items():
         _say(f"{where} failed: {why}")
     return 1 if results.failed else 0

@@ -121,8 +121,8 @@ def label(what: str, unit: str) -> str:
 
 def pretty(unit: str) -> str:
     """Unit as a reader expects it: ``m/s^2`` as m/s²."""
-    raised = str.maketrans("0123456789-.", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻·")
-    text = re.sub(r"\^\(?(-?[\d.]+)\)?", lambda m: m[1].translate(raised), unit)
+    raised = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+    text = re.sub(r"\^(-?\d+)(?![.\d])", lambda m: m[1].translate(raised), unit)
     text = re.sub(r"(?<=[a-zA-Z])([234])\b", lambda m: m[1].translate(raised), text)
     return text.replace("*", "·")
 
@@ -398,12 +398,7 @@ def bars(
                 hatch = "///" if "_printed" in member else None
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip
-        if limit is not None:
-            axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
-            axis.annotate(
-                limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                textcoords="offset points", ha="right", fontsize=8,
-            )  # fmt: skip
+        _limit(axis, limit)
         axis.set_xticks(range(len(groups)), list(groups))
         axis.grid(visible=False, axis="x")
         if log:
@@ -424,6 +419,62 @@ def _wrap(text: str, width: int = 24) -> str:
         return text
     at = min(spaces, key=lambda k: abs(k - len(text) / 2))
     return f"{text[:at]}\n{text[at + 1 :]}"
+
+
+def spread(
+    groups: Mapping[str, Sequence[float]],
+    y: tuple[str, str],
+    *,
+    axis: Axes | None = None,
+    log: bool = False,
+    title: str = "",
+    limit: tuple[str, float] | None = None,
+) -> Figure:
+    """Spread of many runs: every run a dot, the middle half a box, the median a line.
+
+    Args:
+        groups: values by group; a loop's name has the loop's colour.
+        y: what it is, and its unit.
+        axis: draw here instead of in a new figure.
+        log: logarithmic values.
+        title: above the panel.
+        limit: name and height of a line to compare with.
+    """
+    fig = axis.get_figure() if axis is not None else None
+    if axis is None:
+        fig, axes = panels(height=2.8)
+        axis = axes[0, 0]
+    assert axis is not None
+    hues = _hues(list(groups))
+    with style():
+        for k, (name, values) in enumerate(groups.items()):
+            v = np.array([x for x in values if x is not None and np.isfinite(x)], dtype=float)
+            if not len(v):
+                continue
+            golden = (np.arange(len(v)) * 0.618034) % 1 - 0.5  # spread evenly, always the same
+            axis.plot(k + 0.3 * golden, v, "o", ms=2.5, color=hues[name], alpha=0.45, mew=0)
+            low, middle, high = np.quantile(v, [0.25, 0.5, 0.75])
+            axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
+            axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
+        if log:
+            axis.set_yscale("log")
+        _limit(axis, limit)
+        axis.set_xticks(range(len(groups)), list(groups))
+        axis.set_xlim(-0.6, len(groups) - 0.4)
+        axis.grid(visible=False, axis="x")
+        axis.set_ylabel(label(*y))
+        axis.set_title(title)
+    return fig  # type: ignore[return-value]
+
+
+def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
+    """Line to compare with, and its name."""
+    if limit is not None:
+        axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
+        axis.annotate(
+            limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
+            textcoords="offset points", ha="right", fontsize=8,
+        )  # fmt: skip
 
 
 # ---- files --------------------------------------------------------------------------------------

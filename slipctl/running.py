@@ -6,7 +6,8 @@ import csv
 import io
 import json
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -20,7 +21,7 @@ from slipctl.doors import blame, find_block, load_block, load_file
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.metrics import Run, measure, place, rail_changes
 from slipctl.simulation import _find, _rail_values, simulate
-from slipctl.studying import Case, Context, NotRun, Results, Study, Table, Verdict, judge
+from slipctl.studying import OPEN, Case, Context, NotRun, Results, Study, Table, Verdict, judge
 from slipctl.texts import tolerance_text
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 log = logging.getLogger("slipctl")
 
 T = TypeVar("T")
+
+EXPERIMENT_SEED = 1
+"""Seed that experiments get."""
 
 Report = Callable[[str, float], None]
 """Called with what is running and the share of it that is done."""
@@ -284,27 +288,9 @@ def run(
         for name in ordered:
             what = f"{scenario}/{name}"
             tell(what, 0.0)
-            try:
-                data = simulate(
-                    case.loops[name], case.scenario, compile=compile, progress=_part(tell, what)
-                )
-            except RunFailed as error:
-                results.failed[what] = str(error)
-                log.error("%s failed: %s", what, error)
-                continue
-            data = _add_known(study, case, data).assign_attrs(
-                study=study.name, quick=int(quick), loop_name=name
-            )
-            ideal = results.metrics.get(scenario, {}).get("ideal", {})
-            changes = rail_changes(data, case.scenario, study.signals)
-            data.attrs["rail_changes_s"] = changes
-            results.data.setdefault(scenario, {})[name] = data
-            metrics = measure(Run(data, study.signals, changes, ideal))
-            if name == "ideal" and "distance" in metrics:
-                metrics = measure(Run(data, study.signals, changes, metrics))
-            results.metrics.setdefault(scenario, {})[name] = metrics
-            log.debug("%s done", what)
-            if finished:
+            with noted(results, what):
+                _run_one(results, case, name, compile, _part(tell, what))
+            if finished and name in results.data.get(scenario, {}):
                 finished(results, scenario, name)
         if scenario in results.data:
             results.data[scenario] = _as_in(results.data[scenario], case.loops)
@@ -314,19 +300,56 @@ def run(
             tell(name, 0.0)
             context = Context(
                 quick=quick, models=study.models if models is None else models, cases=cases,
-                compile=compile, progress=_part(tell, name),
+                seed=EXPERIMENT_SEED, compile=compile, progress=_part(tell, name),
             )  # fmt: skip
-            try:
+            with noted(results, name):
                 found = experiment.run(context)
-            except (RunFailed, BadInput) as error:
-                results.failed[name] = str(error)
-                log.error("experiment %s failed: %s", name, error)
-                continue
-            except NotRun as missing:
-                log.warning("experiment %s left out: %s", name, missing)
-                continue
-            results.tables[name] = {name: found} if isinstance(found, Table) else dict(found)
+                results.tables[name] = {name: found} if isinstance(found, Table) else dict(found)
     return results
+
+
+@contextmanager
+def noted(results: Results, what: str) -> Iterator[None]:
+    """Note what breaks, so that the rest goes on and nothing computed is lost."""
+    try:
+        yield
+    except NotRun as missing:
+        log.warning("%s is left out: %s", what, missing)
+    except Exception as error:
+        results.failed[what] = reason(error)
+        log.debug("%s", what, exc_info=True)
+
+
+def reason(error: Exception) -> str:
+    """Say an error in one line, with its place where it is in a model or a study."""
+    try:
+        blame(error)
+    except (BadInput, RunFailed) as known:
+        return str(known)
+    except OSError as known:
+        return f"cannot write {known.filename or ''}: {known.strerror or known}"
+    except Exception as unknown:
+        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
+
+
+def _run_one(
+    results: Results, case: Case, name: str, compile: bool, progress: Callable[[float], None]
+) -> None:
+    """Simulate one loop in its scenario and measure it."""
+    study, scenario = results.study, case.scenario.name
+    data = simulate(case.loops[name], case.scenario, compile=compile, progress=progress)
+    data = _add_known(study, case, data)
+    changes = rail_changes(data, case.scenario, study.signals)
+    data = data.assign_attrs(
+        study=study.name, quick=int(results.quick), loop_name=name, rail_changes_s=changes
+    )
+    ideal = results.metrics.get(scenario, {}).get("ideal", {})
+    metrics = measure(Run(data, study.signals, changes, ideal))
+    if name == "ideal" and "distance" in metrics:
+        metrics = measure(Run(data, study.signals, changes, metrics))
+    results.data.setdefault(scenario, {})[name] = data
+    results.metrics.setdefault(scenario, {})[name] = metrics
+    log.debug("%s/%s done", scenario, name)
 
 
 def new_results(study: Study, cases: Sequence[Case], quick: bool = False) -> Results:
@@ -380,6 +403,9 @@ def provenance(results: Results, command: str) -> dict[str, Any]:
             other = {n: v for n, v in values.items() if first.get(n) != v}
             if other:
                 parameters[f"{name}@{case.scenario.name}"] = other
+    seeds = {c.scenario.name: c.scenario.seed for c in results.cases}
+    if results.tables:
+        seeds["experiments"] = EXPERIMENT_SEED
     return {
         "slipctl_version": __version__,
         "casadi_version": casadi.__version__,  # type: ignore[attr-defined]
@@ -387,7 +413,7 @@ def provenance(results: Results, command: str) -> dict[str, Any]:
         "command": command,
         "study": results.study.name,
         "quick": results.quick,
-        "seed": {c.scenario.name: c.scenario.seed for c in results.cases},
+        "seed": seeds,
         "parameters": parameters,
     }
 
@@ -497,8 +523,15 @@ def save_tables(results: Results, out: Path, command: str) -> None:
 
 
 def judge_all(results: Results) -> list[Verdict]:
-    """Answer every claim of the study."""
-    return [judge(claim, results) for claim in results.study.claims]
+    """Answer every claim of the study; one whose answer breaks is noted as failed."""
+    verdicts = []
+    for claim in results.study.claims:
+        with noted(results, f"claim {claim.id}"):
+            verdicts.append(judge(claim, results))
+            continue
+        why = results.failed[f"claim {claim.id}"]
+        verdicts.append(Verdict(claim, None, OPEN, f"our answer breaks: {why}"))
+    return verdicts
 
 
 def stamp(results: Results, command: str) -> str:
@@ -518,18 +551,10 @@ def save_pages(
     drawn: dict[str, str] = {}
     text = stamp(results, command)
     for stem, figure in results.study.figures.items():
-        try:
+        with noted(results, f"figure {stem}"):
             fig = figure.draw(results)
-        except NotRun as missing:
-            log.info("figure %s is left out: %s", stem, missing)
-            continue
-        except Exception as error:
-            what = str(error).partition("\n")[0]
-            results.failed[f"figure {stem}"] = f"{type(error).__name__}: {what}"
-            log.debug("figure %s", stem, exc_info=True)
-            continue
-        if results.quick:
-            plots.mark_quick(fig)
-        drawn[stem] = plots.save(fig, out / "figures", stem, text)
+            if results.quick:
+                plots.mark_quick(fig)
+            drawn[stem] = plots.save(fig, out / "figures", stem, text)
     store.write_text(out / "report.html", report.page(results, verdicts, drawn, command))
     return drawn

@@ -47,8 +47,8 @@ def study_file(name: str, text: str) -> str:
     """Write a study that differs from the toy."""
     head = f"import sys\nsys.path.insert(0, {str(TESTS)!r})\nfrom dataclasses import replace\n"
     head += "import toy_study as toy\n"
-    head += "from slipctl import (Case, Experiment, Figure, Input, Output, Param, Rail, Scenario,\n"
-    head += "    Section, connect, law)\n"
+    head += "from slipctl import (Case, Claim, Experiment, Figure, Input, Output, Param, Rail,\n"
+    head += "    Scenario, Section, connect, law)\n"
     Path(name).write_text(f"{head}{text}\n")
     return name
 
@@ -169,9 +169,38 @@ bad = {"f": Figure("x", lambda r: 1 / 0)}
 study = replace(toy.study, experiments={}, figures=bad | toy.study.figures)
 """)  # fmt: skip
     assert main(["run", file, "--quick"]) == 1
-    assert "figure f failed: ZeroDivisionError" in capsys.readouterr().err
+    assert (
+        "figure f failed: study.py, line 8: ZeroDivisionError: division by zero"
+        in capsys.readouterr().err
+    )
     assert Path("out/toy/report.html").exists()
     assert Path("out/toy/figures/fig01.png").exists()
+
+
+def test_a_claim_that_breaks_does_not_cost_the_results(capsys: pytest.CaptureFixture[str]) -> None:
+    file = study_file("study.py", """
+def ours(r):
+    return r.metric("base", "soft", "stopping_distance") > 3
+study = replace(toy.study, experiments={}, claims=(
+    Claim("stop", "here", "it stops", "yes/no", True, ours), *toy.study.claims))
+""")  # fmt: skip
+    assert main(["run", file, "--quick"]) == 1
+    assert "claim stop failed: study.py, line 9: TypeError" in capsys.readouterr().err
+    claims = store.read_json(Path("out/toy/claims.json"))["claims"]
+    assert [c["verdict"] for c in claims][:2] == ["not checkable", "reproduced"]
+
+
+def test_a_log_that_cannot_be_written_does_not_cost_the_rest(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("out").mkdir()
+    Path("out/logs").write_text("in the way")
+    assert main(["run", TOY, "--quick", "--out", "out"]) == 1
+    said = capsys.readouterr()
+    assert re.search(r"log of base/soft failed: cannot write \S*logs", said.err)
+    assert "scenario base" in said.out
+    assert Path("out/metrics.json").exists()
+    assert Path("out/report.html").exists()
 
 
 def test_ctrl_c_ends_with_130_and_what_was_finished() -> None:

@@ -332,7 +332,7 @@ def test_files_are_whole_strict_and_carry_their_origin(results: Results, tmp_pat
         assert payload["format"] == 1
         assert payload["slipctl_version"]
         assert payload["command"] == "slipctl run toy"
-        assert payload["seed"] == {"base": 1, "noisy": 7}
+        assert payload["seed"] == {"base": 1, "noisy": 7, "experiments": 1}
         assert payload["parameters"]["soft"]["plant.car.m"] == {"value": 8000.0, "unit": "kg"}
         assert payload["quick"] is True
         assert "NaN" not in (tmp_path / f"{name}.json").read_text()
