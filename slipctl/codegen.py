@@ -403,9 +403,10 @@ def reference(
     Raises:
         RunFailed: an output or a state becomes NaN or infinite.
     """
-    ready = block.with_params(**params) if params else block
-    p = np.array(ca.DM(block.pack("param", ready.param_values())).full()).ravel()
-    x = np.array(ca.DM(block.pack("state", ready.start())).full()).ravel()
+    computed = any(s.derived for s in block.states.values())
+    begins = block.with_params(**params) if params and computed else block
+    p = np.array(ca.DM(block.pack("param", block.param_values(**params))).full()).ravel()
+    x = np.array(ca.DM(block.pack("state", begins.start())).full()).ravel()
     ticks = len(rows)
     before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
     build.roll_interpreted(block.f, x, np.ascontiguousarray(rows), p, before, outputs)

@@ -36,6 +36,9 @@ _CALLS = {
     ca.OP_SIGN: "sign_of", ca.OP_FMIN: "lesser", ca.OP_FMAX: "greater", ca.OP_SQ: "square",
 }  # fmt: skip
 
+_BOUNDS = {ca.OP_FMIN: "at_most", ca.OP_FMAX: "at_least"}
+"""Smaller and greater of a constant and a value: one comparison does for NaN too."""
+
 HELPERS = {
     "square": "static double square(double x)\n{\n    return x * x;\n}\n",
     "lesser": (
@@ -48,12 +51,29 @@ HELPERS = {
         "static double greater(double x, double y)\n{\n"
         "    return (x > y || y != y) ? x : y;\n}\n"
     ),
+    "at_most": (
+        "static double at_most(double x, double bound)\n{\n"
+        "    return (x <= bound) ? x : bound;\n}\n"
+    ),
+    "at_least": (
+        "static double at_least(double x, double bound)\n{\n"
+        "    return (x >= bound) ? x : bound;\n}\n"
+    ),
     "sign_of": (
         "static double sign_of(double x)\n{\n"
         "    return (x < 0.0) ? -1.0 : ((x > 0.0) ? 1.0 : x);\n}\n"
     ),
 }
 """Functions that the expressions may call beside those of math.h."""
+
+_TAKES_SIGN = {
+    ca.OP_ATAN2: (0, 1), ca.OP_COPYSIGN: (1,), ca.OP_DIV: (1,), ca.OP_INV: (0,),
+    ca.OP_POW: (0,), ca.OP_CONSTPOW: (0,),
+}  # fmt: skip
+_FORGETS_SIGN = {
+    *_COMPARE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_FABS, ca.OP_SQ, ca.OP_EXP, ca.OP_COS,
+    ca.OP_COSH,
+}  # fmt: skip
 
 _SELECT = -1  # our own operation: (condition, if true, if false)
 
@@ -168,6 +188,7 @@ class Writer:
             if names and place in names and self.nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
                 self.names.setdefault(node, names[place])
         self.uses = self._uses()
+        self.signed = self._signed()
         for k in range(len(self.nodes)):
             if self.uses[k]:
                 self._write(k)
@@ -186,6 +207,19 @@ class Writer:
                     uses[a] += 1
         return uses
 
+    def _signed(self) -> list[bool]:
+        """Values whose sign matters even when they are zero: what atan2 takes, what divides."""
+        signed = [False] * len(self.nodes)
+        for k in range(len(self.nodes) - 1, -1, -1):
+            node = self.nodes[k]
+            if node.op in _TAKES_SIGN:
+                for i in _TAKES_SIGN[node.op]:
+                    signed[node.args[i]] = True
+            if signed[k] and node.op not in _FORGETS_SIGN:
+                for a in node.args[1:] if node.op == _SELECT else node.args:
+                    signed[a] = True
+        return signed
+
     def _write(self, k: int) -> None:
         node = self.nodes[k]
         if node.op == ca.OP_CONST:
@@ -195,13 +229,13 @@ class Writer:
         if node.op == ca.OP_INPUT:
             self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
             return
-        made = self._compose(node)
+        made = self._compose(node, self.signed[k])
         while len(made.text) > WIDTH:
             long = max(node.args, key=lambda a: len(self.texts[a].text))
             if self.texts[long].rank == _ATOM and "(" not in self.texts[long].text:
                 break
             self._line(long)
-            made = self._compose(node)
+            made = self._compose(node, self.signed[k])
         self.texts[k] = made
         if k in self.names or self.uses[k] > 1:
             self._line(k)
@@ -233,7 +267,7 @@ class Writer:
             t = _Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
         return t.text if t.rank >= rank else f"({t.text})"
 
-    def _compose(self, node: Node) -> _Text:
+    def _compose(self, node: Node, signed: bool) -> _Text:
         op, a = node.op, node.args
         if op in _BINARY:
             sign, rank = _BINARY[op]
@@ -260,7 +294,9 @@ class Writer:
         if op == ca.OP_IF_ELSE_ZERO:
             return self._select(a[0], self._operand(a[1], _OR), "0.0")
         if op == _SELECT:
-            return self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
+            made = self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
+            # CasADi adds 0 to the value chosen, which makes -0 a +0
+            return _Text(f"({made.text}) + 0.0", _SUM) if signed else made
         return self._call(op, a)
 
     def _not(self, k: int) -> _Text:
@@ -276,12 +312,15 @@ class Writer:
         if op == ca.OP_SQ and self.texts[a[0]].rank == _ATOM and self._plain(a[0]):
             x = self._operand(a[0], _ATOM)
             return _Text(f"{x} * {x}", _PRODUCT)
-        if op in (ca.OP_FMIN, ca.OP_FMAX) and self.nodes[a[0]].op == ca.OP_CONST:
-            a = (a[1], a[0])  # the test for NaN of a constant costs nothing
         name = _CALLS[op]
+        if op in _BOUNDS and self.nodes[a[0]].op == ca.OP_CONST and not self._nan(a[0]):
+            name, a = _BOUNDS[op], (a[1], a[0])  # which of two zeros it gives stays the same
         if name in HELPERS:
             self.helpers.add(name)
         return _Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", _ATOM)
+
+    def _nan(self, k: int) -> bool:
+        return math.isnan(self.nodes[k].value)
 
     def _plain(self, k: int) -> bool:
         return not self.texts[k].truth and "(" not in self.texts[k].text

@@ -201,7 +201,7 @@ def _guards(n: str, big: str) -> str:
     return f"""    for (k = 0; k < N_IN && ticks > 0; ++k) {{
         static {n}_state before;
         static {n}_out good;
-        const double bad = NAN;
+        const double bad = (double)NAN;
         {n}_in broken = in;
         memcpy((char *)&broken + (size_t)k * sizeof(double), &bad, sizeof(double));
         memcpy(&before, &state, sizeof(state));

@@ -272,7 +272,13 @@ def _reached(chunks: list[_Chunk], entry: str) -> list[_Chunk]:
     return [c for c in chunks if c.name in wanted]
 
 
+_VALUE = r"(?:\(\*\w+\+\+\)|\*?\w+(?:\[\w+\])?)"
 _REPLACED = (
+    # a real number as a condition: compared, so that no compiler warns
+    (rf"\(! ({_VALUE}|\*\w+\+\+) \)", r"(\1 == 0)"),
+    (rf"\(({_VALUE})\?", r"(\1 != 0 ? "),
+    (r"\bif \(bottom\)", "if (bottom != 0)"),  # B-splines
+    (rf"\(({_VALUE})(&&|\|\|)({_VALUE})\)", r"(\1 != 0 \2 \3 != 0)"),
     (r"\bcasadi_real_min\b", "DBL_MIN"),
     (r"\bcasadi_real\b", "double"),
     (r"\bcasadi_int\b", "int"),
@@ -281,7 +287,8 @@ _REPLACED = (
     (r"\barg\[(\d+)\]\s?\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]"),  # never NULL here
     (r"\b0\+ ?i\*\d+", "0"),  # address of nothing: repmat of an empty vector
     (
-        r"(?s)/\* Pre-c99 compatibility \*/\n#if __STDC_VERSION__ < 199901L\n.*?#else\n(.*?)#endif\n",
+        r"(?s)/\* Pre-c99 compatibility \*/\n#if __STDC_VERSION__ < 199901L\n.*?#else\n"
+        r"(.*?)#endif\n",
         r"\1",
     ),
 )

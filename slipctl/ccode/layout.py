@@ -26,11 +26,18 @@ KEYWORDS = frozenset(_C_WORDS.split())
 _LOCAL_WORDS = """
 in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan asin acos atan
 atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
-hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater sign_of equations param_ok
+hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater at_most at_least sign_of equations param_ok
 is_finite all_finite within all_within fill copy safe main
 """
 LOCAL = frozenset(_LOCAL_WORDS.split())
 """Names that mean something inside the generated functions."""
+
+
+_FILE_WORDS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg
+stdbool stddef stdint stdio stdlib string tgmath time wchar wctype example
+"""
+_FILES = frozenset(_FILE_WORDS.split())
 
 
 @dataclass(frozen=True)
@@ -92,10 +99,10 @@ def layout(block: Block, name: str) -> Layout:
         BadInput: ``name`` is no C identifier; two signals would have one C name; a parameter
             without value.
     """
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in KEYWORDS or name in LOCAL:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in _FILES:
         raise BadInput(
-            f"{name!r} cannot name C functions; give another name: a letter, then letters, digits"
-            " or _, and no word of C"
+            f"{name!r} cannot name a C file and its functions; take a letter, then letters, digits"
+            " or _, and no header of C"
         )
     for p in block.params.values():
         if p.value is None:
