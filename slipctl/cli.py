@@ -126,20 +126,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        if verbose:
-            import traceback
-
-            traceback.print_exc()
-        return _explain(error)
+        return _explain(error, verbose)
 
 
-def _explain(error: Exception) -> int:
-    """Say an error in one line; gives the exit code."""
+def _explain(error: Exception, verbose: bool) -> int:
+    """Say an error in one line (below where it came from, if asked); gives the exit code."""
     from slipctl.doors import blame
 
+    if verbose and not isinstance(error, (BadInput, RunFailed)):
+        import traceback
+
+        traceback.print_exception(error)
     try:
         blame(error)
     except BadInput as known:
+        if verbose and known.__cause__ is not None:
+            import traceback
+
+            traceback.print_exception(known.__cause__)
         _say(str(known))
         return 2
     except RunFailed as known:

@@ -483,6 +483,16 @@ def test_an_unknown_fault_is_one_line_too(
     assert capsys.readouterr().err.startswith("slipctl: a fault of slipctl, StopIteration")
 
 
+def test_verbose_shows_where_only_what_python_said(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("bad.py").write_text("x = 1 / 0\n")
+    assert main(["-v", "show", "bad.py:x"]) == 2
+    said = capsys.readouterr().err
+    assert "Traceback" in said
+    assert said.splitlines()[-1] == "slipctl: bad.py, line 1: ZeroDivisionError: division by zero"
+    assert main(["-v", "run", TOY, "--loop", "sft"]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
 # ---- speed --------------------------------------------------------------------------------------
 
 
