@@ -133,17 +133,14 @@ def _explain(error: Exception, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
     from slipctl.doors import blame
 
-    if verbose and not isinstance(error, (BadInput, RunFailed)):
+    origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
+    if verbose and origin is not None:
         import traceback
 
-        traceback.print_exception(error)
+        traceback.print_exception(origin)
     try:
         blame(error)
     except BadInput as known:
-        if verbose and known.__cause__ is not None:
-            import traceback
-
-            traceback.print_exception(known.__cause__)
         _say(str(known))
         return 2
     except RunFailed as known:
