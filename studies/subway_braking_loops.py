@@ -108,32 +108,36 @@ def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -
     return connect("loop", wires, plant=_world(models, lag=False), ctl=controller(law))
 
 
+REAL = {
+    "tooth.phi": "plant.wheel.phi",
+    "speed.v": "plant.wheel.v",
+    "slip.v": "speed.v_m",
+    "slip.omega": "tooth.omega_m",
+    "meter.omega": "tooth.omega_m",
+    "meter.v_s": "slip.v_s",
+    "meter.T_b": "plant.brake.T_b",
+    "ctl.v": "speed.v_m",
+    "ctl.v_s": "slip.v_s",
+    "ctl.a_demand": "a_demand",
+    "plant.T_cmd": "ctl.T_b",
+}
+"""Wires of a loop with lag and real sensors."""
+
+
+def _sensors() -> dict[str, Block]:
+    return {
+        "tooth": sensors.tooth_wheel,
+        "speed": sensors.speed_sensor.with_params(sigma=0.01),
+        "slip": sensors.slip_sensor,
+        "meter": sensors.adhesion_meter(window=16, torque="sampled"),
+    }
+
+
 def real(models: Mapping[str, Any], law: Block) -> Block:
     """Loop with 50 ms of lag, tooth wheel, noisy speed, and adhesion from the wheel's equation."""
-    wires = {
-        "tooth.phi": "plant.wheel.phi",
-        "speed.v": "plant.wheel.v",
-        "slip.v": "speed.v_m",
-        "slip.omega": "tooth.omega_m",
-        "meter.omega": "tooth.omega_m",
-        "meter.v_s": "slip.v_s",
-        "meter.T_b": "plant.brake.T_b",
-        "ctl.v": "speed.v_m",
-        "ctl.v_s": "slip.v_s",
-        "ctl.mu_hat": "meter.mu_m",
-        "ctl.v_opt": "v_opt",
-        "ctl.a_demand": "a_demand",
-        "plant.T_cmd": "ctl.T_b",
-    }
-    return connect(
-        "loop", wires,
-        plant=_world(models, lag=True),
-        tooth=sensors.tooth_wheel,
-        speed=sensors.speed_sensor.with_params(sigma=0.01),
-        slip=sensors.slip_sensor,
-        meter=sensors.adhesion_meter(window=16, torque="sampled"),
-        ctl=controller(law),
-    )  # fmt: skip
+    wires = {**REAL, "ctl.mu_hat": "meter.mu_m", "ctl.v_opt": "v_opt"}
+    parts = _sensors() | {"ctl": controller(law)}
+    return connect("loop", wires, plant=_world(models, lag=True), **parts)
 
 
 def online(models: Mapping[str, Any], law: Block) -> Block:
@@ -157,7 +161,29 @@ def online(models: Mapping[str, Any], law: Block) -> Block:
     )  # fmt: skip
 
 
-def _estimating(models: Mapping[str, Any], law: Block, **numbers: float) -> Block:
+def real_online(models: Mapping[str, Any], law: Block) -> Block:
+    """Loop with lag and real sensors in which the best slip is estimated and searched online."""
+    wires = {
+        **REAL,
+        "ctl.mu_m": "meter.mu_m",
+        "ctl.v_s_m": "meter.v_s_m",
+        "truth.v_opt": "v_opt",
+    }
+    ctl = _estimating(models, law).with_params(
+        **{
+            "estimator.noise": 1e-2,  # the meter's own is .013 to .025
+            "estimator.spread": 0.5,
+            "estimator.gate": 4.0,
+            "estimator.settling": 1.0,  # its window mixes two rails once
+            "probe.depth": 0.4,
+        }
+    )
+    return connect(
+        "loop", wires, plant=_world(models, lag=True), **_sensors(), ctl=ctl, truth=truth
+    )
+
+
+def _estimating(models: Mapping[str, Any], law: Block) -> Block:
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
     return estimating_controller(law, adh, searcher(adh), start)
@@ -205,7 +231,7 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         Case(
             Scenario("real", 6.0, rail, doc="50 ms lag, tooth wheel, noisy speed"),
             {"ideal": ideal(models), "smc": real(models, smc), "sta": real(models, sta),
-             "sta_implicit": real(models, implicit)},
+             "sta_implicit": real(models, implicit), "sta_online": real_online(models, sta)},
             known,
         ),
         Case(

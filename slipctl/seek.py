@@ -1,0 +1,287 @@
+"""Search for the best operating point of a law: differential evolution as a block."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl import wichmann_hill as wh
+from slipctl.block import Block, Exprs, make_block
+from slipctl.errors import BadInput, nearest
+from slipctl.signals import Output, Param, Signal, State
+
+FORMS = ("consistent", "printed-alg1")
+CHUNK = 10
+"""Members evaluated as straight-line code; the rest is loops."""
+
+
+def differential_evolution(
+    law: Block,
+    over: str,
+    maximise: str | None = None,
+    *,
+    lo: float,
+    hi: float,
+    population: int = 50,
+    crossover: float = 0.6,
+    generations: int = 300,
+    generations_per_tick: int | None = None,
+    seed: int = 1,
+    form: str = "consistent",
+) -> Block:
+    """Search the argument of a law's peak by differential evolution, DE/rand/1.
+
+    Each generation, every member x_i meets a trial x_a + F (x_b - x_c), a, b, c distinct and other
+    than i, with probability ``crossover`` (with one variable, crossover is just that), reflected
+    into the range at its bounds, and is replaced if the trial is at least as good. All trials of a
+    generation are made from the one before. The factor falls from 2 F0 to F0,
+    F = F0 2^exp(1 - Gm/(Gm + 1 - G)); Huang 2020 eq (22) with its index put right. The population
+    is drawn afresh for each search.
+
+    Args:
+        law: from the variable and further inputs and parameters to the objective.
+        over: name of the input that is varied.
+        maximise: output that is maximised; may be left out if there is only one.
+        lo, hi: range of the variable, in its unit.
+        population: number of members.
+        crossover: probability of a trial.
+        generations: of one search.
+        generations_per_tick: how many to do per tick; by default all, so that each tick gives the
+            optimum for the parameters it reads. Fewer spread a search over several ticks: it
+            works on the parameters read at its start, and the last optimum is held meanwhile.
+        seed: of the random numbers, which are block state.
+        form: ``"consistent"``, or ``"printed-alg1"``: Algorithm 1 of Huang 2020 keeps the smaller
+            value, and so finds the worst point (docs/errata.md).
+
+    Returns:
+        A step block. Inputs: the law's parameters and its other inputs. Outputs: ``best`` (place)
+        and ``value`` (objective there).
+
+    Raises:
+        BadInput: unknown names, an empty range, or settings that make no search.
+    """
+    where = f"differential_evolution({law.name})"
+    maximise = objective(where, law, over, maximise)
+    _check(where, lo, hi, population, crossover, generations, form)
+    per_tick = generations if generations_per_tick is None else generations_per_tick
+    if per_tick != int(per_tick) or not 1 <= per_tick <= generations:
+        raise BadInput(f"{where}: generations_per_tick = {per_tick} must lie in 1..{generations}")
+    n = int(population)
+    given, value_of = open_law(law, over, maximise)
+    worse = -1.0 if form == "printed-alg1" else 1.0
+    start = _first(value_of, n, worse)
+    generation = _generation(value_of, n, worse)
+    best_of = _best_of(n)
+
+    x, limits = law.inputs[over], [
+        Param(law.inputs[over].unit, float(lo), "lowest").named("lo"),
+        Param(law.inputs[over].unit, float(hi), "highest").named("hi"),
+    ]  # fmt: skip
+    settings = [
+        Param("1", float(crossover), "probability of a trial", lo=0, hi=1).named("crossover"),
+        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
+              ).named("F0"),
+    ]  # fmt: skip
+    random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
+
+    def run(count: int, G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
+        """``count`` generations from generation G on."""
+        constants = ca.vertcat(at, p["lo"], p["hi"], p["crossover"], p["F0"], float(generations))
+        state = ca.vertcat(G, rng, pop, val)
+        state = generation.fold(count)(state, ca.repmat(constants, 1, count)) if count > 1 else (
+            generation(state, constants)
+        )  # fmt: skip
+        return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
+
+    def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        at = ca.vertcat(*[u[s.name] for s in given])
+        rng, pop, val = start(xs["rng"], at, p["lo"], p["hi"])
+        _, rng, pop, val = run(generations, 1.0, rng, pop, val, at, p)
+        place, value = best_of(pop, val)
+        return {"rng": rng}, {"best": place, "value": worse * value}
+
+    def spread(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        now = ca.vertcat(*[u[s.name] for s in given])
+        first = xs["G"] <= 1
+        at = ca.if_else(first, now, xs["at"])
+        fresh = start(xs["rng"], at, p["lo"], p["hi"])
+        rng, pop, val = (
+            ca.if_else(first, new, xs[k])
+            for new, k in zip(fresh, ("rng", "pop", "val"), strict=True)
+        )
+        G, rng, pop, val = run(int(per_tick), ca.fmax(xs["G"], 1), rng, pop, val, at, p)
+        done = generations < G
+        place, value = best_of(pop, val)
+        known = ca.logic_or(done, xs["searches"] < 1)
+        best = ca.if_else(known, place, xs["place"])
+        height = ca.if_else(known, worse * value, xs["height"])
+        nxt = {
+            "rng": rng, "pop": pop, "val": val, "at": at, "G": ca.if_else(done, 1, G),
+            "place": best, "height": height, "searches": ca.fmin(xs["searches"] + done, 1e6),
+        }  # fmt: skip
+        return nxt, {"best": best, "value": height}
+
+    unit = law.outputs[maximise].unit
+    many = per_tick < generations
+    memory = [
+        State(x.unit, 0.0, "members", shape=(n,)).named("pop"),
+        State(unit, 0.0, "their values", shape=(n,)).named("val"),
+        State("1", 0.0, "parameters of this search", shape=(len(given),)).named("at"),
+        State("1", 1.0, "generation").named("G"),
+        State(x.unit, 0.0, "best of the last search").named("place"),
+        State(unit, 0.0, "value of the last search").named("height"),
+        State("1", 0.0, "searches done").named("searches"),
+    ]
+    return make_block(
+        "differential_evolution", "step", spread if many else whole,
+        states=[random, *(memory if many else [])],
+        inputs=given, params=[*limits, *settings],
+        outputs=[
+            Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
+            law.outputs[maximise].as_role("output", doc="value there").named("value"),
+        ],
+        sx=False, doc=differential_evolution.__doc__ or "",
+        choices={
+            "form": form, "law": law.name, "over": over, "population": n,
+            "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
+        },
+    )  # fmt: skip
+
+
+def schedule(G: Any, generations: Any, F0: Any) -> Any:
+    """Factor F of generation G = 1..Gm: F0 2^exp(1 - Gm/(Gm + 1 - G)), from 2 F0 to F0."""
+    return F0 * ca.exp(math.log(2) * ca.exp(1 - generations / (generations + 1 - G)))
+
+
+def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
+    """Output that is maximised, after a look at the law."""
+    if law.kind != "law" or not law.sx:
+        raise BadInput(f"{where}: only a law of scalar expressions can be searched")
+    if over not in law.inputs:
+        raise BadInput(f"{where} has no input {over!r}{nearest(over, law.inputs)}")
+    if any(s.shape != () for s in (*law.inputs.values(), *law.params.values())):
+        raise BadInput(f"{where}: inputs and parameters must be scalars")
+    if maximise is None and len(law.outputs) == 1:
+        maximise = next(iter(law.outputs))
+    if maximise not in law.outputs:
+        raise BadInput(f"{where} has no output {maximise!r}{nearest(str(maximise), law.outputs)}")
+    return str(maximise)
+
+
+def _check(
+    where: str, lo: float, hi: float, n: int, crossover: float, generations: int, form: str
+) -> None:
+    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
+        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+    if n != int(n) or not 4 <= n <= 500:
+        raise BadInput(f"{where}: population = {n} must be a whole number in 4..500")
+    if not 0 <= crossover <= 1:
+        raise BadInput(f"{where}: crossover = {crossover:g} must lie in 0..1")
+    if generations != int(generations) or generations < 1:
+        raise BadInput(f"{where}: generations = {generations} must be a whole number >= 1")
+    if form not in FORMS:
+        raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
+
+
+def open_law(law: Block, over: str, maximise: str) -> tuple[list[Signal], ca.Function]:
+    """Inputs that fix a law but for one input, and Function (place, their values) -> objective."""
+    others = [s for k, s in law.inputs.items() if k != over]
+    free = [s for s in law.params.values() if not s.derived]
+    place, given = ca.SX.sym("place"), ca.SX.sym("given", len(others) + len(free))
+    inputs = {s.name: given[k] for k, s in enumerate(others)} | {over: place}
+    params = {s.name: given[len(others) + k] for k, s in enumerate(free)}
+    y = law.expr({}, inputs, law.derive(params))[1][maximise]
+    signals = [*others, *(s.as_role("input", value=None) for s in free)]
+    return signals, ca.Function("value_of", [place, given], [y], {"cse": True})
+
+
+def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
+    """Function (rng, given, lo, hi) -> (rng, members drawn over the range, their values)."""
+    rng, lo, hi = ca.SX.sym("rng", 3), ca.SX.sym("lo"), ca.SX.sym("hi")
+    given = ca.SX.sym("given", value_of.size1_in(1))
+    after = wh.advance(rng)
+    place = lo + (hi - lo) * wh.uniform(after)
+    one = ca.Function(
+        "one_member", [rng, given, lo, hi], [after, place, worse * value_of(place, given)]
+    )
+    many = one.mapaccum("members", n)
+    r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
+    states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))
+    return ca.Function("first", [r, g, a, b], [states[:, -1], places.T, values.T])
+
+
+def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
+    """Function (state, constants) -> state; state is generation, rng, members, values."""
+    m = value_of.size1_in(1)
+    size = CHUNK if n % CHUNK == 0 else n if n < 4 * CHUNK else 1
+    chunks = n // size
+
+    # random numbers: for each member three others, by distance, and whether it has a trial
+    rng, first, probability = ca.SX.sym("rng", 3), ca.SX.sym("first"), ca.SX.sym("probability")
+    state, rows = rng, []
+    for i in range(size):
+        state = wh.advance(state)
+        scaled = state[0] * (n - 1)
+        o1 = ca.floor(scaled * (1 / wh.MODULI[0]))
+        trial = scaled - wh.MODULI[0] * o1 < probability * wh.MODULI[0]
+        o2, o3 = wh.below(state, 1, n - 2), wh.below(state, 2, n - 3)
+        o3 = o3 + (o3 >= o2)
+        o3 = o3 + (o3 >= o1)
+        o2 = o2 + (o2 >= o1)
+        rows.append([first + i + 1 + o for o in (o1, o2, o3)] + [trial])
+    draw = ca.Function(
+        "draw", [rng, first, probability],
+        [state, ca.vertcat(*[r[j] for r in rows for j in range(3)]),
+         ca.vertcat(*[r[3] for r in rows])],
+        {"cse": True},
+    )  # fmt: skip
+
+    # trials and selection
+    x, v, trial = ca.SX.sym("x", size), ca.SX.sym("v", size), ca.SX.sym("trial", size)
+    mates, F = ca.SX.sym("mates", 3 * size), ca.SX.sym("F")
+    given, lo, hi = ca.SX.sym("given", m), ca.SX.sym("lo"), ca.SX.sym("hi")
+    places, values = [], []
+    for i in range(size):
+        a, b, c = (mates[3 * i + j] for j in range(3))
+        place = a + F * (b - c)
+        place = ca.if_else(place < lo, 2 * lo - place, place)
+        place = ca.if_else(place > hi, 2 * hi - place, place)
+        place = ca.fmax(lo, ca.fmin(hi, place))  # 2 F may reach further than a reflection
+        value = worse * value_of(place, given)
+        better = ca.logic_and(trial[i], value >= v[i])
+        places.append(ca.if_else(better, place, x[i]))
+        values.append(ca.if_else(better, value, v[i]))
+    select = ca.Function(
+        "select", [x, v, trial, mates, F, given, lo, hi],
+        [ca.vertcat(*places), ca.vertcat(*values)], {"cse": True},
+    )  # fmt: skip
+
+    s, constants = ca.MX.sym("s", 4 + 2 * n), ca.MX.sym("constants", m + 5)
+    G, random, pop, val = ca.vertsplit(s, [0, 1, 4, 4 + n, 4 + 2 * n])
+    given, lo, hi, probability, F0, Gm = ca.vertsplit(constants, [0, *range(m, m + 6)])
+    F = schedule(G, Gm, F0)
+    firsts = ca.DM(np.arange(0, n, size, dtype=float)).T
+    random_after, index, trial = draw.mapaccum("draws", chunks)(
+        random, firsts, ca.repmat(probability, 1, chunks)
+    )
+    mates = ca.vertcat(pop, pop)[ca.vec(index)]
+    repeated = [ca.repmat(q, 1, chunks) for q in (F, given, lo, hi)]
+    places, values = select.map(chunks)(
+        ca.reshape(pop, size, chunks), ca.reshape(val, size, chunks), trial,
+        ca.reshape(mates, 3 * size, chunks), *repeated,
+    )  # fmt: skip
+    following = ca.vertcat(G + 1, random_after[:, -1], ca.vec(places), ca.vec(values))
+    return ca.Function("generation", [s, constants], [following])
+
+
+def _best_of(n: int) -> ca.Function:
+    """Function (members, values) -> (place, value) of the first best one."""
+    x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)
+    place, value = x[0], v[0]
+    for i in range(1, n):
+        better = v[i] > value
+        place, value = ca.if_else(better, x[i], place), ca.if_else(better, v[i], value)
+    return ca.Function("best_of", [x, v], [place, value])
