@@ -8,8 +8,11 @@ from typing import NamedTuple
 
 import pytest
 from hypothesis import settings
+from slipctl.models import subway_braking as subway
+from slipctl.models import subway_braking_control as control
+from slipctl.models.brakes import brake
 
-from slipctl import build
+from slipctl import Block, Rail, Scenario, Section, build, connect, sampled
 
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25, database=None)
 settings.register_profile("hunt", deadline=None, max_examples=2000, database=None)
@@ -31,6 +34,34 @@ INTEGRATORS = (
     Integrator("sdirk2", 2, True),
 )
 """A new method joins here (a test fails until it does), and every property test runs on it."""
+
+
+BEST = float(subway.peak_slip(1.0, 0.54, 1.2))
+"""Best slip speed of every rail of Table 1, m/s."""
+
+
+def closed_loop(slip_law: Block | None = None, lag: bool = False, method: str = "rk4") -> Block:
+    """Braked wheelset under slip control, perfect sensors, 1 ms; by default super-twisting."""
+    wires = {
+        "ctl.v": "plant.wheel.v",
+        "ctl.v_s": "plant.wheel.v_s",
+        "ctl.mu_hat": "plant.adh.mu",
+        "ctl.f_hat": "plant.air.f",
+        "ctl.W_hat": "plant.curve.W",
+        "ctl.v_opt": "v_opt",
+        "ctl.a_demand": "a_demand",
+        "plant.T_cmd": "ctl.T_b",
+    }
+    plant = sampled(subway.plant(brake=brake(lag)), 1e-3, method)
+    law = slip_law or control.super_twisting()
+    return connect("loop", wires, plant=plant, ctl=control.controller(law))
+
+
+def three_rails(seconds: float, **changes) -> Scenario:
+    """Dry, wet and ice for a third of the time each, braking at the best slip."""
+    names = ("dry", "wet", "ice")
+    rail = Rail([Section(k * seconds / 3, n, {"v_opt": BEST}) for k, n in enumerate(names)])
+    return Scenario("three_rails", seconds, rail).but(**changes)
 
 
 @pytest.fixture(params=INTEGRATORS, ids=lambda i: i.method)
