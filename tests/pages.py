@@ -1,0 +1,88 @@
+"""Run the code of a page of the docs in the current folder: ``python pages.py PAGE``.
+
+``python`` blocks are executed one after the other in one namespace; one whose first line is a file
+name (``# my_law.py``) is written to that file. What a ``python`` block prints is compared with the
+``text`` block that follows it. In ``console`` blocks each line after ``$`` is run by the shell, and
+its output is compared with the lines below it; output that starts with ``slipctl:`` is an error and
+must exit with 2. ``...`` stands for anything. Other blocks are not run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and code of each fenced block."""
+    return [(m[1], m[2]) for m in FENCE.finditer(text)]
+
+
+def run_page(text: str) -> list[str]:
+    """Run the code of a page; gives what went wrong."""
+    sys.path.insert(0, os.getcwd())
+    names: dict[str, Any] = {"__name__": "__main__"}
+    code = blocks(text)
+    following = [*code[1:], ("", "")]
+    wrong: list[str] = []
+    for (language, body), (next_language, expected) in zip(code, following, strict=True):
+        if language == "python":
+            file = re.match(r"# (\w+\.py)\n", body)
+            if file:
+                Path(file[1]).write_text(body, encoding="utf-8")
+                continue
+            printed = run_python(body, names)
+            if next_language == "text" and not matches(expected, printed):
+                wrong.append(f"{body}\nprints\n{printed}\nnot\n{expected}")
+        elif language == "console":
+            wrong += run_console(body)
+    return wrong
+
+
+def run_python(body: str, names: dict[str, Any]) -> str:
+    """Execute a block; gives what it prints, or the traceback."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        try:
+            exec(compile(body, "page", "exec"), names)
+        except Exception:
+            out.write("\n" + traceback.format_exc())
+            print(out.getvalue(), file=sys.stderr)
+            raise
+    return out.getvalue()
+
+
+def run_console(body: str) -> list[str]:
+    """Run the commands of a block; gives what went wrong."""
+    wrong = []
+    for piece in re.split(r"^\$ ", body, flags=re.M)[1:]:
+        command, _, expected = piece.partition("\n")
+        done = subprocess.run(command, shell=True, capture_output=True, text=True)
+        fails = expected.startswith("slipctl:")
+        seen = done.stderr if fails else done.stdout
+        if done.returncode != (2 if fails else 0):
+            wrong.append(f"$ {command}\nexits with {done.returncode}\n{done.stderr}")
+        elif expected.strip() and not matches(expected, seen):
+            wrong.append(f"$ {command}\nprints\n{seen}\nnot\n{expected}")
+    return wrong
+
+
+def matches(expected: str, seen: str) -> bool:
+    """Whether the output is the expected one; white space does not count, ``...`` is anything."""
+    pieces = [re.escape(" ".join(piece.split())) for piece in expected.split("...")]
+    return re.fullmatch(".*".join(pieces), " ".join(seen.split()), re.S) is not None
+
+
+if __name__ == "__main__":
+    problems = run_page(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    print("\n\n".join(problems), file=sys.stderr)
+    sys.exit(bool(problems))
