@@ -22,9 +22,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from slipctl.studies.peers import subway_loop
 
 from slipctl import BadInput, __version__, build
+from slipctl.studies.peers import subway_loop
 
 PEERS = Path(__file__).parent / "peers"
 TICKS = 6000

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from slipctl.studies import subway_braking_experiments as experiments
-from slipctl.studies.subway_braking_loops import MODELS, MOVING, TABLE_1, best, cases
 
 from slipctl import Claim, Figure, Results, Signals, Study, plots
 from slipctl.certify import super_twisting
+from slipctl.studies import subway_braking_experiments as experiments
+from slipctl.studies.subway_braking_loops import MODELS, MOVING, TABLE_1, best, cases
 
 RAILS = ("dry", "wet", "ice")
 
@@ -84,8 +84,8 @@ CLAIMS = (
         for rail, printed in (("dry", "8.0239e-5"), ("wet", "2.0435e-6"), ("ice", "5.1227e-6"))
     ),
     Claim(
-        "faster_than_smc", "section 5, Fig. 7", "super-twisting settles faster than the reaching law",
-        "order", "smc > sta",
+        "faster_than_smc", "section 5, Fig. 7",
+        "super-twisting settles faster than the reaching law", "order", "smc > sta",
         lambda r: {"smc": slowest(r, "base", "smc"), "sta": slowest(r, "base", "sta")}, "s",
         tolerance=0.0, tolerance_why="an order", scenario="base", loop="sta",
         why_not="into a band of 0.05 m/s the reaching law is faster, but it never comes into one of"
@@ -268,7 +268,7 @@ FIGURES: Mapping[str, Figure] = {
         estimated_curves, "Fig. 5",
     ),
     "fig06_best_slip": Figure(
-        "Best slip found online, the reference with its probes, and the slip; dashed: true optimum.",
+        "Best slip found online, reference with probes, and slip; dashed: true optimum.",
         best_slip, "Fig. 6",
     ),
     "fig07_slip": Figure("Slip under both laws, with close-ups.", slip, "Fig. 7"),

@@ -8,8 +8,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from slipctl.models.subway_braking import double_exponential
-from slipctl.studies.subway_braking_loops import MOVING, START, TABLE_1, H, best
 
 from slipctl import (
     Block,
@@ -26,6 +24,8 @@ from slipctl import (
 )
 from slipctl.certify import reaching_law, super_twisting
 from slipctl.metrics import settling
+from slipctl.models.subway_braking import double_exponential
+from slipctl.studies.subway_braking_loops import MOVING, START, TABLE_1, H, best, searcher
 
 RAILS = ("dry", "wet", "ice")
 LENGTH = 2.0
@@ -360,7 +360,9 @@ def gains(context: Context) -> Table:
             "(48) holds for some L": (
                 "", [super_twisting.printed_48(*k, 0.0) for k in pairs.values()],
             ),
-            "largest L, exact": ("m/s^3", [_largest(super_twisting.exact, *k) for k in pairs.values()]),
+            "largest L, exact": (
+                "m/s^3", [_largest(super_twisting.exact, *k) for k in pairs.values()],
+            ),
             "largest L, (48)": (
                 "m/s^3", [_largest(super_twisting.printed_48, *k) for k in pairs.values()],
             ),

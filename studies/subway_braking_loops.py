@@ -5,22 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from slipctl.models import sensors
-from slipctl.models.brakes import brake
-from slipctl.models.subway_braking import (
-    curve_resistance,
-    double_exponential,
-    ideal_plant,
-    plant,
-    wheelset,
-)
-from slipctl.models.subway_braking_control import (
-    controller,
-    estimating_controller,
-    reaching_law,
-    super_twisting,
-)
-
 from slipctl import (
     Block,
     Case,
@@ -36,6 +20,21 @@ from slipctl import (
     sampled,
 )
 from slipctl import law as law_block
+from slipctl.models import sensors
+from slipctl.models.brakes import brake
+from slipctl.models.subway_braking import (
+    curve_resistance,
+    double_exponential,
+    ideal_plant,
+    plant,
+    wheelset,
+)
+from slipctl.models.subway_braking_control import (
+    controller,
+    estimating_controller,
+    reaching_law,
+    super_twisting,
+)
 
 H = 1e-3
 """Tick of every loop in s: the control period, which the paper does not state (a guess)."""
