@@ -231,18 +231,18 @@ def _study_text(name: str) -> str:
     rows += ["", "scenarios and loops"]
     for case in cases:
         s = case.scenario
-        rows.append(f"  {s.name:<18} {s.duration:g} s, seed {s.seed}: {', '.join(case.loops)}")
-        rows += _wrapped(s.doc, " " * 21, 96) if s.doc else []
-    if study.models:
-        rows += ["", "models that --swap replaces"]
-        rows += [f"  {key:<18} {getattr(m, 'name', None) or getattr(m, '__name__', '')}"
-                 for key, m in study.models.items()]  # fmt: skip
-    if study.experiments:
-        rows += ["", "experiments"]
-        rows += [f"  {key:<18} {e.title}" for key, e in study.experiments.items()]
-    if study.claims:
-        rows += ["", "claims"]
-        rows += [f"  {c.id:<18} {c.claim} ({c.source})" for c in study.claims]
+        rows.append(f"  {s.name:<20} {s.duration:g} s, seed {s.seed}: {', '.join(case.loops)}")
+        rows += _wrapped(s.doc, " " * 23, 96) if s.doc else []
+    models = {k: getattr(m, "name", getattr(m, "__name__", "")) for k, m in study.models.items()}
+    for title, pairs in (
+        ("models that --swap replaces", list(models.items())),
+        ("experiments", [(k, e.title) for k, e in study.experiments.items()]),
+        ("claims", [(c.id, f"{c.claim} ({c.source})") for c in study.claims]),
+        ("figures", [(k, f.caption) for k, f in study.figures.items()]),
+    ):  # fmt: skip
+        if pairs:
+            wide = max(len(key) for key, _ in pairs)
+            rows += ["", title, *(f"  {key:<{wide}}  {text}" for key, text in pairs)]
     loop = next(iter(cases[0].loops))
     rows += ["", f"See slipctl show {name}:{loop}, slipctl run {name}"]
     return "\n".join(rows)

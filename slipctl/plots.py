@@ -88,11 +88,12 @@ def colour(name: str) -> str:
     return PALETTE[int(hashlib.sha256(stem.encode()).hexdigest(), 16) % len(PALETTE)]
 
 
-def dash(name: str) -> Any:
-    """Line of a loop: dashed for a printed form, dotted for the bound, otherwise solid."""
-    if "_printed" in name:
-        return (0, (4, 1.5))
-    return (0, (1, 1)) if name == "ideal" else "-"
+def dash(name: str, beside: Sequence[str] = ()) -> Any:
+    """Line of a loop: dotted for the bound, dashed where another one beside it has its colour."""
+    if name == "ideal":
+        return (0, (1, 1))
+    same = [n for n in beside if colour(n) == colour(name)]
+    return (0, (4, 1.5)) if name in same[1:] else "-"
 
 
 @contextmanager
@@ -164,7 +165,7 @@ def traces(
                 name = _name(results, log, first)
                 if name is None:
                     continue
-                text = text or str(log[name].attrs.get("long_name", name))
+                text = text or _meaning(log[name], name)
                 unit = str(log[name].attrs.get("units", "1"))
                 rough[loop] = float(np.abs(np.diff(log[name].values)).sum())
             if text is None:
@@ -173,8 +174,10 @@ def traces(
             behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
             for loop in rough:
                 name = _name(results, logs[loop], first)
-                line = _trace(axis, logs[loop], str(name), span, color=colour(loop), ls=dash(loop),
-                              zorder=2 + 0.01 * behind.index(loop))  # fmt: skip
+                line = _trace(
+                    axis, logs[loop], str(name), span, color=colour(loop), ls=dash(loop, chosen),
+                    zorder=2 + 0.01 * behind.index(loop),
+                )  # fmt: skip
                 entries.setdefault((names or {}).get(loop, loop), line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
@@ -210,7 +213,12 @@ def _references(
             continue
         drawn.append(values)
         line = _trace(axis, logs[loop], name, span, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3)
-        entries.setdefault(str(logs[loop][name].attrs.get("long_name", name)), line)
+        entries.setdefault(_meaning(logs[loop][name], name), line)
+
+
+def _meaning(signal: Any, name: str) -> str:
+    """Meaning of a signal, up to its first comma."""
+    return str(signal.attrs.get("long_name") or name).partition(",")[0]
 
 
 def _name(results: Results, log: Any, wanted: str) -> str | None:
@@ -279,6 +287,7 @@ def lines(
     marks: Mapping[str, tuple[float, float]] | None = None,
     title: str = "",
     points: bool = False,
+    legend: bool = True,
 ) -> Figure:
     """Curves by name, ``{"sta": (times, values)}``; a loop's name has the loop's colour.
 
@@ -290,6 +299,7 @@ def lines(
         marks: points to mark, by name.
         title: above the panel.
         points: show the points of each curve.
+        legend: name the curves, where there is more than one.
     """
     fig = axis.get_figure() if axis is not None else None
     if axis is None:
@@ -299,7 +309,9 @@ def lines(
     with style():
         hues = _hues(list(curves))
         for name, (xs, ys) in curves.items():
-            axis.plot(xs, ys, color=hues[name], ls=dash(name), label=name,
+            if not points and len(np.atleast_1d(xs)) > 1:
+                xs, ys = envelope(np.asarray(xs), np.asarray(ys))
+            axis.plot(xs, ys, color=hues[name], ls=_line(name, hues), label=name,
                       marker="o" if points else None, ms=3)  # fmt: skip
         for name, (px, py) in (marks or {}).items():
             axis.plot([px], [py], "o", color=hues.get(name, BLACK), ms=5, zorder=5)
@@ -310,9 +322,15 @@ def lines(
         axis.set_xlabel(label(*x))
         axis.set_ylabel(label(*y))
         axis.set_title(title)
-        if len(curves) > 1:
+        axis.margins(x=0.02 if points else 0.0)
+        if len(curves) > 1 and legend:
             axis.legend()
     return fig  # type: ignore[return-value]
+
+
+def _line(name: str, hues: Mapping[str, str]) -> Any:
+    """Solid, but for a loop whose colour occurs twice, and for the bound."""
+    return dash(name, list(hues)) if hues[name] == colour(name) else "-"
 
 
 def _hues(names: Sequence[str]) -> dict[str, str]:
@@ -357,8 +375,8 @@ def laws(
         )
         index = list(law.outputs).index(out.name)
         curves[name] = (at, np.array(y[1]).reshape(-1, at.size)[index])
-    return lines(curves, (slip.doc, slip.unit), (out.doc, out.unit), axis=axis, marks=peaks,
-                 title=title)  # fmt: skip
+    across, up = (s.doc.partition(",")[0] or s.name for s in (slip, out))
+    return lines(curves, (across, slip.unit), (up, out.unit), axis=axis, marks=peaks, title=title)
 
 
 def bars(
@@ -501,7 +519,7 @@ def png_bytes(fig: Figure, stamp: str = "") -> bytes:
 def mark_quick(fig: Figure) -> None:
     """Say on the figure that it comes from a quick run."""
     with style():
-        fig.text(0.995, 0.005, "quick", ha="right", va="bottom", fontsize=8, color=ORANGE,
+        fig.text(0.997, 0.997, "quick", ha="right", va="top", fontsize=8, color=ORANGE,
                  weight="bold")  # fmt: skip
 
 

@@ -46,8 +46,9 @@ nav ul { columns: 2; padding-left: 1.1rem; margin: .4rem 0; }
 table { border-collapse: collapse; margin: .5rem 0 1rem; font-size: .88rem; }
 th, td { padding: .25rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top;
   text-align: left; }
-thead th { border-bottom: 2px solid var(--ink); white-space: nowrap; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; max-width: 11rem; }
+td.n, th.n { text-align: right; } td.n { font-variant-numeric: tabular-nums;
+  white-space: nowrap; }
 tbody th { font-weight: normal; white-space: nowrap; }
 .verdict { white-space: nowrap; font-weight: 600; }
 .yes { color: #00694d; } .no { color: #b3261e; } .open { color: var(--soft); }

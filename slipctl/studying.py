@@ -479,7 +479,7 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
                 f"{abs(over):.3g}{_unit(claim)} {'beyond' if over > 0 else 'inside'}",
             )
         off = ours - paper
-        share = f" ({100 * off / paper:+.2g} %)" if paper else ""
+        share = f" ({percent(off / paper)})" if paper and claim.unit != "%" else ""
         return abs(off) <= allowed, f"off by {off:+.3g}{_unit(claim)}{share}, allowed {allowed:.2g}"
     names = re.split(r"\s*([<>])\s*", str(claim.paper))
     for left, sign, right in zip(names[0::2], names[1::2], names[2::2], strict=False):
@@ -493,6 +493,11 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
         if not ours[high] > ours[low] + slack:
             return False, f"{high} is not above {low}"
     return True, ""
+
+
+def percent(share: float) -> str:
+    """Write a share as a signed percentage, ``+0.31 %`` or ``-120 %``."""
+    return f"{100 * share:+.0f} %" if abs(share) >= 0.1 else f"{100 * share:+.2g} %"
 
 
 def _unit(claim: Claim) -> str:

@@ -100,11 +100,18 @@ def metric_rows(results: Results, scenario: str) -> list[list[str]]:
     loops = results.metrics[scenario]
     rows = [["metric", *loops]]
     for name in METRICS:
-        found = [m[name] for m in loops.values() if name in m]
-        if found:
-            unit = "" if found[0].unit == "1" else f" [{found[0].unit}]"
-            cells = [number(m[name].value) if name in m else "" for m in loops.values()]
-            rows.append([name + unit, *cells])
+        found = {loop: m[name] for loop, m in loops.items() if name in m}
+        if not found:
+            continue
+        unit = next(iter(found.values())).unit
+        digits = 6 if unit == "m" else 4  # ways differ in their centimetres
+        lists = {k: m.value if isinstance(m.value, list) else [m.value] for k, m in found.items()}
+        for k in range(max(map(len, lists.values()))):  # a list goes down, an entry per row
+            label = name if unit == "1" else f"{name} [{unit}]"
+            cells = [
+                number(v[k], digits) if k < len(v := lists.get(loop, [])) else "" for loop in loops
+            ]
+            rows.append([label if k == 0 else "", *cells])
     return rows
 
 

@@ -21,7 +21,9 @@ def test_loops_keep_their_colour() -> None:
     known = [plots.colour(n) for n in ("ideal", "smc", "sta", "sta_online")]
     assert len(set(known)) == 4
     assert plots.colour("sta_printed") == plots.colour("sta")
-    assert plots.dash("sta_printed") != plots.dash("sta")
+    both = ["sta", "sta_printed"]
+    assert plots.dash("sta_printed", both) != plots.dash("sta", both)
+    assert plots.dash("sta_printed") == plots.dash("sta")
     assert plots.colour("never_seen") == plots.colour("never_seen") in plots.PALETTE
 
 
