@@ -135,7 +135,7 @@ def _rail_values(
     inputs: dict[str, list[float]] = {}
     params: dict[str, list[float]] = {}
     for n in names:
-        signal = loop.inputs.get(n) or loop.params[n]
+        signal = loop.inputs.get(n) or loop._settable(n)
         values = [row.get(n, signal.value) for row in rows]
         for v in values:
             if v is None:
