@@ -73,7 +73,7 @@ def peer_library(name: str) -> ctypes.CDLL:
 
 def loop() -> dict[str, Any]:
     """Closed loop `sta` on dry rail without DE: ours, hand-written C, Python floats, numpy."""
-    from slipctl.studies.subway_braking import MODELS, best, perfect
+    from slipctl.studies.subway_braking_loops import MODELS, best, perfect
 
     block = perfect(MODELS, MODELS["sta"])
     v_opt, _ = best(MODELS["adh"], "dry")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -24,8 +24,17 @@ from slipctl import (
 )
 from slipctl.certify import reaching_law, super_twisting
 from slipctl.metrics import settling
-from slipctl.models.subway_braking import double_exponential
-from slipctl.studies.subway_braking_loops import MOVING, START, TABLE_1, H, best, searcher
+from slipctl.models.subway_braking import curve_resistance, double_exponential, wheelset
+from slipctl.models.subway_braking_control import super_twisting as super_twisting_law
+from slipctl.studies.subway_braking_loops import (
+    MOVING,
+    START,
+    TABLE_1,
+    H,
+    best,
+    perfect,
+    searcher,
+)
 
 RAILS = ("dry", "wet", "ice")
 LENGTH = 2.0
@@ -378,6 +387,61 @@ def gains(context: Context) -> Table:
     )  # fmt: skip
 
 
+def printed(context: Context) -> Table:
+    """Each printed form that fails, in the loop or on the data where it fails."""
+    _, scenario = context.loop("base", "sta")
+    models, compile = context.models, context.compile
+    rows: list[tuple[str, str, str, float, float, str]] = []
+
+    consistent = simulate(perfect(models, super_twisting_law()), scenario, compile=compile)
+    wheel_6 = perfect(models | {"wheel": wheelset("printed-6")}, super_twisting_law())
+    turned = simulate(wheel_6, scenario, compile=compile)
+    law_38 = perfect(models, super_twisting_law(form="printed-38"))
+    backward = simulate(law_38, scenario, compile=compile)
+    dry, height = spans(consistent)[0], best(models["adh"], "dry")[1]
+
+    def row(eq: str, form: str, what: str, of: Callable[[Any], float], log: Any, unit: str) -> None:
+        rows.append((eq, form, what, float(of(log)), float(of(consistent)), unit))
+
+    row("(6)", "printed-6", "slip after 2 s",
+        lambda log: log["plant.wheel.v_s"].values[dry.stop - 1], turned, "m/s")  # fmt: skip
+    row("(6)", "printed-6", "adhesion used on dry",
+        lambda log: log["plant.adh.mu"].values[dry].mean() / height, turned, "1")  # fmt: skip
+    row("(38)", "printed-38", "speed at the end",
+        lambda log: log["plant.wheel.v"].values[-1], backward, "m/s")  # fmt: skip
+    row("(38)", "printed-38", "largest slip",
+        lambda log: log["plant.wheel.v_s"].values.max(), backward, "m/s")  # fmt: skip
+
+    law = double_exponential
+    clean = curve(law, SWEEP, law.conditions["dry"])
+    four = rls(law, form="printed-16")
+    windowed = rls(law, form="window", start=START)
+    spread = [float(np.ptp(estimates(e, (SWEEP, clean[None]))[0])) for e in (four, windowed)]
+    rows.append(("(15)-(19)", "printed-16", "largest minus smallest estimate", *spread, "1"))
+
+    at = law.conditions["dry"]
+    search_alg1 = differential_evolution(law, "v_s", lo=0.01, hi=10, form="printed-alg1")
+    places = [e(**at)[1]["best"] for e in (search_alg1, searcher(law))]
+    rows.append(("Algorithm 1", "printed-alg1", "best slip on dry", *places, "m/s"))
+
+    for radius in (800.0, 400.0):
+        W = [curve_resistance(f)(kappa=1 / radius)["W"] for f in ("printed-10", "consistent")]
+        rows.append(("(10)", "printed-10", f"resistance at R = {radius:g} m", *W, "N"))
+    columns = list(zip(*rows, strict=True))
+    return Table(
+        "Printed forms that fail",
+        {
+            "equation": ("", columns[0]),
+            "form": ("", columns[1]),
+            "what": ("", columns[2]),
+            "printed form": ("", columns[3]),
+            "consistent form": ("", columns[4]),
+            "unit": ("", columns[5]),
+        },
+        "Scenario base and the dry rail of Table 1; the story of each is in docs/errata.md.",
+    )
+
+
 def _largest(criterion: Any, k1: float, k2: float) -> float | None:
     """Largest L in m/s^3 that a criterion accepts, by bisection; None if it accepts none."""
     if not criterion(k1, k2, 0.0):
@@ -396,5 +460,6 @@ EXPERIMENTS = {
         "Online optimum", moving, "How fast is a new optimum found, at what price?"
     ),
     "chatter": Experiment("Chattering", chatter, "What is left of the chattering?"),
+    "printed": Experiment("Printed forms", printed, "What does each misprint do?"),
     "gains": Experiment("Gains", gains, "What do the printed gains satisfy?"),
 }

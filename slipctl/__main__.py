@@ -1,0 +1,8 @@
+"""``python -m slipctl`` is the command line."""
+
+import sys
+
+from slipctl.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
