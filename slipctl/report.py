@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -57,13 +58,13 @@ figure img { width: 100%; max-width: 52rem; height: auto; }
 figcaption { color: var(--soft); font-size: .9rem; max-width: 48rem; }
 .equations td { border: 0; padding: .18rem .3rem; vertical-align: baseline; }
 .equations td:first-child { text-align: right; }
-.diagram img { max-width: none; }
+.diagram img { max-width: 100%; height: auto; }
 math { font-size: 1.05rem; }
 pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem; }
 details { margin: .4rem 0; } summary { cursor: pointer; }
 @media print { body { max-width: none; padding: 0; font-size: 10pt; } nav { break-after: page; }
   tr, figure { break-inside: avoid; } a { color: inherit; text-decoration: none; }
-  .wide { overflow: visible; } .diagram img { max-width: 100%; } }
+  .wide { overflow: visible; } }
 """
 
 
@@ -125,7 +126,15 @@ def page(
 
 
 def _paragraphs(text: str) -> str:
-    return "".join(f"<p>{escape(p)}</p>" for p in text.split("\n\n") if p.strip())
+    """Paragraphs of a docstring; ``names`` in code, indented lines as they stand."""
+    out = []
+    for p in text.split("\n\n"):
+        if not p.strip():
+            continue
+        written = re.sub(r"``(.+?)``", r"<code>\1</code>", escape(p, quote=False))
+        as_is = all(line.startswith("    ") for line in p.splitlines() if line.strip())
+        out.append(f"<pre>{written}</pre>" if as_is else f"<p>{written}</p>")
+    return "".join(out)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
@@ -253,35 +262,79 @@ def _same(a: Block, b: Block, show: Any) -> bool:
 
 
 def _loops(results: Results) -> str:
+    """Diagrams of the loops, and of what is inside; the same diagram is drawn once."""
     from slipctl import show
 
-    out = []
+    drawn: dict[str, list[str]] = {}
+    inside: dict[str, list[str]] = {}
     for name, loop in distinct_loops(results).items():
-        where = [c.scenario.name for c in results.cases if name in c.loops]
-        said = f'<p class="soft">In {escape(", ".join(where))}.</p>' if where else ""
-        drawing = (
-            f'<div class="wide diagram">{image(show.svg(loop), f"block diagram of {name}")}</div>'
-        )
-        out.append(f"<h3>{escape(name)}</h3>{said}{drawing}")
+        drawn.setdefault(show.svg(loop), []).append(name)
+        for path, part in _composites(loop):
+            inside.setdefault(show.svg(part), []).append(f"{path} in {name}")
+    out = []
+    for svg, names in drawn.items():
+        title = ", ".join(names)
+        drawing = image(svg, f"block diagram of {title}")
+        out.append(f"<h3>{escape(title)}</h3><div class='diagram'>{drawing}</div>")
+    for svg, places in inside.items():
+        said = _places(places, list(distinct_loops(results)))
+        drawing = image(svg, f"block diagram of {said}")
+        out.append(f"<h3>Inside {escape(said)}</h3><div class='diagram'>{drawing}</div>")
     return "".join(out)
+
+
+def _composites(block: Block, path: str = "") -> Iterator[tuple[str, Block]]:
+    """Parts of a block that have parts themselves, with their paths."""
+    for name, part in block.parts.items():
+        where = path if block.transparent else f"{path}.{name}" if path else name
+        if part.parts and not part.transparent and where and not block.transparent:
+            yield where, part
+        if part.transparent and part.parts:
+            core = part
+            while core.transparent:
+                core = next(iter(core.parts.values()))
+            if core.parts:
+                yield where, core
+            yield from _composites(core, where)
+        else:
+            yield from _composites(part, where)
+
+
+def _places(places: Sequence[str], loops: Sequence[str]) -> str:
+    """Write ``path in loop`` places, the loops of one path together."""
+    by_path: dict[str, list[str]] = {}
+    for place in places:
+        path, _, loop = place.partition(" in ")
+        by_path.setdefault(path, []).append(loop)
+    return "; ".join(
+        f"{path} of {'every loop' if len(found) == len(loops) > 1 else ', '.join(found)}"
+        for path, found in by_path.items()
+    )
 
 
 def _equations(results: Results) -> str:
     """Every distinct block without parts once, with the loops and paths where it is used."""
     from slipctl import show
 
-    seen: dict[str, tuple[Block, dict[str, list[str]]]] = {}
-    for name, loop in distinct_loops(results).items():
+    seen: dict[str, tuple[Block, list[str]]] = {}
+    loops = distinct_loops(results)
+    for name, loop in loops.items():
         for path, leaf in loop.leaves():
             key = f"{leaf.name}{leaf.choices}{leaf.doc}{show.latex(leaf)}"
-            seen.setdefault(key, (leaf, {}))[1].setdefault(path or name, []).append(name)
+            seen.setdefault(key, (leaf, []))[1].append(f"{path or name} in {name}")
     out = []
     for leaf, places in seen.values():
         choices = ", ".join(f"{k} = {v}" for k, v in leaf.choices.items())
-        used = "; ".join(f"{path} in {', '.join(loops)}" for path, loops in places.items())
+        used = _places(places, list(loops))
         out.append(f"<h3>{escape(leaf.name)}{escape(f' ({choices})') if choices else ''}</h3>")
-        out.append(f'<p class="soft">{escape(used)}</p>{_paragraphs(leaf.doc)}{equations(leaf)}')
+        out.append(f'<p class="soft">{escape(used)}</p>{_paragraphs(_meaning(leaf))}')
+        out.append(equations(leaf))
     return "".join(out)
+
+
+def _meaning(block: Block) -> str:
+    """Text of a block, without the arguments of the function that made it."""
+    return re.split(r"(?m)^(?:Args|Returns|Raises|Yields):\s*$", block.doc)[0].strip()
 
 
 def equations(block: Block) -> str:
