@@ -14,7 +14,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from slipctl.models import brakes, subway_braking, subway_braking_control
 
 from slipctl import (
     BadInput,
@@ -38,6 +37,7 @@ from slipctl import (
 )
 from slipctl.ccode import compilers
 from slipctl.ccode.expressions import Writer, helper_text
+from slipctl.models import brakes, subway_braking, subway_braking_control
 
 try:
     compilers.compilers()
@@ -156,7 +156,18 @@ elementwise = make_block(
     outputs=[Output("1", shape=(63,)).named("y")],
 )  # fmt: skip
 
+mixed = connect(
+    "mixed",
+    {"slow.u": "loops.y", "loops.u": "u", "tables.u": "clip.y", "clip.u": "slow.y"},
+    slow=every(derived, 3), loops=looping, tables=tables,
+    clip=make_block(
+        "clip", "law", lambda x, u, p: ({}, {"y": ca.fmin(4.9, ca.fmax(0.1, u["u"]))}),
+        inputs=[Input("m").named("u")], outputs=[Output("1").named("y")], doc="Limits.",
+    ),
+)  # fmt: skip
+
 BLOCKS = {
+    "mixed": mixed,
     "elementwise": elementwise,
     "matrices": matrices,
     "derived": derived,
@@ -235,6 +246,18 @@ def test_every_kind_of_block_agrees(name: str, tmp_path: Path) -> None:
     assert "passed" in str(report)
 
 
+def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path) -> None:
+    codegen.c_module(every(control(), 3), tmp_path / "a")
+    text = (tmp_path / "a" / "ctl.c").read_text()
+    assert "if (0.0 == state->tick) {" in text
+    assert "casadi" not in text.lower()
+    codegen.c_module(mixed, tmp_path / "b")
+    text = (tmp_path / "b" / "mixed.c").read_text()
+    assert "if (0.0 == state->slow_tick) {" in text
+    assert "casadi_qrqp" in text
+    assert not re.search(r"_(checkout|n_in|sparsity_out|work_bytes|casadi_version)\b", text)
+
+
 def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) -> None:
     """DAGs of every operation, compiled, give the bits of CasADi (a zero may lose its sign)."""
     if not HAS_COMPILER:
@@ -244,7 +267,7 @@ def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) 
     helpers: set[str] = set()
     text = []
     for f in functions:
-        writer = Writer(f, lambda i, k: f"u[{k}]")
+        writer = Writer(f, lambda i, k: f"u[{k}]").run()
         helpers |= writer.helpers
         body = [*writer.lines, *(f"y[{k}] = {writer.result(n)};" for (_, k), n in writer.results)]
         text.append(f"void {f.name()}(const double *u, double *y)\n{{\n" + "\n".join(body) + "\n}")

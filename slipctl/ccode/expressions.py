@@ -6,8 +6,9 @@ Values used once are written where they are used; ``if_else`` becomes ``?:``.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -156,13 +157,15 @@ def _choice(nodes: list[Node], node: Node) -> Node:
 
 
 class Writer:
-    """Statements of one Function.
+    """Statements of one Function; ``run`` writes them.
 
     Args:
         f: an SX Function.
-        read_input: C expression of (argument, element).
+        read_input: C expression of (argument, element); asked when a value is first needed, so
+            that it may put statements before.
         names: names for the values of results, by (output, element); other values that need a
             line are called a1, a2, ...
+        count: numbers of those names, shared by the writers of one C function.
         real: C type of a number.
 
     Attributes:
@@ -175,6 +178,7 @@ class Writer:
         f: ca.Function,
         read_input: Callable[[int, int], str],
         names: Mapping[tuple[int, int], str] | None = None,
+        count: Iterator[int] | None = None,
         real: str = "double",
     ) -> None:
         self.nodes, self.results = read(f)
@@ -182,20 +186,35 @@ class Writer:
         self.lines: list[str] = []
         self.helpers: set[str] = set()
         self.texts: dict[int, _Text] = {}
-        self.count = 0
+        self.count = itertools.count(1) if count is None else count
         self.names: dict[int, str] = {}
         for place, node in self.results:
             if names and place in names and self.nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
                 self.names.setdefault(node, names[place])
         self.uses = self._uses()
         self.signed = self._signed()
+
+    def run(self) -> Writer:
+        """Write the statements."""
         for k in range(len(self.nodes)):
             if self.uses[k]:
                 self._write(k)
+        return self
 
     def result(self, node: int) -> str:
         """C expression of the value of a result."""
         return self._real(self.texts[node])
+
+    def atom(self, node: int) -> str:
+        """Name, member or number of a value; a longer expression gets a line first."""
+        if self.texts[node].rank != _ATOM or "(" in self.texts[node].text:
+            self._line(node)
+        return self._real(self.texts[node])
+
+    def condition(self, node: int) -> str:
+        """C condition: the whole part of the value is not zero, as CasADi decides."""
+        t = self.texts[node]
+        return t.text if t.truth else f"(int)({t.text}) != 0"
 
     def _uses(self) -> list[int]:
         uses = [0] * len(self.nodes)
@@ -245,8 +264,7 @@ class Writer:
         made = self.texts[k]
         name = self.names.get(k)
         if name is None:
-            self.count += 1
-            name = f"a{self.count}"
+            name = f"a{next(self.count)}"
         kind = "int" if made.truth else self.real
         self.lines.append(f"const {kind} {name} = {made.text};")
         self.texts[k] = _Text(name, _ATOM, made.truth)

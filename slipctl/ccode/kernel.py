@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,7 @@ import casadi as ca
 
 from slipctl.ccode.comments import comment
 from slipctl.ccode.expressions import HELPERS, Unsupported, Writer, helper_text
+from slipctl.ccode.structure import Outside, Statements, pruned
 from slipctl.errors import BadInput
 
 _INSTEAD = {
@@ -37,20 +38,26 @@ _LIBRARY = {"math.h", "stdio.h", "stdarg.h"}  # the last two: printing that is c
 
 @dataclass(frozen=True)
 class Kernel:
-    """Static C text of a Function.
+    """C text of a Function.
 
     Attributes:
-        text: definitions, in order; empty for an SX Function, whose lines go into its caller.
-        entry: name of the C function ``(arg, res, iw, w, mem)``; empty for an SX Function.
+        lines: statements that compute the results, where the Function could be taken apart.
+        results: C expression of each result by (output, element), beside ``lines``.
+        text: static definitions that the statements need, in order.
+        entry: name of the C function ``(arg, res, iw, w, mem)`` that does it all, where the
+            Function could not be taken apart; then there are no lines.
+        calls: whether the statements call functions of CasADi, with ``arg``, ``res``, ``failed``.
         work: sizes of arg, res, iw, w.
-        writer: statements of an SX Function.
+        helpers: functions of ``HELPERS`` that are called.
         copied: whether text of CasADi's templates is in it.
     """
 
+    lines: tuple[str, ...] = ()
+    results: Mapping[tuple[int, int], str] = field(default_factory=dict)
     text: str = ""
     entry: str = ""
+    calls: bool = False
     work: tuple[int, int, int, int] = (0, 0, 0, 0)
-    writer: Writer | None = None
     helpers: frozenset[str] = field(default_factory=frozenset)
     copied: bool = False
 
@@ -66,22 +73,66 @@ def kernel(
 
     Args:
         f: the equations.
-        read_input: C expression of (argument, element), for an SX Function.
-        names: local names of the results of an SX Function by (output, element).
+        read_input: C expression of (argument, element).
+        names: local names of results by (output, element).
         docs: comment by name of a nested Function.
         where: name of the block, for errors.
 
     Raises:
         BadInput: CasADi cannot generate an operation, or not without library, heap or globals.
     """
-    if f.is_a("SXFunction"):
-        with contextlib.suppress(Unsupported):
-            writer = Writer(f, read_input, names)
-            return Kernel(writer=writer, helpers=frozenset(writer.helpers))
-    return _casadi(f, docs, where)
+    outside = Outside()
+    try:
+        made = Statements(f, read_input, outside, lambda g: _branches(g, where), names, docs)
+    except Unsupported:
+        whole = _casadi([f], docs, where)
+        return Kernel(
+            text=whole.text, entry=whole.entries[0], work=whole.work, helpers=whole.helpers,
+            copied=whole.copied,
+        )  # fmt: skip
+    results = {(i, k): made.result(i, k) for i in range(f.n_out()) for k in range(f.numel_out(i))}
+    lines = pruned(made.lines, list(results.values()))
+    called = [g for k, g in enumerate(outside.functions) if f"CALL_{k}_" in " ".join(lines)]
+    if not called:
+        return Kernel(tuple(lines), results, helpers=frozenset(made.helpers))
+    text = _casadi(outside.functions, docs, where)
+    for k, entry in enumerate(text.entries):
+        lines = [line.replace(f"CALL_{k}_(", f"{entry}(") for line in lines]
+    return Kernel(
+        tuple(lines), results, text.text, calls=True, work=text.work,
+        helpers=frozenset(made.helpers | text.helpers), copied=text.copied,
+    )  # fmt: skip
 
 
-def generated(f: ca.Function, where: str) -> str:
+def _branches(g: ca.Function, where: str) -> tuple[ca.Function, ca.Function] | None:
+    """What an if_else Function evaluates if true and otherwise, read from CasADi's own text."""
+    if g.class_name() != "Switch":
+        return None
+    text = generated([g], where)
+    names = re.search(
+        r"if \(arg\[0\] \? casadi_to_int\(\*arg\[0\]\) : 0\) \{\s*"
+        r"if \((\w+)\(arg\+1, res, iw, w, 0\)\) return 1;\s*\} else \{\s*"
+        r"if \((\w+)\(arg\+1, res, iw, w, 0\)\) return 1;\s*\}",
+        text,
+    )
+    if names is None:
+        return None
+    signatures = {c.name: c.signature for c in _chunks(text)}
+    found = []
+    for name in names.groups():
+        fitting = [h for h in g.find_functions() if _signature(h) == signatures.get(name)]
+        if len({h.serialize() for h in fitting}) != 1:
+            return None
+        found.append(fitting[0])
+    return found[0], found[1]
+
+
+def _signature(f: ca.Function) -> str:
+    """Name, arguments and results, as the comment before the C function has them."""
+    return str(f).rpartition(" ")[0]
+
+
+def generated(functions: Sequence[ca.Function], where: str) -> str:
     """C text as CasADi gives it.
 
     Raises:
@@ -92,7 +143,8 @@ def generated(f: ca.Function, where: str) -> str:
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
         try:
             generator = ca.CodeGenerator("kernel.c", options)
-            generator.add(f)
+            for f in functions:
+                generator.add(f)
             text = str(generator.dump())
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[-1]
@@ -104,7 +156,7 @@ def generated(f: ca.Function, where: str) -> str:
         of = f" {named[1]!r}" if named else ""
         instead = _INSTEAD.get(what, "write it in other operations, or compute it outside")
         raise BadInput(f"{where}: CasADi cannot generate C for {what}{of}; {instead}")
-    return text
+    return re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
 
 
 _OWN = {
@@ -117,17 +169,32 @@ _OWN = {
 """CasADi's helpers that we write ourselves, inlined."""
 
 
-def _casadi(f: ca.Function, docs: Mapping[str, str], where: str) -> Kernel:
-    text = re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", generated(f, where))
-    sizes = re.findall(r"if \((sz_arg|sz_res|sz_iw|sz_w)\) \*\1 = (\d+);", text)
-    work = tuple(int(n) for _, n in sizes[:4])
+@dataclass(frozen=True)
+class _Text:
+    """CasADi's text of some Functions, cleaned."""
+
+    text: str
+    entries: list[str]
+    work: tuple[int, int, int, int]
+    helpers: frozenset[str]
+    copied: bool
+
+
+def _casadi(functions: Sequence[ca.Function], docs: Mapping[str, str], where: str) -> _Text:
+    text = generated(functions, where)
+    sizes: dict[str, int] = {}
+    for name, size in re.findall(r"if \((sz_arg|sz_res|sz_iw|sz_w)\) \*\1 = (\d+);", text):
+        sizes[name] = max(sizes.get(name, 0), int(size))
     chunks = [c for c in _chunks(text) if not _boilerplate(c) and c.name not in _OWN]
     _refuse(text, chunks, where)
-    _own_sx(chunks, f, docs)
-    wrapper = re.search(rf"\b{f.name()}\(const[^)]*\)\s*\{{\s*return (casadi_f\d+)\(", text)
-    assert wrapper is not None
-    kept = _reached(chunks, wrapper[1])
-    names = {c.name: f"{c.label}_{c.name[7:]}" for c in kept if c.label}
+    _own_sx(chunks, functions, docs)
+    wrappers = []
+    for f in functions:
+        wrapper = re.search(rf"\b{f.name()}\(const[^)]*\)\s*\{{\s*return (casadi_f\d+)\(", text)
+        assert wrapper is not None
+        wrappers.append(wrapper[1])
+    kept = _reached(chunks, wrappers)
+    names = {c.name: f"{c.label}__{c.name[7:]}" for c in kept if c.label}
     helpers: set[str] = set()
     for c in kept:
         helpers |= c.helpers
@@ -135,10 +202,10 @@ def _casadi(f: ca.Function, docs: Mapping[str, str], where: str) -> Kernel:
     helpers |= {own for old, own in _OWN.items() if re.search(rf"\b{old}\b", body)} & set(HELPERS)
     for old, new in (names | _OWN).items():
         body = re.sub(rf"\b{old}\b", new, body)
-    copied = any(not c.label and c.name.startswith("casadi_") for c in kept)
-    return Kernel(
-        text=body, entry=names.get(wrapper[1], wrapper[1]), helpers=frozenset(helpers),
-        work=(work[0], work[1], work[2], work[3]), copied=copied,
+    return _Text(
+        body, [names.get(w, w) for w in wrappers],
+        (sizes["sz_arg"], sizes["sz_res"], sizes["sz_iw"], sizes["sz_w"]), frozenset(helpers),
+        any(not c.label and c.name.startswith("casadi_") for c in kept),
     )  # fmt: skip
 
 
@@ -219,11 +286,14 @@ def _refuse(text: str, chunks: Iterable[_Chunk], where: str) -> None:
         raise BadInput(f"{where}: its C would call {heap[1]}; use another solver")
 
 
-def _own_sx(chunks: list[_Chunk], f: ca.Function, docs: Mapping[str, str]) -> None:
+def _own_sx(
+    chunks: list[_Chunk], functions: Sequence[ca.Function], docs: Mapping[str, str]
+) -> None:
     """Write nested SX Functions anew, where the name tells which one it is."""
     known: dict[str, list[ca.Function]] = {}
-    for g in f.find_functions():
-        known.setdefault(str(g).rpartition(" ")[0], []).append(g)
+    for f in functions:
+        for g in (f, *f.find_functions()):
+            known.setdefault(_signature(g), []).append(g)
     for c in chunks:
         candidates = known.get(c.signature, [])
         same = len({g.serialize() for g in candidates}) == 1
@@ -235,7 +305,7 @@ def _own_sx(chunks: list[_Chunk], f: ca.Function, docs: Mapping[str, str]) -> No
         if not same or not candidates[0].is_a("SXFunction"):
             continue
         try:
-            writer = Writer(candidates[0], lambda i, k: f"arg[{i}][{k}]")
+            writer = Writer(candidates[0], lambda i, k: f"arg[{i}][{k}]").run()
         except Unsupported:
             continue
         c.text = _as_function(c, writer)
@@ -256,12 +326,12 @@ def _as_function(chunk: _Chunk, writer: Writer) -> str:
     return "\n".join([*lines, *body, "    return 0;", "}"])
 
 
-def _reached(chunks: list[_Chunk], entry: str) -> list[_Chunk]:
-    """Definitions that the entry needs, in their order."""
+def _reached(chunks: list[_Chunk], entries: Sequence[str]) -> list[_Chunk]:
+    """Definitions that the entries need, in their order."""
     by_name: dict[str, list[_Chunk]] = {}
     for c in chunks:
         by_name.setdefault(c.name, []).append(c)
-    wanted, waiting = set(), [entry]
+    wanted, waiting = set(), list(entries)
     while waiting:
         name = waiting.pop()
         if name in wanted or name not in by_name:

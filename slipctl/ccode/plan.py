@@ -83,6 +83,11 @@ class Plan:
         """Whether the next state is put together in the state struct instead of on the stack."""
         return sum(m.size for m in self.layout.states) > ON_STACK
 
+    @property
+    def can_fail(self) -> bool:
+        """Whether the equations say if they came to an end (a solver may not)."""
+        return bool(self.equations.entry) or self.equations.calls
+
     def _argument(self, i: int, k: int) -> str:
         member, pointer = self.arguments[i]
         return member.at(pointer, k)
@@ -109,7 +114,7 @@ class Plan:
             for k in range(m.size):
                 local = m.c + ("_next" if pointer == "next->" else "")
                 local += "" if m.scalar else f"_{k}"
-                if local in LOCAL or re.fullmatch(r"a\d+", local) or local in taken:
+                if local in LOCAL or re.fullmatch(r"[abcr]\d+", local) or local in taken:
                     continue
                 taken.add(local)
                 names[i, k] = local
@@ -145,7 +150,7 @@ class Plan:
             value = known[m.name] if m.signal.derived else 0.0
             results.append(shaped(block, m.signal, ca.SX(value)))
         f = ca.Function("start", list(symbols.values()), results, {"cse": True})
-        return Writer(f, lambda i, k: lay.params[i].at("param->", k))
+        return Writer(f, lambda i, k: lay.params[i].at("param->", k)).run()
 
     def _siblings(
         self, name: str, expression: str, known: Mapping[str, Any]

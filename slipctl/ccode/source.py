@@ -21,6 +21,7 @@ from slipctl.ccode.header import (
 from slipctl.ccode.kernel import Kernel, definitions
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, constant, first_sentence
+from slipctl.ccode.structure import assign
 
 
 def source(plan: Plan) -> str:
@@ -52,9 +53,8 @@ def source(plan: Plan) -> str:
 
 
 def _equations(plan: Plan) -> str:
-    n = plan.name
-    own = plan.equations.writer is not None
-    lines = _own_lines(plan) if own else _call_lines(plan)
+    n, made = plan.name, plan.equations
+    lines = _call_lines(plan) if made.entry else _own_lines(plan)
     text = "\n".join(lines)
     voids = [f"    (void){a};" for a in ("in", "param", "state") if identifier_free(text, a)]
     arguments = [
@@ -64,44 +64,53 @@ def _equations(plan: Plan) -> str:
     if plan.layout.states:
         arguments.append(f"struct {n}_next *next")
     arguments.append(f"{n}_out *now")
-    signature = prototype(plan, "static void" if own else "static int", "equations", *arguments)
+    result = "static int" if plan.can_fail else "static void"
+    signature = prototype(plan, result, "equations", *arguments)
     what = comment(f"Equations of {plan.block.name}; {n}.h says where they come from.")
     return "\n".join([what, signature, "{", *voids, *lines, "}"])
 
 
 def _own_lines(plan: Plan) -> list[str]:
-    """Statements of an SX Function; a part's text stands before its first output."""
-    writer = plan.equations.writer
-    assert writer is not None
-    lines: list[str] = []
+    """Statements of the equations; a part's text stands before its first output."""
+    made = plan.equations
+    places, lines = _memory(plan) if made.calls else ({}, [])
+    lines += ["    int failed = 0;"] * made.calls
     part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
     docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
-    for line in writer.lines:
+    for line in made.lines:
         named = re.match(r"const \w+ (\w+) =", line)
         part = part_of.get(named[1], "") if named else ""
         if part in docs:
             lines.append(comment(f"{part}: {docs.pop(part)}", "    "))
+        for placeholder, place in places.items():
+            line = line.replace(placeholder, place)
         lines.append(f"    {line}")
     lines += [""] * bool(lines)
-    at = dict(writer.results)
     for i, (m, pointer) in enumerate(plan.results):
-        for k in range(m.size):
-            lines.append(f"    {m.at(pointer, k)} = {writer.result(at[i, k])};")
-    return lines
+        texts = [made.results[i, k] for k in range(m.size)]
+        lines += [f"    {line}" for line in assign(f"{pointer}{m.c}", texts, not m.scalar)]
+    return lines + ["    return failed;"] * made.calls
+
+
+def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
+    """Where CasADi's functions work: text for each placeholder, and declarations."""
+    sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
+    lines = [f"    const double *arg[{max(sz_arg, 1)}];", f"    double *res[{max(sz_res, 1)}];"]
+    places = {}
+    for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
+        place = "0" if not size else f"state->work.{name}" if plan.work_in_state else name
+        places[f"WORK_{name.upper()}_"] = place
+        if place == name:
+            lines.append(f"    {kind} {name}[{size}];")
+    return places, lines
 
 
 def _call_lines(plan: Plan) -> list[str]:
-    """Pass the struct members to CasADi's function."""
-    sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
-    lines = [f"    const double *arg[{sz_arg}];", f"    double *res[{max(sz_res, 1)}];"]
-    place = {}
-    for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
-        place[name] = "0" if not size else f"state->work.{name}" if plan.work_in_state else name
-        if place[name] == name:
-            lines.append(f"    {kind} {name}[{size}];")
+    """Leave it all to CasADi's function: pass it the struct members."""
+    places, lines = _memory(plan)
     lines += [f"    arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
     lines += [f"    res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
-    call = f"{plan.equations.entry}(arg, res, {place['iw']}, {place['w']}, 0)"
+    call = f"{plan.equations.entry}(arg, res, {places['WORK_IW_']}, {places['WORK_W_']}, 0)"
     return [*lines, f"    return {call};"]
 
 
@@ -187,10 +196,10 @@ def _step(plan: Plan) -> str:
     call = f"equations({', '.join(passed)})"
     tests = [_finite(m, f"{following}.") for m in lay.states]
     tests += [_finite(m, "now.") for m in lay.outputs]
-    if plan.equations.writer:
-        lines.append(f"{call};")
+    if plan.can_fail:
+        tests.insert(0, f"({call} == 0)")
     else:
-        tests.insert(0, f"{call} == 0")
+        lines.append(f"{call};")
     good = _conjunction(tests)
     lines.append(_if([f"!({good})"], "*out = state->held;", f"return {big}_BAD_RESULT;"))
     lines += [
