@@ -405,7 +405,10 @@ def _c(options: argparse.Namespace, command: str) -> int:
         study = doors.load_study(left)
         loop, case = doors.find_loop(study, loop_name)
         part = study.controller
-        control = loop[part]
+        try:
+            control = loop[part]
+        except BadInput as error:
+            raise BadInput(f"{name} has no controller to write: {error}") from None
         log.info("running %s for its inputs", name)
         wanted = [*loop.inputs, *loop.outputs, *loop.states]
         data = simulate(loop, case.scenario, log=wanted)

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 
 from slipctl import store
 from slipctl.errors import BadInput, nearest
+from slipctl.studying import NotRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,6 +154,8 @@ def traces(
         names: what the legend says of a loop.
     """
     chosen = list(loops) or list(results.data.get(scenario, {}))
+    if not chosen:
+        raise NotRun(f"{scenario} was not run")
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}

@@ -314,7 +314,7 @@ def noted(results: Results, what: str) -> Iterator[None]:
     try:
         yield
     except NotRun as missing:
-        log.warning("%s is left out: %s", what, missing)
+        log.info("%s is left out: %s", what, missing)
     except Exception as error:
         results.failed[what] = reason(error)
         log.debug("%s", what, exc_info=True)

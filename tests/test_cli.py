@@ -140,6 +140,8 @@ def test_a_part_of_a_study_leaves_claims_open(capsys: pytest.CaptureFixture[str]
     assert claims["ripple"]["verdict"] == "not checkable"
     assert claims["ripple"]["why"] == "base/hard was not run"
     assert claims["way"]["verdict"] == "not reproduced"
+    assert main(["run", TOY, "--quick", "--scenario", "noisy", "--out", "noisy"]) == 0
+    assert "figure fig01 is left out: base was not run" in capsys.readouterr().err
 
 
 def test_a_failed_run_ends_with_1_and_keeps_the_rest(capsys: pytest.CaptureFixture[str]) -> None:
@@ -350,6 +352,13 @@ def test_c_of_a_loop_and_of_a_model(
     assert Path("soft/toy_soft.c").exists()
     assert main(["c", "double_exponential", "--out", "law"]) == 0
     assert Path("law/double_exponential.h").exists()
+
+
+def test_a_loop_without_controller_has_no_c(capsys: pytest.CaptureFixture[str]) -> None:
+    file = study_file("study.py", "study = replace(toy.study, controller='ctrl')")
+    said = refused(capsys, "c", f"{file}:soft", "--out", "c")
+    assert "study.py:soft has no controller to write: loop has no part 'ctrl'" in said
+    assert "did you mean 'ctl'?" in said
 
 
 # ---- bad input ----------------------------------------------------------------------------------
