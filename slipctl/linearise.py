@@ -63,7 +63,8 @@ def linear(
             (gains only).
         at: values of states, inputs and parameters by full or last name, or what
             ``operating_point`` found; the rest has its declared value.
-        inputs: inputs of the result, in this order; by default all.
+        inputs: inputs of the result, in this order; parameters are allowed too, for what a small
+            change of them does. By default all inputs.
         outputs: outputs of the result, in this order; states are allowed too. By default all
             outputs, or all states where there are none.
 
@@ -75,14 +76,17 @@ def linear(
     """
     import control
 
-    x, u, p = _packed(block, at)
-    f = block.f
-    wanted = ["jac:n:x", "jac:n:u", "jac:y:x", "jac:y:u"]
-    slopes: Any = f.factory(f"{f.name()}_slopes", ["x", "u", "p"], wanted)(x, u, p)
+    columns = _chosen(block, inputs or block.inputs, "input", "param")
+    rows = _chosen(block, outputs or block.outputs or block.states, "output", "state")
+    if not columns or not rows:
+        raise BadInput(
+            f"linear({block.name}): python-control needs an input and an output; a parameter may be"
+            f" one, inputs=[{next(iter(block.params), 'name')!r}]"
+        )
+    slopes: Any = _slopes(block)(*_packed(block, at))
     A, B, C, D = (np.array(ca.DM(m).full()) for m in slopes)
     C, D = np.vstack([C, np.eye(len(A))]), np.vstack([D, np.zeros((len(A), D.shape[1]))])
-    states, columns = _elements(block, "state"), _chosen(block, inputs, "input")
-    rows = _chosen(block, outputs or block.outputs or block.states, "output", "state")
+    states = _elements(block, "state")
     B, C, D = B[:, list(columns)], C[list(rows)], D[np.ix_(list(rows), list(columns))]
     _refuse_kinks(
         block,
@@ -96,24 +100,36 @@ def linear(
     )  # fmt: skip
 
 
+def _slopes(block: Block) -> ca.Function:
+    """Function of (x, u, p) that gives A, B, C, D, with the parameters beside the inputs."""
+    f = block.f
+    x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+    free = {n: v for n, v in block.unpack("param", p).items() if not block.params[n].derived}
+    results: Any = f(x, u, block.pack("param", block.derive(free)))
+    by = ca.vertcat(u, p)
+    J = [ca.jacobian(r, w) for r in results for w in (x, by)]
+    return ca.Function(f"{f.name()}_slopes", [x, u, p], J)
+
+
 def nonlinear(block: Block) -> control.NonlinearIOSystem:
     """Give a block to python-control, which can then simulate, interconnect and trim it.
 
-    Its start is ``X0=block.pack("state", block.start()).full().ravel()``; parameters can be
-    changed by name: ``control.input_output_response(..., params={"m": 9000})``.
+    Its start is ``X0=block.pack("state", block.start()).full().ravel()``. Parameters are changed
+    by name, ``control.input_output_response(..., params={"wheel.m": 9000})``: the block's own name
+    for it, alone or after the block's name and a dot. Other names are left to other systems,
+    because python-control hands the same ones to all.
     """
     import control
 
     f = block.f
-    scalars = {n: s for n, s in block.params.items() if not s.derived and s.shape == ()}
-    names = dict(zip(_plain(scalars), scalars, strict=True))
-    cache: dict[tuple[float, ...], Any] = {}
+    cache: dict[tuple[tuple[str, float], ...], Any] = {}
 
     def evaluate(x: np.ndarray, u: np.ndarray, params: Mapping[str, float], which: int) -> Any:
-        key = tuple(params.values())
+        key = tuple(params.items())
         if key not in cache:
             cache.clear()
-            values = block.param_values(**{names.get(k, k): v for k, v in params.items()})
+            own = {k.removeprefix(f"{block.name}."): v for k, v in key}
+            values = block.param_values(**{k: v for k, v in own.items() if k in block.params})
             cache[key] = block.pack("param", values)
         results: Any = f(x, u, cache[key])
         return np.array(results[which].full()).ravel()
@@ -121,10 +137,10 @@ def nonlinear(block: Block) -> control.NonlinearIOSystem:
     return control.NonlinearIOSystem(
         (lambda t, x, u, params: evaluate(x, u, params, 0)) if block.states else None,
         lambda t, x, u, params: evaluate(x, u, params, 1),
-        name=block.name, dt=_sampling(block), states=_plain(_elements(block, "state").values()),
+        name=block.name, dt=_sampling(block),
+        states=_plain(_elements(block, "state").values()) or None,
         inputs=_plain(_elements(block, "input").values()),
         outputs=_plain(_elements(block, "output").values()),
-        params={k: float(v) for k, n in names.items() if (v := scalars[n].value) is not None},
     )  # fmt: skip
 
 
