@@ -343,11 +343,10 @@ def _lock_time(run: Run) -> Metric | None:
 
 
 def _regret(run: Run) -> Metric | None:
-    mu, best = run.get("adhesion"), run.get("best_adhesion")
-    if mu is None or best is None:
+    distance, ideal = _distance(run), _ideal_distance(run)
+    if distance is None or ideal is None:
         return None
-    lost = (np.abs(best) - np.abs(mu))[run.moving]
-    return Metric(float(lost.sum()) * run.tick, "s")
+    return Metric(distance.value - ideal.value, "m")
 
 
 def _step_time(run: Run) -> Metric | None:
@@ -384,7 +383,7 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "position_error_rms": (_position_error_rms, "position minus wanted position"),
     "position_error_max": (_position_error_max, "largest of its absolute values"),
     "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
-    "regret": (_regret, "integral of mu_max - |mu| while faster than 1 m/s; times g: speed lost"),
+    "regret": (_regret, "distance beyond that of the bound, the loop `ideal` of the scenario"),
     "step_time": (_step_time, "longest time to compute one tick"),
 }
 """Function and definition of each metric, in the order of files and tables."""

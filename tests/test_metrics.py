@@ -146,10 +146,12 @@ def test_adhesion_use_leaves_out_standstill_and_signs() -> None:
     assert metric("adhesion_use", s, v=0.5 + 0 * T, mu=mu, best=0.1) == "absent"
 
 
-def test_regret_is_the_integral_of_the_lost_adhesion() -> None:
-    s = Signals(speed="v", adhesion="mu", best_adhesion="best")
-    v = np.where(T < 3, 5.0, 0.5)
-    assert metric("regret", s, v=v, mu=0.08 + 0 * T, best=0.1) == pytest.approx(0.02 * 3)
+def test_regret_is_the_distance_beyond_the_bound_or_absent() -> None:
+    s = Signals(speed="v")
+    distance = metric("distance", s, v=20 - T)
+    ideal = {"distance": Metric(90.0, "m")}
+    assert metric("regret", s, v=20 - T, ideal=ideal) == pytest.approx(distance - 90.0)
+    assert metric("regret", s, v=20 - T) == "absent"
 
 
 def test_acceleration_variance_after_start_and_changes() -> None:
