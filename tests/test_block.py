@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
 
 from slipctl import (
     BadInput,
@@ -26,6 +24,8 @@ from slipctl import (
     sampled,
     step,
 )
+from slipctl.models import subway_braking as subway
+from slipctl.models import subway_braking_control as control
 
 ROUNDING = 1e-13
 """Relative: CasADi may reorder and share operations, a few units in the last place each."""

@@ -8,8 +8,6 @@ import casadi as ca
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slipctl.models import subway_braking as subway
-from slipctl.models.brakes import brake
 
 from slipctl import (
     BadInput,
@@ -31,6 +29,8 @@ from slipctl import (
     step,
     unit_delay,
 )
+from slipctl.models import subway_braking as subway
+from slipctl.models.brakes import brake
 
 
 def source(unit="1", **options) -> Block:

@@ -12,9 +12,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from conftest import BEST, closed_loop, three_rails
-from slipctl.models import sensors
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
 
 from slipctl import (
     BadInput,
@@ -38,6 +35,9 @@ from slipctl import (
     unit_delay,
 )
 from slipctl.certify.steps import METHODS
+from slipctl.models import sensors
+from slipctl.models import subway_braking as subway
+from slipctl.models import subway_braking_control as control
 
 
 def same(a, b) -> bool:

@@ -12,7 +12,6 @@ import pytest
 from conftest import INTEGRATORS
 from hypothesis import given
 from hypothesis import strategies as st
-from slipctl.models import subway_braking as subway
 
 from slipctl import (
     BadInput,
@@ -35,6 +34,7 @@ from slipctl import (
 )
 from slipctl.certify.steps import METHODS, growth, largest_step
 from slipctl.linearise import operating_point
+from slipctl.models import subway_braking as subway
 
 TICK = step(period=0.1, name="tick")(lambda: ({}, {}))
 """Block that only says how long a tick is."""
