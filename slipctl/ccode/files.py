@@ -267,10 +267,10 @@ def readme(plan: Plan) -> str:
 
     n, lay, big = plan.name, plan.layout, plan.layout.big
     counts = ", ".join(
-        f"{sum(m.size for m in g)} numbers of {what}"
+        f"{what} {sum(m.size for m in g)}"
         for g, what in (
-            (lay.inputs, "input"), (lay.params, "parameters"), (lay.states, "state"),
-            (lay.outputs, "output"),
+            (lay.inputs, "inputs"), (lay.params, "parameters"), (lay.states, "states"),
+            (lay.outputs, "outputs"),
         )
     )  # fmt: skip
     bits = "\n".join(f"| `{big}_{k}` | {v} | {what} |" for k, v, what in STATUS)
@@ -279,7 +279,7 @@ def readme(plan: Plan) -> str:
 
 {first_sentence(plan.block.doc)}
 
-C99, written by slipctl {__version__}, content {CONTENT}: {counts}.
+C99, written by slipctl {__version__}, content {CONTENT}. Numbers carried: {counts}.
 
 | file | what it is |
 |---|---|
@@ -290,16 +290,22 @@ C99, written by slipctl {__version__}, content {CONTENT}: {counts}.
 | `report.json` | sizes, symbols, compilers, largest difference from Python per signal |
 | `LICENSE` | terms |
 
-Call `{n}_default`, change what differs, `{n}_init`, then `{n}_step` {tick}; call `{n}_tune` after
-changing a parameter at run time. Units, ranges, signs and sources stand beside each member in
-`{n}.h`. Link with the C mathematics library (`-lm`).
+Call in this order:
+
+1. `{n}_default`, then change the parameters that differ,
+2. `{n}_init`,
+3. `{n}_step` {tick},
+4. `{n}_tune` after changing a parameter at run time.
+
+Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
+library (`-lm`).
 
 | status | bit | meaning |
 |---|---|---|
 {bits}
 
 With a status other than 0 a step leaves the state untouched and gives the outputs of the last good
-step. No memory is allocated, nothing is global, every instance has its own `{n}_state`.
+step. No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 """
 
