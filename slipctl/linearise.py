@@ -275,8 +275,10 @@ class _Search:
             correction = -np.linalg.solve(M, r / weight)
             left = self._shorten(z, p, scale * correction, lambda r, M=M, w=weight:
                                  float(np.abs(np.linalg.solve(M, r / w)).max()))  # fmt: skip
-            if left <= CLOSE:
-                return step
+            if left <= CLOSE:  # and once more, to rounding
+                r, J = self.at(z, p)
+                z[self.where] = np.clip(z[self.where] - np.linalg.solve(J, r), self.lo, self.hi)
+                return step + 1
         raise self.failed(z, p, f"not found in {NEWTON_STEPS} steps")
 
     def _shorten(self, z: np.ndarray, p: Any, move: np.ndarray, distance: Any) -> float:
