@@ -21,6 +21,7 @@ _WHERE = {
     "rail": ["Section", "Rail", "Scenario"],
     "simulation": ["simulate"],
     "estimate": ["rls", "probe", "peak_bound", "opened"],
+    "filtering": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek": ["differential_evolution"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],

@@ -10,18 +10,24 @@ What bounds them (pole, steady variance, consistency) is in :mod:`slipctl.certif
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from slipctl.block import Block
+from slipctl.errors import BadInput, nearest
+from slipctl.filtering_forms import Setting, differential_form, sampled_form
+from slipctl.filtering_model import Numbers, Problem, by_name, squared
+from slipctl.filtering_moments import linearised, printed_22, unscented
+from slipctl.filtering_slopes import Lipschitz, Observability, lipschitz, observability
+from slipctl.signals import Param
+
+__all__ = [
+    "FORMS", "PER", "Lipschitz", "Observability", "ctukf", "ekf", "lipschitz", "observability",
+]  # fmt: skip
 
 FORMS = ("sampled", "differential", "printed-22")
 PER = ("sample", "second")
-
-Numbers = float | Mapping[str, float]
 
 
 def ctukf(
@@ -36,7 +42,7 @@ def ctukf(
     floor: Numbers | None = None,
     form: str = "sampled",
     per: str = "sample",
-    method: str = "euler",
+    method: str = "rk4",
     substeps: int = 1,
     period: float = 1e-3,
     **numbers: float,
@@ -52,12 +58,15 @@ def ctukf(
     equations; an estimated state or an output is compared directly. All other states and inputs
     that the equations need are inputs of the filter.
 
+    Increments suit noise that drifts, as the paper has it. Where the sensor adds new noise to each
+    sample, estimate the measured state too: ``estimate=("omega", "F_a")``.
+
     Args:
         block: a flow.
         measured: names of measured states and outputs.
         estimate: names of estimated states, inputs and parameters; scalars.
-        prior: variance of each unknown before the first sample, in its unit squared; one number or
-            one per name, as everywhere below.
+        prior: variance of each unknown before the first sample, in its unit squared; one number,
+            or one per name, as everywhere below.
         noise: of a measurement: R_w in unit^2/s for increments (their variance is R_w dt),
             variance of a sample in unit^2 for a direct one.
         drift: R_v of each unknown in unit^2/s.
@@ -68,11 +77,11 @@ def ctukf(
             ``"printed-22"``: spread sqrt(sigma P) and the weights of N = 3 as printed.
         per: gamma acts ``"sample"`` by sample, P- = (1 + gamma) P, or per ``"second"``,
             P- = (1 + gamma dt) P, as printed (docs/errata.md).
-        method: integration over a period, ``"euler"`` or ``"rk4"`` of the states (sampled form);
-            any method of ``sampled`` for the differential form.
+        method: integration over a period: of estimated states by ``"euler"`` or ``"rk4"`` (sampled
+            form), of the differential equations by any method of ``sampled``.
         substeps: steps of that method in one period.
         period: sample period in s.
-        **numbers: gamma (default 0) and sigma (default 2), or other parameters of the result.
+        **numbers: gamma (default 0), sigma (default 2), or other parameters of the result.
 
     Returns:
         A step block. Inputs: the measured signals under their names, and what else the equations
@@ -85,7 +94,26 @@ def ctukf(
         BadInput: not a flow, an unknown name, a form that does not exist, a variance that is not
             positive, gamma or sigma that make a weight negative.
     """
-    raise NotImplementedError
+    shape = [Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0)]
+    shape[0] = shape[0].named("sigma")
+    if form == "printed-22":
+        shape.append(Param("1", 2.0, "extra weight", "Zhang 2021, Table 3").named("beta"))
+    who = f"ctukf({block.name})"
+    sigma = numbers.get("sigma", 2.0)
+    if not sigma >= 0:
+        n = 1 if isinstance(estimate, str) else len(estimate)
+        weight = f"{sigma / (n + sigma):.3g}" if n + sigma else "infinite"
+        raise BadInput(
+            f"{who}: sigma = {sigma:g} makes the weight of the centre sigma/(N + sigma) {weight};"
+            f" it must not be negative, sigma = 2 would pass"
+        )
+    return _filter(
+        "ctukf", FORMS, block, measured, estimate,
+        moments=lambda p: printed_22(p["sigma"], p["beta"]) if "beta" in p
+        else unscented(p["sigma"]),
+        shape=tuple(shape), prior=prior, noise=noise, drift=drift, start=start, floor=floor,
+        form=form, per=per, method=method, substeps=substeps, period=period, numbers=numbers,
+    )  # fmt: skip
 
 
 def ekf(
@@ -100,7 +128,7 @@ def ekf(
     floor: Numbers | None = None,
     form: str = "sampled",
     per: str = "sample",
-    method: str = "euler",
+    method: str = "rk4",
     substeps: int = 1,
     period: float = 1e-3,
     **numbers: float,
@@ -110,98 +138,86 @@ def ekf(
     Where the equations are linear in the unknowns both give the same numbers; otherwise they differ
     by the square of the spread. It has no parameter sigma and no form ``"printed-22"``.
     """
-    raise NotImplementedError
+    return _filter(
+        "ekf", FORMS[:2], block, measured, estimate, moments=lambda p: linearised, shape=(),
+        prior=prior, noise=noise, drift=drift, start=start, floor=floor, form=form, per=per,
+        method=method, substeps=substeps, period=period, numbers=numbers,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Observability:
-    """Whether a measurement tells the unknowns apart at a point.
-
-    Attributes:
-        rank: number of directions seen.
-        needed: number of unknowns.
-        singular: singular values of the matrix, unknowns in units of ``scale``.
-        unseen: the direction seen least, by unknown.
-    """
-
-    rank: int
-    needed: int
-    singular: tuple[float, ...]
-    unseen: Mapping[str, float]
-
-    @property
-    def full(self) -> bool:
-        """Whether all unknowns are seen."""
-        return self.rank == self.needed
-
-
-def observability(
+def _filter(
+    kind: str,
+    forms: Sequence[str],
     block: Block,
     measured: str | Sequence[str],
     estimate: str | Sequence[str],
     *,
-    scale: Numbers = 1.0,
-    tolerance: float = 1e-9,
-    **at: float,
-) -> Observability:
-    """Rank of the Jacobian of the measurement and its time derivatives at a point.
-
-    Args:
-        block, measured, estimate: as of :func:`ctukf`.
-        scale: size of each unknown, so that units do not matter.
-        tolerance: singular values below this share of the largest count as zero.
-        **at: values of states, inputs and parameters; the rest has its declared value.
-    """
-    raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Lipschitz:
-    """How fast equations change with the unknowns over a region.
-
-    Attributes:
-        constant: proven upper bound of the Lipschitz constant in the scaled unknowns.
-        reached: slope found at a point of the region; the true constant lies between both.
-        slopes: bounds (lowest, highest) of each partial derivative in its units, by
-            ``(equation, unknown)``.
-        method: how the bound was found.
-    """
-
-    constant: float
-    reached: float
-    slopes: Mapping[tuple[str, str], tuple[float, float]]
-    method: str
-
-
-def lipschitz(
-    block: Block,
-    measured: str | Sequence[str],
-    estimate: str | Sequence[str],
-    over: Mapping[str, tuple[float, float]],
-    *,
-    of: str = "measurement",
-    scale: Numbers = 1.0,
-    tolerance: float = 0.01,
-    **at: Any,
-) -> Lipschitz:
-    """Lipschitz constant of the measurement (or of the state equations) over a box.
-
-    The exact Jacobian is enclosed by interval arithmetic on boxes that are halved until upper
-    bound and largest slope found differ by less than ``tolerance``; so the bound is proven, up to
-    nothing but the rounding that is added outwards.
-
-    Args:
-        block, measured, estimate: as of :func:`ctukf`.
-        over: range of each signal that varies; the rest is fixed.
-        of: ``"measurement"`` (h of Lemma 2 of Zhang 2021) or ``"states"`` (f).
-        scale: size of each unknown.
-        tolerance: relative gap at which halving stops.
-        **at: values of the other states, inputs and parameters.
-    """
-    raise NotImplementedError
+    form: str,
+    per: str,
+    method: str,
+    substeps: int,
+    period: float,
+    numbers: dict[str, float],
+    prior: Numbers,
+    noise: Numbers,
+    drift: Numbers,
+    start: Numbers | None,
+    floor: Numbers | None,
+    **of_kind: Any,
+) -> Block:
+    """Check what both filters share, and build the block."""
+    who = f"{kind}({block.name})"
+    for word, value, known in (("form", form, forms), ("per", per, PER)):
+        if value not in known:
+            raise BadInput(f"{who} has no {word} {value!r}{nearest(value, known)}")
+    if not (math.isfinite(period) and period > 0):
+        raise BadInput(f"{who}: period = {period:g} s must be positive")
+    if substeps < 1 or substeps != int(substeps):
+        raise BadInput(f"{who}: substeps = {substeps} must be a whole number >= 1")
+    gamma = float(numbers.get("gamma", 0.0))
+    highest = 1.0 if per == "sample" else math.inf
+    if not 0 <= gamma <= highest:
+        scale = 1.0 if per == "sample" else period
+        weight = f"{1 / (1 + gamma * scale):.3g}" if 1 + gamma * scale else "infinite"
+        raise BadInput(
+            f"{who}: gamma = {gamma:g} makes the weight of the past 1/(1 + gamma) {weight}; it must"
+            f" lie in [0, {highest:g}], gamma = 0.23 would pass"
+        )
+    problem = Problem.of(kind, block, measured, estimate)
+    squares = {s.name: squared(s.unit) for s in problem.unknown}
+    rates = {s.name for s in problem.increments}
+    noises = {s.name: squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured}
+    before = by_name(who, "prior", prior, squares, "positive")
+    least: Numbers = {k: 1e-12 * v for k, v in before.items()} if floor is None else floor
+    first = by_name(
+        who, "start", {} if start is None else start,
+        {s.name: s.unit for s in problem.unknown}, "finite", partial=True,
+    )  # fmt: skip
+    choices = {
+        "form": form, "per": per, "flow": block.name,
+        "measured": ", ".join(s.name for s in problem.measured),
+        "estimate": ", ".join(s.name for s in problem.unknown),
+    }  # fmt: skip
+    setting = Setting(
+        kind, prior=before, start=first, gamma=gamma, per=per, period=period, choices=choices,
+        drift=by_name(who, "drift", drift, {k: f"{u}/s" for k, u in squares.items()},
+                      "not negative"),
+        floor=by_name(who, "floor", least, squares, "positive"),
+        noise=by_name(who, "noise", noise, noises, "positive"),
+        doc=_DOC[kind] + _DOC["differential" if form == "differential" else "sampled"], **of_kind,
+    )  # fmt: skip
+    make = differential_form if form == "differential" else sampled_form
+    made = make(problem, setting, method, int(substeps))
+    return made.with_params(**numbers) if numbers else made
 
 
-__all__ = [
-    "FORMS", "PER", "Lipschitz", "Observability", "ctukf", "ekf", "lipschitz", "observability",
-]  # fmt: skip
-_ = np
+_DOC = {
+    "ctukf": "Unscented Kalman filter after Zhang 2021, eqs (18)-(33).\n\n"
+    "C(f, g) is the covariance of f and g over the points x, x +- sqrt((N + sigma) P), weighted by"
+    " sigma/(N + sigma) and 1/(2 (N + sigma)).\n",
+    "ekf": "Extended Kalman filter.\n\nC(f, g) = F P G' with the exact Jacobians of f and g.\n",
+    "sampled": "x- = f(x), P- = (1 + gamma) C(f, f) + R_v dt;  z^ = h(x-), S = C(h, h) + R,"
+    " K = C(x, h)/S;\nx+ = x- + K (z - z^), P+ = P- - K S K', not below its floor.",
+    "differential": "K = C(x, h)/R_w, x' = f + K (z' - h),"
+    " P' = C(x, f) + C(f, x) + gamma P + R_v - K R_w K'.",
+}

@@ -1,0 +1,283 @@
+"""Proven bounds of a function over a box, by interval arithmetic on its instructions.
+
+Each operation of a CasADi Function maps intervals to an interval that contains every result; each
+end is moved outwards by 8 units in the last place, more than the rounding of an operation (1/2) and
+of NumPy's functions (4).
+Boxes are halved until the bound is tight (branch and bound; Moore, Kearfott, Cloud, Introduction to
+Interval Analysis, 2009, chapters 5 and 11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from slipctl.errors import BadInput
+
+Interval = tuple[np.ndarray, np.ndarray]
+"""Lower and upper ends, one entry per box."""
+
+ULPS = 8
+
+
+class Bracket(NamedTuple):
+    """Where the largest value of a function over a box lies.
+
+    Attributes:
+        reached: value at a point of the box.
+        bound: proven upper bound.
+        boxes: boxes that were looked at.
+    """
+
+    reached: float
+    bound: float
+    boxes: int
+
+
+def enclose(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Interval:
+    """Enclosure of every output element over many boxes at once.
+
+    Args:
+        f: Function of one column with one dense column as result; MX is expanded.
+        lo, hi: ends of the boxes, one column per box.
+
+    Returns:
+        Ends of the enclosures, one row per output element; infinite where nothing can be said.
+
+    Raises:
+        BadInput: an operation that is not known here.
+    """
+    f = f if f.is_a("SXFunction") else f.expand()
+    many = lo.shape[1]
+    work: dict[int, Interval] = {}
+    out_lo, out_hi = np.zeros((f.numel_out(0), many)), np.zeros((f.numel_out(0), many))
+    with np.errstate(all="ignore"):
+        for k in range(f.n_instructions()):
+            op, args, to = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+            if op == ca.OP_CONST:
+                c = np.full(many, f.instruction_constant(k))
+                work[to[0]] = (c, c)
+            elif op == ca.OP_INPUT:
+                work[to[0]] = (lo[args[1]], hi[args[1]])
+            elif op == ca.OP_OUTPUT:
+                out_lo[to[1]], out_hi[to[1]] = work[args[0]]
+            elif op in _RULES:
+                ends = _RULES[op](*(work[a] for a in args))
+                work[to[0]] = ends if op in _EXACT else _sound(*ends)
+            else:
+                raise BadInput(
+                    f"{f.name()}: CasADi operation {op} cannot be enclosed; known are"
+                    f" arithmetic, {', '.join(n.lower() for n in _NAMED)}"
+                )
+    return out_lo, out_hi
+
+
+def largest(
+    f: ca.Function,
+    lo: np.ndarray,
+    hi: np.ndarray,
+    gap: float,
+    value: Callable[[np.ndarray], np.ndarray] | None = None,
+    bound: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    most: int = 200_000,
+) -> Bracket:
+    """Largest value of a function over a box.
+
+    Args:
+        f: as of :func:`enclose`.
+        lo, hi: ends of the box.
+        gap: difference of bound and value reached at which the search ends.
+        value: from results at points, one column each, to what is made large; default row 0.
+        bound: from enclosures to upper bounds of that; default the upper end of row 0.
+        most: boxes after which the search ends with what it has.
+
+    Returns:
+        The bracket; its bound is proven even where the search ended early.
+    """
+    value = value or (lambda y: y[0])
+    bound = bound or (lambda a, b: b[0])
+    width = np.where(hi > lo, hi - lo, 1.0)
+    low, high = lo.reshape(-1, 1).astype(float), hi.reshape(-1, 1).astype(float)
+    best, done, boxes = -np.inf, -np.inf, 0
+    while low.shape[1]:
+        boxes += low.shape[1]
+        middle = low + (high - low) / 2
+        points = np.hstack([low, middle, high]) if boxes == 1 else middle
+        found = value(np.array(f(points).full()))
+        best = max(best, float(np.nanmax(found, initial=-np.inf)))
+        ends = bound(*enclose(f, low, high))
+        open_ = ends > best + gap
+        if boxes > most or not (high > low)[:, open_].any():
+            return Bracket(best, float(max(done, ends.max())), boxes)
+        done = max(done, float(ends[~open_].max(initial=-np.inf)))
+        low, high, middle = low[:, open_], high[:, open_], middle[:, open_]
+        along = np.argmax((high - low) / width[:, None], axis=0)
+        cut = np.arange(low.shape[0])[:, None] == along
+        low, high = (
+            np.hstack([low, np.where(cut, middle, low)]),
+            np.hstack([np.where(cut, middle, high), high]),
+        )
+    return Bracket(best, max(done, best), boxes)
+
+
+# ---- rules --------------------------------------------------------------------------------------
+
+
+def _sound(lo: np.ndarray, hi: np.ndarray) -> Interval:
+    """Ends moved outwards; the whole line where an end is not a number."""
+    lost = np.isnan(lo) | np.isnan(hi)
+    low = np.where(lost, -np.inf, lo - ULPS * np.spacing(np.abs(np.nan_to_num(lo, posinf=0.0))))
+    high = np.where(lost, np.inf, hi + ULPS * np.spacing(np.abs(np.nan_to_num(hi, neginf=0.0))))
+    return np.where(np.isneginf(lo), -np.inf, low), np.where(np.isposinf(hi), np.inf, high)
+
+
+def _hull(*values: np.ndarray) -> Interval:
+    return np.minimum.reduce(values), np.maximum.reduce(values)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Product of ends, in which zero times infinity is zero."""
+    return np.where((a == 0) | (b == 0), 0.0, a * b)
+
+
+def _mul(a: Interval, b: Interval) -> Interval:
+    return _hull(*(_product(s, t) for s in a for t in b))
+
+
+def _inv(a: Interval) -> Interval:
+    across = (a[0] <= 0) & (a[1] >= 0)
+    return np.where(across, -np.inf, 1 / a[1]), np.where(across, np.inf, 1 / a[0])
+
+
+def _sq(a: Interval) -> Interval:
+    low, high = _hull(a[0] ** 2, a[1] ** 2)
+    return np.where((a[0] <= 0) & (a[1] >= 0), 0.0, low), high
+
+
+def _rising(function: Callable[[np.ndarray], np.ndarray]) -> Callable[[Interval], Interval]:
+    return lambda a: (function(a[0]), function(a[1]))
+
+
+def _domain(
+    function: Callable[[np.ndarray], np.ndarray], least: float
+) -> Callable[[Interval], Interval]:
+    """Rising function with a domain; where a box sticks out of it, nothing can be said."""
+
+    def rule(a: Interval) -> Interval:
+        out = a[0] < least
+        return np.where(out, -np.inf, function(a[0])), np.where(out, np.inf, function(a[1]))
+
+    return rule
+
+
+def _even(function: Callable[[np.ndarray], np.ndarray]) -> Callable[[Interval], Interval]:
+    """Even function that rises from zero on."""
+
+    def rule(a: Interval) -> Interval:
+        low, high = _hull(function(a[0]), function(a[1]))
+        return np.where((a[0] <= 0) & (a[1] >= 0), function(np.zeros_like(low)), low), high
+
+    return rule
+
+
+def _sin(a: Interval, shift: float = 0.0) -> Interval:
+    """sin(x + shift pi/2), shift 0 or 1."""
+    low, high = _hull(*(np.cos(e) if shift else np.sin(e) for e in a))
+    turns = [(e / (np.pi / 2) + shift) / 4 for e in a]
+    # a margin of 1e-9 turns, because pi is rounded
+    top = np.floor(turns[1] - 0.25 + 1e-9) >= np.ceil(turns[0] - 0.25 - 1e-9)
+    bottom = np.floor(turns[1] + 0.25 + 1e-9) >= np.ceil(turns[0] + 0.25 - 1e-9)
+    wild = ~(np.isfinite(a[0]) & np.isfinite(a[1])) | (np.abs(a[0]) > 1e6) | (np.abs(a[1]) > 1e6)
+    return np.where(wild | bottom, -1.0, low), np.where(wild | top, 1.0, high)
+
+
+def _constpow(a: Interval, b: Interval) -> Interval:
+    """a^b with a constant b."""
+    n = b[0]
+    whole = n == np.floor(n)
+    positive = _hull(a[0] ** n, a[1] ** n)
+    across = (a[0] < 0) & (a[1] > 0) | (a[0] == 0) & (n < 0) | (a[1] == 0) & (n < 0)
+    low = np.where(across & (n % 2 == 0) & (n > 0), 0.0, positive[0])
+    bad = (b[0] != b[1]) | (~whole & (a[0] < 0)) | (across & (n < 0))
+    return np.where(bad, -np.inf, low), np.where(bad, np.inf, positive[1])
+
+
+def _compare(sure: np.ndarray, possible: np.ndarray) -> Interval:
+    return sure.astype(float), possible.astype(float)
+
+
+def _if_else_zero(c: Interval, a: Interval) -> Interval:
+    sure, possible = (c[0] > 0) | (c[1] < 0), (c[0] != 0) | (c[1] != 0)
+    low, high = np.minimum(a[0], 0.0), np.maximum(a[1], 0.0)
+    return (
+        np.where(sure, a[0], np.where(possible, low, 0.0)),
+        np.where(sure, a[1], np.where(possible, high, 0.0)),
+    )
+
+
+_NAMED: dict[str, Callable[..., Interval]] = {
+    "SQRT": _domain(np.sqrt, 0.0),
+    "LOG": _domain(np.log, 0.0),
+    "LOG1P": _domain(np.log1p, -1.0),
+    "EXP": _rising(np.exp),
+    "EXPM1": _rising(np.expm1),
+    "TANH": _rising(np.tanh),
+    "SINH": _rising(np.sinh),
+    "ASINH": _rising(np.arcsinh),
+    "ATAN": _rising(np.arctan),
+    "SIGN": _rising(np.sign),
+    "FLOOR": _rising(np.floor),
+    "CEIL": _rising(np.ceil),
+    "COSH": _even(np.cosh),
+    "FABS": _even(np.abs),
+    "SIN": _sin,
+    "COS": lambda a: _sin(a, 1.0),
+    "FMIN": lambda a, b: (np.minimum(a[0], b[0]), np.minimum(a[1], b[1])),
+    "FMAX": lambda a, b: (np.maximum(a[0], b[0]), np.maximum(a[1], b[1])),
+}
+_RULES: dict[int, Callable[..., Interval]] = {
+    **{getattr(ca, f"OP_{n}"): rule for n, rule in _NAMED.items()},
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: lambda a, b: (a[0] + b[0], a[1] + b[1]),
+    ca.OP_SUB: lambda a, b: (a[0] - b[1], a[1] - b[0]),
+    ca.OP_NEG: lambda a: (-a[1], -a[0]),
+    ca.OP_TWICE: lambda a: (2 * a[0], 2 * a[1]),
+    ca.OP_MUL: _mul,
+    ca.OP_DIV: lambda a, b: _mul(a, _sound(*_inv(b))),
+    ca.OP_INV: _inv,
+    ca.OP_SQ: _sq,
+    ca.OP_CONSTPOW: _constpow,
+    ca.OP_POW: _constpow,
+    ca.OP_LT: lambda a, b: _compare(a[1] < b[0], a[0] < b[1]),
+    ca.OP_LE: lambda a, b: _compare(a[1] <= b[0], a[0] <= b[1]),
+    ca.OP_EQ: lambda a, b: _compare(
+        (a[0] == a[1]) & (b[0] == b[1]) & (a[0] == b[0]), (a[0] <= b[1]) & (b[0] <= a[1])
+    ),
+    ca.OP_NE: lambda a, b: _compare(
+        (a[1] < b[0]) | (b[1] < a[0]), ~((a[0] == a[1]) & (b[0] == b[1]) & (a[0] == b[0]))
+    ),
+    ca.OP_NOT: lambda a: _compare((a[0] == 0) & (a[1] == 0), (a[0] <= 0) & (a[1] >= 0)),
+    ca.OP_AND: lambda a, b: _compare(_nonzero(a) & _nonzero(b), _maybe(a) & _maybe(b)),
+    ca.OP_IF_ELSE_ZERO: _if_else_zero,
+    ca.OP_OR: lambda a, b: _compare(_nonzero(a) | _nonzero(b), _maybe(a) | _maybe(b)),
+}
+
+_EXACT = {
+    getattr(ca, f"OP_{n}")
+    for n in (
+        "ASSIGN", "NEG", "TWICE", "FABS", "FMIN", "FMAX", "SIGN", "FLOOR", "CEIL", "LT", "LE",
+        "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO",
+    )
+}  # fmt: skip
+"""Operations without rounding."""
+
+
+def _nonzero(a: Interval) -> np.ndarray:
+    return (a[0] > 0) | (a[1] < 0)
+
+
+def _maybe(a: Interval) -> np.ndarray:
+    return (a[0] != 0) | (a[1] != 0)

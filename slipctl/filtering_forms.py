@@ -1,0 +1,460 @@
+"""The two forms of a Kalman filter, whatever carries mean and covariance through the equations.
+
+Both work on the same unknowns, measurements and parameters: see :class:`Setting` and ``Names``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block import Block, Exprs, make_block
+from slipctl.certify.filters import rate
+from slipctl.certify.steps import METHODS, largest_step
+from slipctl.errors import BadInput
+from slipctl.filtering_model import Problem, per_second, product, squared, start_value
+from slipctl.filtering_moments import Matrix, Moments, Vector, factors, floored, forward, solve
+from slipctl.signals import Output, Param, Signal, State
+from slipctl.timing import check_step, sampled
+from slipctl.units import one
+
+PREDICTIONS = ("euler", "rk4")
+"""Methods that carry states from tick to tick in the sampled form."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Numbers and choices of a filter.
+
+    Attributes:
+        kind: ``"ctukf"`` or ``"ekf"``.
+        moments: what carries mean and covariance, from the parameters of the block.
+        shape: parameters of ``moments``.
+        prior, drift, floor, noise, start: numbers by name.
+        gamma: its value.
+        per: what gamma counts by.
+        period: in s.
+        choices: for the block.
+        doc: text of the block.
+    """
+
+    kind: str
+    moments: Callable[[Exprs], Moments]
+    shape: tuple[Signal, ...]
+    prior: Mapping[str, float]
+    drift: Mapping[str, float]
+    floor: Mapping[str, float]
+    noise: Mapping[str, float]
+    start: Mapping[str, float]
+    gamma: float
+    per: str
+    period: float
+    choices: Mapping[str, Any]
+    doc: str
+
+
+class Names:
+    """Names of a filter's own signals; a dot inside another name becomes an underscore."""
+
+    def __init__(self, problem: Problem) -> None:
+        b = problem.block
+        self.taken = {*b.states, *b.inputs, *b.params, *b.outputs, "gamma", "sigma", "beta", "nis"}
+        unknown = [s.name for s in problem.unknown]
+        measured = [s.name for s in problem.measured]
+        self.prior, self.drift, self.floor, self.variance = (
+            {n: self._new(word, n) for n in unknown}
+            for word in ("prior", "drift", "floor", "variance")
+        )
+        self.noise, self.innovation, self.rate = (
+            {n: self._new(word, n) for n in measured} for word in ("noise", "innovation", "rate")
+        )
+        kept = problem.in_rates | {s.name for s in problem.increments}
+        self.held = {n: self._new("held", n) for n in (*unknown, *sorted(kept))}
+        self.begun = self._new("held", "begun")
+        self.P = {
+            (i, j): self._new("P", n, *([unknown[j]] if i != j else []))
+            for i, n in enumerate(unknown)
+            for j in range(i + 1)
+        }
+
+    def _new(self, *words: str) -> str:
+        name = "_".join(words).replace(".", "_")
+        while name in self.taken:
+            name += "x"
+        self.taken.add(name)
+        return name
+
+    def mean(self, problem: Problem, x: Exprs) -> Vector:
+        """Estimates of the tick before, from the states."""
+        return [x[self.held[s.name]] for s in problem.unknown]
+
+    def matrix(self, problem: Problem, x: Exprs) -> Matrix:
+        """Covariance, from the states."""
+        n = range(problem.n)
+        return [[x[self.P[max(i, j), min(i, j)]] for j in n] for i in n]
+
+    def states(self, problem: Problem, mean: Vector, P: Matrix) -> Exprs:
+        """States, from estimates and covariance."""
+        found = {name: P[i][j] for (i, j), name in self.P.items()}
+        held = {self.held[s.name]: v for s, v in zip(problem.unknown, mean, strict=True)}
+        return held | found
+
+
+def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int) -> Block:
+    """Filter by samples: predict from the tick before to this one, then correct."""
+    if method not in PREDICTIONS:
+        raise BadInput(
+            f"{problem.who}: a sampled filter predicts by {' or '.join(PREDICTIONS)}, not"
+            f" {method!r}; form='differential' takes {', '.join(METHODS)}"
+        )
+    names, unknown = Names(problem), problem.unknown
+    if problem.moving:
+        motion = _motion(problem, setting)
+        check_step(motion, setting.period / substeps, method, substeps)
+    ordered = (*problem.increments, *problem.direct)
+    exact = not problem.moving and setting.choices["form"] != "printed-22"
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        dt, n = setting.period * one("s"), range(problem.n)
+        moments, floor = setting.moments(p), [p[names.floor[s.name]] for s in unknown]
+        constants = {s.name: p[s.name] for s in problem.params}
+        before = constants | {k: x[names.held[k]] for k in sorted(problem.in_rates)}
+        now = constants | {k: u[k] for k in sorted(problem.in_outputs)}
+        begun = x[names.begun] > 0
+
+        def at(point: Vector, known: Exprs) -> Exprs:
+            return known | {s.name: v for s, v in zip(unknown, point, strict=True)}
+
+        def ahead(point: Vector) -> Vector:
+            return _integrate(lambda q: problem.rates(at(q, before))[0], point, dt / substeps,
+                              method, substeps)  # fmt: skip
+
+        def measure(point: Vector) -> Vector:
+            increments = problem.rates(at(point, before))[1] if problem.increments else []
+            return [*(dt * v for v in increments), *problem.outputs(at(point, now))]
+
+        # from the tick before to this one; the first tick has none before it
+        old, P = names.mean(problem, x), names.matrix(problem, x)
+        moved, _, wider = (old, P, P) if exact else moments(ahead, old, P, floor)
+        growth = 1 + (p["gamma"] if setting.per == "sample" else p["gamma"] * dt)
+        Q = [p[names.drift[s.name]] * dt for s in unknown]
+        mean = old if exact else [ca.if_else(begun, moved[i], old[i]) for i in n]
+        P = [
+            [ca.if_else(begun, growth * wider[i][j] + (Q[i] if i == j else 0), P[i][j]) for j in n]
+            for i in n
+        ]
+
+        # this tick's sample; an increment counts from the second tick on
+        expected, cross, S = moments(measure, mean, P, floor)
+        innovation: Vector = []
+        for k, s in enumerate(ordered):
+            R = p[names.noise[s.name]]
+            if problem.by_increments(s):
+                off = u[s.name] - x[names.held[s.name]] - expected[k]
+                innovation.append(ca.if_else(begun, off, 0))
+                for row in cross:
+                    row[k] = ca.if_else(begun, row[k], 0)
+                for j in range(len(S)):
+                    S[k][j] = S[j][k] = ca.if_else(begun, S[k][j], 0)
+                S[k][k] = S[k][k] + R * dt
+            else:
+                innovation.append(u[s.name] - expected[k])
+                S[k][k] = S[k][k] + R
+        L, D = factors(S)
+        gain = [solve(L, D, row) for row in cross]
+        mean = [mean[i] + _dot(gain[i], innovation) for i in n]
+        P = floored([[P[i][j] - _dot(gain[i], cross[j]) for j in n] for i in n], floor)
+
+        white = forward(L, innovation)
+        results = {names.innovation[s.name]: v for s, v in zip(ordered, innovation, strict=True)}
+        results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
+        results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
+        results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
+        return names.states(problem, mean, P) | _kept(problem, names, u), results
+
+    return make_block(
+        setting.kind, "step", body,
+        states=[*_states(problem, setting, names), *_held(problem, names)],
+        inputs=_inputs(problem), params=_params(problem, setting, names),
+        outputs=_outputs(problem, names), period=setting.period, sx=problem.block.sx,
+        units=problem.block.units, choices=setting.choices, doc=setting.doc,
+    )  # fmt: skip
+
+
+def differential_form(problem: Problem, setting: Setting, method: str, substeps: int) -> Block:
+    """Filter by its differential equations, from the tick before to this one."""
+    if method in METHODS and setting.gamma > 0:
+        per_s = rate(setting.gamma) / (1 if setting.per == "second" else setting.period)
+        longest = largest_step(complex(-per_s), method)
+        if setting.period / substeps > longest:
+            needed = math.ceil(setting.period / longest)
+            raise BadInput(
+                f"{problem.who}: gamma makes a mode of {1e3 / per_s:.3g} ms, too fast for {method}"
+                f" in {substeps} steps of a period; use substeps={needed}"
+            )
+    names = Names(problem)
+    return _discretised(problem, names, _rates(problem, setting, names), setting, method, substeps)
+
+
+def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
+    """Return the differential equations, a flow; inputs are measured rates and known values."""
+    unknown, measured = problem.unknown, (*problem.increments, *problem.direct)
+    by_increments = {s.name for s in problem.increments}
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        dt, n = setting.period * one("s"), range(problem.n)
+        floor = [p[names.floor[s.name]] for s in unknown]
+        known = {s.name: p[s.name] for s in problem.params}
+        known |= {k: u[k] for k in sorted(problem.in_rates | problem.in_outputs)}
+        mean, P = names.mean(problem, x), names.matrix(problem, x)
+
+        def both(point: Vector) -> Vector:
+            values = known | {s.name: v for s, v in zip(unknown, point, strict=True)}
+            moving, increments = problem.rates(values)
+            return [*moving, *increments, *problem.outputs(values)]
+
+        expected, cross, own = setting.moments(p)(both, mean, P, floor)
+        gamma = p["gamma"] if setting.per == "second" else p["gamma"] / dt
+        noise = [p[names.noise[s.name]] for s in measured]
+        R = [v if s.name in by_increments else v * dt for s, v in zip(measured, noise, strict=True)]
+        seen = [u[names.rate[s.name] if s.name in by_increments else s.name] for s in measured]
+        off = [v - e for v, e in zip(seen, expected[problem.n :], strict=True)]
+        K = [[c / r for c, r in zip(row[problem.n :], R, strict=True)] for row in cross]
+        rates = [expected[i] + _dot(K[i], off) for i in n]
+        growth = [
+            [
+                cross[i][j] + cross[j][i] + gamma * P[i][j]
+                - _dot(K[i], [k * r for k, r in zip(K[j], R, strict=True)])
+                + (p[names.drift[s.name]] if i == j else 0)
+                for j in n
+            ]
+            for i, s in enumerate(unknown)
+        ]  # fmt: skip
+
+        # what a sample of this tick says: an increment is a rate times dt
+        scale = [dt if s.name in by_increments else 1 for s in measured]
+        innovation = [a * v for a, v in zip(scale, off, strict=True)]
+        S = [
+            [a * b * own[problem.n + k][problem.n + j] for j, b in enumerate(scale)]
+            for k, a in enumerate(scale)
+        ]
+        for k, (a, r) in enumerate(zip(scale, R, strict=True)):
+            S[k][k] = S[k][k] + (a * r if measured[k].name in by_increments else noise[k])
+        L, D = factors(S)
+        white = forward(L, innovation)
+        results = {names.innovation[s.name]: v for s, v in zip(measured, innovation, strict=True)}
+        results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
+        return names.states(problem, rates, growth), results
+
+    rates = [
+        s.as_role("input", unit=per_second(s.unit), doc=f"measured rate of {s.name}", value=None,
+                  lo=-math.inf, hi=math.inf).named(names.rate[s.name])
+        for s in problem.increments
+    ]  # fmt: skip
+    here = problem.in_rates | problem.in_outputs | {s.name for s in problem.direct}
+    own = {names.innovation[s.name] for s in measured} | {"nis"}
+    return make_block(
+        setting.kind, "flow", body, states=_states(problem, setting, names),
+        inputs=[*rates, *(s for s in _inputs(problem) if s.name in here)],
+        params=_params(problem, setting, names),
+        outputs=[s for s in _outputs(problem, names) if s.name in own],
+        sx=problem.block.sx, units=problem.block.units, choices=setting.choices, doc=setting.doc,
+    )  # fmt: skip
+
+
+def _discretised(
+    problem: Problem, names: Names, flow: Block, setting: Setting, method: str, substeps: int
+) -> Block:
+    """Step over the time since the last tick, on the mean rates measured in it."""
+    try:
+        motion = sampled(flow, setting.period, method, substeps)
+    except BadInput as error:
+        reason = str(error).removeprefix(f"{flow.name}: ")
+        raise BadInput(f"{problem.who}: {reason}") from None
+    unknown = problem.unknown
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        begun = x[names.begun] > 0
+        known = {k: u[k] for k in flow.inputs if k in u}
+        known |= {k: x[names.held[k]] for k in problem.in_rates}
+        known |= {
+            names.rate[s.name]: (u[s.name] - x[names.held[s.name]]) / setting.period
+            for s in problem.increments
+        }
+        here = {k: x[k] for k in flow.states}
+        moved, y = motion.expr(here, known, {k: p[k] for k in flow.params})
+        nxt = {k: ca.if_else(begun, moved[k], here[k]) for k in flow.states}
+        floor = [p[names.floor[s.name]] for s in unknown]
+        mean, P = names.mean(problem, nxt), floored(names.matrix(problem, nxt), floor)
+        results = {k: ca.if_else(begun, v, 0) for k, v in y.items()}
+        results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
+        results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
+        return names.states(problem, mean, P) | _kept(problem, names, u), results
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return _discretised(problem, names, parts[flow.name], setting, method, substeps)
+
+    return make_block(
+        setting.kind, "step", body, states=[*flow.states.values(), *_held(problem, names)],
+        inputs=_inputs(problem), params=flow.params.values(), outputs=_outputs(problem, names),
+        period=setting.period, sx=motion.sx, units=flow.units,
+        choices=flow.choices | {"method": method, "substeps": substeps}, doc=flow.doc,
+        parts={flow.name: flow}, rebuild=rebuild, transparent=True,
+    )  # fmt: skip
+
+
+def _motion(problem: Problem, setting: Setting) -> Block:
+    """Return the estimated states alone, all else an input at its start, to check the step."""
+    states = [s for s in problem.unknown if s.role == "state"]
+    others = [s for s in problem.unknown if s.role != "state"]
+    here = {*(s.name for s in problem.measured), *(s.name for s in problem.known)}
+    before = [s for s in (*problem.known, *problem.increments) if s.name in problem.in_rates]
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        rates = problem.rates({**u, **p, **x})[0]
+        return {
+            s.name: v for s, v in zip(problem.unknown, rates, strict=True) if s.role == "state"
+        }, {}
+
+    assert here
+    return make_block(
+        problem.block.name, "flow", body,
+        states=[s.valued(_first(problem, setting, s)) for s in states],
+        inputs=[
+            *(s.as_role("input", value=_first(problem, setting, s)) for s in others),
+            *(s.as_role("input", value=start_value(problem.block, s)) for s in before),
+        ],
+        params=problem.params, sx=problem.block.sx,
+    )  # fmt: skip
+
+
+def _first(problem: Problem, setting: Setting, s: Signal) -> float:
+    """First estimate."""
+    if s.name in setting.start:
+        return float(s.check(f"{problem.who}: start of {s.name}", setting.start[s.name]))
+    return float(start_value(problem.block, s))
+
+
+def _states(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
+    """Estimates and the lower half of their covariance."""
+    unknown = problem.unknown
+    states = [
+        State(s.unit, _first(problem, setting, s), f"estimate: {s.doc or s.name}").named(
+            names.held[s.name])
+        for s in unknown
+    ]  # fmt: skip
+    for (i, j), name in names.P.items():
+        a, b = unknown[i], unknown[j]
+        states.append(
+            State(squared(a.unit), names.prior[a.name], f"variance of {a.name}").named(name)
+            if i == j
+            else State(product(a.unit, b.unit), 0.0, f"covariance of {a.name} and {b.name}"
+                       ).named(name)
+        )  # fmt: skip
+    return states
+
+
+def _held(problem: Problem, names: Names) -> list[Signal]:
+    """Last measured values and inputs, and whether there are any."""
+    own = {s.name for s in problem.unknown}
+    signals = {s.name: s for s in (*problem.known, *problem.measured)}
+    held = [
+        signals[k].as_role(
+            "state", value=start_value(problem.block, signals[k]),
+            doc=f"{k} at the last tick", lo=-math.inf, hi=math.inf,
+        ).named(name)
+        for k, name in names.held.items() if k not in own
+    ]  # fmt: skip
+    return [*held, State("1", 0.0, "1 after the first tick", lo=0, hi=1).named(names.begun)]
+
+
+def _kept(problem: Problem, names: Names, u: Exprs) -> Exprs:
+    """What the next tick needs of this one."""
+    own = {s.name for s in problem.unknown}
+    return {name: u[k] for k, name in names.held.items() if k not in own} | {names.begun: 1.0}
+
+
+def _inputs(problem: Problem) -> list[Signal]:
+    """Measurements and known signals."""
+    measured = [
+        s.as_role("input", value=None, doc=f"measured {s.doc or s.name}", lo=-math.inf, hi=math.inf)
+        for s in problem.measured
+    ]
+    return [*measured, *problem.known]
+
+
+def _params(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
+    """Parameters: how fast it forgets, what is known at the start, noises, and the flow's own."""
+    per = "sample" if setting.per == "sample" else "second"
+    params = [
+        Param("1" if per == "sample" else "1/s", setting.gamma, f"growth of P per {per}",
+              lo=0, hi=1 if per == "sample" else math.inf).named("gamma"),
+        *setting.shape,
+    ]  # fmt: skip
+    for s in problem.unknown:
+        u, n = squared(s.unit), s.name
+        params += [
+            Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY).named(
+                names.prior[n]),
+            Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0).named(names.drift[n]),
+            Param(u, setting.floor[n], f"least variance of {n}", lo=TINY).named(names.floor[n]),
+        ]  # fmt: skip
+    for s in problem.measured:
+        u = squared(s.unit) + ("/s" if problem.by_increments(s) else "")
+        what = "R_w of the increments of" if problem.by_increments(s) else "variance of measured"
+        params.append(
+            Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY).named(names.noise[s.name])
+        )
+    return [*params, *problem.params]
+
+
+TINY = 1e-300
+"""Least variance: positive."""
+
+
+def _outputs(problem: Problem, names: Names) -> list[Signal]:
+    """Estimates, their variances, innovations, and the normalised innovation squared."""
+    return [
+        *(s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
+                    hi=math.inf) for s in problem.unknown),
+        *(Output(squared(s.unit), f"variance of {s.name}").named(names.variance[s.name])
+          for s in problem.unknown),
+        *(Output(s.unit, f"measured minus expected {s.name}"
+                 + (", over a tick" if problem.by_increments(s) else "")).named(
+                     names.innovation[s.name]) for s in problem.measured),
+        Output("1", "normalised innovation squared").named("nis"),
+    ]  # fmt: skip
+
+
+def _integrate(
+    rates: Callable[[Vector], Vector], x: Vector, h: Any, method: str, substeps: int
+) -> Vector:
+    """Explicit steps of a vector of scalars; what stands still is left alone."""
+
+    def along(x: Vector, k: Vector, h: Any) -> Vector:
+        return [v if _still(d) else v + h * d for v, d in zip(x, k, strict=True)]
+
+    for _ in range(substeps):
+        a = rates(x)
+        if method == "rk4":
+            b = rates(along(x, a, h / 2))
+            c = rates(along(x, b, h / 2))
+            d = rates(along(x, c, h))
+            a = [
+                k1 if _still(k1) else (k1 + 2 * k2 + 2 * k3 + k4) / 6
+                for k1, k2, k3, k4 in zip(a, b, c, d, strict=True)
+            ]
+        x = along(x, a, h)
+    return x
+
+
+def _still(rate: Any) -> bool:
+    return isinstance(rate, float) and rate == 0.0
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return sum((u * v for u, v in zip(a[1:], b[1:], strict=True)), a[0] * b[0])
