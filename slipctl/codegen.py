@@ -241,10 +241,17 @@ def _produce(
     used = cc.compilers() if compare else ()
     values = block.param_values(**(params or {}))
     rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
+    if not len(rows):
+        raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
     if not np.isfinite(rows).all():
         raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
     outputs, states = reference(block, rows, params or {}, whole=inputs is not None)
     rows = rows[: len(outputs)]
+    if compare and not len(rows):
+        raise BadInput(
+            f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
+            " run, check(block, inputs, folder)"
+        )
     recorded = np.hstack([rows, outputs, states])[:KEPT]
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}

@@ -22,15 +22,18 @@ from slipctl import (
     Output,
     Param,
     Rail,
+    RunFailed,
     Scenario,
     Section,
     State,
     codegen,
     connect,
+    differential_evolution,
     every,
     flow,
     law,
     make_block,
+    rls,
     sampled,
     simulate,
     step,
@@ -174,6 +177,18 @@ BLOCKS = {
     "every": every(derived, 3),
     "loops": looping,
     "tables": tables,
+    "rls": rls(subway_braking.double_exponential),
+    "search": differential_evolution(
+        subway_braking.double_exponential, "v_s", lo=0.01, hi=10.0, generations=12
+    ),
+    "search_spread": differential_evolution(
+        subway_braking.double_exponential,
+        "v_s",
+        lo=0.01,
+        hi=10.0,
+        generations=12,
+        generations_per_tick=3,
+    ),
     "law": subway_braking.double_exponential,
     "no_state_no_input": subway_braking.curve_resistance(),
 }
@@ -527,7 +542,7 @@ def test_members_are_documented(tmp_path: Path) -> None:
 
 
 def test_names_become_c(tmp_path: Path) -> None:
-    @law(ω_ü=Output("rad/s", "half */ of it: ω"))
+    @law(ω_ü=Output("rad/s", "half */ of it: ω ≤ 1"))
     def names(int=Input("1", "a word of C"), exp=Input("1", "a function of C")):
         """Awkward names."""
         return int + ca.exp(exp)
@@ -537,6 +552,7 @@ def test_names_become_c(tmp_path: Path) -> None:
     for member in ("double int_;", "double exp;", "double omega_u;"):
         assert member in header
     assert header.isascii()
+    assert "half * / of it: omega <= 1" in header
     if HAS_COMPILER:
         c = codegen.c_module(names, tmp_path).compile().load()
         assert c.step(int=1.0, exp=0.0) == {"ω_ü": 2.0}
@@ -620,6 +636,7 @@ def test_inputs_that_do_not_fit(tmp_path: Path) -> None:
         ({}, "needs the input u"),
         ({"v": [1.0]}, "no input 'v'"),
         ({"u": np.array([1.0, np.nan])}, "NaN or infinity"),
+        ({"u": np.zeros(0)}, "no ticks"),
         ({"u": np.zeros((3, 2))}, "takes an array"),
     ):
         with pytest.raises(BadInput, match=message):
@@ -627,6 +644,20 @@ def test_inputs_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="differ in length"):
         codegen.export(matrices, tmp_path / "out",
                        inputs={"u": np.zeros((3, 3)), "Q": np.zeros((4, 2, 3))})  # fmt: skip
+    assert not (tmp_path / "out").exists()
+
+
+@needs_compiler
+def test_nothing_is_called_compared_that_was_not(tmp_path: Path) -> None:
+    @law(y=Output("1"))
+    def never(u=Input("1", lo=0, hi=1)):
+        """No number for any input in range."""
+        return ca.log(-1 - u)
+
+    with pytest.raises(BadInput, match="gives NaN or infinity on made-up inputs"):
+        codegen.export(never, tmp_path / "out", check=True)
+    with pytest.raises(RunFailed, match="itself gives NaN or infinity at tick 0"):
+        codegen.check(never, {"u": np.ones(3)}, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -38,12 +38,21 @@ def _reflowed(paragraph: str) -> list[str]:
     return [" " * indents.pop() + " ".join(line.strip() for line in lines)]
 
 
+_SIGNS = {
+    "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-",
+    "→": "->", "∞": "inf", "√": "sqrt ", "°": "deg", "µ": "u", "′": "'", "’": "'", "∈": " in ",
+}  # fmt: skip
+
+
 def spelled(text: str) -> str:
     """Text in ASCII: letters without accents, others by name (``omega``)."""
     out = []
     for char in text:
         if ord(char) < 128:
             out.append(char)
+            continue
+        if char in _SIGNS:
+            out.append(_SIGNS[char])
             continue
         base = unicodedata.normalize("NFKD", char).encode("ascii", "ignore").decode()
         out.append(base or unicodedata.name(char, "?").split()[-1].lower())
