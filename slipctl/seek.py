@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from slipctl import wichmann_hill as wh
 from slipctl.block import Block, Exprs, make_block
@@ -14,8 +14,8 @@ from slipctl.errors import BadInput, nearest
 from slipctl.signals import Output, Param, Signal, State
 
 FORMS = ("consistent", "printed-alg1")
-CHUNK = 10
-"""Members evaluated as straight-line code; the rest is loops."""
+BLOCK = 10
+"""Members that are drawn and evaluated as straight-line code; more do not fit the caches."""
 
 
 def differential_evolution(
@@ -87,19 +87,18 @@ def differential_evolution(
     ]  # fmt: skip
     random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
 
-    def run(count: int, G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
-        """``count`` generations from generation G on."""
+    generations_of_tick = _repeated(generation, int(per_tick))
+
+    def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
+        """The generations of one tick, from generation G on."""
         constants = ca.vertcat(at, p["lo"], p["hi"], p["crossover"], p["F0"], float(generations))
-        state = ca.vertcat(G, rng, pop, val)
-        state = generation.fold(count)(state, ca.repmat(constants, 1, count)) if count > 1 else (
-            generation(state, constants)
-        )  # fmt: skip
+        state = generations_of_tick(ca.vertcat(G, rng, pop, val), constants, wh.rounder()(rng))
         return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
 
     def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = ca.vertcat(*[u[s.name] for s in given])
         rng, pop, val = start(xs["rng"], at, p["lo"], p["hi"])
-        _, rng, pop, val = run(generations, 1.0, rng, pop, val, at, p)
+        _, rng, pop, val = run(1.0, rng, pop, val, at, p)
         place, value = best_of(pop, val)
         return {"rng": rng}, {"best": place, "value": worse * value}
 
@@ -112,7 +111,7 @@ def differential_evolution(
             ca.if_else(first, new, xs[k])
             for new, k in zip(fresh, ("rng", "pop", "val"), strict=True)
         )
-        G, rng, pop, val = run(int(per_tick), ca.fmax(xs["G"], 1), rng, pop, val, at, p)
+        G, rng, pop, val = run(ca.fmax(xs["G"], 1), rng, pop, val, at, p)
         done = generations < G
         place, value = best_of(pop, val)
         known = ca.logic_or(done, xs["searches"] < 1)
@@ -213,68 +212,110 @@ def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     return ca.Function("first", [r, g, a, b], [states[:, -1], places.T, values.T])
 
 
-def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
-    """Function (state, constants) -> state; state is generation, rng, members, values."""
-    m = value_of.size1_in(1)
-    size = CHUNK if n % CHUNK == 0 else n if n < 4 * CHUNK else 1
-    chunks = n // size
+def _repeated(step: ca.Function, count: int) -> ca.Function:
+    """Function that does ``count`` steps (state, constants, K) -> state, by nested calls.
 
-    # random numbers: for each member three others, by distance, and whether it has a trial
-    rng, first, probability = ca.SX.sym("rng", 3), ca.SX.sym("first"), ca.SX.sym("probability")
-    state, rows = rng, []
-    for i in range(size):
-        state = wh.advance(state)
-        scaled = state[0] * (n - 1)
-        o1 = ca.floor(scaled * (1 / wh.MODULI[0]))
-        trial = scaled - wh.MODULI[0] * o1 < probability * wh.MODULI[0]
-        o2, o3 = wh.below(state, 1, n - 2), wh.below(state, 2, n - 3)
-        o3 = o3 + (o3 >= o2)
-        o3 = o3 + (o3 >= o1)
-        o2 = o2 + (o2 >= o1)
-        rows.append([first + i + 1 + o for o in (o1, o2, o3)] + [trial])
-    draw = ca.Function(
-        "draw", [rng, first, probability],
-        [state, ca.vertcat(*[r[j] for r in rows for j in range(3)]),
-         ca.vertcat(*[r[3] for r in rows])],
-        {"cse": True},
+    CasADi's ``fold`` would store every state on the way.
+    """
+    if count == 1:
+        return step
+    z, constants, K = (ca.MX.sym("zcK"[i], step.size1_in(i)) for i in range(3))
+    inner, rest = divmod(count, min(count, 10))
+    many, after = _repeated(step, inner), z
+    for _ in range(min(count, 10)):
+        after = many(after, constants, K)
+    if rest:
+        after = _repeated(step, rest)(after, constants, K)
+    return ca.Function(f"{step.name()}s_{count}", [z, constants, K], [after])
+
+
+def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
+    """Function (state, constants, K) -> state; state is generation, rng, members, values.
+
+    A number of K is for :func:`wichmann_hill.quick_floor`.
+    """
+    m = value_of.size1_in(1)
+    s, constants, K = ca.MX.sym("s", 4 + 2 * n), ca.MX.sym("constants", m + 5), ca.MX.sym("K", 2)
+    G, rng, pop, val = ca.vertsplit(s, [0, 1, 4, 4 + n, 4 + 2 * n])
+    given, lo, hi, probability, F0, Gm = ca.vertsplit(constants, [0, *range(m, m + 6)])
+    F = schedule(ca.fmin(G, Gm), Gm, F0)
+    ring = ca.vertcat(pop, pop)  # a partner's distance never has to be wrapped
+
+    size = max(1, min(BLOCK, 2000 // max(value_of.n_instructions(), 1)))
+    blocks = -(-n // size)
+    edges = [round(n * k / blocks) for k in range(blocks + 1)]
+    sizes = [b - a for a, b in pairwise(edges)]
+    draw = {k: _draw(n, k) for k in set(sizes)}
+    select = {k: _select(value_of, k, worse) for k in set(sizes)}
+
+    drawn = []
+    for first, k in zip(edges, sizes, strict=False):
+        partners, trial, rng = draw[k](rng, first, probability * wh.MODULI[0], K)
+        drawn.append((ring[partners], trial))
+    places, values = [], []
+    members = zip(ca.vertsplit(pop, edges), ca.vertsplit(val, edges), drawn, sizes, strict=True)
+    for x, v, (mates, trial), k in members:
+        both_x, both_v, which = select[k](mates, trial, x, v, F, given, lo, hi)
+        places.append(both_x[which])
+        values.append(both_v[which])
+    return ca.Function(
+        "generation", [s, constants, K], [ca.vertcat(G + 1, rng, *places, *values)]
     )  # fmt: skip
 
-    # trials and selection
-    x, v, trial = ca.SX.sym("x", size), ca.SX.sym("v", size), ca.SX.sym("trial", size)
-    mates, F = ca.SX.sym("mates", 3 * size), ca.SX.sym("F")
-    given, lo, hi = ca.SX.sym("given", m), ca.SX.sym("lo"), ca.SX.sym("hi")
-    places, values = [], []
+
+def _draw(n: int, size: int) -> ca.Function:
+    """Function (rng, first, share, K) -> (partners, trial, rng) of ``size`` members of ``n``.
+
+    One step of the generator per member. Part 1 gives the first partner and, by what is left of it,
+    whether there is a trial (``size``, or 0); parts 2 and 3 the other two. The partners are drawn
+    as ranks among the members not taken yet, so that they differ and none is the member itself:
+    rank o counts from the member's successor and steps over the ranks before it. The last partner
+    keeps its fraction, which indexing cuts off.
+    """
+    rng, K = ca.SX.sym("rng", 3), ca.SX.sym("K", 2)
+    first, share = ca.SX.sym("first"), ca.SX.sym("share")
+    whole = wh.quick_floor(K)
+    state, partners, trials = rng, [], []
     for i in range(size):
-        a, b, c = (mates[3 * i + j] for j in range(3))
-        place = a + F * (b - c)
+        state = wh.advance(state, whole)
+        scaled = state[0] * (n - 1)
+        o1 = whole(scaled * (1 / wh.MODULI[0]))
+        trials.append(ca.if_else(scaled - wh.MODULI[0] * o1 < share, size, 0))
+        o2 = wh.below(state, 1, n - 2, whole)
+        o3 = wh.below(state, 2, n - 3, lambda t: t)
+        o3 = o3 + ca.if_else(o3 >= o2, 1, 0)
+        o3 = o3 + ca.if_else(o3 >= o1, 1, 0)
+        o2 = o2 + ca.if_else(o2 >= o1, 1, 0)
+        partners += [o + (first + (i + 1)) for o in (o1, o2, o3)]
+    return ca.Function(
+        f"draw_{size}", [rng, first, share, K],
+        [ca.vertcat(*partners), ca.vertcat(*trials), state], {"cse": True},
+    )  # fmt: skip
+
+
+def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
+    """Function -> (places, values, which): members, then trials; and which of them go on.
+
+    To be indexed with ``which``, because a choice by ``if_else`` becomes a branch that nobody can
+    foresee. A value that is NaN is never better.
+    """
+    m = value_of.size1_in(1)
+    mates, trial = ca.SX.sym("mates", 3 * size), ca.SX.sym("trial", size)
+    x, v = ca.SX.sym("x", size), ca.SX.sym("v", size)
+    F, given = ca.SX.sym("F"), ca.SX.sym("given", m)
+    lo, hi = ca.SX.sym("lo"), ca.SX.sym("hi")
+    places = []
+    for i in range(size):
+        place = mates[3 * i] + F * (mates[3 * i + 1] - mates[3 * i + 2])
         place = ca.if_else(place < lo, 2 * lo - place, place)
         place = ca.if_else(place > hi, 2 * hi - place, place)
-        place = ca.fmax(lo, ca.fmin(hi, place))  # 2 F may reach further than a reflection
-        value = worse * value_of(place, given)
-        better = ca.logic_and(trial[i], value >= v[i])
-        places.append(ca.if_else(better, place, x[i]))
-        values.append(ca.if_else(better, value, v[i]))
-    select = ca.Function(
-        "select", [x, v, trial, mates, F, given, lo, hi],
-        [ca.vertcat(*places), ca.vertcat(*values)], {"cse": True},
+        places.append(ca.if_else(place < lo, lo, place))  # 2 F may reach further than a reflection
+    values = [worse * value_of(place, given) for place in places]
+    which = [ca.if_else(values[i] >= v[i], trial[i], 0) + i for i in range(size)]
+    return ca.Function(
+        f"select_{size}", [mates, trial, x, v, F, given, lo, hi],
+        [ca.vertcat(x, *places), ca.vertcat(v, *values), ca.vertcat(*which)], {"cse": True},
     )  # fmt: skip
-
-    s, constants = ca.MX.sym("s", 4 + 2 * n), ca.MX.sym("constants", m + 5)
-    G, random, pop, val = ca.vertsplit(s, [0, 1, 4, 4 + n, 4 + 2 * n])
-    given, lo, hi, probability, F0, Gm = ca.vertsplit(constants, [0, *range(m, m + 6)])
-    F = schedule(G, Gm, F0)
-    firsts = ca.DM(np.arange(0, n, size, dtype=float)).T
-    random_after, index, trial = draw.mapaccum("draws", chunks)(
-        random, firsts, ca.repmat(probability, 1, chunks)
-    )
-    mates = ca.vertcat(pop, pop)[ca.vec(index)]
-    repeated = [ca.repmat(q, 1, chunks) for q in (F, given, lo, hi)]
-    places, values = select.map(chunks)(
-        ca.reshape(pop, size, chunks), ca.reshape(val, size, chunks), trial,
-        ca.reshape(mates, 3 * size, chunks), *repeated,
-    )  # fmt: skip
-    following = ca.vertcat(G + 1, random_after[:, -1], ca.vec(places), ca.vec(values))
-    return ca.Function("generation", [s, constants], [following])
 
 
 def _best_of(n: int) -> ca.Function:

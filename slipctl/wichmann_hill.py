@@ -7,6 +7,7 @@ three numbers, kept as block state.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -32,16 +33,20 @@ def seeded(seed: int) -> list[float]:
     return state
 
 
-def advance(state: Any) -> Any:
+def advance(state: Any, whole: Callable[[Any], Any] = ca.floor) -> Any:
     """Next state of a 3 x 1 expression: each part times its factor, modulo its modulus.
 
     Multiplying by 1/modulus floors as dividing does: no product is a multiple of its modulus, which
     is prime, so the quotient is 1/30323 or more away from a whole number, beyond its rounding.
+
+    Args:
+        state: three numbers or expressions.
+        whole: how to floor; see :func:`quick_floor`.
     """
     parts = []
     for k in range(3):
         product = FACTORS[k] * state[k]
-        parts.append(product - MODULI[k] * ca.floor(product * (1 / MODULI[k])))
+        parts.append(product - MODULI[k] * whole(product * (1 / MODULI[k])))
     return ca.vertcat(*parts)
 
 
@@ -51,6 +56,29 @@ def uniform(state: Any) -> Any:
     return total - ca.floor(total)
 
 
-def below(state: Any, k: int, n: int) -> Any:
+def below(state: Any, k: int, n: int, whole: Callable[[Any], Any] = ca.floor) -> Any:
     """Whole number in 0..n-1 from part ``k`` of a state; n times the modulus is below 2^24."""
-    return ca.floor(state[k] * n * (1 / MODULI[k]))
+    return whole(state[k] * n * (1 / MODULI[k]))
+
+
+def rounder() -> ca.Function:
+    """Function (state) -> (K, K) for :func:`quick_floor`, with K = 1.5/eps, 1.5 times 2^52 or 2^23.
+
+    Whole numbers are the spacing of floating-point numbers near K. The machine finds eps by its own
+    arithmetic, |3 (4/3 - 1) - 1|, so that K is right in double and in float; nothing is folded
+    beforehand, because the 1 in it is read from the state.
+    """
+    state = ca.SX.sym("state", 3)
+    one = ca.fmin(state[0], 1)  # a part of a state is 1 or more
+    K = 1.5 / ca.fabs(3 * (4 * one / 3 - one) - one)
+    return ca.Function("rounder", [state], [ca.vertcat(K, K)])
+
+
+def quick_floor(K: Any) -> Callable[[Any], Any]:
+    """Floor of a number of size below 1/(4 eps) that is no whole number: (t - 1/2 + K) - K.
+
+    Adding K rounds to a whole number. Compilers turn ``floor`` into a dozen instructions or a call
+    where the processor has none of its own. Both elements of ``K`` have the same value; they are
+    two symbols because CasADi would cancel one against itself.
+    """
+    return lambda t: ((t - 0.5) + K[0]) - K[1]
