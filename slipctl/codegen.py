@@ -7,8 +7,6 @@ block itself. What the folder holds is told in docs/c_interface.md.
 
 from __future__ import annotations
 
-import subprocess
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,26 +15,22 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from slipctl import build
 from slipctl.block import Block
+from slipctl.ccode import back_to_back, files
 from slipctl.ccode import compilers as cc
-from slipctl.ccode import files
 from slipctl.ccode import folder as folders
+from slipctl.ccode.comparison import compare, reference, trial_rows
 from slipctl.ccode.header import CONTENT, header
-from slipctl.ccode.layout import Member
 from slipctl.ccode.module import CModule, input_rows
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.source import source
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import BadInput
 
 if TYPE_CHECKING:
     import xarray
 
-LIMIT = files.LIMIT
+LIMIT = back_to_back.LIMIT
 """Largest allowed difference between C and Python, relative to the largest value of the signal."""
-
-TRIAL = 200
-"""Ticks of the made-up inputs that a module is tested with when nothing was logged."""
 
 KEPT = 20_000
 """Ticks at most that go into the vectors file; ``check`` itself replays all."""
@@ -78,6 +72,12 @@ class Report:
                 f" {d['largest_relative']:.3g} of the largest value ({worst}), limit {LIMIT:g}:"
                 f" {'passed' if self.passed else 'FAILED'}"
             )
+        if not self.passed:
+            lines += [
+                f"  {c['compiler']}: {c['own_test']};"
+                f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"
+                for c in d["compiled"]
+            ]
         return "\n".join(lines)
 
 
@@ -129,7 +129,7 @@ def check(
         RunFailed: a compiler refuses, or the block itself gives NaN on these inputs.
     """
     return _produce(
-        block, Path(folder), name, inputs=inputs, params=params, compare=True, period=period
+        block, Path(folder), name, inputs=inputs, params=params, replay=True, period=period
     ).data
 
 
@@ -160,7 +160,7 @@ def export(
         BadInput, RunFailed: as :func:`check`.
     """
     return _produce(
-        block, Path(out), name, inputs=inputs, params=params, compare=check, period=period
+        block, Path(out), name, inputs=inputs, params=params, replay=check, period=period
     )
 
 
@@ -232,13 +232,13 @@ def _produce(
     *,
     inputs: Mapping[str, Any] | None = None,
     params: Mapping[str, Any] | None = None,
-    compare: bool = False,
+    replay: bool = False,
     period: float | None = None,
 ) -> Report:
     plan = Plan(block, name, period)
     made = _text_files(plan)
     folders.check_folder(folder, [*made, "vectors.txt", folders.MANIFEST])
-    used = cc.compilers() if compare else ()
+    used = cc.compilers() if replay else ()
     values = block.param_values(**(params or {}))
     rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
     if not len(rows):
@@ -247,7 +247,7 @@ def _produce(
         raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
     outputs, states = reference(block, rows, params or {}, whole=inputs is not None)
     rows = rows[: len(outputs)]
-    if compare and not len(rows):
+    if replay and not len(rows):
         raise BadInput(
             f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
             " run, check(block, inputs, folder)"
@@ -255,10 +255,10 @@ def _produce(
     recorded = np.hstack([rows, outputs, states])[:KEPT]
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
-    made["vectors.txt"] = files.vectors(plan, content, values, recorded)
+    made["vectors.txt"] = back_to_back.vectors(plan, content, values, recorded)
     data = _facts(plan, content, made, values, len(rows))
-    if compare:
-        data |= _compare(plan, made, used, rows, outputs, states, dict(params or {}))
+    if replay:
+        data |= compare(plan, made, used, rows, outputs, states, dict(params or {}))
     data["files"] = {n: folders.digest(text) for n, text in sorted(made.items())}
     made[folders.MANIFEST] = cc.as_json(data)
     folders.publish(folder, made)
@@ -271,7 +271,7 @@ def _text_files(plan: Plan) -> dict[str, str]:
         f"{n}.h": header(plan),
         f"{n}.c": source(plan),
         "example.c": files.example(plan),
-        f"test_{n}.c": files.test_program(plan),
+        f"test_{n}.c": back_to_back.test_program(plan),
         "Makefile": files.makefile(plan),
         "README.md": files.readme(plan),
         "LICENSE": files.licence(plan),
@@ -307,138 +307,3 @@ def _facts(
         "ticks": ticks,
         "compiled": [],
     }
-
-
-def _compare(
-    plan: Plan,
-    made: Mapping[str, str],
-    used: tuple[str, ...],
-    rows: np.ndarray,
-    outputs: np.ndarray,
-    states: np.ndarray,
-    params: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Compile with each compiler, replay, and run the test program of the folder."""
-    compiled = []
-    signals: dict[str, dict[str, float]] = {}
-    passed = True
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        for name, text in made.items():
-            (Path(scratch) / name).write_text(text, encoding="utf-8")
-        for compiler in used:
-            module = CModule(Path(scratch), plan).compile(compiler).load()
-            state_bytes = module.instance_bytes
-            module.reset(**params)
-            got, after = module.replay_rows(rows)
-            faults = int(np.count_nonzero(module.status))
-            pairs = [
-                *_differences(plan.layout.outputs, outputs, got),
-                *_differences(plan.layout.states, states, after),
-            ]
-            for n, absolute, relative in pairs:
-                known = signals.setdefault(n, {"absolute": 0.0, "relative": 0.0})
-                known["absolute"] = max(known["absolute"], absolute)
-                known["relative"] = max(known["relative"], relative)
-            said, agreed = _own_test(plan, Path(scratch), compiler)
-            product = Path(scratch) / f"{plan.name}.o"
-            found = cc.symbols(product)
-            wanted = [f"{plan.name}_{f}" for f in ("default", "init", "step", "tune")]
-            clean = found is None or found["defined"] == wanted
-            passed = passed and faults == 0 and agreed and clean
-            compiled.append({
-                "compiler": cc.version(compiler),
-                "flags": " ".join(cc.FLAGS),
-                "bytes": cc.sizes(product),
-                "symbols": found,
-                "faults": faults,
-                "own_test": said,
-            })  # fmt: skip
-    largest = max((s["relative"] for s in signals.values()), default=0.0)
-    memory = {k: 8 * max(sum(m.size for m in g), 1) for k, g in (
-        ("in", plan.layout.inputs), ("param", plan.layout.params), ("out", plan.layout.outputs)
-    )}  # fmt: skip
-    return {
-        "memory_bytes": memory | {"state": state_bytes},
-        "compiled": compiled,
-        "signals": signals,
-        "largest_relative": largest,
-        "limit_relative": LIMIT,
-        "passed": passed and largest <= LIMIT,
-    }
-
-
-def _differences(
-    members: tuple[Member, ...], wanted: np.ndarray, got: np.ndarray
-) -> list[tuple[str, float, float]]:
-    """Largest absolute difference of each signal, and relative to its largest value."""
-    found = []
-    at = 0
-    for m in members:
-        w, g = wanted[:, at : at + m.size], got[:, at : at + m.size]
-        at += m.size
-        absolute = float(np.abs(w - g).max(initial=0.0))
-        largest = float(np.abs(w).max(initial=0.0))
-        found.append((m.name, absolute, absolute / largest if largest > 0 else absolute))
-    return found
-
-
-def _own_test(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
-    """Last line of the folder's own test program, and whether it is content."""
-    n = plan.name
-    objects = [folder / f"{n}.o", folder / f"test_{n}.o"]
-    for o in objects:
-        cc.compile_object(compiler, o.with_suffix(".c"), o)
-    program = folder / f"test_{n}"
-    cc.link(compiler, objects, program)
-    done = subprocess.run(
-        [str(program), "vectors.txt"], cwd=folder, capture_output=True, text=True, check=False
-    )
-    return (done.stdout.strip().splitlines() or ["no output"])[-1], done.returncode == 0
-
-
-def reference(
-    block: Block, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs and next states of the block itself, in CasADi's virtual machine.
-
-    Args:
-        block: a step or a law.
-        rows: input elements, one row per tick.
-        params: parameters by name.
-        whole: refuse NaN; otherwise stop before it.
-
-    Raises:
-        RunFailed: an output or a state becomes NaN or infinite.
-    """
-    computed = any(s.derived for s in block.states.values())
-    begins = block.with_params(**params) if params and computed else block
-    p = np.array(ca.DM(block.pack("param", block.param_values(**params))).full()).ravel()
-    x = np.array(ca.DM(block.pack("state", begins.start())).full()).ravel()
-    ticks = len(rows)
-    before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
-    build.roll_interpreted(block.f, x, np.ascontiguousarray(rows), p, before, outputs)
-    states = np.vstack([before[1:], x[np.newaxis, :]])
-    good = np.isfinite(outputs).all(axis=1) & np.isfinite(states).all(axis=1)
-    if not good.all():
-        first = int(np.argmin(good))
-        if whole:
-            raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
-        outputs, states = outputs[:first], states[:first]
-    return outputs, states
-
-
-def trial_rows(plan: Plan) -> np.ndarray:
-    """Made-up input elements that fill the ranges evenly, the same on every machine."""
-    golden = (np.sqrt(5.0) - 1) / 2
-    columns = []
-    k = 0
-    for m in plan.layout.inputs:
-        s = m.signal
-        centre = float(np.mean(np.asarray(s.value if s.value is not None else 0.0, dtype=float)))
-        lo = s.lo if np.isfinite(s.lo) else min(centre - max(abs(centre), 1.0), s.hi)
-        hi = s.hi if np.isfinite(s.hi) else max(centre + max(abs(centre), 1.0), lo)
-        for _ in range(m.size):
-            k += 1
-            share = np.modf(np.arange(1, TRIAL + 1) * golden + k * np.sqrt(2.0))[0]
-            columns.append(np.round(lo + (hi - lo) * share, 6).clip(lo, hi))
-    return np.column_stack(columns) if columns else np.zeros((TRIAL, 0))

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.block import Block
+from slipctl.ccode.back_to_back import packed
 from slipctl.ccode.compilers import compile_object, compilers, link
-from slipctl.ccode.files import packed
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, matrix
 from slipctl.errors import BadInput, RunFailed, nearest

@@ -1,0 +1,156 @@
+"""C against Python: compile, replay with the state carried in C, compare every output and state."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl import build
+from slipctl.block import Block
+from slipctl.ccode import compilers as cc
+from slipctl.ccode.back_to_back import LIMIT
+from slipctl.ccode.layout import Member
+from slipctl.ccode.module import CModule
+from slipctl.ccode.plan import Plan
+from slipctl.errors import RunFailed
+
+TRIAL = 200
+"""Ticks of the made-up inputs that a module is tested with when nothing was logged."""
+
+
+def compare(
+    plan: Plan,
+    made: Mapping[str, str],
+    used: tuple[str, ...],
+    rows: np.ndarray,
+    outputs: np.ndarray,
+    states: np.ndarray,
+    params: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Compile with each compiler, replay, and run the test program of the folder."""
+    compiled = []
+    signals: dict[str, dict[str, float]] = {}
+    passed = True
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        for name, text in made.items():
+            (Path(scratch) / name).write_text(text, encoding="utf-8")
+        for compiler in used:
+            module = CModule(Path(scratch), plan).compile(compiler).load()
+            state_bytes = module.instance_bytes
+            module.reset(**params)
+            got, after = module.replay_rows(rows)
+            faults = int(np.count_nonzero(module.status))
+            pairs = [
+                *_differences(plan.layout.outputs, outputs, got),
+                *_differences(plan.layout.states, states, after),
+            ]
+            for n, absolute, relative in pairs:
+                known = signals.setdefault(n, {"absolute": 0.0, "relative": 0.0})
+                known["absolute"] = max(known["absolute"], absolute)
+                known["relative"] = max(known["relative"], relative)
+            product = module.object_file
+            said, agreed = _own_test(plan, Path(scratch), compiler, product)
+            found = cc.symbols(product)
+            wanted = [f"{plan.name}_{f}" for f in ("default", "init", "step", "tune")]
+            clean = found is None or found["defined"] == wanted
+            passed = passed and faults == 0 and agreed and clean
+            compiled.append({
+                "compiler": cc.version(compiler),
+                "flags": " ".join(cc.FLAGS),
+                "bytes": cc.sizes(product),
+                "symbols": found,
+                "faults": faults,
+                "own_test": said,
+            })  # fmt: skip
+    largest = max((s["relative"] for s in signals.values()), default=0.0)
+    memory = {k: 8 * max(sum(m.size for m in g), 1) for k, g in (
+        ("in", plan.layout.inputs), ("param", plan.layout.params), ("out", plan.layout.outputs)
+    )}  # fmt: skip
+    return {
+        "memory_bytes": memory | {"state": state_bytes},
+        "compiled": compiled,
+        "signals": signals,
+        "largest_relative": largest,
+        "limit_relative": LIMIT,
+        "passed": passed and largest <= LIMIT,
+    }
+
+
+def _differences(
+    members: tuple[Member, ...], wanted: np.ndarray, got: np.ndarray
+) -> list[tuple[str, float, float]]:
+    """Largest absolute difference of each signal, and relative to its largest value."""
+    found = []
+    at = 0
+    for m in members:
+        w, g = wanted[:, at : at + m.size], got[:, at : at + m.size]
+        at += m.size
+        absolute = float(np.nan_to_num(np.abs(w - g), nan=np.inf).max(initial=0.0))
+        largest = float(np.abs(w).max(initial=0.0))
+        found.append((m.name, absolute, absolute / largest if largest > 0 else absolute))
+    return found
+
+
+def _own_test(plan: Plan, folder: Path, compiler: str, product: Path) -> tuple[str, bool]:
+    """Last line of the folder's own test program, and whether it is content."""
+    test, program = folder / f"test_{plan.name}.o", folder / f"test_{plan.name}"
+    cc.compile_object(compiler, test.with_suffix(".c"), test)
+    cc.link(compiler, [product, test], program)
+    done = subprocess.run(
+        [str(program), "vectors.txt"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    return (done.stdout.strip().splitlines() or ["no output"])[-1], done.returncode == 0
+
+
+def reference(
+    block: Block, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs and next states of the block itself, in CasADi's virtual machine.
+
+    Args:
+        block: a step or a law.
+        rows: input elements, one row per tick.
+        params: parameters by name.
+        whole: refuse NaN; otherwise stop before it.
+
+    Raises:
+        RunFailed: an output or a state becomes NaN or infinite.
+    """
+    computed = any(s.derived for s in block.states.values())
+    begins = block.with_params(**params) if params and computed else block
+    p = np.array(ca.DM(block.pack("param", block.param_values(**params))).full()).ravel()
+    x = np.array(ca.DM(block.pack("state", begins.start())).full()).ravel()
+    ticks = len(rows)
+    before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
+    build.roll_interpreted(block.f, x, np.ascontiguousarray(rows), p, before, outputs)
+    states = np.vstack([before[1:], x[np.newaxis, :]])
+    good = np.isfinite(outputs).all(axis=1) & np.isfinite(states).all(axis=1)
+    if not good.all():
+        first = int(np.argmin(good))
+        if whole:
+            raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
+        outputs, states = outputs[:first], states[:first]
+    return outputs, states
+
+
+def trial_rows(plan: Plan) -> np.ndarray:
+    """Made-up input elements that fill the ranges evenly, the same on every machine."""
+    golden = (np.sqrt(5.0) - 1) / 2
+    columns = []
+    k = 0
+    for m in plan.layout.inputs:
+        s = m.signal
+        centre = float(np.mean(np.asarray(s.value if s.value is not None else 0.0, dtype=float)))
+        lo = s.lo if np.isfinite(s.lo) else min(centre - max(abs(centre), 1.0), s.hi)
+        hi = s.hi if np.isfinite(s.hi) else max(centre + max(abs(centre), 1.0), lo)
+        for _ in range(m.size):
+            k += 1
+            share = np.modf(np.arange(1, TRIAL + 1) * golden + k * np.sqrt(2.0))[0]
+            columns.append(np.round(lo + (hi - lo) * share, 6).clip(lo, hi))
+    return np.column_stack(columns) if columns else np.zeros((TRIAL, 0))
