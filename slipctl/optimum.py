@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from slipctl.block import Block, Exprs, make_block
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.signals import Output, Param
 
+Slopes = Callable[[float], tuple[float, float]]
+"""First and second derivative at a place."""
+
 GRID = 200
-"""Intervals of the grid that brackets the peak."""
+"""Intervals of the grid that brackets the peaks."""
+
+TRIED = 8
+"""Peaks of the grid that are followed up, the highest ones."""
 
 
 class Peak(NamedTuple):
@@ -23,13 +29,23 @@ class Peak(NamedTuple):
     Attributes:
         location: argument of the peak, in its unit.
         value: objective there.
-        bracket: interval that holds the location.
+        bracket: interval that holds the location: the exact derivative, evaluated at its ends, is
+            positive at the lower and negative at the upper one. Of a peak at the end of the range,
+            that end twice.
         method: ``"closed form"``, ``"newton"``, or ``"bound"`` for a peak at the end of the range.
     """
 
     location: float
     value: float
     bracket: tuple[float, float]
+    method: str
+
+
+class Summit(NamedTuple):
+    """Peak of a law over several inputs: arguments by name, objective there, and ``"ipopt"``."""
+
+    location: dict[str, float]
+    value: float
     method: str
 
 
@@ -45,9 +61,11 @@ def argmax(
 ) -> Peak:
     """Find the peak of a law over one input.
 
-    The law's closed form is taken where it declares one and the peak lies in the range. Otherwise
-    the best point of a grid brackets the peak, and Newton's method on the exact derivative,
-    replaced by bisection where it would leave the bracket, closes in on it to rounding.
+    The law's closed form is taken where it declares one, the place lies in the range and the
+    derivative changes its sign there from plus to minus. Otherwise each of the highest peaks of a
+    grid is bracketed by its neighbours, and Newton's method on the exact derivative, replaced by
+    bisection where it would leave the bracket, closes in on it to rounding. A peak narrower than
+    two steps of the grid can be overlooked.
 
     Args:
         law: a law.
@@ -58,37 +76,127 @@ def argmax(
         closed_form: False to leave the closed form aside, to check it.
 
     Raises:
-        BadInput: unknown names, an empty range, or an input without value.
+        BadInput: unknown names, an empty range, an input without value, or a law that is NaN all
+            over the range.
     """
     where = f"argmax({law.name})"
-    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
-        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
-    value, slope, p = _functions(where, law, over, maximise, dict(at or {}))
+    _check_range(where, lo, hi)
+    value, slope, p = _functions(where, law, [over], maximise, dict(at or {}))
+
+    def height(x: float) -> float:
+        return float(value(x, p))
+
+    def slopes(x: float) -> tuple[float, float]:
+        first, second = slope(x, p)
+        return float(first), float(second)
+
     if closed_form and law.closed_form is not None:
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
         free = {k: float(v) for k, v in params.items() if not law.params[k].derived}
         place = float(law.closed_form(**free))
-        if lo <= place <= hi:
-            return Peak(place, float(value(place, p)), (place, place), "closed form")
+        bracket = _bracket(slopes, place, lo, hi) if lo < place < hi else None
+        if bracket is not None:
+            return Peak(place, height(place), bracket, "closed form")
     grid = np.linspace(lo, hi, GRID + 1)
     heights = np.array(ca.DM(value.map(grid.size)(grid[None], p)).full()).ravel()
-    best = int(np.argmax(heights))
-    a, b = grid[max(best - 1, 0)], grid[min(best + 1, GRID)]
-    if best == 0 and float(slope(lo, p)[0]) <= 0:
-        return Peak(lo, float(heights[0]), (lo, lo), "bound")
-    if best == GRID and float(slope(hi, p)[0]) >= 0:
-        return Peak(hi, float(heights[-1]), (hi, hi), "bound")
-    x = float(grid[best])
+    if np.isnan(heights).all():
+        raise BadInput(
+            f"{where} is NaN all over {lo:g} to {hi:g}; give another range or at={{...}}"
+        )
+    heights = np.where(np.isnan(heights), -np.inf, heights)
+    around = np.concatenate([[-np.inf], heights, [-np.inf]])
+    tops = np.flatnonzero((heights >= around[:-2]) & (heights >= around[2:]))
+    found = []
+    for k in tops[np.argsort(-heights[tops], kind="stable")][:TRIED]:
+        if (k == 0 and not slopes(lo)[0] > 0) or (k == GRID and not slopes(hi)[0] < 0):
+            end = float(grid[k])
+            found.append(Peak(end, float(heights[k]), (end, end), "bound"))
+            continue
+        a, b = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, GRID)])
+        x = _climb(slopes, float(grid[k]), a, b)
+        found.append(Peak(x, height(x), _bracket(slopes, x, lo, hi) or (a, b), "newton"))
+    return max(found, key=lambda peak: peak.value)
+
+
+def _check_range(where: str, lo: float, hi: float) -> None:
+    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
+        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+
+
+def _climb(slopes: Slopes, x: float, a: float, b: float) -> float:
+    """Place in a..b where the first derivative changes its sign, from ``x`` on."""
     for _ in range(200):
-        d, d2 = (float(v) for v in slope(x, p))
-        a, b = (x, b) if d > 0 else (a, x)
-        following = x - d / d2 if d2 < 0 else math.inf
+        first, second = slopes(x)
+        a, b = (x, b) if first > 0 else (a, x)
+        following = x - first / second if second < 0 else math.inf
         if not a < following < b:
             following = (a + b) / 2
         if following == x or b - a <= 4 * np.spacing(abs(x)):
             break
         x = following
-    return Peak(x, float(value(x, p)), (float(a), float(b)), "newton")
+    return x
+
+
+def _bracket(slopes: Slopes, x: float, lo: float, hi: float) -> tuple[float, float] | None:
+    """Narrow interval around ``x`` with a rising law at one end and a falling one at the other."""
+    width = 4 * float(np.spacing(abs(x)))
+    while width < hi - lo:
+        a, b = max(x - width, lo), min(x + width, hi)
+        if slopes(a)[0] > 0 > slopes(b)[0]:
+            return a, b
+        width *= 2
+    return None
+
+
+def argmax_several(
+    law: Block,
+    over: Mapping[str, tuple[float, float]],
+    maximise: str | None = None,
+    *,
+    at: Mapping[str, float] | None = None,
+    starts: int = 200,
+    seed: int = 1,
+) -> Summit:
+    """Find the peak of a law over several inputs with IPOPT, on exact derivatives.
+
+    Nothing is guaranteed beyond a local peak: IPOPT starts at the best of some random places.
+
+    Args:
+        law: a law.
+        over: range (lo, hi) of each input that is varied, in its unit.
+        maximise: output that is maximised; may be left out if there is only one.
+        at: values of other inputs and of parameters; those not given have their own.
+        starts: random places to choose the start from.
+        seed: of these.
+
+    Raises:
+        BadInput: as :func:`argmax`, or fewer than one start.
+        RunFailed: IPOPT does not converge.
+    """
+    where = f"argmax_several({law.name})"
+    if not over:
+        raise BadInput(f"{where}: give over={{name: (lo, hi)}}")
+    for lo, hi in over.values():
+        _check_range(where, lo, hi)
+    if starts != int(starts) or starts < 1:
+        raise BadInput(f"{where}: starts = {starts} must be a whole number >= 1")
+    value, _, p = _functions(where, law, list(over), maximise, dict(at or {}))
+    lows, highs = np.array(list(over.values()), dtype=float).T
+    places = np.random.default_rng(seed).uniform(lows[:, None], highs[:, None], (len(over), starts))
+    heights = np.array(ca.DM(value.map(starts)(places, p)).full()).ravel()
+    if np.isnan(heights).all():
+        raise BadInput(f"{where} is NaN at every start; give other ranges or at={{...}}")
+    z = ca.SX.sym("z", len(over))
+    solver = ca.nlpsol(
+        "argmax", "ipopt", {"x": z, "f": -value(z, p)},
+        {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-12,
+         "ipopt.honor_original_bounds": "yes", "ipopt.bound_relax_factor": 0.0},
+    )  # fmt: skip
+    solution = solver(x0=places[:, int(np.nanargmax(heights))], lbx=lows, ubx=highs)
+    if not solver.stats()["success"]:
+        raise RunFailed(f"{where}: IPOPT says {solver.stats()['return_status']}")
+    x = np.array(ca.DM(solution["x"]).full()).ravel()
+    return Summit(dict(zip(over, map(float, x), strict=True)), float(value(x, p)), "ipopt")
 
 
 def argmax_block(
@@ -115,13 +223,12 @@ def argmax_block(
 
     where = f"argmax_block({law.name})"
     maximise = objective(where, law, over, maximise)
-    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
-        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+    _check_range(where, lo, hi)
     if points != int(points) or points < 3 or newton != int(newton) or newton < 0:
         raise BadInput(
             f"{where}: points = {points}, newton = {newton}; give points >= 3, newton >= 0"
         )
-    given, value_of = open_law(law, over, maximise)
+    given, value_of = open_law(law, [over], maximise)
     z, g = ca.SX.sym("z"), ca.SX.sym("g", value_of.size1_in(1))
     d = ca.jacobian(value_of(z, g), z)
     slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
@@ -140,7 +247,7 @@ def argmax_block(
         for _ in range(int(newton)):
             d1, d2 = slope(place, at)
             a, b = ca.if_else(d1 > 0, place, a), ca.if_else(d1 > 0, b, place)
-            following = place - d1 / ca.fmin(d2, -1e-300)
+            following = place - d1 / ca.fmin(d2, -1e-30)
             inside = ca.logic_and(ca.logic_and(following >= a, following <= b), d2 < 0)
             place = ca.if_else(inside, following, (a + b) / 2)
         return {}, {"best": place, "value": value_of(place, at)}
@@ -161,13 +268,17 @@ def argmax_block(
 
 
 def _functions(
-    where: str, law: Block, over: str, maximise: str | None, at: dict[str, float]
+    where: str, law: Block, over: Sequence[str], maximise: str | None, at: dict[str, float]
 ) -> tuple[ca.Function, ca.Function, Any]:
-    """Objective and (first, second derivative) as functions of (place, fixed values), and these."""
+    """Objective and (first, second derivative) as functions of (place, fixed values), and these.
+
+    The derivatives are for one input.
+    """
     from slipctl.seek import objective, open_law
 
-    maximise = objective(where, law, over, maximise)
-    given, value_of = open_law(law, over, maximise)
+    for name in over:
+        maximise = objective(where, law, name, maximise)
+    given, value_of = open_law(law, list(over), str(maximise))
     names = [s.name for s in given]
     for k in at:
         if k not in names:
@@ -179,7 +290,7 @@ def _functions(
         if value is None:
             raise BadInput(f"{where}: give at={{{s.name!r}: ...}} in {s.unit}")
         fixed.append(float(value))
-    z, g = ca.SX.sym("z"), ca.SX.sym("g", len(fixed))
+    z, g = ca.SX.sym("z", len(over)), ca.SX.sym("g", len(fixed))
     y = value_of(z, g)
     d = ca.jacobian(y, z)
     value = ca.Function("value", [z, g], [y])

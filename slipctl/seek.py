@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -70,7 +71,7 @@ def differential_evolution(
     if per_tick != int(per_tick) or not 1 <= per_tick <= generations:
         raise BadInput(f"{where}: generations_per_tick = {per_tick} must lie in 1..{generations}")
     n = int(population)
-    given, value_of = open_law(law, over, maximise)
+    given, value_of = open_law(law, [over], maximise)
     worse = -1.0 if form == "printed-alg1" else 1.0
     start = _first(value_of, n, worse)
     generation = _generation(value_of, n, worse)
@@ -185,12 +186,15 @@ def _check(
         raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
 
 
-def open_law(law: Block, over: str, maximise: str) -> tuple[list[Signal], ca.Function]:
-    """Inputs that fix a law but for one input, and Function (place, their values) -> objective."""
-    others = [s for k, s in law.inputs.items() if k != over]
+def open_law(
+    law: Block, over: Sequence[str], maximise: str
+) -> tuple[list[Signal], ca.Function]:  # fmt: skip
+    """Inputs that fix a law but for some, and Function (place, their values) -> objective."""
+    others = [s for k, s in law.inputs.items() if k not in over]
     free = [s for s in law.params.values() if not s.derived]
-    place, given = ca.SX.sym("place"), ca.SX.sym("given", len(others) + len(free))
-    inputs = {s.name: given[k] for k, s in enumerate(others)} | {over: place}
+    place, given = ca.SX.sym("place", len(over)), ca.SX.sym("given", len(others) + len(free))
+    inputs = {s.name: given[k] for k, s in enumerate(others)}
+    inputs |= {name: place[k] for k, name in enumerate(over)}
     params = {s.name: given[len(others) + k] for k, s in enumerate(free)}
     y = law.expr({}, inputs, law.derive(params))[1][maximise]
     signals = [*others, *(s.as_role("input", value=None) for s in free)]
