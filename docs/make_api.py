@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import pkgutil
 import re
 import sys
 from collections.abc import Iterator
@@ -24,8 +25,6 @@ is what `slipctl` exports; the modules of bounds and the models are listed after
 The ideas behind the names are in [concepts](concepts.md).
 """
 
-CERTIFY = ("super_twisting", "reaching_law", "steps")
-MODELS = ("subway_braking", "subway_braking_control", "brakes", "sensors")
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes|Kinds|Proof note):\s*(.*)$")
 
 
@@ -36,12 +35,10 @@ def page() -> str:
         found = importlib.import_module(f"slipctl.{module}")
         parts.append(f"## slipctl.{module}\n\n{first_line(found)}\n")
         parts += [entry(name, getattr(found, name), 3) for name in names]
-    for title, package, members_of in (
-        ("Bounds", "slipctl.certify", CERTIFY),
-        ("Models", "slipctl.models", MODELS),
-    ):
-        parts.append(f"## {title}\n\n{first_line(importlib.import_module(package))}\n")
-        for stem in members_of:
+    for title, package in (("Bounds", "slipctl.certify"), ("Models", "slipctl.models")):
+        home = importlib.import_module(package)
+        parts.append(f"## {title}\n\n{first_line(home)}\n")
+        for stem in sorted(m.name for m in pkgutil.iter_modules(home.__path__)):
             found = importlib.import_module(f"{package}.{stem}")
             parts.append(f"### {package}.{stem}\n\n{prose(inspect.getdoc(found) or '')}\n")
             parts += [entry(k, v, 4) for k, v in own(found)]

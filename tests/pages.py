@@ -22,6 +22,9 @@ from typing import Any
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 
 
+FAILED = "the block fails: "
+
+
 def blocks(text: str) -> list[tuple[str, str]]:
     """Language and code of each fenced block."""
     return [(m[1], m[2]) for m in FENCE.finditer(text)]
@@ -41,6 +44,8 @@ def run_page(text: str) -> list[str]:
                 Path(file[1]).write_text(body, encoding="utf-8")
                 continue
             printed = run_python(body, names)
+            if FAILED in printed:
+                return [*wrong, f"{body}\nends with\n{printed}"]
             if next_language == "text" and not matches(expected, printed):
                 wrong.append(f"{body}\nprints\n{printed}\nnot\n{expected}")
         elif language == "console":
@@ -49,15 +54,13 @@ def run_page(text: str) -> list[str]:
 
 
 def run_python(body: str, names: dict[str, Any]) -> str:
-    """Execute a block; gives what it prints, or the traceback."""
+    """Execute a block; gives what it prints, and the traceback if it fails."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         try:
             exec(compile(body, "page", "exec"), names)
         except Exception:
-            out.write("\n" + traceback.format_exc())
-            print(out.getvalue(), file=sys.stderr)
-            raise
+            out.write(f"\n{FAILED}" + traceback.format_exc())
     return out.getvalue()
 
 

@@ -1,0 +1,299 @@
+"""The docs are true: their code runs, what it prints is what they say, links and names exist."""
+
+import ast
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import venv
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import slipctl
+from slipctl import running
+from slipctl.doors import load_study
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+RUNNER = Path(__file__).parent / "pages.py"
+PAGES = ("concepts.md", "architecture.md")
+"""Pages whose code is run, beside the tutorial."""
+
+HAND_WRITTEN = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
+
+
+def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
+    """Run the code of a page in an empty folder; ``slipctl`` is the one beside ``python``."""
+    folder.mkdir()
+    environment = os.environ | {"PATH": f"{Path(python).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("PYTHONPATH", None)
+    done = subprocess.run(
+        [python, str(RUNNER), str(page)], cwd=folder, env=environment, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_code_of_the_page_runs(name, tmp_path):
+    run_page(DOCS / name, tmp_path / "empty")
+
+
+def test_tutorial_runs(tmp_path, needs_compiler):
+    run_page(DOCS / "tutorial.md", tmp_path / "empty")
+
+
+def test_python_of_the_readme_runs(tmp_path):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
+    assert code
+    for body in code:  # what a line says it gives is what it gives
+        tree, lines = ast.parse(body), body.splitlines()
+        shown = [ast.get_source_segment(body, n) for n in tree.body if isinstance(n, ast.Expr)]
+        names: dict = {}
+        exec(body, names)
+        for expression in shown:
+            line = next(k for k in lines if k.startswith(expression.splitlines()[0]))
+            _, _, said = line.partition("#")
+            found = re.match(r"\s*([{\[].*?[}\]])(?= : |$)", said)
+            if found:
+                value = repr(eval(expression, names))
+                pattern = re.escape(found[1]).replace(re.escape("..."), r"\d+")
+                assert re.fullmatch(pattern, value), f"{expression} gives {value}, not {found[1]}"
+
+
+def wheel_of(folder: Path) -> Path:
+    """Build a wheel from a copy of the clone, so that nothing is left in it."""
+    copy = folder / "clone"
+    skip = shutil.ignore_patterns(".git", ".venv", "out", "build", "dist", "__pycache__",
+                                  "*.egg-info", ".*_cache")  # fmt: skip
+    shutil.copytree(ROOT, copy, ignore=skip)
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "-q",
+        "--no-deps",
+        "-w",
+        str(folder),
+        str(copy),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode and re.search(
+        r"[Cc]onnection|[Tt]emporary failure|No matching", done.stderr
+    ):
+        pytest.skip("no network to fetch setuptools from")
+    assert done.returncode == 0, done.stderr
+    return next(folder.glob("*.whl"))
+
+
+def test_tutorial_runs_from_a_wheel(tmp_path, needs_compiler):
+    """A fresh environment with the wheel in it, which sees the libraries installed here."""
+    wheel = wheel_of(tmp_path)
+    home = tmp_path / "venv"
+    venv.create(home, with_pip=False)
+    python = str(home / ("Scripts" if os.name == "nt" else "bin") / "python")
+    install = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps",
+               str(wheel)]  # fmt: skip
+    done = subprocess.run(install, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    packages = subprocess.run([python, "-c", ask], capture_output=True, text=True).stdout.strip()
+    libraries = [p for p in sys.path if p.endswith("-packages")]
+    Path(packages, "libraries.pth").write_text("\n".join(libraries))
+    ask = "import slipctl.models; print(slipctl.__file__, *slipctl.models.__path__)"
+    found = subprocess.run([python, "-c", ask], cwd=tmp_path, capture_output=True, text=True)
+    assert all(p.startswith(str(home)) for p in found.stdout.split()), found
+    run_page(DOCS / "tutorial.md", tmp_path / "empty", python)
+
+
+# ---- the reference and the floors ----------------------------------------------------------------
+
+
+def test_api_reference_is_fresh():
+    command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@cache
+def floors() -> dict[str, int]:
+    """Floor of each module or pattern of modules, ``"ccode.*"``, as docs/architecture.md says."""
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d) \| ([\w.*, ]+) \|", text, flags=re.M)
+    return {m: int(floor) for floor, modules in rows for m in modules.split(", ")}
+
+
+def floor_of(name: str) -> int | None:
+    return next((floor for pattern, floor in floors().items() if fnmatch(name, pattern)), None)
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT / "slipctl").with_suffix("").parts)
+
+
+def loaded_with(path: Path) -> set[str]:
+    """Modules of slipctl that a module imports when it is loaded."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    later: set[int] = set()
+    for n in ast.walk(tree):
+        checking = isinstance(n, ast.If) and getattr(n.test, "id", "") == "TYPE_CHECKING"
+        if checking or isinstance(n, ast.FunctionDef | ast.Lambda):
+            later |= {id(k) for k in ast.walk(n) if k is not n}
+    found: set[str] = set()
+    for n in ast.walk(tree):
+        if id(n) in later or not isinstance(n, ast.Import | ast.ImportFrom):
+            continue
+        if isinstance(n, ast.Import):
+            names = [a.name for a in n.names]
+        else:
+            names = [n.module or "", *(f"{n.module}.{a.name}" for a in n.names)]
+        found |= {k.removeprefix("slipctl.") for k in names if k.startswith("slipctl.")}
+    return found
+
+
+MODULES = sorted(
+    p for p in (ROOT / "slipctl").rglob("*.py") if p.stem not in ("__init__", "__main__")
+)
+
+
+def test_each_module_has_a_floor():
+    names = [module_name(p) for p in MODULES]
+    homeless = [n for n in names if floor_of(n) is None]
+    assert homeless == [], "give them a floor in docs/architecture.md"
+    gone = [pattern for pattern in floors() if not any(fnmatch(n, pattern) for n in names)]
+    assert gone == [], "these are no modules"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=module_name)
+def test_module_imports_only_from_below(path):
+    mine = module_name(path)
+    level = floor_of(mine)
+    for other in loaded_with(path):
+        below = floor_of(other)
+        assert level is None or below is None or below <= level, f"{mine} imports {other}"
+    text = path.read_text(encoding="utf-8")
+    if mine != "plots":
+        assert "import matplotlib" not in text
+        assert "from matplotlib" not in text
+    assert "slipctl.models" not in " ".join(loaded_with(path))
+
+
+def test_help_loads_nothing_heavy():
+    code = "import slipctl.cli, sys; slipctl.cli.parser(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert not {"casadi", "numpy", "scipy", "matplotlib", "xarray", "pint"} & set(
+        done.stdout.split()
+    )
+
+
+# ---- the study's page ----------------------------------------------------------------------------
+
+
+def tables(text: str) -> list[tuple[str, str]]:
+    """What each table of a page is, and its text."""
+    return re.findall(r"<!-- table (.+?) -->\n(.*?)<!-- end -->", text, flags=re.S)
+
+
+def cells(table: str) -> list[str]:
+    return [c.strip() for row in table.strip().splitlines() for c in row.strip("|").split("|")]
+
+
+def close(a: str, b: str) -> bool:
+    """Equal, or numbers that agree to 5 %: chattering differs with the mathematics library."""
+    pairs = list(zip(a.split(" / "), b.split(" / "), strict=False))
+    return a == b or all(
+        x == y or float(x) == pytest.approx(float(y), rel=0.05, abs=5e-3) for x, y in pairs
+    )
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """Metrics of the study's scenarios, without its experiments."""
+    folder = tmp_path_factory.mktemp("results")
+    study = load_study("subway_braking")
+    cases, chosen = running.prepare(study)
+    found = running.run(study, cases, chosen, experiments=False)
+    running.save_metrics(found, folder, "pytest")
+    return folder
+
+
+def test_tables_of_metrics_are_what_the_study_gives(results):
+    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    maker = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(maker)
+    page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
+    new = maker.filled(page, results, ("metrics",))
+    before, after = tables(page), tables(new)
+    assert [k for k, _ in before] == [k for k, _ in after]
+    for (kind, old), (_, fresh) in zip(before, after, strict=True):
+        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/make_tables.py"
+        for a, b in zip(cells(old), cells(fresh), strict=True):
+            assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
+
+
+def test_page_of_the_study_has_every_claim_and_scenario():
+    page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
+    study = load_study("subway_braking")
+    for claim in study.claims:
+        assert claim.claim in page, f"{claim.id}: run docs/make_tables.py"
+    named = set(re.findall(r"`(\w+)`", page))
+    for case in study.cases(study.models, False):
+        assert {case.scenario.name, *case.loops} <= named
+
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda p: p.name)
+def test_names_of_files_and_tests_exist(page):
+    text = page.read_text(encoding="utf-8")
+    tests = {
+        n.name
+        for p in (ROOT / "tests").glob("test_*.py")
+        for n in ast.walk(ast.parse(p.read_text(encoding="utf-8")))
+        if isinstance(n, ast.FunctionDef)
+    }
+    for name in re.findall(r"`(test_\w+)`", text):
+        assert name in tests, f"{page.name}: {name}"
+    for name in re.findall(r"`((?:slipctl|models|studies|tests|docs)/[\w/]+\.\w+)`", text):
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_errata_are_all_tested_or_explained():
+    """Each row of the errata names a test, or is about words and letters only."""
+    text = (DOCS / "errata.md").read_text(encoding="utf-8")
+    pieces = re.split(r"^### (\d{3}\.\d+) ", text, flags=re.M)
+    untested = {n for n, row in zip(pieces[1::2], pieces[2::2], strict=True) if "test_" not in row}
+    words_only = {
+        "000.4",
+        "000.5",
+        "000.7",
+        "000.14",
+        "000.18",
+        "000.24",
+        "000.30",
+        "000.31",
+        "000.32",
+    }
+    assert untested == words_only
+
+
+def test_public_names_are_in_the_reference():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    for name in slipctl._HOME:
+        assert re.search(rf"^### {name}$", text, flags=re.M), name
