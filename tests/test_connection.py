@@ -306,6 +306,26 @@ def test_nesting_changes_nothing(graph, data):
     assert got_n == pytest.approx(long(n), rel=1e-12)
 
 
+def test_matrices_and_vectors_cross_wires_and_partial_calls():
+    """Elements keep their places; the two blocks need each other's outputs in pieces."""
+    whole = Input("1", shape=(2, 3)).named("U")
+    box = make_block(
+        "box", "step", lambda x, u, p: ({"X": u["U"]}, {"Y": 10 * x["X"], "Z": u["U"].T}),
+        states=[State("1", [[1, 2, 3], [4, 5, 6]], shape=(2, 3)).named("X")], inputs=[whole],
+        outputs=[Output("1", shape=(2, 3)).named("Y"), Output("1", shape=(3, 2)).named("Z")],
+    )  # fmt: skip
+    more = make_block("more", "law", lambda x, u, p: ({}, {"Y": u["U"] + 1}), inputs=[whole],
+                      outputs=[Output("1", shape=(2, 3)).named("Y")])  # fmt: skip
+    both = connect("c", {"box.U": "more.Y", "more.U": "box.Y"}, box=box, more=more)
+    wanted = [[11, 21, 31], [41, 51, 61]]
+    for block in (both, every(both, 3)):
+        n, y = block()
+        assert n["box.X"].tolist() == wanted
+        assert y["box.Z"].T.tolist() == wanted
+    with pytest.raises(BadInput, match=r"has shape \(3, 2\), more.U takes \(2, 3\)"):
+        connect("c", {"more.U": "box.Z"}, box=box, more=more)
+
+
 # ---- paths: parts, values, swaps ----------------------------------------------------------------
 
 

@@ -168,6 +168,12 @@ def advised(error: pytest.ExceptionInfo) -> int:
     return int(re.search(r"substeps=(\d+)", str(error.value))[1])
 
 
+def test_step_check_leaves_out_points_without_slope(explicit):
+    """Torricelli's root has no slope at the empty tank where it starts."""
+    tank = flow(name="tank")(lambda x=State("m"): (dict(x=-ca.sqrt(ca.fabs(x))), {}))
+    assert sampled(tank, 0.1, explicit.method)()[0]["x"] == 0.0
+
+
 def test_parameters_set_later_are_checked_too(explicit):
     """A plant sampled while its wheel was heavy is not run with a light one."""
     plant = sampled(subway.plant(), 1e-3, explicit.method)
