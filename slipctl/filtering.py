@@ -40,6 +40,7 @@ def ctukf(
     drift: Numbers = 0.0,
     start: Numbers | None = None,
     floor: Numbers | None = None,
+    cap: Numbers | None = None,
     form: str = "sampled",
     per: str = "sample",
     method: str = "rk4",
@@ -73,6 +74,8 @@ def ctukf(
         start: first estimates; by default the declared values, or the number next to zero.
         floor: least variance of each unknown given those before it; by default 1e-12 of the prior.
             P = 0 is an equilibrium of P+ = (1 + gamma) P, so it must be positive.
+        cap: variance above which gamma rests; by default 1e12 of the prior. The variance of what
+            is not seen would grow as (1 + gamma)^k.
         form: ``"sampled"`` (22)-(30); ``"differential"`` (31)-(33), discretised by ``sampled``;
             ``"printed-22"``: spread sqrt(sigma P) and the weights of N = 3 as printed.
         per: gamma acts ``"sample"`` by sample, P- = (1 + gamma) P, or per ``"second"``,
@@ -87,8 +90,9 @@ def ctukf(
         A step block. Inputs: the measured signals under their names, and what else the equations
         need. Outputs: each unknown under its name, ``variance_<unknown>``,
         ``innovation_<measured>`` and ``nis``, the normalised innovation squared. Parameters:
-        ``gamma, sigma, prior_*, drift_*, floor_*, noise_*`` and those of the flow. The estimate at
-        a tick uses the other inputs of the tick before, so a controller may use it at once.
+        ``gamma, sigma, prior_*, drift_*, floor_*, cap_*, noise_*`` and those of the flow. The
+        estimate at a tick uses the other inputs of the tick before, so a controller may use it at
+        once.
 
     Raises:
         BadInput: not a flow, an unknown name, a form that does not exist, a variance that is not
@@ -112,7 +116,8 @@ def ctukf(
         moments=lambda p: printed_22(p["sigma"], p["beta"]) if "beta" in p
         else unscented(p["sigma"]),
         shape=tuple(shape), prior=prior, noise=noise, drift=drift, start=start, floor=floor,
-        form=form, per=per, method=method, substeps=substeps, period=period, numbers=numbers,
+        cap=cap, form=form, per=per, method=method, substeps=substeps, period=period,
+        numbers=numbers,
     )  # fmt: skip
 
 
@@ -126,6 +131,7 @@ def ekf(
     drift: Numbers = 0.0,
     start: Numbers | None = None,
     floor: Numbers | None = None,
+    cap: Numbers | None = None,
     form: str = "sampled",
     per: str = "sample",
     method: str = "rk4",
@@ -140,8 +146,8 @@ def ekf(
     """
     return _filter(
         "ekf", FORMS[:2], block, measured, estimate, moments=lambda p: linearised, shape=(),
-        prior=prior, noise=noise, drift=drift, start=start, floor=floor, form=form, per=per,
-        method=method, substeps=substeps, period=period, numbers=numbers,
+        prior=prior, noise=noise, drift=drift, start=start, floor=floor, cap=cap, form=form,
+        per=per, method=method, substeps=substeps, period=period, numbers=numbers,
     )  # fmt: skip
 
 
@@ -163,6 +169,7 @@ def _filter(
     drift: Numbers,
     start: Numbers | None,
     floor: Numbers | None,
+    cap: Numbers | None,
     **of_kind: Any,
 ) -> Block:
     """Check what both filters share, and build the block."""
@@ -189,6 +196,7 @@ def _filter(
     noises = {s.name: squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured}
     before = by_name(who, "prior", prior, squares, "positive")
     least: Numbers = {k: 1e-12 * v for k, v in before.items()} if floor is None else floor
+    most: Numbers = {k: 1e12 * v for k, v in before.items()} if cap is None else cap
     first = by_name(
         who, "start", {} if start is None else start,
         {s.name: s.unit for s in problem.unknown}, "finite", partial=True,
@@ -203,6 +211,7 @@ def _filter(
         drift=by_name(who, "drift", drift, {k: f"{u}/s" for k, u in squares.items()},
                       "not negative"),
         floor=by_name(who, "floor", least, squares, "positive"),
+        cap=by_name(who, "cap", most, squares, "positive"),
         noise=by_name(who, "noise", noise, noises, "positive"),
         doc=_DOC[kind] + _DOC["differential" if form == "differential" else "sampled"], **of_kind,
     )  # fmt: skip

@@ -34,7 +34,7 @@ class Setting:
         kind: ``"ctukf"`` or ``"ekf"``.
         moments: what carries mean and covariance, from the parameters of the block.
         shape: parameters of ``moments``.
-        prior, drift, floor, noise, start: numbers by name.
+        prior, drift, floor, cap, noise, start: numbers by name.
         gamma: its value.
         per: what gamma counts by.
         period: in s.
@@ -48,6 +48,7 @@ class Setting:
     prior: Mapping[str, float]
     drift: Mapping[str, float]
     floor: Mapping[str, float]
+    cap: Mapping[str, float]
     noise: Mapping[str, float]
     start: Mapping[str, float]
     gamma: float
@@ -65,9 +66,9 @@ class Names:
         self.taken = {*b.states, *b.inputs, *b.params, *b.outputs, "gamma", "sigma", "beta", "nis"}
         unknown = [s.name for s in problem.unknown]
         measured = [s.name for s in problem.measured]
-        self.prior, self.drift, self.floor, self.variance = (
+        self.prior, self.drift, self.floor, self.cap, self.variance = (
             {n: self._new(word, n) for n in unknown}
-            for word in ("prior", "drift", "floor", "variance")
+            for word in ("prior", "drift", "floor", "cap", "variance")
         )
         self.noise, self.innovation, self.rate = (
             {n: self._new(word, n) for n in measured} for word in ("noise", "innovation", "rate")
@@ -140,11 +141,19 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         # from the tick before to this one; the first tick has none before it
         old, P = names.mean(problem, x), names.matrix(problem, x)
         moved, _, wider = (old, P, P) if exact else moments(ahead, old, P, floor)
-        growth = 1 + (p["gamma"] if setting.per == "sample" else p["gamma"] * dt)
+        gamma = p["gamma"] if setting.per == "sample" else p["gamma"] * dt
+        growth = [
+            ca.fmin(1 + gamma, ca.fmax(1, p[names.cap[s.name]] / wider[i][i]))
+            for i, s in enumerate(unknown)
+        ]
+        grown = [
+            [wider[i][j] * (growth[i] if i == j else ca.sqrt(growth[i] * growth[j])) for j in n]
+            for i in n
+        ]
         Q = [p[names.drift[s.name]] * dt for s in unknown]
         mean = old if exact else [ca.if_else(begun, moved[i], old[i]) for i in n]
         P = [
-            [ca.if_else(begun, growth * wider[i][j] + (Q[i] if i == j else 0), P[i][j]) for j in n]
+            [ca.if_else(begun, grown[i][j] + (Q[i] if i == j else 0), P[i][j]) for j in n]
             for i in n
         ]
 
@@ -219,15 +228,18 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
 
         expected, cross, own = setting.moments(p)(both, mean, P, floor)
         gamma = p["gamma"] if setting.per == "second" else p["gamma"] / dt
+        growth = [
+            ca.if_else(P[i][i] < p[names.cap[s.name]], gamma, 0) for i, s in enumerate(unknown)
+        ]
         noise = [p[names.noise[s.name]] for s in measured]
         R = [v if s.name in by_increments else v * dt for s, v in zip(measured, noise, strict=True)]
         seen = [u[names.rate[s.name] if s.name in by_increments else s.name] for s in measured]
         off = [v - e for v, e in zip(seen, expected[problem.n :], strict=True)]
         K = [[c / r for c, r in zip(row[problem.n :], R, strict=True)] for row in cross]
         rates = [expected[i] + _dot(K[i], off) for i in n]
-        growth = [
+        change = [
             [
-                cross[i][j] + cross[j][i] + gamma * P[i][j]
+                cross[i][j] + cross[j][i] + (growth[i] + growth[j]) / 2 * P[i][j]
                 - _dot(K[i], [k * r for k, r in zip(K[j], R, strict=True)])
                 + (p[names.drift[s.name]] if i == j else 0)
                 for j in n
@@ -248,7 +260,7 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
         white = forward(L, innovation)
         results = {names.innovation[s.name]: v for s, v in zip(measured, innovation, strict=True)}
         results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
-        return names.states(problem, rates, growth), results
+        return names.states(problem, rates, change), results
 
     rates = [
         s.as_role("input", unit=per_second(s.unit), doc=f"measured rate of {s.name}", value=None,
@@ -402,6 +414,8 @@ def _params(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
                 names.prior[n]),
             Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0).named(names.drift[n]),
             Param(u, setting.floor[n], f"least variance of {n}", lo=TINY).named(names.floor[n]),
+            Param(u, setting.cap[n], f"variance of {n} above which gamma rests", lo=TINY).named(
+                names.cap[n]),
         ]  # fmt: skip
     for s in problem.measured:
         u = squared(s.unit) + ("/s" if problem.by_increments(s) else "")
