@@ -219,7 +219,7 @@ def argmax_block(
     Raises:
         BadInput: unknown names, an empty range, or too few points.
     """
-    from slipctl.seek import objective, open_law
+    from slipctl.seek import objective, open_law, refuse_names
 
     where = f"argmax_block({law.name})"
     maximise = objective(where, law, over, maximise)
@@ -228,6 +228,7 @@ def argmax_block(
         raise BadInput(
             f"{where}: points = {points}, newton = {newton}; give points >= 3, newton >= 0"
         )
+    refuse_names(where, law, ("lo", "hi"))
     given, value_of = open_law(law, [over], maximise)
     z, g = ca.SX.sym("z"), ca.SX.sym("g", value_of.size1_in(1))
     d = ca.jacobian(value_of(z, g), z)

@@ -18,6 +18,9 @@ FORMS = ("consistent", "printed-alg1")
 BLOCK = 10
 """Members that are drawn and evaluated as straight-line code; more do not fit the caches."""
 
+LOWEST = -1e30
+"""Value of a member drawn where the law is NaN, so that any trial replaces it."""
+
 
 def differential_evolution(
     law: Block,
@@ -87,13 +90,12 @@ def differential_evolution(
               ).named("F0"),
     ]  # fmt: skip
     random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
-
-    generations_of_tick = _repeated(generation, int(per_tick))
+    of_one_tick = _repeated(generation, int(per_tick))
 
     def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
         """The generations of one tick, from generation G on."""
         constants = ca.vertcat(at, p["lo"], p["hi"], p["crossover"], p["F0"], float(generations))
-        state = generations_of_tick(ca.vertcat(G, rng, pop, val), constants, wh.rounder()(rng))
+        state = of_one_tick(ca.vertcat(G, rng, pop, val), constants, wh.rounder()(rng))
         return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
 
     def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -135,10 +137,11 @@ def differential_evolution(
         State(unit, 0.0, "value of the last search").named("height"),
         State("1", 0.0, "searches done").named("searches"),
     ]
+    states, params = [random, *(memory if many else [])], [*limits, *settings]
+    refuse_names(where, law, [s.name for s in (*states, *params)])
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=[random, *(memory if many else [])],
-        inputs=given, params=[*limits, *settings],
+        states=states, inputs=given, params=params,
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
             law.outputs[maximise].as_role("output", doc="value there").named("value"),
@@ -165,10 +168,19 @@ def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
     if any(s.shape != () for s in (*law.inputs.values(), *law.params.values())):
         raise BadInput(f"{where}: inputs and parameters must be scalars")
     if maximise is None and len(law.outputs) == 1:
-        maximise = next(iter(law.outputs))
+        return next(iter(law.outputs))
+    if maximise is None:
+        raise BadInput(f"{where}: give maximise=, one of {', '.join(law.outputs)}")
     if maximise not in law.outputs:
-        raise BadInput(f"{where} has no output {maximise!r}{nearest(str(maximise), law.outputs)}")
-    return str(maximise)
+        raise BadInput(f"{where} has no output {maximise!r}{nearest(maximise, law.outputs)}")
+    return maximise
+
+
+def refuse_names(where: str, law: Block, settings: Sequence[str]) -> None:
+    """Refuse a law one of whose names the block of a search needs itself."""
+    for name in (*law.inputs, *law.params):
+        if name in settings:
+            raise BadInput(f"{where}: {law.name}.{name} is a name of the search itself; rename it")
 
 
 def _check(
@@ -207,9 +219,9 @@ def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     given = ca.SX.sym("given", value_of.size1_in(1))
     after = wh.advance(rng)
     place = lo + (hi - lo) * wh.uniform(after)
-    one = ca.Function(
-        "one_member", [rng, given, lo, hi], [after, place, worse * value_of(place, given)]
-    )
+    value = worse * value_of(place, given)
+    value = ca.if_else(value >= LOWEST, value, LOWEST)
+    one = ca.Function("one_member", [rng, given, lo, hi], [after, place, value])
     many = one.mapaccum("members", n)
     r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
     states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))

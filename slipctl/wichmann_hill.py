@@ -70,15 +70,15 @@ def rounder() -> ca.Function:
     """
     state = ca.SX.sym("state", 3)
     one = ca.fmin(state[0], 1)  # a part of a state is 1 or more
-    K = 1.5 / ca.fabs(3 * (4 * one / 3 - one) - one)
-    return ca.Function("rounder", [state], [ca.vertcat(K, K)])
+    eps = ca.fabs(3 * (4 * one / 3 - one) - one)
+    return ca.Function("rounder", [state], [ca.vertcat(1.5 / eps, 3 / (eps + eps))])
 
 
 def quick_floor(K: Any) -> Callable[[Any], Any]:
     """Floor of a number of size below 1/(4 eps) that is no whole number: (t - 1/2 + K) - K.
 
     Adding K rounds to a whole number. Compilers turn ``floor`` into a dozen instructions or a call
-    where the processor has none of its own. Both elements of ``K`` have the same value; they are
-    two symbols because CasADi would cancel one against itself.
+    where the processor has none of its own. Both elements of ``K`` have the same value; they must
+    be two symbols, because CasADi would cancel one against itself.
     """
     return lambda t: ((t - 0.5) + K[0]) - K[1]
