@@ -15,7 +15,18 @@ Valid for v >= 0 and 0 <= lam <= 1. What is wrong in print is told in docs/errat
 
 from casadi import exp, fabs, fmax, fmin, log
 
-from slipctl import BadInput, Block, Input, Output, Param, State, connect, flow, law
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    flow,
+    law,
+    make_block,
+)
 
 SOURCE = "Zhang 2021"
 TABLE_2 = "Zhang 2021, Table 2"
@@ -114,6 +125,23 @@ def adhesion(locked: bool = False, speed: bool = False) -> Block:
     return with_speed
 
 
+def grip(law_of_adhesion: Block) -> Block:
+    """Adhesion as a positive number, -mu: what a search maximises."""
+    source = law_of_adhesion
+
+    def body(x, u, p):
+        return {}, {"grip": -source.expr(x, u, p)[1]["mu"]}
+
+    return make_block(
+        f"{source.name}_grip", "law", body, inputs=source.inputs.values(),
+        params=source.params.values(),
+        outputs=[Output("1", "adhesion, braking positive", positive="braking").named("grip")],
+        conditions=source.conditions, closed_form=source.closed_form,
+        coordinates=source.coordinates, sx=source.sx, choices=source.choices,
+        doc=f"{source.doc}\n\nSign turned: positive when braking.",
+    )  # fmt: skip
+
+
 DAVIS = {
     "zero": {"c0": 0.0, "c1": 0.0, "c2": 0.0},
     "shinkansen": {"c0": 162.3, "c1": 10.71, "c2": 0.2208},
@@ -178,13 +206,16 @@ def wheel(
     return nxt, dict(lam=lam, v_s=v_s, F_a=F_a, a=a)
 
 
-def plant(law_of_adhesion: Block = burckhardt, brake: Block | None = None) -> Block:
+def plant(
+    law_of_adhesion: Block = burckhardt, brake: Block | None = None, axle: Block = wheel
+) -> Block:
     """Connect brake, wheel, adhesion and resistance to the continuous plant.
 
     Args:
         law_of_adhesion: from ``lam`` (and perhaps the speed ``v``) to ``mu``.
         brake: block with the output or state ``T_b``; its other inputs become the plant's. None
             makes ``T_b`` the plant's input.
+        axle: another form of the wheel.
     """
     wires = {
         "adh.lam": "wheel.lam",
@@ -192,7 +223,7 @@ def plant(law_of_adhesion: Block = burckhardt, brake: Block | None = None) -> Bl
         "air.v": "wheel.v",
         "wheel.F_R": "air.F_R",
     }
-    parts = {"wheel": wheel, "adh": law_of_adhesion, "air": davis}
+    parts = {"wheel": axle, "adh": law_of_adhesion, "air": davis}
     if "v" in law_of_adhesion.inputs:
         wires["adh.v"] = "wheel.v"
     if brake is None:

@@ -39,6 +39,7 @@ from slipctl import (
     Output,
     Param,
     State,
+    argmax_block,
     connect,
     every,
     flow,
@@ -48,8 +49,9 @@ from slipctl import (
     rls,
     step,
 )
+from slipctl.certify import prescribed_performance as bounds
 from slipctl.filtering import ctukf
-from slipctl.models.hst_braking import RAILS, TABLE_2, burckhardt, known, peak_slip
+from slipctl.models.hst_braking import RAILS, TABLE_2, burckhardt, grip, known, peak_slip
 
 SOURCE = "Zhang 2021"
 TABLE_3 = "Zhang 2021, Table 3"
@@ -428,25 +430,12 @@ def averaged(adhesion: Block) -> Block:
     )  # fmt: skip
 
 
-def best_of(adhesion: Block) -> Block:
-    """Make the law from the parameters of an adhesion curve to its best slip, in closed form."""
-    names = [n for n, s in adhesion.params.items() if not s.derived]
-
-    def body(x, u, p):
-        return {}, {"best": fmax(p["lo"], fmin(p["hi"], adhesion.closed_form(**u)))}
-
-    return make_block(
-        "search", "law", body,
-        inputs=[adhesion.params[n].as_role("input", value=None) for n in names],
-        params=[
-            Param("1", 0.005, "lowest reference", GUESS, lo=0, hi=1).named("lo"),
-            Param("1", 0.4, "highest reference", GUESS, lo=0, hi=1).named("hi"),
-        ],
-        outputs=[
-            Output("1", "best slip ratio, found", positive="braking", per="ratio").named("best")
-        ],
-        doc="Best slip of the fitted curve, where its exact slope is zero.",
-    )  # fmt: skip
+@law(best=Output("1", "slip ratio held", positive="braking", per="ratio"))
+def fixed_reference(
+    lam_fixed=Param("1", 0.1, "slip ratio", f"{SOURCE}, section 5.2", lo=0, hi=1),
+):
+    """Fixed reference of the baseline."""
+    return lam_fixed
 
 
 @step(
@@ -568,11 +557,14 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         trip=Param("1", 0.95, "share of the bound at which the funnel restarts", GUESS, lo=0),
         reserve=Param("1", 0.6, "share of the new bound that the error has then", GUESS, lo=0.01),
         v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3),
+        v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        kappa=Param("1", "K1 * T", "gain per tick; from 2 on the error grows", lo=0, hi=2),
+        first=Param("1", "0.1 / (delta_l * eta_0)", "error at the start over its bound", hi=1),
     ):  # fmt: skip
         """Prescribed performance slip control with estimated adhesion; Zhang 2021 (10)-(17), (34).
 
@@ -582,6 +574,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         beyond it the printed law never comes back.
         """
         e = lam - lam_ref
+        awake = v >= v_off
         if printed:
             eta = eta_h
         else:
@@ -608,9 +601,10 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
             T_wanted = slip_torque(nu, speed, F_a, lam, I_w, r, m, n, motion)
         nxt = dict(
             eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
-            count=count if printed else count + tripped,
+            count=count if printed else count + logic_and(tripped, awake),
         )
-        upper, lower = delta_u * eta_h, -delta_l * eta_h
+        shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
+        upper, lower = delta_u * shown, -delta_l * shown
         outputs = dict(
             T_wanted=T_wanted, e=e, lower=lower, upper=upper,
             share=fmax(e / upper, e / lower), restarts=nxt["count"],
@@ -753,6 +747,7 @@ def controller(
     reference: str = "true",
     speed: str = "true",
     *,
+    checked: bool = True,
     adhesion: Block = burckhardt,
     filter: Block | None = None,
     slope: Block | None = None,
@@ -773,6 +768,7 @@ def controller(
             both are estimated from it and the wheel speed.
         adhesion: law that ``"free"`` fits.
         filter, slope, search, shape: other forms of these blocks.
+        checked: refuse settings that cannot work; False for the printed ones.
         torque: ``"held"`` or ``"sampled"``, as the brake has it, see :func:`adhesion_meter`.
         every_ticks: ticks between two fits.
         name: name of the controller.
@@ -785,6 +781,8 @@ def controller(
     """
     known("controller", "reference", reference, REFERENCES)
     known("controller", "speed", speed, SPEEDS)
+    if checked:
+        check(slip_law, search, shape)
     parts: dict[str, Block] = {"filter": filter or adhesion_filter()}
     wires = {"filter.omega": "omega", "filter.T_b": "T_b"}
     v, lam = "v", "lam"
@@ -795,7 +793,8 @@ def controller(
     if reference == "true":
         best = "lam_opt"
     elif reference == "fixed":
-        best = ""
+        parts["fixed"] = fixed_reference
+        best = "fixed.best"
     elif reference == "gradient":
         parts |= {"slope": slope or slope_identification(), "search": search or gradient_search()}
         wires |= {
@@ -818,7 +817,7 @@ def controller(
         parts |= {
             "meter": adhesion_meter(window, torque),
             "estimator": every(estimator, every_ticks),
-            "search": best_of(curve),
+            "search": every(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), every_ticks),
         }
         wires |= {
             "meter.omega": "omega",
@@ -846,8 +845,7 @@ def controller(
             }
             best = "caution.best_safe"
     parts |= {"reference": shape or shaper, "law": slip_law, "arbitration": arbitration}
-    if best:
-        wires["reference.best"] = best
+    wires["reference.best"] = best
     ports = {"v": v, "lam": lam, "F_a": "filter.F_a", "lam_ref": "reference.lam_ref",
              "rate": "reference.rate"}  # fmt: skip
     wires |= {f"law.{n}": ports[n] for n in slip_law.inputs}
@@ -859,11 +857,40 @@ def controller(
         "arbitration.a_demand": "a_demand",
         "T_out": "arbitration.T_b",
     }
-    return connect(name, wires, **parts)
+    block = connect(name, wires, **parts)
+    if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
+        slow = {n: 3.0 for n in block.params if n.endswith(".v_off")}
+        block = block.with_params(**slow)
+    return block
+
+
+def check(slip_law: Block, search: Block | None = None, shape: Block | None = None) -> None:
+    """Refuse settings of the funnel that cannot work, with the bound and a value that would pass.
+
+    Args:
+        slip_law: ``prescribed(...)``; other laws have no funnel.
+        search: search whose result steps by ``h_1`` per tick, if it is the printed one.
+        shape: ``unshaped`` lets its steps through.
+
+    Raises:
+        BadInput: K1 T beyond its window, an error at the start outside the funnel, a reference
+            step larger than the funnel.
+    """
+    if slip_law.name != "eppfc":
+        return
+    p = {k: float(v.value) for k, v in slip_law.params.items() if not v.derived}
+    kind = slip_law.choices["law"]
+    bounds.check_gain("law", p["K1"], p["T"], kind)
+    bounds.check_start("law", -0.1, p["eta_0"], p["delta_l"], p["delta_u"])
+    if shape is not None and "smooth" not in shape.states:
+        step = 0.01
+        if search is not None and search.choices.get("form") == "printed-40":
+            step = float(search.params["h_1"].value)
+        bounds.check_reference_step("reference", step, p["eta_inf"], p["delta_l"], p["delta_u"])
 
 
 FIT = {
-    "fitted": (5, {"window": 24, "iterations": 3, "noise": 2e-3, "settling": 1.0}),
-    "free": (40, {"window": 100, "iterations": 30, "noise": 1e-4, "settling": 3.0}),
+    "fitted": (5, {"window": 24, "iterations": 4, "noise": 2e-3, "settling": 1.0}),
+    "free": (25, {"window": 60, "iterations": 30, "noise": 1e-4, "settling": 3.0}),
 }
 """Window of the meter in ticks, and settings of the estimator, of the two fitted searches."""

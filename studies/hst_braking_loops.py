@@ -1,0 +1,299 @@
+"""Loops, rails and scenarios of the study ``hst_braking``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from slipctl import (
+    Block,
+    Case,
+    Input,
+    Known,
+    Output,
+    Param,
+    Rail,
+    Scenario,
+    Section,
+    argmax,
+    connect,
+    sampled,
+)
+from slipctl import law as law_block
+from slipctl.models import hst_braking_control as control
+from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
+from slipctl.models.hst_braking import (
+    DAVIS,
+    burckhardt,
+    grip,
+    ideal_plant,
+    plant,
+    wheel,
+)
+
+H = 1e-3
+"""Tick of every loop in s; Zhang 2021, section 5.1."""
+
+NAMES = ("dry", "snow", "wet")
+
+MODELS: dict[str, Any] = {
+    "adh": burckhardt,
+    "wheel": wheel,
+    "filter": control.adhesion_filter(),
+    "eppfc": control.prescribed(),
+    "eppfc_barrier": control.prescribed(law="barrier"),
+    "efc": control.feedback_linearisation(),
+    "pid": control.pid(),
+}
+
+NOISE = 1e-3
+"""Noise of the wheel speed per sample in rad/s."""
+
+
+# ---- the rails -----------------------------------------------------------------------------------
+
+
+def best(law: Block, condition: str) -> tuple[float, float]:
+    """Best slip ratio and adhesion there, of a law on one of its rail conditions."""
+    if condition not in law.conditions:
+        return 0.1, 0.0  # the run says which conditions the law must declare
+    found = argmax(grip(law), "lam", lo=1e-3, hi=0.9, at=_at(law, condition))
+    return found.location, found.value
+
+
+def _at(law: Block, condition: str) -> dict[str, float]:
+    values = dict(law.conditions[condition])
+    return values | ({"v": 50.0} if "v" in law.inputs else {})
+
+
+def rail_of(law: Block, *names: str, length: float = 2.0) -> Rail:
+    """Rail with each condition for some seconds, and the best slip of each as ``lam_opt``."""
+    return Rail([Section(length * k, n, {"lam_opt": best(law, n)[0]}) for k, n in enumerate(names)])
+
+
+def known_peaks(law: Block, *names: str) -> dict[str, Known]:
+    """Peak adhesion of each rail for the log; negative, as the paper counts braking."""
+    peaks = [-best(law, n)[1] for n in names]
+    return {"rail.best_adhesion": Known("1", peaks, "peak adhesion of the rail")}
+
+
+# ---- the loops -----------------------------------------------------------------------------------
+
+
+@law_block(lam_best=Output("1", "best slip ratio, as the rail has it"))
+def truth(
+    lam_opt=Input("1", "best slip ratio, as the rail has it", positive="braking", per="ratio"),
+):
+    """Best slip for the log; the controller does not see it."""
+    return lam_opt
+
+
+@law_block(lam_held=Output("1", "slip ratio held", positive="braking", per="ratio"))
+def held(
+    lam_opt=Input("1", "best slip ratio, as the rail has it", positive="braking", per="ratio"),
+    lam_fixed=Param("1", 0.1, "slip ratio", "Zhang 2021, section 5.2", lo=0, hi=1),
+):
+    """Fixed slip in place of the best one."""
+    return lam_fixed + 0 * lam_opt
+
+
+def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
+    """Bound: adhesion held at its peak from the start, or at the slip 0.1.
+
+    Args:
+        models: the study's models.
+        fixed: slip 0.1 in place of the best one.
+    """
+    world = sampled(ideal_plant(models["adh"]), H, "rk4")
+    if fixed:
+        wires = {"held.lam_opt": "lam_opt", "plant.lam_held": "held.lam_held"}
+        return connect("loop", wires, plant=world, held=held)
+    return connect("loop", {"plant.lam_held": "lam_opt"}, plant=world)
+
+
+def loop(
+    models: Mapping[str, Any],
+    slip_law: Block,
+    reference: str = "fitted",
+    speed: str = "true",
+    brake: str = "ideal",
+    dead_ticks: int = 10,
+    **forms: Any,
+) -> Block:
+    """Closed loop: plant, sensors and controller.
+
+    Args:
+        models: the study's models.
+        slip_law: the slip controller.
+        reference, speed: as of ``controller``.
+        brake: ``"ideal"``, ``"lag"``, or ``"valve"`` with a dead time of ``dead_ticks``.
+        dead_ticks: dead time of the valve in ticks.
+        **forms: other blocks of the controller (``filter``, ``slope``, ``search``, ``shape``).
+    """
+    forms.setdefault("filter", models["filter"])
+    ctl = control.controller(
+        slip_law, reference, speed, adhesion=models["adh"],
+        torque="held" if brake == "ideal" else "sampled", **forms,
+    )  # fmt: skip
+    world = plant(models["adh"], air_brake(brake), models["wheel"])
+    parts: dict[str, Block] = {
+        "plant": sampled(world, H, "rk4", substeps=10),
+        "tacho": control.wheel_speed_sensor,
+        "ctl": ctl,
+    }
+    wires = {
+        "tacho.omega": "plant.wheel.omega",
+        "ctl.omega": "tacho.omega_m",
+        "ctl.T_b": "plant.brake.T_b",
+        "plant.T_cmd": "ctl.T_out",
+    }
+    if speed == "true":
+        wires |= {"ctl.v": "plant.wheel.v", "ctl.lam": "plant.wheel.lam"}
+    else:
+        parts["accelerometer"] = control.accelerometer
+        wires |= {"accelerometer.a": "plant.wheel.a", "ctl.a_m": "accelerometer.a_m"}
+    if reference == "true":
+        wires["ctl.lam_opt"] = "lam_opt"
+    else:
+        parts["truth"] = truth
+        wires["truth.lam_opt"] = "lam_opt"
+    if brake == "valve":
+        parts |= {"dead": dead_time(dead_ticks), "valve": ep_valve}
+        del wires["plant.T_cmd"]
+        wires |= {
+            "dead.u": "ctl.T_out",
+            "valve.T_cmd": "dead.y",
+            "valve.T_b": "plant.brake.T_b",
+            "plant.position": "valve.position",
+        }
+    return connect("loop", wires, **parts)
+
+
+def online(models: Mapping[str, Any], **how: Any) -> dict[str, Block]:
+    """The five controllers with the online reference."""
+    return {
+        "fixed_slip": loop(models, models["eppfc"], "fixed", **how),
+        **{k: loop(models, models[k], **how) for k in ("pid", "efc", "eppfc", "eppfc_barrier")},
+    }
+
+
+def true_reference(models: Mapping[str, Any], **how: Any) -> dict[str, Block]:
+    """The controllers that follow a best slip, with the true one."""
+    return {
+        f"{k}_true_reference": loop(models, models[k], "true", **how)
+        for k in ("pid", "efc", "eppfc", "eppfc_barrier")
+    }
+
+
+def printed(models: Mapping[str, Any]) -> dict[str, Block]:
+    """Loops in which one thing is as printed."""
+    law, minus = models["eppfc"], control.prescribed("printed-17")
+    search = control.gradient_search("printed-40")
+    slope = control.slope_identification("printed-41")
+    return {
+        "eppfc_printed": loop(models, minus, "true", checked=False),
+        "search_printed": loop(
+            models, law, "gradient", slope=slope, search=search, shape=control.unshaped,
+            checked=False,
+        ),
+        "filter_printed": loop(models, law, "true", filter=control.adhesion_filter("printed-33")),
+        "points_printed": loop(models, law, "true", filter=control.adhesion_filter("printed-22")),
+        "pid_printed": loop(models, control.pid("printed"), "true"),
+        "term_printed": loop(models, control.prescribed(motion=False), "true"),
+    }  # fmt: skip
+
+
+# ---- the cases -----------------------------------------------------------------------------------
+
+
+def sensing(loops: Mapping[str, Block], values: Mapping[str, float]) -> dict[str, Block]:
+    """Loops with parameters of sensors and brake set, as far as they have them."""
+    return {
+        name: block.with_params(**{n: v for n, v in values.items() if n in block.params})
+        for name, block in loops.items()
+    }
+
+
+SENSORS = {"tacho.sigma": NOISE, "accelerometer.sigma": 0.05, "accelerometer.bias": 0.02}
+"""Noise and bias of the scenarios with an estimated speed; guesses, but for the wheel speed."""
+
+STOP = {"dry": 18.0, "snow": 44.0, "wet": 26.0}
+"""Duration of the runs to standstill in s."""
+
+
+def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
+    """Scenarios and the loops that run in each."""
+    adh = models["adh"]
+    rail, known = rail_of(adh, *NAMES), known_peaks(adh, *NAMES)
+    bounds = {"ideal": ideal(models), "ideal_fixed": ideal(models, fixed=True)}
+    five, true = online(models), true_reference(models)
+    other = {
+        "eppfc_gradient": loop(models, models["eppfc"], "gradient"),
+        "eppfc_free": loop(models, models["eppfc"], "free"),
+    }
+    found = [
+        Case(
+            Scenario("base", 6.0, rail, doc="no resistance, brake limits, perfect sensors"),
+            bounds | five | true | other | printed(models),
+            known,
+        )
+    ]
+
+    def add(name: str, loops: Mapping[str, Block], doc: str, **scenario: Any) -> None:
+        blocks = {"ideal": bounds["ideal"], **loops}
+        found.append(Case(Scenario(name, 6.0, rail, doc=doc, **scenario), blocks, known))
+
+    some = {k: v for k, v in (five | true).items() if k.startswith("eppfc")}
+    some = sensing(some | other, {"tacho.sigma": NOISE})
+    add("noise", some, "base with noise of 1e-3 rad/s on the wheel speed")
+    estimated = sensing(online(models, speed="estimated"), SENSORS)
+    add("estimated", estimated, "noise, and the speed estimated")
+    lagged = online(models, speed="estimated", brake="lag")
+    lagged["eppfc_true_reference"] = loop(
+        models, models["eppfc"], "true", speed="estimated", brake="lag"
+    )
+    lagged = sensing(lagged, SENSORS)
+    add("real", lagged, "20 ms lag, noise, estimated speed")
+    slow = sensing(lagged, {"plant.brake.tau": 0.05})
+    add("lag50", slow, "50 ms lag, noise, estimated speed")
+    if not quick:
+        behind = {
+            k: loop(models, models[k], speed="estimated", brake="valve") for k in ("efc", "eppfc")
+        }
+        add("valve", sensing(behind, SENSORS),
+            "electro-pneumatic valve, 10 ms dead time, noise, estimated speed")  # fmt: skip
+    resistance = {f"plant.air.{n}": v for n, v in DAVIS["shinkansen"].items()}
+    add("resistance", five, "Davis resistance as quoted for the Shinkansen", params=resistance)
+    for name in NAMES[1:2] if quick else NAMES:
+        stop = Scenario(
+            f"standstill_{name}", STOP[name], rail_of(adh, name),
+            doc=f"from 50 m/s to standstill on {name} rail",
+        )  # fmt: skip
+        peak = known_peaks(adh, name)
+        loops = {k: (five | true)[k] for k in ("eppfc", "eppfc_true_reference")}
+        calm = {"accelerometer.bias": 0.005}
+        loops["eppfc_estimated"] = sensing(estimated, calm)["eppfc"]
+        loops |= {"ideal": bounds["ideal"]}
+        found.append(Case(stop, loops, peak))
+    return found
+
+
+# ---- closed forms --------------------------------------------------------------------------------
+
+
+def closed_form_distance(
+    adhesion: tuple[float, ...], v: float = 50.0, length: float = 2.0, g: float = 9.81
+) -> float:
+    """Distance in m over sections of equal length in s at v' = -g mu, without resistance."""
+    x = 0.0
+    for mu in adhesion:
+        x += v * length - g * mu * length**2 / 2
+        v -= g * mu * length
+    return x
+
+
+def curve(law: Block, lam: np.ndarray, rail: Mapping[str, float]) -> np.ndarray:
+    """Adhesion over slip ratios on a rail given by the law's parameters."""
+    return np.array([law(lam=float(x), **rail)["mu"] for x in lam])
