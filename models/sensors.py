@@ -1,5 +1,7 @@
 """Sensors: tooth wheel with a timer, speed with noise, and adhesion computed from both."""
 
+from typing import Any
+
 from casadi import floor, fmax, fmin, if_else, pi, vertcat
 
 from slipctl import BadInput, Block, Input, Noise, Output, Param, State, law, step
@@ -74,6 +76,11 @@ def slip_sensor(
     return v - r * omega
 
 
+def _shifted(window: Any, newest: Any) -> Any:
+    """Window without its oldest value and with the newest at its end."""
+    return vertcat(window[1:], newest) if window.shape[0] > 1 else newest
+
+
 def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
     """Make the meter of adhesion over a window of ticks.
 
@@ -120,12 +127,10 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         mean_v = (sum(slips[i] for i in range(W)) - slips[0] / 2 + v_s / 2) / W
         mu = (J * (omega - omegas[0]) / (W * T) + mean_T) / (r * m * g)
         nxt = dict(
-            omegas=vertcat(omegas[1:], omega),
-            torques=vertcat(torques[1:], T_b),
-            slips=vertcat(slips[1:], v_s),
+            omegas=_shifted(omegas, omega),
+            torques=_shifted(torques, T_b),
+            slips=_shifted(slips, v_s),
         )
         return nxt, dict(mu_m=mu + sigma * n, v_s_m=mean_v)
 
     return meter
-
-

@@ -346,7 +346,7 @@ def _regret(run: Run) -> Metric | None:
     distance, ideal = _distance(run), _ideal_distance(run)
     if distance is None or ideal is None:
         return None
-    return Metric(distance.value - ideal.value, "m")
+    return Metric(float(distance.value) - float(ideal.value), "m")  # type: ignore[arg-type]
 
 
 def _step_time(run: Run) -> Metric | None:

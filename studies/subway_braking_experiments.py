@@ -327,7 +327,7 @@ def chatter(context: Context) -> Table:
     rows: dict[str, list[Any]] = {k: [] for k in ("loop", "scenario", *RAILS, "theory")}
     smc = reaching_law.torque_swing(36.0, 12.0, H, 240.0, 0.5)
     amplitude = super_twisting.explicit_amplitude(20.0, 10.0, H)
-    sta = 2 * 240.0 / 0.5 * 20.0 * math.sqrt(amplitude)
+    sta = 240.0 / 0.5 * (2 * 20.0 * math.sqrt(amplitude) - H * 10.0)
     for scenario, loops in (("base", ("smc", "sta", "sta_implicit", "sta_printed")),
                             ("real", ("smc", "sta", "sta_implicit"))):  # fmt: skip
         for name in loops:
@@ -349,8 +349,8 @@ def chatter(context: Context) -> Table:
             "period-2 orbit": ("N m", rows["theory"]),
         },
         "Orbit of the reaching law: 2 (J/r)(g1 s + g2), s = T g2/(2 - T g1); of super-twisting by"
-        " explicit Euler: 2 (J/r) k1 |s|^(1/2), s = (k1 T/2)^2. Below the orbit's half the torque"
-        " is cut off at 0, as on ice.",
+        " explicit Euler: (J/r)(2 k1 |s|^(1/2) - T k2), s = T^2 ((k1 + sqrt(k1^2 - 4 k2))/4)^2."
+        " Where half of it is more than the mean torque, the torque is cut off at 0, as on ice.",
     )
 
 

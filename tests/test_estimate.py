@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from slipctl.models.subway_braking import MOVING, TABLE_1, double_exponential, peak_slip
 
 from slipctl import (
     BadInput,
@@ -29,6 +28,7 @@ from slipctl import (
 )
 from slipctl.block import Block
 from slipctl.estimate import FORMS, opened, peak_bound, probe, rls
+from slipctl.models.subway_braking import MOVING, TABLE_1, double_exponential, peak_slip
 
 TWO_EXPONENTIALS = dict(
     coordinates=("log(c)", "log(a)", "log(b - a)"), start={"c": 0.3, "a": 0.5, "b": 1.3}

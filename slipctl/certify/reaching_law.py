@@ -17,5 +17,5 @@ def chatter(g1: float, g2: float, T: float) -> float:
 
 
 def torque_swing(g1: float, g2: float, T: float, J: float, r: float) -> float:
-    """Peak-to-peak torque in N m on that orbit: 2 (J/r)(g1 s + g2), about 2 g2 J/r for any T."""
+    """Peak-to-peak torque in N m on that orbit: 2 (J/r)(g1 s + g2) = 4 (J/r) g2/(2 - T g1)."""
     return 2 * (J / r) * (g1 * chatter(g1, g2, T) + g2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 
 METHODS = {"euler": 1, "rk4": 4, "implicit_euler": 1, "sdirk2": 2}
@@ -51,8 +50,3 @@ def largest_step(eigenvalue: complex, method: str) -> float:
         inside = growth(direction * middle, method) <= 1 + 1e-12
         low, high = (middle, high) if inside else (low, middle)
     return low / abs(eigenvalue)
-
-
-def mode(eigenvalue: complex) -> float:
-    """Time constant 1/|lambda| in s."""
-    return math.inf if eigenvalue == 0 else 1 / abs(cmath.sqrt(eigenvalue) ** 2)
