@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl.block import Block, Exprs, make_block
 from slipctl.certify.filters import rate
@@ -278,10 +279,37 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
     )  # fmt: skip
 
 
+def _refuse_stiff_variance(
+    problem: Problem, names: Names, flow: Block, method: str, h: float, substeps: int
+) -> None:
+    """Refuse a step in which the start variance would be forgotten, for implicit methods too.
+
+    P' = -H^2 P^2/R has a second solution below zero, and Newton's method goes there from a step
+    beyond 1.37 R/(H^2 P); Euler's limit, R/(H^2 P), stays away from it.
+    """
+    x = flow.pack("state", flow.start())
+    u = flow.pack("input", {n: start_value(flow, s) for n, s in flow.inputs.items()})
+    p = flow.pack("param", flow.param_values())
+    slopes: Any = flow.f.factory("slopes", ["x", "u", "p"], ["jac:n:x"])(x, u, p)
+    rows = [k for k, n in enumerate(flow.states) if n in names.P.values()]
+    J = np.array(ca.DM(slopes).full())[np.ix_(rows, rows)]
+    if not np.isfinite(J).all():
+        return
+    longest = min(largest_step(complex(e), "euler") for e in np.linalg.eigvals(J))
+    if h / substeps > longest:
+        raise BadInput(
+            f"{problem.who}: the start variance makes a step of {h / substeps * 1e3:g} ms too long"
+            f" for {method}, {longest * 1e3:.3g} ms would do; use substeps="
+            f"{math.ceil(h / longest)}, a smaller prior or form='sampled'"
+        )
+
+
 def _discretised(
     problem: Problem, names: Names, flow: Block, setting: Setting, method: str, substeps: int
 ) -> Block:
     """Step over the time since the last tick, on the mean rates measured in it."""
+    if method not in PREDICTIONS and method in METHODS:
+        _refuse_stiff_variance(problem, names, flow, method, setting.period, substeps)
     try:
         motion = sampled(flow, setting.period, method, substeps)
     except BadInput as error:

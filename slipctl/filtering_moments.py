@@ -65,7 +65,7 @@ def printed_22(sigma: Any, beta: Any) -> Moments:
     """Return (22)-(27) of Zhang 2021 as printed: spread sqrt(sigma P), weights of N = 3, alpha = 1.
 
     With one unknown there are three points, not seven: their weights add up to 0.6, so the mean
-    shrinks to 0.6 of itself at every sample.
+    shrinks to 0.6 of itself in every prediction, and what is missing widens every covariance.
     """
     N = 3
 
