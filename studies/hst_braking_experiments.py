@@ -157,7 +157,7 @@ def consistency(context: Context) -> Table:
     gamma, Hw = 0.23, R / I_W
     q = filters.matched_drift(gamma, 1.0, Hw, H)
     model = control.wheel_model
-    both = dict(prior=4e6, noise=1.0, start=-8000.0)
+    both: dict[str, Any] = dict(prior=4e6, noise=1.0, start=-8000.0)
     cases: list[tuple[str, Block, float, float | None]] = [
         ("without gamma, drift known", ctukf(model, "omega", "F_a", drift=q, **both), q, 1.0),
         (
@@ -285,7 +285,7 @@ def knowledge(law: Block, lam: np.ndarray, rail: Mapping[str, float], sigma: flo
     a0, a1, a2 = (float(rail[n]) for n in ("a0", "a1", "a2"))
     g = {"a0": 1 / (a0 * a1), "a1": (1 - math.log(a0 * a1 / a2)) / a1**2, "a2": -1 / (a2 * a1)}
     along = np.array([g[n] * float(rail[n]) for n in names] + [0.0])
-    r = np.linalg.qr(J, mode="r")
+    r: Any = np.linalg.qr(J, mode="r")
     if np.abs(np.diag(r)).min() < 1e-14 * np.abs(np.diag(r)).max():
         return math.inf
     return float(np.linalg.norm(np.linalg.solve(r.T, along)))
