@@ -221,7 +221,9 @@ def slope_identification(form: str = "consistent") -> Block:
         rho = if_else(fabs(dF) > zeta, rho_2, rho_1)
         if printed:
             beta = P * dlam / (rho + P * dlam**2)
-            nxt = dict(chi_h=chi_h + beta * residual, P=fmin(1e30, (1 - beta * dlam) * P / rho))
+            nxt = dict(
+                chi_h=chi_h + beta * residual, P=fmin(1e26 * P_max, (1 - beta * dlam) * P / rho)
+            )
             chi, now, fresh = nxt["chi_h"], age, 1
         else:
             changed = fabs(residual) > jump
