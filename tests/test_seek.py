@@ -24,6 +24,7 @@ from slipctl import (
 )
 from slipctl.models.subway_braking import TABLE_1, double_exponential, peak_slip
 from slipctl.seek import schedule
+from slipctl.studies.peers.bench_de import bench_de
 from slipctl.studies.speed import peer_library
 from slipctl.wichmann_hill import FACTORS, MODULI, advance, below, quick_floor, rounder, uniform
 
@@ -323,6 +324,15 @@ def test_peers_in_c_give_the_same_bits(needs_compiler):
         library.peer_de(which, ctypes.c_long(len(rows)), *pointers)
         assert (rng == x[-1]).all()
         assert found.tobytes() == y.tobytes()
+
+
+def test_benchmark_compares_equals(needs_compiler):
+    found = bench_de(rounds=2)
+    assert found["same_bits"]
+    assert found["evaluations"] == 15050
+    # how fast it is, the benchmark says; here only that the units are right
+    assert 0.1 < found["ours_vs_c"]["ratio"] < 10
+    assert found["scipy_vs_ours"]["ratio"] > 20
 
 
 FLOAT_MAIN = """
