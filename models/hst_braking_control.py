@@ -713,7 +713,7 @@ def arbitration(
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
     v=Input("m/s", "train speed"),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
-    a_demand=Input("m/s^2", "required deceleration, a positive number", value=10.0),
+    a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0),
     m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),

@@ -275,6 +275,8 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         loops = {k: (five | true)[k] for k in ("eppfc", "eppfc_true_reference")}
         calm = {"accelerometer.bias": 0.005}
         loops["eppfc_estimated"] = sensing(estimated, calm)["eppfc"]
+        if not quick:
+            loops["eppfc_real"] = sensing(lagged, calm)["eppfc"]
         loops |= {"ideal": bounds["ideal"]}
         found.append(Case(stop, loops, peak))
     return found

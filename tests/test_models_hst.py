@@ -146,7 +146,7 @@ def test_dead_time():
 def test_fusion_learns_the_bias_while_the_wheel_rolls():
     block = control.speed_fusion
     x = {k: float(np.asarray(v)) for k, v in block.start().items()}
-    for _ in range(20_000):
+    for _ in range(6_000):
         x, y = block(omega=50 / R, a_m=0.02, F_a=0.0, **x)
     assert x["b_h"] == pytest.approx(0.02, abs=1e-3)
     assert y["v"] == pytest.approx(50.0, abs=1e-3)
@@ -272,7 +272,7 @@ def test_low_speed_torque_stays_below_what_the_rail_carries():
     given = dict(F_a=-3000.0, carried=4000.0, T_wanted=-50e3)
     assert law(v=0.5, **given)[1]["T_b"] == pytest.approx(-0.7 * R * 4000)
     assert law(v=0.5, **given)[0]["carried"] == 4000
-    assert law(v=5.0, **given)[1]["T_b"] == -min(20e3, R * M * 10 / N + I_W * 10 / R)
+    assert law(v=5.0, **given)[1]["T_b"] == -20e3
     mild = law(v=0.5, a_demand=0.1, **given)[1]["T_b"]
     assert mild == pytest.approx(-(R * M * 0.1 / N + I_W * 0.1 / R))
 
