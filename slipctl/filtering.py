@@ -16,9 +16,10 @@ from typing import Any
 
 from slipctl.block import Block
 from slipctl.errors import BadInput, nearest
-from slipctl.filtering_forms import Setting, differential_form, sampled_form
+from slipctl.filtering_forms import differential_form, sampled_form
 from slipctl.filtering_model import Numbers, Problem, by_name, squared
 from slipctl.filtering_moments import linearised, printed_22, unscented
+from slipctl.filtering_signals import Setting
 from slipctl.filtering_slopes import Lipschitz, Observability, lipschitz, observability
 from slipctl.signals import Param
 

@@ -1,13 +1,12 @@
 """The two forms of a Kalman filter, whatever carries mean and covariance through the equations.
 
-Both work on the same unknowns, measurements and parameters: see :class:`Setting` and ``Names``.
+Both have the same inputs, outputs and parameters: see :mod:`slipctl.filtering_signals`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -17,93 +16,24 @@ from slipctl.block import Block, Exprs, make_block
 from slipctl.certify.filters import rate
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput
-from slipctl.filtering_model import Problem, per_second, product, squared, start_value
-from slipctl.filtering_moments import Matrix, Moments, Vector, factors, floored, forward, solve
-from slipctl.signals import Output, Param, Signal, State
+from slipctl.filtering_model import Problem, per_second, start_value
+from slipctl.filtering_moments import Vector, factors, floored, forward, solve
+from slipctl.filtering_signals import (
+    Names,
+    Setting,
+    filter_inputs,
+    filter_outputs,
+    filter_params,
+    filter_states,
+    first_estimate,
+    held_states,
+    kept,
+)
 from slipctl.timing import check_step, sampled
 from slipctl.units import one
 
 PREDICTIONS = ("euler", "rk4")
 """Methods that carry states from tick to tick in the sampled form."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Numbers and choices of a filter.
-
-    Attributes:
-        kind: ``"ctukf"`` or ``"ekf"``.
-        moments: what carries mean and covariance, from the parameters of the block.
-        shape: parameters of ``moments``.
-        prior, drift, floor, cap, noise, start: numbers by name.
-        gamma: its value.
-        per: what gamma counts by.
-        period: in s.
-        choices: for the block.
-        doc: text of the block.
-    """
-
-    kind: str
-    moments: Callable[[Exprs], Moments]
-    shape: tuple[Signal, ...]
-    prior: Mapping[str, float]
-    drift: Mapping[str, float]
-    floor: Mapping[str, float]
-    cap: Mapping[str, float]
-    noise: Mapping[str, float]
-    start: Mapping[str, float]
-    gamma: float
-    per: str
-    period: float
-    choices: Mapping[str, Any]
-    doc: str
-
-
-class Names:
-    """Names of a filter's own signals; a dot inside another name becomes an underscore."""
-
-    def __init__(self, problem: Problem) -> None:
-        b = problem.block
-        self.taken = {*b.states, *b.inputs, *b.params, *b.outputs, "gamma", "sigma", "beta", "nis"}
-        unknown = [s.name for s in problem.unknown]
-        measured = [s.name for s in problem.measured]
-        self.prior, self.drift, self.floor, self.cap, self.variance = (
-            {n: self._new(word, n) for n in unknown}
-            for word in ("prior", "drift", "floor", "cap", "variance")
-        )
-        self.noise, self.innovation, self.rate = (
-            {n: self._new(word, n) for n in measured} for word in ("noise", "innovation", "rate")
-        )
-        kept = problem.in_rates | {s.name for s in problem.increments}
-        self.held = {n: self._new("held", n) for n in (*unknown, *sorted(kept))}
-        self.begun = self._new("held", "begun")
-        self.P = {
-            (i, j): self._new("P", n, *([unknown[j]] if i != j else []))
-            for i, n in enumerate(unknown)
-            for j in range(i + 1)
-        }
-
-    def _new(self, *words: str) -> str:
-        name = "_".join(words).replace(".", "_")
-        while name in self.taken:
-            name += "x"
-        self.taken.add(name)
-        return name
-
-    def mean(self, problem: Problem, x: Exprs) -> Vector:
-        """Estimates of the tick before, from the states."""
-        return [x[self.held[s.name]] for s in problem.unknown]
-
-    def matrix(self, problem: Problem, x: Exprs) -> Matrix:
-        """Covariance, from the states."""
-        n = range(problem.n)
-        return [[x[self.P[max(i, j), min(i, j)]] for j in n] for i in n]
-
-    def states(self, problem: Problem, mean: Vector, P: Matrix) -> Exprs:
-        """States, from estimates and covariance."""
-        found = {name: P[i][j] for (i, j), name in self.P.items()}
-        held = {self.held[s.name]: v for s, v in zip(problem.unknown, mean, strict=True)}
-        return held | found
 
 
 def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int) -> Block:
@@ -184,13 +114,13 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
         results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
-        return names.states(problem, mean, P) | _kept(problem, names, u), results
+        return names.states(problem, mean, P) | kept(problem, names, u), results
 
     return make_block(
         setting.kind, "step", body,
-        states=[*_states(problem, setting, names), *_held(problem, names)],
-        inputs=_inputs(problem), params=_params(problem, setting, names),
-        outputs=_outputs(problem, names), period=setting.period, sx=problem.block.sx,
+        states=[*filter_states(problem, setting, names), *held_states(problem, names)],
+        inputs=filter_inputs(problem), params=filter_params(problem, setting, names),
+        outputs=filter_outputs(problem, names), period=setting.period, sx=problem.block.sx,
         units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
 
@@ -271,10 +201,10 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
     here = problem.in_rates | problem.in_outputs | {s.name for s in problem.direct}
     own = {names.innovation[s.name] for s in measured} | {"nis"}
     return make_block(
-        setting.kind, "flow", body, states=_states(problem, setting, names),
-        inputs=[*rates, *(s for s in _inputs(problem) if s.name in here)],
-        params=_params(problem, setting, names),
-        outputs=[s for s in _outputs(problem, names) if s.name in own],
+        setting.kind, "flow", body, states=filter_states(problem, setting, names),
+        inputs=[*rates, *(s for s in filter_inputs(problem) if s.name in here)],
+        params=filter_params(problem, setting, names),
+        outputs=[s for s in filter_outputs(problem, names) if s.name in own],
         sx=problem.block.sx, units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
 
@@ -333,15 +263,16 @@ def _discretised(
         results = {k: ca.if_else(begun, v, 0) for k, v in y.items()}
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
-        return names.states(problem, mean, P) | _kept(problem, names, u), results
+        return names.states(problem, mean, P) | kept(problem, names, u), results
 
     def rebuild(parts: dict[str, Block]) -> Block:
         return _discretised(problem, names, parts[flow.name], setting, method, substeps)
 
     return make_block(
-        setting.kind, "step", body, states=[*flow.states.values(), *_held(problem, names)],
-        inputs=_inputs(problem), params=flow.params.values(), outputs=_outputs(problem, names),
-        period=setting.period, sx=motion.sx, units=flow.units,
+        setting.kind, "step", body, states=[*flow.states.values(), *held_states(problem, names)],
+        inputs=filter_inputs(problem), params=flow.params.values(),
+        outputs=filter_outputs(problem, names), period=setting.period, sx=motion.sx,
+        units=flow.units,
         choices=flow.choices | {"method": method, "substeps": substeps}, doc=flow.doc,
         parts={flow.name: flow}, rebuild=rebuild, transparent=True,
     )  # fmt: skip
@@ -351,7 +282,6 @@ def _motion(problem: Problem, setting: Setting) -> Block:
     """Return the estimated states alone, all else an input at its start, to check the step."""
     states = [s for s in problem.unknown if s.role == "state"]
     others = [s for s in problem.unknown if s.role != "state"]
-    here = {*(s.name for s in problem.measured), *(s.name for s in problem.known)}
     before = [s for s in (*problem.known, *problem.increments) if s.name in problem.in_rates]
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -360,116 +290,15 @@ def _motion(problem: Problem, setting: Setting) -> Block:
             s.name: v for s, v in zip(problem.unknown, rates, strict=True) if s.role == "state"
         }, {}
 
-    assert here
     return make_block(
         problem.block.name, "flow", body,
-        states=[s.valued(_first(problem, setting, s)) for s in states],
+        states=[s.valued(first_estimate(problem, setting, s)) for s in states],
         inputs=[
-            *(s.as_role("input", value=_first(problem, setting, s)) for s in others),
+            *(s.as_role("input", value=first_estimate(problem, setting, s)) for s in others),
             *(s.as_role("input", value=start_value(problem.block, s)) for s in before),
         ],
         params=problem.params, sx=problem.block.sx,
     )  # fmt: skip
-
-
-def _first(problem: Problem, setting: Setting, s: Signal) -> float:
-    """First estimate."""
-    if s.name in setting.start:
-        return float(s.check(f"{problem.who}: start of {s.name}", setting.start[s.name]))
-    return float(start_value(problem.block, s))
-
-
-def _states(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
-    """Estimates and the lower half of their covariance."""
-    unknown = problem.unknown
-    states = [
-        State(s.unit, _first(problem, setting, s), f"estimate: {s.doc or s.name}").named(
-            names.held[s.name])
-        for s in unknown
-    ]  # fmt: skip
-    for (i, j), name in names.P.items():
-        a, b = unknown[i], unknown[j]
-        states.append(
-            State(squared(a.unit), names.prior[a.name], f"variance of {a.name}").named(name)
-            if i == j
-            else State(product(a.unit, b.unit), 0.0, f"covariance of {a.name} and {b.name}"
-                       ).named(name)
-        )  # fmt: skip
-    return states
-
-
-def _held(problem: Problem, names: Names) -> list[Signal]:
-    """Last measured values and inputs, and whether there are any."""
-    own = {s.name for s in problem.unknown}
-    signals = {s.name: s for s in (*problem.known, *problem.measured)}
-    held = [
-        signals[k].as_role(
-            "state", value=start_value(problem.block, signals[k]),
-            doc=f"{k} at the last tick", lo=-math.inf, hi=math.inf,
-        ).named(name)
-        for k, name in names.held.items() if k not in own
-    ]  # fmt: skip
-    return [*held, State("1", 0.0, "1 after the first tick", lo=0, hi=1).named(names.begun)]
-
-
-def _kept(problem: Problem, names: Names, u: Exprs) -> Exprs:
-    """What the next tick needs of this one."""
-    own = {s.name for s in problem.unknown}
-    return {name: u[k] for k, name in names.held.items() if k not in own} | {names.begun: 1.0}
-
-
-def _inputs(problem: Problem) -> list[Signal]:
-    """Measurements and known signals."""
-    measured = [
-        s.as_role("input", value=None, doc=f"measured {s.doc or s.name}", lo=-math.inf, hi=math.inf)
-        for s in problem.measured
-    ]
-    return [*measured, *problem.known]
-
-
-def _params(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
-    """Parameters: how fast it forgets, what is known at the start, noises, and the flow's own."""
-    per = "sample" if setting.per == "sample" else "second"
-    params = [
-        Param("1" if per == "sample" else "1/s", setting.gamma, f"growth of P per {per}",
-              lo=0, hi=1 if per == "sample" else math.inf).named("gamma"),
-        *setting.shape,
-    ]  # fmt: skip
-    for s in problem.unknown:
-        u, n = squared(s.unit), s.name
-        params += [
-            Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY).named(
-                names.prior[n]),
-            Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0).named(names.drift[n]),
-            Param(u, setting.floor[n], f"least variance of {n}", lo=TINY).named(names.floor[n]),
-            Param(u, setting.cap[n], f"variance of {n} above which gamma rests", lo=TINY).named(
-                names.cap[n]),
-        ]  # fmt: skip
-    for s in problem.measured:
-        u = squared(s.unit) + ("/s" if problem.by_increments(s) else "")
-        what = "R_w of the increments of" if problem.by_increments(s) else "variance of measured"
-        params.append(
-            Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY).named(names.noise[s.name])
-        )
-    return [*params, *problem.params]
-
-
-TINY = 1e-300
-"""Least variance: positive."""
-
-
-def _outputs(problem: Problem, names: Names) -> list[Signal]:
-    """Estimates, their variances, innovations, and the normalised innovation squared."""
-    return [
-        *(s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
-                    hi=math.inf) for s in problem.unknown),
-        *(Output(squared(s.unit), f"variance of {s.name}").named(names.variance[s.name])
-          for s in problem.unknown),
-        *(Output(s.unit, f"measured minus expected {s.name}"
-                 + (", over a tick" if problem.by_increments(s) else "")).named(
-                     names.innovation[s.name]) for s in problem.measured),
-        Output("1", "normalised innovation squared").named("nis"),
-    ]  # fmt: skip
 
 
 def _integrate(

@@ -27,7 +27,6 @@ from slipctl import (
 )
 from slipctl.block import Block, make_block
 from slipctl.certify import filters as cf
-from slipctl.certify.enclosure import enclose, largest
 from slipctl.filtering import FORMS, ctukf, ekf, lipschitz, observability
 
 H, R_W, DT, GAMMA = 0.43 / 60.35, 1.0, 1e-3, 0.23  # Zhang 2021, Tables 2 and 3
@@ -254,6 +253,51 @@ def test_covariance_stays_positive(seed, scale):
     assert y["variance_omega"].min() >= 1e-12
     assert y["variance_F_a"].min() >= 1e-3
     assert (y["nis"] >= 0).all()
+
+
+@flow(y=Output("1"))
+def general(
+    a=State("1", 0.5), b=State("1", -0.2), z=State("1", 1.0), c=State("1", 0.0), u=Input("1"),
+    k=Param("1/s", 3.0), T=Param("s", 1.0),
+):  # fmt: skip
+    """States estimated (a, b), measured (z) and given (c), each in each equation."""
+    return dict(
+        a=k * (b - a + 0.3 * z + 0.5 * c + u), b=k * (0.7 * a - 0.2 * b - z),
+        z=k * (2 * a + b - 0.5 * z + 0.1 * c - u), c=0 * k,
+    ), dict(y=a - 2 * b + 0.4 * z + 0.2 * c + 0.3 * u)  # fmt: skip
+
+
+@BOTH
+@pytest.mark.parametrize("per", ["sample", "second"])
+def test_general_filter_is_the_kalman_filter(kind, per):
+    """Two states, an increment and an output, known state and input, against matrices."""
+    N, dt, gamma, rng = 60, 0.02, 0.15, np.random.default_rng(4)
+    z, y, c, u = rng.standard_normal((4, N))
+    block = kind(
+        general, ("y", "z"), ("a", "b"), prior={"a": 1.0, "b": 2.0}, drift={"a": 0.3, "b": 0.1},
+        noise={"y": 0.05, "z": 0.02}, gamma=gamma, per=per, method="euler", period=dt,
+    )  # fmt: skip
+    assert list(block.inputs) == ["y", "z", "c", "u"]
+    found = roll(block, y=y, z=z, c=c, u=u)
+    A, h = 3 * np.array([[-1, 1], [0.7, -0.2]]), 3 * np.array([2.0, 1.0])
+    growth = 1 + gamma * (1 if per == "sample" else dt)
+    x, P, R = np.array([0.5, -0.2]), np.diag([1.0, 2.0]), np.diag([0.02 * dt, 0.05])
+    for k in range(N):
+        C, off = np.array([[0, 0], [1, -2.0]]), np.zeros(2)
+        if k:
+            z_, c_, u_ = z[k - 1], c[k - 1], u[k - 1]
+            x = x + dt * (A @ x + 3 * np.array([0.3 * z_ + 0.5 * c_ + u_, -z_]))
+            F = np.eye(2) + dt * A
+            P = growth * F @ P @ F.T + dt * np.diag([0.3, 0.1])
+            C[0] = dt * h
+            off[0] = z[k] - z_ - dt * (h @ x + 3 * (-0.5 * z_ + 0.1 * c_ - u_))
+        off[1] = y[k] - (C[1] @ x + 0.4 * z[k] + 0.2 * c[k] + 0.3 * u[k])
+        S = C @ P @ C.T + R
+        K = P @ C.T @ np.linalg.inv(S)
+        x, P, nis = x + K @ off, P - K @ S @ K.T, off @ np.linalg.inv(S) @ off
+        expected = [*x, P[0, 0], P[1, 1], off[1], off[0], nis]
+        # 60 steps of rounding, the innovations of order 1
+        assert [v[k] for v in found.values()] == pytest.approx(expected, rel=1e-10, abs=1e-12)
 
 
 # ---- consistency --------------------------------------------------------------------------------
@@ -659,56 +703,6 @@ def test_lipschitz_bounds_differences():
     change = np.abs((1 - 0.43 * omega / a) - (1 - 0.43 * omega / b))
     assert (change <= found.constant * np.abs(a - b) * (1 + 1e-12)).all()
     assert found.constant == pytest.approx(0.43 * 100 / 25, rel=0.01)
-
-
-OPERATIONS = (
-    lambda x, y: x * y + ca.exp(-x) * ca.sin(3 * y),
-    lambda x, y: ca.sqrt(x**2 + y**2 + 0.1) / (1.5 + ca.cos(x)),
-    lambda x, y: ca.if_else(x > y, ca.tanh(x), ca.fabs(y)) - ca.fmin(x, 0.3),
-    lambda x, y: ca.log(2.5 + x) * ca.atan(y) + ca.sign(x) * ca.fmax(x, y),
-    lambda x, y: ca.cosh(x) - ca.sinh(y) + x**3 + y**-2 + (x + 3) ** 1.5,
-    lambda x, y: ca.if_else(ca.logic_and(x > 0, y <= 0.5), x / (y + 3), ca.floor(2 * x)),
-    lambda x, y: ca.log1p(x + 2) + ca.expm1(y) + ca.asinh(x * y) + 1 / (x - 5),
-    lambda x, y: ca.if_else(ca.logic_or(x == y, ca.logic_not(x < 0)), 2 * x, ca.ceil(y)),
-)
-
-
-@pytest.mark.parametrize("g", OPERATIONS)
-@given(seed=st.integers(0, 10**6), width=st.floats(-3, 0))
-@settings(max_examples=10)
-def test_enclosures_contain_what_they_enclose(g, seed, width):
-    """Random boxes, random points in them, each known operation."""
-    xy = ca.SX.sym("xy", 2)
-    f = ca.Function("f", [xy], [g(xy[0], xy[1])])
-    rng = np.random.default_rng(seed)
-    lo = rng.uniform(-2, 2, (2, 30))
-    hi = lo + 10**width * rng.random((2, 30))
-    low, high = enclose(f, lo, hi)
-    for _ in range(20):
-        points = lo + (hi - lo) * rng.random((2, 30))
-        points[:, ::7] = lo[:, ::7]
-        values = np.array(f(points).full())
-        inside = (low <= values) & (values <= high)
-        assert (inside | np.isnan(values)).all()
-    # nothing is lost by nothing: a narrow box has a narrow enclosure
-    low, high = enclose(f, lo, lo)
-    known = np.isfinite(low) & np.isfinite(high)
-    assert (high - low)[known].max(initial=0) < 1.01
-
-
-def test_largest_finds_the_peak_and_proves_it():
-    """Peak of sin(x) y on a box, to 1e-6; an unbounded function is said to be unbounded."""
-    xy = ca.SX.sym("xy", 2)
-    f = ca.Function("f", [xy], [ca.sin(xy[0]) * xy[1]])
-    found = largest(f, np.array([0.0, 1.0]), np.array([2.0, 3.0]), 1e-6)
-    assert found.reached <= 3.0 <= found.bound <= found.reached + 1e-6
-    g = ca.Function("g", [xy], [1 / xy[0] + 0 * xy[1]])
-    assert (
-        largest(g, np.array([-1.0, 0.0]), np.array([1.0, 1.0]), 1e-3, most=2000).bound == math.inf
-    )
-    h = ca.Function("h", [xy], [ca.erf(xy[0]) + xy[1]])
-    with pytest.raises(BadInput, match="cannot be enclosed"):
-        enclose(h, np.zeros((2, 1)), np.ones((2, 1)))
 
 
 # ---- bad input ----------------------------------------------------------------------------------

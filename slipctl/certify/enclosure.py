@@ -37,6 +37,23 @@ class Bracket(NamedTuple):
     boxes: int
 
 
+def expanded(f: ca.Function) -> ca.Function:
+    """Same Function on scalar operations.
+
+    Raises:
+        BadInput: it has an operation that CasADi cannot take apart.
+    """
+    if f.is_a("SXFunction"):
+        return f
+    try:
+        return f.expand()
+    except RuntimeError:
+        raise BadInput(
+            f"{f.name()} cannot be written as scalar operations, so it cannot be enclosed;"
+            f" leave out tables, maps and solvers"
+        ) from None
+
+
 def enclose(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Interval:
     """Enclosure of every output element over many boxes at once.
 
@@ -50,7 +67,7 @@ def enclose(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Interval:
     Raises:
         BadInput: an operation that is not known here.
     """
-    f = f if f.is_a("SXFunction") else f.expand()
+    f = expanded(f)
     many = lo.shape[1]
     work: dict[int, Interval] = {}
     out_lo, out_hi = np.zeros((f.numel_out(0), many)), np.zeros((f.numel_out(0), many))

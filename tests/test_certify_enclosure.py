@@ -1,0 +1,73 @@
+"""Interval arithmetic: every enclosure contains what it encloses, and bounds are tight."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slipctl import BadInput
+from slipctl.certify.enclosure import enclose, expanded, largest
+
+OPERATIONS = (
+    lambda x, y: x * y + ca.exp(-x) * ca.sin(3 * y),
+    lambda x, y: ca.sqrt(x**2 + y**2 + 0.1) / (1.5 + ca.cos(x)),
+    lambda x, y: ca.if_else(x > y, ca.tanh(x), ca.fabs(y)) - ca.fmin(x, 0.3),
+    lambda x, y: ca.log(2.5 + x) * ca.atan(y) + ca.sign(x) * ca.fmax(x, y),
+    lambda x, y: ca.cosh(x) - ca.sinh(y) + x**3 + y**-2 + (x + 3) ** 1.5,
+    lambda x, y: ca.if_else(ca.logic_and(x > 0, y <= 0.5), x / (y + 3), ca.floor(2 * x)),
+    lambda x, y: ca.log1p(x + 2) + ca.expm1(y) + ca.asinh(x * y) + 1 / (x - 5),
+    lambda x, y: ca.if_else(ca.logic_or(x == y, ca.logic_not(x < 0)), 2 * x, ca.ceil(y)),
+)
+
+
+@pytest.mark.parametrize("g", OPERATIONS)
+@given(seed=st.integers(0, 10**6), width=st.floats(-3, 0))
+@settings(max_examples=10)
+def test_enclosures_contain_what_they_enclose(g, seed, width):
+    """Random boxes, random points in them, each known operation."""
+    xy = ca.SX.sym("xy", 2)
+    f = ca.Function("f", [xy], [g(xy[0], xy[1])])
+    rng = np.random.default_rng(seed)
+    lo = rng.uniform(-2, 2, (2, 30))
+    hi = lo + 10**width * rng.random((2, 30))
+    low, high = enclose(f, lo, hi)
+    for _ in range(20):
+        points = lo + (hi - lo) * rng.random((2, 30))
+        points[:, ::7] = lo[:, ::7]
+        values = np.array(f(points).full())
+        inside = (low <= values) & (values <= high)
+        assert (inside | np.isnan(values)).all()
+    # nothing is lost by nothing: a narrow box has a narrow enclosure
+    low, high = enclose(f, lo, lo)
+    known = np.isfinite(low) & np.isfinite(high)
+    assert (high - low)[known].max(initial=0) < 1.01
+
+
+def test_largest_finds_the_peak_and_proves_it():
+    """Peak of sin(x) y on a box, to 1e-6; an unbounded function is said to be unbounded."""
+    xy = ca.SX.sym("xy", 2)
+    f = ca.Function("f", [xy], [ca.sin(xy[0]) * xy[1]])
+    found = largest(f, np.array([0.0, 1.0]), np.array([2.0, 3.0]), 1e-6)
+    assert found.reached <= 3.0 <= found.bound <= found.reached + 1e-6
+    g = ca.Function("g", [xy], [1 / xy[0] + 0 * xy[1]])
+    assert (
+        largest(g, np.array([-1.0, 0.0]), np.array([1.0, 1.0]), 1e-3, most=2000).bound == math.inf
+    )
+    h = ca.Function("h", [xy], [ca.erf(xy[0]) + xy[1]])
+    with pytest.raises(BadInput, match="cannot be enclosed"):
+        enclose(h, np.zeros((2, 1)), np.ones((2, 1)))
+
+
+def test_matrix_expressions_are_expanded():
+    """MX works where CasADi can expand it, and says so where it cannot."""
+    x = ca.MX.sym("x", 2)
+    low, high = enclose(ca.Function("f", [x], [x[0] * x[1]]), np.ones((2, 1)), np.full((2, 1), 2.0))
+    assert low[0, 0] == pytest.approx(1)
+    assert high[0, 0] == pytest.approx(4)
+    z, p = ca.MX.sym("z"), ca.MX.sym("p")
+    root = ca.rootfinder("root", "newton", {"x": z, "p": p, "g": z**3 + z - p})
+    with pytest.raises(BadInput, match="cannot be written as scalar operations"):
+        expanded(ca.Function("g", [x], [root(x0=0, p=x[0])["x"]]))
