@@ -67,7 +67,11 @@ def test_matrix_expressions_are_expanded():
     low, high = enclose(ca.Function("f", [x], [x[0] * x[1]]), np.ones((2, 1)), np.full((2, 1), 2.0))
     assert low[0, 0] == pytest.approx(1)
     assert high[0, 0] == pytest.approx(4)
+    inverse = ca.inv(ca.reshape(ca.vertcat(x, x), 2, 2))
+    with pytest.raises(BadInput, match="cannot be written as scalar operations"):
+        expanded(ca.Function("g", [x], [ca.norm_2(inverse)]))
     z, p = ca.MX.sym("z"), ca.MX.sym("p")
     root = ca.rootfinder("root", "newton", {"x": z, "p": p, "g": z**3 + z - p})
-    with pytest.raises(BadInput, match="cannot be written as scalar operations"):
-        expanded(ca.Function("g", [x], [root(x0=0, p=x[0])["x"]]))
+    g = ca.Function("g", [x], [root(x0=0, p=x[0])["x"]])
+    with pytest.raises(BadInput, match="cannot be"):
+        enclose(g, np.zeros((2, 1)), np.ones((2, 1)))
