@@ -170,7 +170,8 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
         rates = [expected[i] + _dot(K[i], off) for i in n]
         change = [
             [
-                cross[i][j] + cross[j][i] + (growth[i] + growth[j]) / 2 * P[i][j]
+                cross[i][j] + cross[j][i]
+                + (growth[i] if i == j else (growth[i] + growth[j]) / 2) * P[i][j]
                 - _dot(K[i], [k * r for k, r in zip(K[j], R, strict=True)])
                 + (p[names.drift[s.name]] if i == j else 0)
                 for j in n
