@@ -20,7 +20,15 @@ ITEMS = {
         *(f"table {k}" for k in range(1, 5)),
         *(f"figure {k}" for k in range(1, 12)),
         "algorithm 1",
-    ]
+    ],
+    "001": [
+        *(f"eq {k}" for k in range(1, 43)),
+        *(f"table {k}" for k in range(1, 5)),
+        *(f"figure {k}" for k in range(1, 10)),
+        "lemma 1",
+        "lemma 2",
+        "theorem 1",
+    ],
 }
 """Numbered items that each paper prints."""
 
