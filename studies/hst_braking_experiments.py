@@ -297,7 +297,8 @@ def _bound_table(law: Block, log: Any, prior: Any) -> Table:
     free = log["plant.wheel.lam"].values[2000:]
     known = prior["plant.wheel.lam"].values[2000:]
     rows: dict[str, list[Any]] = {k: [] for k in ("time", "free", "prior", "moved")}
-    rate = ppc.slip_fall_rate(F_Z * 0.13, 43.6, R, I_W)
+    height = float(peak_height(**snow))
+    rate = ppc.slip_fall_rate(F_Z * height, 43.6, R, I_W, a=G * height, slip=0.15)
     for ms in (20, 50, 80, 100, 120, 150, 200, 250, 300):
         rows["time"].append(ms * H)
         rows["free"].append(knowledge(law, free[: ms + 1], snow, NOISE))
@@ -572,7 +573,7 @@ def funnel(context: Context) -> dict[str, Table]:
                      ppc.lowest_speed(G * height, place, W), "m/s"))  # fmt: skip
     snow = float(peak_height(**RAILS["snow"]))
     jump = float(peak_slip(**RAILS["dry"])) - float(peak_slip(**RAILS["snow"]))
-    rate = ppc.slip_fall_rate(F_Z * snow, 43.6, R, I_W)
+    rate = ppc.slip_fall_rate(F_Z * snow, 43.6, R, I_W, a=G * snow, slip=0.15)
     rows += [
         ("fastest fall of the slip on snow at 43.6 m/s", rate, "1/s"),
         ("time for the jump of the best slip from dry to snow", jump / rate, "s"),

@@ -1,16 +1,21 @@
 """What the study hst_braking says: bounds, filter, searches, funnel, standstill, random rails."""
 
 import math
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from slipctl import Context, build, simulate
+from slipctl.certify import filters
+from slipctl.certify import prescribed_performance as ppc
 from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.studies import hst_braking as module
 from slipctl.studies import hst_braking_experiments as experiments
 from slipctl.studies.hst_braking_loops import MODELS, NAMES, cases, closed_form_distance, sensing
+from slipctl.studying import half_last_digit
 
 
 @cache
@@ -179,6 +184,74 @@ def test_random_runs_lock_no_wheel_and_beat_no_bound():
     assert list(table["broke"]) == [0] * len(experiments.RANDOM)
     assert max(table["longest lock-up"]) == 0
     assert min(table["least distance above the bound"]) > 0
+
+
+# ---- errata --------------------------------------------------------------------------------------
+
+
+@cache
+def errata() -> dict[str, str]:
+    text = (Path(__file__).parents[1] / "docs" / "errata.md").read_text(encoding="utf-8")
+    pieces = re.split(r"^### (\d{3}\.\d+) ", text, flags=re.M)
+    return dict(zip(pieces[1::2], pieces[2::2], strict=True))
+
+
+def shows(row: str, text: str, measured: float) -> None:
+    """Check that the row prints ``text`` and that this is the measured number."""
+    assert re.search(rf"(?<![\d.]){re.escape(text)}(?!\d)", errata()[row]), f"{row}: no {text}"
+    number = text.replace(" ", "")
+    allowed = 1.0001 * half_last_digit(number)
+    assert abs(measured - float(number)) <= allowed, f"{row}: {text}, measured {measured:.6g}"
+
+
+def test_errata_numbers():
+    W = ppc.largest_disturbance(100, 0.005, 1.2, 1.2)
+    shows("001.5", "0.26865", W)
+    shows("001.5", "4384", ppc.adhesion_budget(50, W, 0.43, 60.35))
+    shows("001.5", "438", ppc.adhesion_budget(5, W, 0.43, 60.35))
+    shows("001.5", "30.3", 1e3 * ppc.escape_time(0.4007, 100, 0.005, 1.2, 1.2))
+    shows("001.8", "4.35", filters.time_constant(0.23))
+    shows("001.8", "4.83", 1e3 * filters.time_constant(0.23, 1e-3))
+    shows("001.16", "0.0946", 4 / 13800 / (0.43**2 / 60.35))
+    height = {n: float(peak_height(**RAILS[n])) for n in NAMES}
+    place = {n: float(peak_slip(**RAILS[n])) for n in NAMES}
+    for name, text in zip(NAMES, ("9.77", "4.43", "7.03"), strict=True):
+        shows("001.16", text, ppc.lowest_speed(9.81 * height[name], place[name], W))
+    table = experiments.neglected(context())
+    for found, text in zip(table["without the term"], ("9.34", "4.24", "6.72"), strict=True):
+        shows("001.16", text, found)
+    fall = ppc.slip_fall_rate(
+        13800 * 9.81 / 4 * height["snow"], 43.6, 0.43, 60.35, a=9.81 * height["snow"], slip=0.15
+    )
+    jump = place["dry"] - place["snow"]
+    shows("001.13", "0.355", fall)
+    shows("001.13", "0.164", jump / fall)
+    shows("001.13", "35", 1e3 * ppc.crossing_time(jump, fall, 0.1, 0.005, 30, 1.2))
+    shows("001.13", "19.2", ppc.largest_decay(jump, fall, 0.1, 0.005, 1.2))
+
+
+def test_errata_of_the_printed_loops():
+    minus = log("base", "eppfc_printed")
+    shows("001.1", "0.0059", float(np.abs(minus["ctl.law.e"].values[1500:2000]).mean()))
+    search = log("base", "search_printed")
+    shows("001.12", "2", float(np.argmax(search["ctl.law.share"].values > 1)))
+    for tick, text in ((5, "0.15"), (10, "0.20"), (20, "0.30"), (50, "0.60")):
+        shows("001.12", text, float(search["ctl.search.best"].values[tick]))
+    shows("001.12", "258.53", distance("base", "search_printed"))
+    shows("001.12", "255.69", distance("base", "eppfc_true_reference"))
+    shows("001.20", "256.74", distance("base", "pid_printed"))
+    shows("001.23", "255.3483", distance("base", "ideal"))
+    shows("001.23", "253.94", distance("resistance", "ideal"))
+    shows("001.25", "255.6957", distance("base", "eppfc"))
+    shows("001.25", "255.6971", distance("base", "efc"))
+    points = log("base", "points_printed")
+    off = points["ctl.filter.F_a"].values - points["plant.wheel.F_a"].values
+    shows("001.6", "11 053", float(np.abs(off[1500:2000]).mean()))
+    for scenario, text in (("real", "3"), ("lag50", "10")):
+        shows("001.26", text, float(log(scenario, "eppfc")["ctl.law.restarts"].values[-1]))
+    law = MODELS["eppfc"]
+    asked = law(lam=0.0, lam_ref=0.1, rate=0.0, v=50.0, F_a=0.0, eta_h=0.1, count=0.0)[1]
+    shows("001.15", "50.8", abs(asked["T_wanted"]) / 1e3)
 
 
 # ---- speed and study -----------------------------------------------------------------------------
