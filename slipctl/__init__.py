@@ -37,7 +37,7 @@ _WHERE = {
         "Signals",
         "Table",
     ],
-    "codegen": ["c_module"],
+    "codegen": ["c_module", "CModule"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
@@ -45,12 +45,29 @@ __all__ = ["__version__", *_HOME]
 if TYPE_CHECKING:
     from slipctl.adaptors import flip_sign, ratio_to_speed, speed_to_ratio
     from slipctl.block import Block, flow, law, make_block, step
+    from slipctl.codegen import CModule, c_module
     from slipctl.connection import connect
     from slipctl.errors import BadInput, RunFailed
+    from slipctl.estimate import opened, peak_bound, probe, rls
+    from slipctl.filtering import ctukf, ekf, lipschitz, observability
     from slipctl.linearise import linear, nonlinear, operating_point
+    from slipctl.optimum import argmax, argmax_block
     from slipctl.rail import Rail, Scenario, Section
+    from slipctl.seek import differential_evolution
     from slipctl.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.simulation import simulate
+    from slipctl.studying import (
+        Case,
+        Claim,
+        Context,
+        Experiment,
+        Figure,
+        Known,
+        Results,
+        Signals,
+        Study,
+        Table,
+    )
     from slipctl.timing import every, sampled, unit_delay
     from slipctl.units import one
 
