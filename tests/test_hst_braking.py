@@ -11,6 +11,7 @@ import pytest
 from slipctl import Context, build, simulate
 from slipctl.certify import filters
 from slipctl.certify import prescribed_performance as ppc
+from slipctl.models import hst_braking_control as control
 from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.studies import hst_braking as module
 from slipctl.studies import hst_braking_experiments as experiments
@@ -240,6 +241,7 @@ def test_errata_of_the_printed_loops():
     shows("001.12", "258.53", distance("base", "search_printed"))
     shows("001.12", "255.69", distance("base", "eppfc_true_reference"))
     shows("001.20", "256.74", distance("base", "pid_printed"))
+    shows("001.21", "36", float(log("base", "eppfc")["plant.wheel.v"].values[-1]))
     shows("001.23", "255.3483", distance("base", "ideal"))
     shows("001.23", "253.94", distance("resistance", "ideal"))
     shows("001.25", "255.6957", distance("base", "eppfc"))
@@ -252,6 +254,26 @@ def test_errata_of_the_printed_loops():
     law = MODELS["eppfc"]
     asked = law(lam=0.0, lam_ref=0.1, rate=0.0, v=50.0, F_a=0.0, eta_h=0.1, count=0.0)[1]
     shows("001.15", "50.8", abs(asked["T_wanted"]) / 1e3)
+
+
+def test_errata_of_filter_and_slope():
+    slow = log("base", "filter_printed")["ctl.filter.variance_F_a"].values
+    assert slow[-1] < 1e-4 * filters.steady_variance(0.23, 1.0, 0.43 / 60.35, 1e-3)  # 6 s later
+    shows("001.10", "0.032", math.sqrt(1e-3))
+    P = {}
+    for form in ("printed-41", "consistent"):
+        block = control.slope_identification(form)
+        x = block.start()
+        for _ in range(100):  # the slip stands still
+            x, _ = block(F_a=-8e3, lam=0.0, **x)
+        P[form] = float(x["P"])
+    assert P["printed-41"] > 5  # 0.98^-k, but for the first tick
+    assert P["consistent"] <= 1e4
+    run = log("noise", "eppfc")
+    change = np.abs(np.diff(run["ctl.filter.F_a"].values)) / 1e-3
+    assert np.mean(change > 1.0) > 0.999  # N/s, as printed without a unit
+    calm = np.abs(np.diff(log("base", "eppfc")["ctl.filter.F_a"].values)) / 1e-3
+    assert np.mean(calm[500:2000] > 1000.0) < 0.01
 
 
 # ---- speed and study -----------------------------------------------------------------------------
