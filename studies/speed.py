@@ -121,6 +121,13 @@ def search() -> dict[str, Any]:
     return bench_de()
 
 
+def filtered() -> dict[str, Any]:
+    """Closed loop of hst_braking with filter and gradient reference: hand-written C, do-mpc."""
+    from slipctl.studies.peers.hst_loop import bench
+
+    return bench()
+
+
 def start() -> dict[str, Any]:
     """``slipctl --help`` against an empty Python start, as whole processes."""
 
@@ -133,6 +140,7 @@ def start() -> dict[str, Any]:
 BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "loop": loop,
     "search": search,
+    "filtered": filtered,
     "start": start,
 }
 
