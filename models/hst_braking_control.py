@@ -13,6 +13,8 @@ the last term being the one that (8) neglects; it matters below 10 m/s. Each law
 wants; ``arbitration`` gives the torque that is applied.
 """
 
+from typing import Any
+
 from casadi import (
     DM,
     SX,
@@ -891,7 +893,7 @@ def check(slip_law: Block, search: Block | None = None, shape: Block | None = No
         bounds.check_reference_step("reference", step, p["eta_inf"], p["delta_l"], p["delta_u"])
 
 
-FIT = {
+FIT: dict[str, tuple[int, dict[str, Any]]] = {
     "fitted": (5, {"window": 24, "iterations": 4, "noise": 2e-3, "settling": 1.0}),
     "free": (25, {"window": 60, "iterations": 30, "noise": 1e-4, "settling": 3.0}),
 }

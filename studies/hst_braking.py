@@ -46,6 +46,16 @@ def variance(r: Results, loop: str) -> float:
     return float(np.mean(r.metric("base", loop, "acceleration_variance")))
 
 
+def distance_of(scenario: str, loop: str) -> Any:
+    """Distance in m of one controller in 6 s."""
+    return lambda r: r.metric(scenario, loop, "distance")
+
+
+def variance_of(loop: str) -> Any:
+    """Variance of the acceleration in m2/s4 of one controller."""
+    return lambda r: variance(r, loop)
+
+
 def stays_inside(r: Results) -> bool:
     """Whether the error stays in the funnel without any restart, noise-free and with noise."""
     for scenario in ("base", "noise"):
@@ -116,7 +126,7 @@ CLAIMS = (
     *(
         Claim(
             f"distance_{loop}", "Table 4", f"distance of {loop} in 6 s", "number", printed,
-            lambda r, loop=loop: r.metric("base", loop, "distance"), "m", tolerance=0.5,
+            distance_of("base", loop), "m", tolerance=0.5,
             tolerance_why="a fifth of what separates the four; 5 % would be 12 m", scenario="base",
             loop=loop, assumption="no resistance: the Davis coefficients are missing",
             why_not="the bound of this model without resistance is 255.3483 m"
@@ -128,7 +138,7 @@ CLAIMS = (
     *(
         Claim(
             f"distance_{loop}_resistance", "Table 4", f"distance of {loop} in 6 s, with resistance",
-            "number", printed, lambda r, loop=loop: r.metric("resistance", loop, "distance"), "m",
+            "number", printed, distance_of("resistance", loop), "m",
             tolerance=0.5, tolerance_why="as above; the presets of the resistance differ by 0.6 m",
             scenario="resistance", loop=loop,
             assumption="Davis coefficients as quoted for the Shinkansen",
@@ -144,7 +154,7 @@ CLAIMS = (
     *(
         Claim(
             f"variance_{loop}", "Table 4", f"variance of the acceleration of {loop}", "number",
-            printed, lambda r, loop=loop: variance(r, loop), "m2/s4", tolerance="5 %",
+            printed, variance_of(loop), "m2/s4", tolerance="5 %",
             scenario="base", loop=loop,
             assumption="mean over the 0.5 s after 0, 2 and 4 s; the windows are not stated, and"
             " the unit printed is m/s2",

@@ -283,7 +283,7 @@ def test_peer_in_c_gives_the_same_numbers(needs_compiler):
     from slipctl.studies.peers import hst_loop
 
     assert build.compiler() is not None
-    found = hst_loop.bench(pairs=1)
+    found = hst_loop.bench(pairs=1, simulator=False)
     assert found["ours_vs_c"]["largest_state_difference"] < 1e-8  # m, m/s, rad/s over 6000 ticks
 
 
