@@ -40,6 +40,13 @@ def check_folder(folder: Path) -> None:
             raise BadInput(
                 f"cannot write to {folder}: no permission in {place}; choose another --out"
             )
+        try:  # a read-only or special file system says no only when asked
+            os.rmdir(tempfile.mkdtemp(prefix=".slipctl.", dir=place))
+        except OSError as error:
+            why = error.strerror or str(error)
+            raise BadInput(
+                f"cannot write to {folder}: {why} in {place}; choose another --out"
+            ) from None
         return
 
 

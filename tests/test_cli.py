@@ -462,6 +462,8 @@ def test_an_unwritable_folder_is_refused_before_anything_runs(
         capsys, "run", TOY, "--out", "file"
     )
     assert "is not a folder" in refused(capsys, "run", TOY, "--out", "file/below/it")
+    if Path("/proc").is_dir():  # where root has permission and still cannot
+        assert "cannot write to /proc/x" in refused(capsys, "run", TOY, "--out", "/proc/x")
     assert "is not a folder" in refused(capsys, "c", "double_exponential", "--out", "file")
     assert "is a folder" in refused(capsys, "copy", "double_exponential", ".")
 
