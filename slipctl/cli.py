@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run and c.
+"""The command line: list, show, copy, run, c, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
@@ -104,6 +104,18 @@ def parser() -> Parser:
     p.add_argument("name", metavar="NAME")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
+
+    p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
+    p.add_argument("system", metavar="SYSTEM", help="super_twisting")
+    p.add_argument(
+        "--set", metavar="NAME=VALUE", nargs="+", action="extend", default=[], dest="settings",
+        help="gains and bounds in SI units, k1=1.5 k2=1.1 L=1 delta=0.2",
+    )  # fmt: skip
+    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
+
+    p = command("check", "Check a certificate again with rational arithmetic alone.")
+    p.add_argument("file", metavar="FILE")
     return top
 
 
@@ -114,7 +126,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(arguments)
         if options.command is None:
-            raise BadInput("say what to do: list, show, copy, run or c; see slipctl --help")
+            raise BadInput(
+                "say what to do: list, show, copy, run, c, certify or check; see slipctl --help"
+            )
         _talk(options)
         code = COMMANDS[options.command](options, _written(arguments))
         sys.stdout.flush()
@@ -423,7 +437,27 @@ def _c(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-COMMANDS = {"list": _list, "show": _show, "copy": _copy, "run": _run, "c": _c}
+# ---- certify, check -----------------------------------------------------------------------------
+
+
+def _certify(options: argparse.Namespace, command: str) -> int:
+    from slipctl import certifying
+
+    print(certifying.certify(options.system, options.settings, options.json, options.out, command))
+    return 0
+
+
+def _check(options: argparse.Namespace, command: str) -> int:
+    from slipctl import certifying
+
+    print(certifying.check(options.file))
+    return 0
+
+
+COMMANDS = {
+    "list": _list, "show": _show, "copy": _copy, "run": _run, "c": _c, "certify": _certify,
+    "check": _check,
+}  # fmt: skip
 
 if __name__ == "__main__":
     sys.exit(main())

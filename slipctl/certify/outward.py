@@ -1,0 +1,136 @@
+"""Proven enclosure of the exact super-twisting criterion: decimal intervals, rounded outwards.
+
+Only the operations of the module ``decimal`` are trusted: sums, products and quotients that round
+as told, and square root and logarithm that are correctly rounded, widened here by one unit in the
+last place. The arctangent is a series with a bound of its remainder.
+"""
+
+from __future__ import annotations
+
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from fractions import Fraction
+
+DIGITS = 30
+"""Digits of the enclosure that is given."""
+
+
+class Interval:
+    """Closed interval of decimals with outward rounding."""
+
+    def __init__(self, low: Decimal, high: Decimal, digits: int) -> None:
+        self.low, self.high, self.digits = low, high, digits
+        self.down = Context(prec=digits, rounding=ROUND_FLOOR, Emin=-999999, Emax=999999)
+        self.up = Context(prec=digits, rounding=ROUND_CEILING, Emin=-999999, Emax=999999)
+
+    @classmethod
+    def of(cls, value: Fraction | int, digits: int) -> Interval:
+        """Make the smallest interval around a rational."""
+        top, bottom = Decimal(Fraction(value).numerator), Decimal(Fraction(value).denominator)
+        new = cls(top, top, digits)
+        new.low, new.high = new.down.divide(top, bottom), new.up.divide(top, bottom)
+        return new
+
+    def _new(self, low: Decimal, high: Decimal) -> Interval:
+        return Interval(low, high, self.digits)
+
+    def __add__(self, other: Interval | int) -> Interval:
+        o = self._as(other)
+        return self._new(self.down.add(self.low, o.low), self.up.add(self.high, o.high))
+
+    def __neg__(self) -> Interval:
+        return self._new(self.low.copy_negate(), self.high.copy_negate())._ordered()
+
+    def __sub__(self, other: Interval | int) -> Interval:
+        return self + (-self._as(other))
+
+    def __mul__(self, other: Interval | int) -> Interval:
+        o = self._as(other)
+        ends = [(x, y) for x in (self.low, self.high) for y in (o.low, o.high)]
+        return self._new(
+            min(self.down.multiply(x, y) for x, y in ends),
+            max(self.up.multiply(x, y) for x, y in ends),
+        )
+
+    def __truediv__(self, other: Interval | int) -> Interval:
+        o = self._as(other)
+        if o.low <= 0 <= o.high:
+            raise ZeroDivisionError("division by an interval that contains zero")
+        ends = [(x, y) for x in (self.low, self.high) for y in (o.low, o.high)]
+        return self._new(
+            min(self.down.divide(x, y) for x, y in ends),
+            max(self.up.divide(x, y) for x, y in ends),
+        )
+
+    def sqrt(self) -> Interval:
+        """Square root of an interval of positive numbers."""
+        low = self.down.sqrt(self.low)
+        return self._new(
+            max(Decimal(0), self.down.next_minus(low)), self.up.next_plus(self.up.sqrt(self.high))
+        )
+
+    def ln(self) -> Interval:
+        """Natural logarithm of an interval of positive numbers."""
+        return self._new(
+            self.down.next_minus(self.down.ln(self.low)), self.up.next_plus(self.up.ln(self.high))
+        )
+
+    def magnitude(self) -> Decimal:
+        """Largest absolute value."""
+        return max(self.low.copy_abs(), self.high.copy_abs())
+
+    def _as(self, other: Interval | int) -> Interval:
+        return other if isinstance(other, Interval) else self._new(Decimal(other), Decimal(other))
+
+    def _ordered(self) -> Interval:
+        self.low, self.high = self.high, self.low
+        return self
+
+
+def arctan_over(u: Interval) -> Interval:
+    """Enclose atan(t)/t at u = t^2 >= 0, artanh(t)/t at u = -t^2 > -1.
+
+    Proof note: halving the angle, A(u) = 2/(1 + s) A(u/(1 + s)^2) with s = sqrt(1 + u), until
+    |u| < 0.01; then the sum of (-u)^n/(2n + 1), whose rest after N terms is below 2 |u|^N.
+    """
+    factor = Interval.of(1, u.digits)
+    while u.magnitude() >= Decimal("0.01"):
+        s = (u + 1).sqrt() + 1
+        factor = factor * 2 / s
+        u = u / s / s
+    total, power, n = Interval.of(0, u.digits), Interval.of(1, u.digits), 0
+    small = Decimal(10) ** (-u.digits - 2)
+    while power.magnitude() > small:
+        total = total + power / (2 * n + 1)
+        power = power * -u
+        n += 1
+    rest = u.up.multiply(Decimal(2), power.magnitude())
+    return factor * (total + Interval(rest.copy_negate(), rest, u.digits))
+
+
+def log_ratio(k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction, digits: int) -> Interval:
+    """Enclose ``super_twisting.log_ratio`` for k2 > L, k1 > delta, (k1 - delta)^2 < 8 (k2 + L).
+
+    Proof note: with u = (1 - z)/(1 + z), acos z/sqrt(1 - z^2) = 2/(1 + z) A(u) on both sides of
+    z = 1, and (pi - acos z)/sqrt(1 - z^2) = 2/(1 - z) A(1/u). z^2 is rational, and 1 - z is taken
+    as (1 - z^2)/(1 + z).
+    """
+    k, a, b = k1 - delta, k2 - L, k2 + L
+    square_1, square_2 = k * k / (8 * a), k * k / (8 * b)
+    z1, z2 = Interval.of(square_1, digits).sqrt(), Interval.of(square_2, digits).sqrt()
+    w1, w2 = Interval.of(1 - square_1, digits), Interval.of(1 - square_2, digits)
+    out = z1 * 2 / (z1 + 1) * arctan_over(w1 / (z1 + 1) / (z1 + 1))
+    back = z2 * 2 * (z2 + 1) / w2 * arctan_over((z2 + 1) * (z2 + 1) / w2)
+    return Interval.of(b / a, digits).ln() / 2 - out - back
+
+
+def enclosure(
+    k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction = Fraction(0)
+) -> tuple[Decimal, Decimal] | None:
+    """Enclosure of ln q, 30 digits, that tells its sign; None when 240 digits cannot tell it."""
+    for digits in (60, 120, 240):
+        found = log_ratio(k1, k2, L, delta, digits)
+        if found.low > 0 or found.high < 0:
+            down = Context(prec=DIGITS, rounding=ROUND_FLOOR)
+            up = Context(prec=DIGITS, rounding=ROUND_CEILING)
+            return down.plus(found.low), up.plus(found.high)
+    return None
