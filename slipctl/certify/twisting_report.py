@@ -340,6 +340,7 @@ def super_twisting_report(
         said = verdict
         if name != "exact":
             holds = bool(test(n["k1"] - n["delta"], n["k2"], n["L"]))
+            # rounding may put gains on the wrong side of a bound, but never beyond the exact one
             said = CERTIFIED if holds and verdict == CERTIFIED else SILENT
         criteria[name] = Finding(said, margins(name, **n), unit_dependent(name), TITLES[name])
     time = sta.reaching_time_bounds(n["k1"], n["k2"], n["L"], 1.0, n["delta"])
