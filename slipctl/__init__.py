@@ -23,6 +23,8 @@ _WHERE = {
     "estimate": ["rls", "probe", "peak_bound", "opened"],
     "filtering": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek": ["differential_evolution"],
+    "extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
+    "observing": ["luenberger"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [
