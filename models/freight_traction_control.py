@@ -1,0 +1,141 @@
+"""Creep control of Cheng 2022: an asymmetric barrier Lyapunov law on the motor torque.
+
+With e = v_s - v_ref and the plant of ``freight_traction``, e' = gamma T_m - D - v_ref',
+gamma = r/(J R_g), a wanted e' = -kappa(e) is reached by
+
+    T_m = (D + v_ref' - kappa(e))/gamma
+
+    printed shape   kappa = 2 k e (k_x^2 - e^2)          (42), (44), k_x = k_a for e < 0, else k_s
+    robust shape    kappa = q e k_x^2/(k_x^2 - e^2)      added here: the gain grows at the barrier
+
+Equations (42), (44), (47) print -f in place of D, which (8) makes positive: the command then adds
+to the disturbance, e' = -2 D - kappa(e), and the creep rests below the wanted one, where the far
+stronger pull of the k_a side equals 2 D. The pull of the printed shape vanishes at the barrier: it
+holds disturbances below 4 k k_s^3/(3 sqrt 3) only (``slipctl.certify.barrier``).
+
+Added here: D from adhesion estimate and resistance as known; v_ref' is an input, because a seeker
+knows it; a torque limit; the robust shape counts e at most ``share`` of the way to the barrier, so
+that beyond it the pull is large, finite, and still inwards.
+"""
+
+from casadi import fmax, fmin, if_else
+
+from slipctl import Block, Input, Output, Param, connect, law
+from slipctl.certify import barrier as bounds
+from slipctl.models.freight_traction import GUESS, TABLE_2, known
+
+FORMS = ("robust", "consistent", "printed-42")
+SECTION_4 = "Cheng 2022, section 4"
+
+
+@law(D_hat=Output("m/s^2", "what the creep falls by, as known", positive="traction"))
+def disturbance(
+    mu_hat=Input("1", "adhesion estimate", positive="traction"),
+    F_Z_hat=Input("N", "running resistance, as known", value=0.0, positive="braking"),
+    M=Param("kg", 6e6, "train, as the controller knows it", TABLE_2, lo=1e4, hi=3e7),
+    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
+    J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
+    r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
+    R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+):
+    """D = r^2/(J R_g^2) F_a + (n_d F_a - F_Z)/M; Cheng 2022 eq (39) with its signs turned."""
+    F_a = mu_hat * W * g
+    return r**2 / (J * R_g**2) * F_a + (n_d * F_a - F_Z_hat) / M
+
+
+def barrier_law(form: str = "robust") -> Block:
+    """Make the law from creep to torque.
+
+    Args:
+        form: ``"robust"``, ``"consistent"`` (the printed shape with the signs put right), or
+            ``"printed-42"``, which takes -D for D and so doubles it.
+
+    Raises:
+        BadInput: an unknown form.
+    """
+    known("barrier_law", form, FORMS)
+    outputs = dict(
+        T_cmd=Output("N m", "commanded torque", positive="traction"),
+        e=Output("m/s", "creep error"),
+        name="barrier", choices={"form": form},
+    )  # fmt: skip
+    V_S = Input("m/s", "creep, rim minus train", positive="traction", per="speed")
+    V_REF = Input("m/s", "wanted creep", positive="traction", per="speed")
+    RATE = Input("m/s^2", "rate of the wanted creep", value=0.0)
+    D_HAT = Input("m/s^2", "what the creep falls by, as known", positive="traction")
+    K_A = Param("m/s", "k_s + v_sopt", "barrier below")
+    K_S = Param("m/s", 0.02, "barrier above", SECTION_4, lo=1e-4, hi=1)
+    V_OPT = Param("m/s", 1.2098601, "best creep, as known", "peak of Table 1", lo=0.01, hi=20)
+    J_M = Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4)
+    R = Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1)
+    GEAR = Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20)
+    T_MAX = Param("N m", 12e3, "largest torque", GUESS, lo=1)
+    if form == "robust":
+
+        @law(**outputs)
+        def robust(
+            v_s=V_S, v_ref=V_REF, rate=RATE, D_hat=D_HAT, k_s=K_S, v_sopt=V_OPT, k_a=K_A,
+            q=Param("1/s", 50.0, "rate of small errors", "chosen", lo=0.1, hi=1e4),
+            share=Param("1", 0.95, "largest e counted, of the barrier", "chosen", lo=0.1, hi=0.999),
+            J=J_M, r=R, R_g=GEAR, T_max=T_MAX,
+        ):  # fmt: skip
+            """Robust barrier law: kappa = q e k_x^2/(k_x^2 - e^2), which grows at the barrier."""
+            e = v_s - v_ref
+            k_x = if_else(e < 0, k_a, k_s)
+            z = fmin(share, fmax(-share, e / k_x))
+            kappa = q * e / (1 - z**2)
+            T = (D_hat + rate - kappa) * J * R_g / r
+            return dict(T_cmd=fmin(T_max, fmax(-T_max, T)), e=e)
+
+        return robust
+    turn = 1 if form == "consistent" else -1
+
+    @law(**outputs)
+    def printed(
+        v_s=V_S, v_ref=V_REF, rate=RATE, D_hat=D_HAT, k_s=K_S, v_sopt=V_OPT, k_a=K_A,
+        k=Param("s/m^2", 1200.0, "gain k1 = k2", SECTION_4, lo=0, hi=1e7),
+        J=J_M, r=R, R_g=GEAR, T_max=T_MAX,
+    ):  # fmt: skip
+        """Barrier law; Cheng 2022 eqs (42), (44): kappa = 2 k e (k_x^2 - e^2)."""
+        e = v_s - v_ref
+        k_x = if_else(e < 0, k_a, k_s)
+        kappa = 2 * k * e * (k_x**2 - e**2)
+        T = (turn * D_hat + rate - kappa) * J * R_g / r
+        return dict(T_cmd=fmin(T_max, fmax(-T_max, T)), e=e)
+
+    return printed
+
+
+def controller(
+    form: str = "robust", period: float = 2e-4, name: str = "ctl", **values: float
+) -> Block:
+    """Connect disturbance and barrier law: from v_s, v_ref, mu_hat, F_Z_hat, rate to T_cmd.
+
+    Args:
+        form: as of :func:`barrier_law`.
+        period: sample period in s, checked against the gain; ``"printed-42"`` is not checked.
+        name: name of the controller.
+        **values: parameters of the barrier law.
+
+    Raises:
+        BadInput: a gain that the period cannot carry, with the one that would pass.
+    """
+    block = barrier_law(form)
+    block = block.with_params(**values) if values else block
+    p = {n: float(v) for n, v in block.param_values().items()}
+    if form == "robust":
+        bounds.check_rate("barrier_law", p["q"], period, min(p["share"], 0.9))
+    elif form == "consistent":
+        bounds.check_period("barrier_law", p["k"], p["k_a"], p["k_s"], period)
+    wires = {
+        "disturbance.mu_hat": "mu_hat",
+        "disturbance.F_Z_hat": "F_Z_hat",
+        "barrier.D_hat": "disturbance.D_hat",
+        "barrier.v_s": "v_s",
+        "barrier.v_ref": "v_ref",
+        "barrier.rate": "rate",
+        "T_cmd": "barrier.T_cmd",
+    }
+    return connect(name, wires, disturbance=disturbance, barrier=block)
