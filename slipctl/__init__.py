@@ -25,6 +25,7 @@ _WHERE = {
     "seek": ["differential_evolution"],
     "extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
     "observing": ["luenberger"],
+    "swarm": ["particle_swarm", "least_squares", "Fit"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [

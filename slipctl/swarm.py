@@ -1,0 +1,210 @@
+"""Particle swarms: minimise a law over several of its inputs; least squares as the reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from slipctl import wichmann_hill as wh
+from slipctl.block import Block, Exprs, make_block
+from slipctl.errors import BadInput
+from slipctl.seek import objective, open_law, refuse_names
+from slipctl.signals import Output, Param, State
+
+
+def particle_swarm(
+    law: Block,
+    over: Mapping[str, tuple[float, float]],
+    minimise: str | None = None,
+    *,
+    particles: int = 40,
+    iterations: int = 100,
+    inertia: float = 0.73,
+    c1: float = 1.5,
+    c2: float = 1.5,
+    clamp: float = 0.5,
+    seed: int = 1,
+) -> Block:
+    """Search the minimum of a law over some of its inputs by a particle swarm.
+
+    Each iteration v+ = w v + c1 r1 (own best - x) + c2 r2 (best of all - x), limited to ``clamp``
+    of the range, and x+ = x + v+, stopped at the range. Particles move one after the other and see
+    the best of all of the iteration before. Each tick is a whole search, drawn afresh.
+
+    Args:
+        law: from the variables and further inputs and parameters to the objective.
+        over: inputs that are varied, with (lowest, highest).
+        minimise: output that is minimised; may be left out if there is only one.
+        particles, iterations: of one search.
+        inertia: w. c1, c2: pull to the own best and to the best of all.
+        clamp: largest step as share of the range.
+        seed: of the random numbers, which are block state.
+
+    Returns:
+        A step block. Inputs: the law's other inputs and its parameters. Outputs: one per variable,
+        and ``value``.
+
+    Raises:
+        BadInput: unknown names, an empty range, or settings that make no search.
+    """
+    where = f"particle_swarm({law.name})"
+    names = list(over)
+    if not names:
+        raise BadInput(f"{where}: over= needs at least one input and its range")
+    for name, (low, high) in over.items():
+        minimise = objective(where, law, name, minimise)
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise BadInput(f"{where}: range {low:g} to {high:g} of {name} is none; give low < high")
+    if particles != int(particles) or not 2 <= particles <= 1000:
+        raise BadInput(f"{where}: particles = {particles} must be a whole number in 2..1000")
+    if iterations != int(iterations) or iterations < 1:
+        raise BadInput(f"{where}: iterations = {iterations} must be a whole number >= 1")
+    assert minimise is not None
+    given, value_of = open_law(law, names, minimise)
+    n, d, m = int(particles), len(names), len(given)
+    low_hi = np.array([over[k] for k in names])
+    lo, span = ca.DM(low_hi[:, 0]), ca.DM(low_hi[:, 1] - low_hi[:, 0])
+    settings = [
+        Param("1", float(inertia), "inertia", lo=0, hi=2).named("inertia"),
+        Param("1", float(c1), "pull to the own best", lo=0, hi=4).named("c1"),
+        Param("1", float(c2), "pull to the best of all", lo=0, hi=4).named("c2"),
+        Param("1", float(clamp), "largest step, of the range", lo=1e-9, hi=1).named("clamp"),
+    ]
+    refuse_names(where, law, ["rng", *(s.name for s in settings)])
+    first = _first(value_of, d, m, lo, span).mapaccum("particles", n)
+    iteration = _iteration(value_of, n, d, m, lo, span)
+    constants = ca.MX.sym("constants", m + 4)
+    z = ca.MX.sym("z", 3 + n * (3 * d + 1))
+    many = iteration.fold(int(iterations))
+    search = ca.Function(
+        "search", [z, constants], [many(z, ca.repmat(constants, 1, int(iterations)))]
+    )
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        at = ca.vertcat(*[u[s.name] for s in given])
+        rngs, places, values = first(x["rng"], ca.repmat(at, 1, n))
+        start = ca.vertcat(
+            rngs[:, -1], ca.vec(places), ca.MX.zeros(n * d), ca.vec(places), values.T
+        )
+        after = search(start, ca.vertcat(at, *(p[s.name] for s in settings)))
+        best = ca.reshape(after[3 + 2 * n * d : 3 + 3 * n * d], d, n)
+        place, value = _best(n, d)(best, after[3 + 3 * n * d :])
+        return {"rng": after[:3]}, {k: place[i] for i, k in enumerate(names)} | {"value": value}
+
+    return make_block(
+        "particle_swarm", "step", body,
+        states=[State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,))
+                .named("rng")],
+        inputs=given, params=settings,
+        outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
+                   for k in names),
+                 law.outputs[minimise].as_role("output", doc="value there").named("value")],
+        sx=False, doc=particle_swarm.__doc__ or "",
+        choices={"law": law.name, "particles": n, "iterations": int(iterations),
+                 "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),
+                 "seed": int(seed)},
+    )  # fmt: skip
+
+
+def _first(value_of: ca.Function, d: int, m: int, lo: ca.DM, span: ca.DM) -> ca.Function:
+    """Function (rng, given) -> (rng, place, value) of a particle drawn over the ranges."""
+    rng, at = ca.SX.sym("rng", 3), ca.SX.sym("at", m)
+    state, drawn = rng, []
+    for _ in range(d):
+        state = wh.advance(state)
+        drawn.append(wh.uniform(state))
+    place = lo + span * ca.vertcat(*drawn)
+    return ca.Function("first", [rng, at], [state, place, value_of(place, at)], {"cse": True})
+
+
+def _iteration(
+    value_of: ca.Function, n: int, d: int, m: int, lo: ca.DM, span: ca.DM
+) -> ca.Function:  # fmt: skip
+    """Function (state, constants) -> state; state is rng, places, steps, own bests, values."""
+    rng, x, v, own = (ca.SX.sym(k, size) for k, size in (("r", 3), ("x", d), ("v", d), ("b", d)))
+    least, best, c = ca.SX.sym("least"), ca.SX.sym("best", d), ca.SX.sym("c", m + 4)
+    w, c1, c2, clamp = ca.vertsplit(c[m:])
+    state, steps = rng, []
+    for i in range(d):
+        state = wh.advance(state)
+        r1 = wh.uniform(state)
+        state = wh.advance(state)
+        r2 = wh.uniform(state)
+        step = w * v[i] + c1 * r1 * (own[i] - x[i]) + c2 * r2 * (best[i] - x[i])
+        most = clamp * span[i]
+        steps.append(ca.fmin(most, ca.fmax(-most, step)))
+    moved = ca.vertcat(*steps)
+    place = ca.fmin(lo + span, ca.fmax(lo, x + moved))
+    value = value_of(place, c[:m])
+    better = value < least
+    one = ca.Function(
+        "particle", [rng, x, v, own, least, best, c],
+        [state, place, moved, ca.if_else(better, place, own), ca.if_else(better, value, least)],
+        {"cse": True},
+    )  # fmt: skip
+    z, constants = ca.MX.sym("z", 3 + n * (3 * d + 1)), ca.MX.sym("constants", m + 4)
+    r, *rest = ca.vertsplit(z, [0, *(3 + k * n * d for k in range(4)), 3 + n * (3 * d + 1)])
+    X, V, B = (ca.reshape(k, d, n) for k in rest[:3])
+    place_of_all, _ = _best(n, d)(B, rest[3])
+    rs, X, V, B, values = one.mapaccum("swarm", n)(
+        r, X, V, B, rest[3].T, ca.repmat(place_of_all, 1, n), ca.repmat(constants, 1, n)
+    )
+    after = ca.vertcat(rs[:, -1], ca.vec(X), ca.vec(V), ca.vec(B), values.T)
+    return ca.Function("iteration", [z, constants], [after])
+
+
+def _best(n: int, d: int) -> ca.Function:
+    """Function (places, values) -> (place, value) of the first smallest one."""
+    x, v = ca.SX.sym("x", d, n), ca.SX.sym("v", n)
+    place, value = x[:, 0], v[0]
+    for i in range(1, n):
+        better = v[i] < value
+        place, value = ca.if_else(better, x[:, i], place), ca.if_else(better, v[i], value)
+    return ca.Function("best_of", [x, v], [place, value])
+
+
+class Fit(NamedTuple):
+    """What least squares finds.
+
+    Attributes:
+        values: coefficients. condition: condition number of the regressor, columns as they are.
+        deviation: standard deviation of each coefficient, from the residual.
+    """
+
+    values: np.ndarray
+    condition: float
+    deviation: np.ndarray
+
+
+def least_squares(
+    regressor: Any, measured: Sequence[float] | np.ndarray, largest_condition: float = 1e4
+) -> Fit:
+    """Fit a linear model, and say how well the data determine it.
+
+    Args:
+        regressor: one row per sample, one column per coefficient.
+        measured: one number per sample.
+        largest_condition: of the regressor; beyond it the data are refused.
+
+    Raises:
+        BadInput: fewer samples than coefficients plus one, or data without excitation.
+    """
+    Phi, y = np.asarray(regressor, dtype=float), np.asarray(measured, dtype=float)
+    N, n = Phi.shape
+    if n >= N or y.shape != (N,):
+        raise BadInput(f"least_squares: {y.size} measured and {N} rows for {n} coefficients;"
+                       f" give {n + 1} or more of each")  # fmt: skip
+    condition = float(np.linalg.cond(Phi))
+    if not condition <= largest_condition:
+        raise BadInput(
+            f"least_squares: data without excitation, condition number {condition:.3g}; data that"
+            f" vary more, up to {largest_condition:g}, would pass"
+        )
+    values = np.linalg.lstsq(Phi, y, rcond=None)[0]
+    variance = float(np.sum((y - Phi @ values) ** 2)) / (N - n)
+    spread = np.sqrt(variance * np.diag(np.linalg.inv(Phi.T @ Phi)))
+    return Fit(values, condition, spread)
