@@ -64,9 +64,10 @@ def luenberger(
         raise BadInput(f"{where}: give either poles= or gains=")
     if poles is not None:
         L = _placed(where, block, A, C, list(poles))
+        found = np.array(poles, dtype=complex)  # computed again, a double pole splits by rounding
     else:
         L = _given(where, names, gains or {})
-    found = np.linalg.eigvals(A - L @ C)
+        found = np.linalg.eigvals(A - L @ C)
     if check:
         _refuse_slow(where, found, slowest, "poles" if gains is None else "gains")
 
