@@ -104,6 +104,9 @@ def parser() -> Parser:
     p.add_argument("name", metavar="NAME")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
+    p.add_argument(
+        "--real", choices=("double", "float"), default="double", help="type of every number in C"
+    )
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument("system", metavar="SYSTEM", help="super_twisting")
@@ -412,7 +415,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
     if options.check and compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
     if block is not None:
-        report = codegen.export(block, out, check=options.check)
+        report = codegen.export(block, out, check=options.check, real=options.real)
     else:
         from slipctl.simulation import simulate
 
@@ -430,6 +433,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
             control, out, f"{study.name}_{loop_name.partition('@')[0]}",
             inputs=codegen.logged_inputs(loop, part, data), check=options.check,
             params=codegen.logged_params(loop, part, data), period=loop.period,
+            real=options.real,
         )  # fmt: skip
     print(report)
     if not report.passed:

@@ -16,21 +16,22 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import back_to_back, files
+from slipctl.ccode import back_to_back, expected, files
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.comparison import compare, reference, trial_rows
 from slipctl.ccode.header import CONTENT, header
 from slipctl.ccode.module import CModule, input_rows
 from slipctl.ccode.plan import Plan
+from slipctl.ccode.precision import rounded, size
 from slipctl.ccode.source import source
 from slipctl.errors import BadInput
 
 if TYPE_CHECKING:
     import xarray
 
-LIMIT = back_to_back.LIMIT
-"""Largest allowed difference between C and Python, relative to the largest value of the signal."""
+LIMIT = expected.LIMIT
+"""Largest difference allowed between C in double and Python, relative to the largest value."""
 
 KEPT = 20_000
 """Ticks at most that go into the vectors file; ``check`` itself replays all."""
@@ -58,7 +59,8 @@ class Report:
     def __str__(self) -> str:
         d = self.data
         lines = [
-            f"{d['name']}: {len(d['files']) + 1} files in {self.folder}, content {d['content']}"
+            f"{d['name']} in {d['real']}: {len(d['files']) + 1} files in {self.folder},"
+            f" content {d['content']}"
         ]
         for c in d["compiled"]:
             size = c["bytes"] or {}
@@ -69,7 +71,7 @@ class Report:
             worst = max(d["signals"], key=lambda n: d["signals"][n]["relative"])
             lines.append(
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
-                f" {d['largest_relative']:.3g} of the largest value ({worst}), limit {LIMIT:g}:"
+                f" {d['largest_relative']:.3g} of the largest value ({worst}):"
                 f" {'passed' if self.passed else 'FAILED'}"
             )
         if not self.passed:
@@ -82,7 +84,12 @@ class Report:
 
 
 def c_module(
-    block: Block, folder: Path | str, name: str | None = None, *, period: float | None = None
+    block: Block,
+    folder: Path | str,
+    name: str | None = None,
+    *,
+    period: float | None = None,
+    real: str = "double",
 ) -> CModule:
     """Write a folder with the C of a block.
 
@@ -91,6 +98,7 @@ def c_module(
         folder: made if it is not there; files in it that slipctl did not write are never touched.
         name: prefix of functions, structs and files, by default the block's name.
         period: tick in s for the comments, where the block has none of its own.
+        real: type of every number in C, ``"double"`` or ``"float"``.
 
     Returns:
         The module: ``c_module(block, folder).compile().load()`` is called like the block.
@@ -99,7 +107,7 @@ def c_module(
         BadInput: a flow; a name that is no C identifier or clashes; a parameter without value; an
             operation that cannot be generated; a foreign file in the way.
     """
-    return _produce(block, Path(folder), name, period=period).module
+    return _produce(block, Path(folder), name, period=period, real=real).module
 
 
 def check(
@@ -110,6 +118,7 @@ def check(
     *,
     name: str | None = None,
     period: float | None = None,
+    real: str = "double",
 ) -> dict[str, Any]:
     """Write the C, compile it with every compiler found, replay inputs, compare with the block.
 
@@ -118,19 +127,21 @@ def check(
         inputs: array over ticks by input, ``(ticks, *shape)``; one not given keeps its value.
         folder: as in :func:`c_module`.
         params: parameters of the run, by name; the others have their defaults.
-        name, period: as in :func:`c_module`.
+        name, period, real: as in :func:`c_module`.
 
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
-        difference per output and state, ``passed`` whether all stay below 1e-12 relative.
+        difference per output and state, ``passed`` whether all stay within their ``limit``:
+        1e-12 of the largest value in double; for float see :mod:`slipctl.ccode.expected`.
 
     Raises:
         BadInput: as :func:`c_module`; no compiler; inputs that do not fit.
         RunFailed: a compiler refuses, or the block itself gives NaN on these inputs.
     """
     return _produce(
-        block, Path(folder), name, inputs=inputs, params=params, replay=True, period=period
-    ).data
+        block, Path(folder), name, inputs=inputs, params=params, replay=True, period=period,
+        real=real,
+    ).data  # fmt: skip
 
 
 def export(
@@ -141,6 +152,7 @@ def export(
     check: bool = False,
     params: Mapping[str, Any] | None = None,
     period: float | None = None,
+    real: str = "double",
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -152,6 +164,7 @@ def export(
         check: compile, replay, compare.
         params: parameters of the run.
         period: tick in s for the comments.
+        real: type of every number in C, ``"double"`` or ``"float"``.
 
     Returns:
         What was written; printable.
@@ -160,8 +173,9 @@ def export(
         BadInput, RunFailed: as :func:`check`.
     """
     return _produce(
-        block, Path(out), name, inputs=inputs, params=params, replay=check, period=period
-    )
+        block, Path(out), name, inputs=inputs, params=params, replay=check, period=period,
+        real=real,
+    )  # fmt: skip
 
 
 def logged_inputs(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, np.ndarray]:
@@ -234,8 +248,9 @@ def _produce(
     params: Mapping[str, Any] | None = None,
     replay: bool = False,
     period: float | None = None,
+    real: str = "double",
 ) -> Report:
-    plan = Plan(block, name, period)
+    plan = Plan(block, name, period, real)
     made = _text_files(plan)
     folders.check_folder(folder, [*made, "vectors.txt", folders.MANIFEST])
     used = cc.compilers() if replay else ()
@@ -245,20 +260,29 @@ def _produce(
         raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
     if not np.isfinite(rows).all():
         raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
-    outputs, states = reference(block, rows, params or {}, whole=inputs is not None)
-    rows = rows[: len(outputs)]
+    used_params = dict(params or {}) if real == "double" else expected.float_params(plan, values)
+    rows = rounded(rows, real)
+    good = expected.in_range(plan, rows)
+    if not good.any():
+        raise BadInput(f"{block.name}: no tick has all its inputs in their declared ranges")
+    outputs, states = reference(block, rows[good], used_params, whole=inputs is not None)
+    if len(outputs) < len(rows[good]):
+        rows = rows[: len(outputs)]  # made-up ones, all of them in range
     if replay and not len(rows):
         raise BadInput(
             f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
             " run, check(block, inputs, folder)"
         )
-    recorded = np.hstack([rows, outputs, states])[:KEPT]
+    run = expected.guarded(
+        plan, rows, outputs, states, expected.start_state(block, used_params)
+    )  # fmt: skip
+    run = expected.with_limits(plan, run, used_params)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
-    made["vectors.txt"] = back_to_back.vectors(plan, content, values, recorded)
+    made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(run, KEPT))
     data = _facts(plan, content, made, values, len(rows))
     if replay:
-        data |= compare(plan, made, used, rows, outputs, states, dict(params or {}))
+        data |= compare(plan, made, used, run, dict(params or {}))
     data["files"] = {n: folders.digest(text) for n, text in sorted(made.items())}
     made[folders.MANIFEST] = cc.as_json(data)
     folders.publish(folder, made)
@@ -273,6 +297,7 @@ def _text_files(plan: Plan) -> dict[str, str]:
         "example.c": files.example(plan),
         f"test_{n}.c": back_to_back.test_program(plan),
         "Makefile": files.makefile(plan),
+        "CMakeLists.txt": files.cmake(plan),
         "README.md": files.readme(plan),
         "LICENSE": files.licence(plan),
     }
@@ -292,12 +317,15 @@ def _facts(
         "slipctl_version": __version__,
         "casadi_version": ca.CasadiMeta.version(),
         "name": plan.name,
+        "real": plan.real,
         "block": b.name,
         "kind": b.kind,
         "choices": {k: str(v) for k, v in b.choices.items()},
         "period_s": plan.period,
         "content": content,
-        "memory_bytes": {k: 8 * max(sum(m.size for m in g), 1) for k, g in groups.items()},
+        "memory_bytes": {
+            k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()
+        },
         "work": work | {"in_state": plan.work_in_state},
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {

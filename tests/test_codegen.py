@@ -324,8 +324,13 @@ def _random_function(rng: np.random.Generator, name: str) -> ca.Function:
 
 @needs_compiler
 def test_module_is_called_like_the_block(module: codegen.CModule) -> None:
-    numbers = {"x": 1.5, "w": -2.0, "u": 0.25, "d": 4.0}
+    numbers = {"x": 1.5, "w": 2.0, "u": 0.25, "d": 4.0}
     assert module(**numbers) == derived(**numbers)
+    # C limits an output, the block does not
+    states, outputs = derived(x=1.5, w=-2.0, u=0.25)
+    assert outputs == {"y": -0.5}
+    assert module(x=1.5, w=-2.0, u=0.25) == (states, {"y": 1.0})
+    assert module.status == 16
     with pytest.raises(BadInput, match="did you mean 'double'"):
         module(doubl=1)
 
@@ -441,8 +446,8 @@ def test_same_block_gives_the_same_bytes(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, "-c", script, str(tmp_path / "b")], check=True)
     names = sorted(p.name for p in (tmp_path / "a").iterdir())
-    assert names == ["LICENSE", "Makefile", "README.md", "ctl.c", "ctl.h", "example.c",
-                     "report.json", "test_ctl.c", "vectors.txt"]  # fmt: skip
+    assert names == ["CMakeLists.txt", "LICENSE", "Makefile", "README.md", "ctl.c", "ctl.h",
+                     "example.c", "report.json", "test_ctl.c", "vectors.txt"]  # fmt: skip
     for n in names:
         assert (tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes(), n
     text = (tmp_path / "a" / "ctl.h").read_text()
@@ -471,7 +476,7 @@ def test_folder_builds_and_tests_itself(run: Any, tmp_path: Path) -> None:
     # the test program notices a wrong number
     lines = (tmp_path / "vectors.txt").read_text().splitlines()
     row = lines[-1].split()
-    row[-1] = repr(float(row[-1]) + 1e-9)
+    row[-2] = repr(float(row[-2]) + 1e-9)  # the last one is the status
     (tmp_path / "vectors.txt").write_text("\n".join([*lines[:-1], " ".join(row)]))
     assert subprocess.run([make, "test"], cwd=tmp_path, capture_output=True).returncode != 0
 

@@ -267,6 +267,7 @@ _REPLACED = (
     (rf"\(! ({_VALUE}|\*\w+\+\+) \)", r"(\1 == 0)"),
     (rf"\(({_VALUE})\?", r"(\1 != 0 ? "),
     (r"\bif \(bottom\)", "if (bottom != 0)"),  # B-splines
+    (r"\*\(ng-1\)/", "*(double)(ng-1)/"),  # tables of even steps: a float does not hold any int
     (rf"\(({_VALUE})(&&|\|\|)({_VALUE})\)", r"(\1 != 0 \2 \3 != 0)"),
     (r"\bcasadi_real_min\b", "DBL_MIN"),
     (r"\bcasadi_real\b", "double"),

@@ -14,10 +14,11 @@ import numpy as np
 from slipctl import build
 from slipctl.block import Block
 from slipctl.ccode import compilers as cc
-from slipctl.ccode.back_to_back import LIMIT
-from slipctl.ccode.layout import Member
+from slipctl.ccode.expected import Expected, differences, start_state
+from slipctl.ccode.header import bit
 from slipctl.ccode.module import CModule
 from slipctl.ccode.plan import Plan
+from slipctl.ccode.precision import size
 from slipctl.errors import RunFailed
 
 TRIAL = 200
@@ -28,14 +29,13 @@ def compare(
     plan: Plan,
     made: Mapping[str, str],
     used: tuple[str, ...],
-    rows: np.ndarray,
-    outputs: np.ndarray,
-    states: np.ndarray,
+    run: Expected,
     params: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Compile with each compiler, replay, and run the test program of the folder."""
     compiled = []
-    signals: dict[str, dict[str, float]] = {}
+    signals: dict[str, dict[str, Any]] = {}
+    mask = ~0 if plan.real == "double" else ~bit("LIMITED")
     passed = True
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         for name, text in made.items():
@@ -44,32 +44,32 @@ def compare(
             module = CModule(Path(scratch), plan).compile(compiler).load()
             state_bytes = module.instance_bytes
             module.reset(**params)
-            got, after = module.replay_rows(rows)
-            faults = int(np.count_nonzero(module.status))
-            pairs = [
-                *_differences(plan.layout.outputs, outputs, got),
-                *_differences(plan.layout.states, states, after),
-            ]
-            for n, absolute, relative in pairs:
-                known = signals.setdefault(n, {"absolute": 0.0, "relative": 0.0})
-                known["absolute"] = max(known["absolute"], absolute)
-                known["relative"] = max(known["relative"], relative)
+            got = np.hstack(module.replay_rows(run.rows))
+            faults = int(np.count_nonzero((module.status & mask) != (run.status & mask)))
+            for n, differs in differences(plan, run, got).items():
+                known = signals.setdefault(n, differs)
+                for k in ("absolute", "relative", "counted"):
+                    known[k] = max(known[k], differs[k])
             product = module.object_file
             said, agreed = _own_test(plan, Path(scratch), compiler, product)
             found = cc.symbols(product)
             wanted = [f"{plan.name}_{f}" for f in ("default", "init", "step", "tune")]
             clean = found is None or found["defined"] == wanted
+            doubles = cc.in_double(found) if plan.real == "float" else []
+            clean = clean and not doubles
             passed = passed and faults == 0 and agreed and clean
             compiled.append({
                 "compiler": cc.version(compiler),
                 "flags": " ".join(cc.FLAGS),
                 "bytes": cc.sizes(product),
                 "symbols": found,
+                "double_functions": doubles,
+                "stack": cc.stack(compiler, Path(scratch) / f"{plan.name}.c"),
                 "faults": faults,
                 "own_test": said,
             })  # fmt: skip
     largest = max((s["relative"] for s in signals.values()), default=0.0)
-    memory = {k: 8 * max(sum(m.size for m in g), 1) for k, g in (
+    memory = {k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in (
         ("in", plan.layout.inputs), ("param", plan.layout.params), ("out", plan.layout.outputs)
     )}  # fmt: skip
     return {
@@ -77,24 +77,10 @@ def compare(
         "compiled": compiled,
         "signals": signals,
         "largest_relative": largest,
-        "limit_relative": LIMIT,
-        "passed": passed and largest <= LIMIT,
+        "ticks_off_range": run.refused,
+        "ticks_limited": run.limited,
+        "passed": passed and all(s["counted"] <= s["limit"] for s in signals.values()),
     }
-
-
-def _differences(
-    members: tuple[Member, ...], wanted: np.ndarray, got: np.ndarray
-) -> list[tuple[str, float, float]]:
-    """Largest absolute difference of each signal, and relative to its largest value."""
-    found = []
-    at = 0
-    for m in members:
-        w, g = wanted[:, at : at + m.size], got[:, at : at + m.size]
-        at += m.size
-        absolute = float(np.nan_to_num(np.abs(w - g), nan=np.inf).max(initial=0.0))
-        largest = float(np.abs(w).max(initial=0.0))
-        found.append((m.name, absolute, absolute / largest if largest > 0 else absolute))
-    return found
 
 
 def _own_test(plan: Plan, folder: Path, compiler: str, product: Path) -> tuple[str, bool]:
@@ -122,10 +108,8 @@ def reference(
     Raises:
         RunFailed: an output or a state becomes NaN or infinite.
     """
-    computed = any(s.derived for s in block.states.values())
-    begins = block.with_params(**params) if params and computed else block
     p = np.array(ca.DM(block.pack("param", block.param_values(**params))).full()).ravel()
-    x = np.array(ca.DM(block.pack("state", begins.start())).full()).ravel()
+    x = start_state(block, params)
     ticks = len(rows)
     before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
     build.roll_interpreted(block.f, x, np.ascontiguousarray(rows), p, before, outputs)

@@ -7,12 +7,14 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.files import OPTIMISE, WARNINGS
+from slipctl.ccode.precision import MATH
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (*WARNINGS.split(), "-Werror", *OPTIMISE.split())
@@ -89,6 +91,34 @@ def symbols(target: Path) -> dict[str, list[str]] | None:
         kind, name = line.split()[-2:]
         found["needed" if kind in "Uw" else "defined"].append(name.lstrip("_"))
     return {k: sorted(v) for k, v in found.items()}
+
+
+def in_double(found: Mapping[str, list[str]] | None) -> list[str]:
+    """Functions of double that an object file needs: of the C library or of the compiler."""
+    needed = [] if found is None else found["needed"]
+    return [n for n in needed if n in MATH or re.match(r"aeabi_(d|[a-z]+2d|cd)|\w+df\d?$", n)]
+
+
+def stack(compiler: str, source: Path, *flags: str) -> dict[str, int] | None:
+    """Bytes of stack of each function, the C library's not among them; None if not told.
+
+    A function that is inlined has none of its own; ``worst`` is that of the deepest chain if no
+    function called another one twice: the sum of all, which is never too small.
+    """
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        target = Path(scratch) / "sized.o"
+        try:
+            compile_object(compiler, source, target, "-fstack-usage", *flags)
+            text = target.with_suffix(".su").read_text(encoding="utf-8")
+        except (OSError, RunFailed):
+            return None
+    found = {}
+    for line in text.splitlines():
+        place, bytes_, kind = line.split("\t")
+        if kind not in ("static", "dynamic,bounded"):
+            return None
+        found[place.rpartition(":")[2]] = int(bytes_)
+    return found | {"worst": sum(found.values())}
 
 
 def as_json(data: Any) -> str:

@@ -8,8 +8,11 @@ from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT, STATUS, head, memory
 from slipctl.ccode.plan import Plan, constant, first_sentence
+from slipctl.ccode.precision import in_precision
 
-WARNINGS = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wshadow"
+WARNINGS = (
+    "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"
+)
 OPTIMISE = "-O2 -ffp-contract=off"
 
 
@@ -22,12 +25,12 @@ def example(plan: Plan) -> str:
         if value is None:
             value = min(max(0.0, m.signal.lo), m.signal.hi)
         flat = constant(m.signal, value).ravel(order="F")
-        lines += [f"    {m.at('in.', k)} = {number(float(v))};" for k, v in enumerate(flat)]
+        lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in enumerate(flat)]
     shown = [
-        f'        printf(" {spelled(m.name)} %g", {m.at("out.", 0)});'
+        f'        printf(" {spelled(m.name)} %g", (double){m.at("out.", 0)});'
         for m in plan.layout.outputs[:6]
     ]
-    body = "\n".join(lines or ["    in.unused = 0.0;"])
+    body = "\n".join(lines or ["    in.unused = 0;"])
     return f"""{head(plan, "example.c")}
 
 #include "{n}.h"
@@ -89,6 +92,46 @@ clean:
 """
 
 
+def spoken(value: float, plan: Plan) -> str:
+    """A number in C of the module's precision."""
+    return in_precision(number(float(value)), plan.real, plan.block.name)
+
+
+def cmake(plan: Plan) -> str:
+    """Text of CMakeLists.txt: a static library that others can link, the example, the test."""
+    n = plan.name
+    flags = OPTIMISE.replace("-O2 ", "")
+    return f"""# Written by slipctl, content {CONTENT}. A static library {n}, its example, its test.
+cmake_minimum_required(VERSION 3.10)
+project({n} C)
+
+set(CMAKE_C_STANDARD 99)
+set(CMAKE_C_STANDARD_REQUIRED ON)
+set(CMAKE_C_EXTENSIONS OFF)
+if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+
+add_library({n} STATIC {n}.c)
+target_include_directories({n} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
+if(CMAKE_C_COMPILER_ID MATCHES "GNU|Clang")
+  target_compile_options({n} PRIVATE {flags} {WARNINGS.replace("-std=c99 ", "")})
+endif()
+if(UNIX)
+  target_link_libraries({n} PUBLIC m)
+endif()
+
+if(CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
+  add_executable({n}_example example.c)
+  target_link_libraries({n}_example {n})
+  add_executable(test_{n} test_{n}.c)
+  target_link_libraries(test_{n} {n})
+  enable_testing()
+  add_test(NAME {n} COMMAND test_{n} ${{CMAKE_CURRENT_SOURCE_DIR}}/vectors.txt)
+endif()
+"""
+
+
 def readme(plan: Plan) -> str:
     """Text of the README."""
     from slipctl import __version__
@@ -107,7 +150,8 @@ def readme(plan: Plan) -> str:
 
 {first_sentence(plan.block.doc)}
 
-C99, written by slipctl {__version__}, content {CONTENT}. Numbers carried: {counts}.
+C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbers carried:
+{counts}.
 
 | file | what it is |
 |---|---|
@@ -115,6 +159,7 @@ C99, written by slipctl {__version__}, content {CONTENT}. Numbers carried: {coun
 | `example.c` | smallest program that runs it |
 | `test_{n}.c`, `vectors.txt` | back-to-back test against the recorded Python model |
 | `Makefile` | `make test`, `make size`, `make example`; take another compiler with `make CC=...` |
+| `CMakeLists.txt` | a static library; alone also example and test, for `ctest` |
 | `report.json` | sizes, symbols, compilers, largest difference from Python per signal |
 | `LICENSE` | terms |
 
@@ -132,8 +177,10 @@ library (`-lm`).
 |---|---|---|
 {bits}
 
-With a status other than 0 a step leaves the state untouched and gives the outputs of the last good
-step. No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
+With `{big}_LIMITED` alone a step counts: state and outputs are new, and an output that would have
+left its range stands at the end of it. With any other bit a step leaves the state untouched and
+gives the outputs of the last good step. Outputs are always finite and in their ranges.
+No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 """
 

@@ -12,12 +12,15 @@ from slipctl.ccode.comments import WIDTH, comment
 from slipctl.ccode.expressions import number
 from slipctl.ccode.layout import Member, range_text
 from slipctl.ccode.plan import Plan, first_sentence
+from slipctl.ccode.precision import in_precision, size
 
 STATUS = (
     ("OK", 0, "all is well"),
     ("BAD_INPUT", 1, "step: an input is NaN or infinite"),
     ("BAD_RESULT", 2, "step: the equations gave NaN or infinity, or a solver in them failed"),
     ("BAD_PARAM", 4, "init, tune: a parameter or start value is NaN or out of range"),
+    ("OFF_RANGE", 8, "step: an input is out of its declared range"),
+    ("LIMITED", 16, "step: an output was put back into its declared range; all else as with 0"),
 )
 """Bits of the status: name, value, meaning."""
 
@@ -86,7 +89,7 @@ def header(plan: Plan) -> str:
         _prototypes(plan),
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {big}_H */",
     ]
-    return "\n\n".join(parts) + "\n"
+    return in_precision("\n\n".join(parts) + "\n", plan.real, plan.block.name)
 
 
 def _about(plan: Plan) -> str:
@@ -114,7 +117,7 @@ def memory(plan: Plan) -> str:
     if not sz_iw + sz_w:
         return "The step keeps its intermediate results in registers and on the stack."
     where = f"in {plan.name}_state.work" if plan.work_in_state else "on the stack"
-    return f"Scratch memory of {8 * sz_w + 4 * sz_iw} bytes lies {where}."
+    return f"Scratch memory of {size(plan.real) * sz_w + 4 * sz_iw} bytes lies {where}."
 
 
 def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
@@ -200,9 +203,9 @@ def _prototypes(plan: Plan) -> str:
             f"int {n}_tune(const {n}_param *param, {n}_state *state)",
         ),
         (
-            "One tick. Status 0; otherwise the state is untouched and the outputs are those of the"
-            " last good step (before the first one: zero, or the end of their range nearest to"
-            " it).",
+            f"One tick. Status 0, or {big}_LIMITED: an output of this step was limited. Otherwise"
+            " the state is untouched and the outputs are those of the last good step (before the"
+            " first one: zero, or the end of their range nearest to it).",
             step_prototype(plan),
         ),
     )
@@ -212,3 +215,8 @@ def _prototypes(plan: Plan) -> str:
 def identifier_free(text: str, name: str) -> bool:
     """Whether ``name`` is used nowhere in a piece of C."""
     return re.search(rf"\b{name}\b", text) is None
+
+
+def bit(name: str) -> int:
+    """Value of a status."""
+    return next(v for k, v, _ in STATUS if k == name)

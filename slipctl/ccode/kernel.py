@@ -10,6 +10,7 @@ import casadi as ca
 
 from slipctl.ccode.casadi_text import chunks_of, generated, signature, static_text
 from slipctl.ccode.expressions import Unsupported, helper_text
+from slipctl.ccode.precision import tolerant
 from slipctl.ccode.structure import Outside, Statements, pruned
 
 
@@ -104,13 +105,13 @@ def _branches(g: ca.Function, where: str) -> tuple[ca.Function, ca.Function] | N
     return found[0], found[1]
 
 
-def definitions(kernels: Iterable[Kernel]) -> str:
+def definitions(kernels: Iterable[Kernel], real: str = "double") -> str:
     """Helper functions and static text of several kernels."""
     helpers: set[str] = set()
     texts = []
     for k in kernels:
         helpers |= k.helpers
         if k.text:
-            texts.append(k.text)
+            texts.append(tolerant(k.text) if real == "float" else k.text)
     parts = [helper_text(helpers), *texts]
     return "\n".join(p for p in parts if p)

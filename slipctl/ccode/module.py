@@ -15,6 +15,7 @@ from slipctl.ccode.back_to_back import packed
 from slipctl.ccode.compilers import compile_object, compilers, link
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, matrix
+from slipctl.ccode.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
 
 _REPLAY = """#include "{n}.h"
@@ -23,7 +24,7 @@ _REPLAY = """#include "{n}.h"
 
 int bind_sizes(int which);
 int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                double *states, int *status);
+                {real} *states, int *status);
 
 int bind_sizes(int which)
 {{
@@ -34,7 +35,7 @@ int bind_sizes(int which)
 }}
 
 int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                double *states, int *status)
+                {real} *states, int *status)
 {{
     int k;
     int bad = 0;
@@ -87,8 +88,10 @@ class CModule:
         keep = "(void)states;"
         if self._plan.layout.states:
             n = _size(self._plan.layout.states)
-            keep = f"memcpy(states + k * {n}, state, {n} * sizeof(double));"
-        (scratch / "bind.c").write_text(_REPLAY.format(n=self.name, keep=keep))
+            keep = f"memcpy(states + k * {n}, state, {n} * sizeof({self._plan.real}));"
+        (scratch / "bind.c").write_text(
+            _REPLAY.format(n=self.name, keep=keep, real=self._plan.real)
+        )
         objects = [self.object_file, scratch / "bind.o"]
         compile_object(cc, source, objects[0], "-fPIC")
         compile_object(cc, scratch / "bind.c", objects[1], "-fPIC", f"-I{self.folder.resolve()}")
@@ -103,6 +106,11 @@ class CModule:
         return Path(self._scratch.name) / f"{self.name}.o"
 
     @property
+    def _kind(self) -> type[np.floating[Any]]:
+        """What numpy calls a number of this module."""
+        return np.float32 if self._plan.real == "float" else np.float64
+
+    @property
     def instance_bytes(self) -> int:
         """Bytes of the state struct."""
         self._need_load()
@@ -115,12 +123,15 @@ class CModule:
         self._lib = ctypes.CDLL(str(self.object_file.with_suffix(".so")))
         lay = self._plan.layout
         groups = (lay.inputs, lay.params, lay.states, lay.outputs)
+        width, kind = size(self._plan.real), self._kind
         bytes_ = [int(self._lib.bind_sizes(k)) for k in range(4)]
-        for what, group, size in zip(("in", "param", "state", "out"), groups, bytes_, strict=True):
-            wanted = 8 * max(_size(group), 1)
-            if size != wanted and not (what == "state" and size >= wanted):
-                raise RunFailed(f"{self.name}_{what} has gaps: {size} bytes instead of {wanted}")
-        self._in, self._param, self._state, self._out = (np.zeros(b // 8 + 1) for b in bytes_)
+        for what, group, count in zip(("in", "param", "state", "out"), groups, bytes_, strict=True):
+            wanted = width * max(_size(group), 1)
+            if count != wanted and not (what == "state" and count >= wanted):
+                raise RunFailed(f"{self.name}_{what} has gaps: {count} bytes instead of {wanted}")
+        self._in, self._param, self._state, self._out = (
+            np.zeros(b // width + 1, kind) for b in bytes_
+        )
         self.reset()
         return self
 
@@ -174,10 +185,10 @@ class CModule:
         """Outputs and next states, ticks by elements, for rows of input elements."""
         lay, ticks = self._plan.layout, len(rows)
         width = max(_size(lay.inputs), 1)
-        given = np.zeros((ticks, width))
+        given = np.zeros((ticks, width), self._kind)
         given[:, : rows.shape[1]] = rows
-        out = np.zeros((ticks, max(_size(lay.outputs), 1)))
-        states = np.zeros((ticks, max(_size(lay.states), 1)))
+        out = np.zeros((ticks, max(_size(lay.outputs), 1)), self._kind)
+        states = np.zeros((ticks, max(_size(lay.states), 1)), self._kind)
         status = np.zeros(ticks, dtype=np.intc)
         self._need_load()
         arrays = (given, self._param, self._state, out, states, status)

@@ -15,6 +15,7 @@ from slipctl.block import Block
 from slipctl.ccode.expressions import Writer
 from slipctl.ccode.kernel import Kernel, kernel
 from slipctl.ccode.layout import LOCAL, Layout, Member, layout
+from slipctl.ccode.precision import checked, rounded
 from slipctl.errors import BadInput
 from slipctl.signals import Signal, evaluate, names_in
 
@@ -29,13 +30,21 @@ class Plan:
         block: a step or a law.
         name: name of the module.
         period: tick in s, if the block does not say it itself; only told in comments.
+        real: type of a number in C, double or float.
 
     Raises:
         BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
             value, an operation that cannot be generated.
     """
 
-    def __init__(self, block: Block, name: str | None = None, period: float | None = None) -> None:
+    def __init__(
+        self,
+        block: Block,
+        name: str | None = None,
+        period: float | None = None,
+        real: str = "double",
+    ) -> None:
+        self.real = checked(real)
         if block.kind == "flow":
             raise BadInput(
                 f"{block.name} is continuous and has no step;"
@@ -82,6 +91,11 @@ class Plan:
     def next_in_state(self) -> bool:
         """Whether the next state is put together in the state struct instead of on the stack."""
         return sum(m.size for m in self.layout.states) > ON_STACK
+
+    def limits(self, m: Member) -> tuple[float, float]:
+        """Range of a signal, in numbers that C has."""
+        lo, hi = rounded((m.signal.lo, m.signal.hi), self.real)
+        return float(lo), float(hi)
 
     @property
     def can_fail(self) -> bool:

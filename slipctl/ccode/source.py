@@ -21,6 +21,7 @@ from slipctl.ccode.header import (
 from slipctl.ccode.kernel import Kernel, definitions
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, constant, first_sentence
+from slipctl.ccode.precision import in_precision
 from slipctl.ccode.structure import assign
 
 
@@ -44,9 +45,12 @@ def source(plan: Plan) -> str:
         )
     if lay.states and not plan.next_in_state:
         parts.append(f"/* State of the next tick. */\n{next_struct(plan)};")
-    parts.append(definitions([plan.equations, Kernel(helpers=frozenset(plan.start.helpers))]))
+    parts.append(
+        definitions([plan.equations, Kernel(helpers=frozenset(plan.start.helpers))], plan.real)
+    )
     parts.append(_checks(functions))
-    return "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
+    text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
+    return in_precision(text, plan.real, plan.block.name)
 
 
 # ---- equations ----------------------------------------------------------------------------------
@@ -136,7 +140,7 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
 
 
 def _param_ok(plan: Plan) -> str:
-    checks = [_within(m, "param->") for m in plan.layout.params]
+    checks = [_within(plan, m, "param->") for m in plan.layout.params]
     void = [] if checks else ["(void)param;"]
     return _define(
         f"static int param_ok(const {plan.name}_param *param)",
@@ -150,7 +154,7 @@ def _tune(plan: Plan) -> str:
     lines.append(_if(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
     if derived:
         lines += plan.start_lines(derived, 0, "now.")
-        good = _conjunction([_within(m, "now.") for m in derived])
+        good = _conjunction([_within(plan, m, "now.") for m in derived])
         lines += [_if([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
     lines.append(f"return {big}_OK;")
     return _define(f"int {n}_tune(const {n}_param *param, {n}_state *state)", lines)
@@ -171,7 +175,7 @@ def _init(plan: Plan) -> str:
             lines += _constant(m, "state->", m.signal.value)
     if computed:
         lines += plan.start_lines(lay.states, len(lay.derived), "state->")
-        good = _conjunction([_within(m, "state->") for m in computed])
+        good = _conjunction([_within(plan, m, "state->") for m in computed])
         lines.append(_if([f"!({good})"], f"status |= {big}_BAD_PARAM;"))
     for m in lay.outputs:
         lines += _constant(m, "state->held.", min(max(0.0, m.signal.lo), m.signal.hi))
@@ -189,9 +193,14 @@ def _step(plan: Plan) -> str:
     lines = [f"{n}_out now;"]
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_next next;")
-    inputs = _conjunction([_finite(m, "in->") for m in lay.inputs])
-    if inputs:
-        lines.append(_if([f"!({inputs})"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
+    bounds = [_bounded(plan, m, "in->") for m in lay.inputs]
+    inputs, finite = _conjunction(bounds), _conjunction([_finite(m, "in->") for m in lay.inputs])
+    if inputs == finite:
+        if inputs:
+            lines.append(_if([f"!({inputs})"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
+    else:
+        which = f"return ({finite}) ? {big}_OFF_RANGE : {big}_BAD_INPUT;"
+        lines.append(_if([f"!({inputs})"], "*out = state->held;", which))
     passed = ["in", "param", "state", *([f"&{following}"] if has_next else []), "&now"]
     call = f"equations({', '.join(passed)})"
     tests = [_finite(m, f"{following}.") for m in lay.states]
@@ -207,7 +216,12 @@ def _step(plan: Plan) -> str:
         else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
         for m in lay.states
     ]  # fmt: skip
-    lines += ["state->held = now;", "*out = now;", f"return {big}_OK;"]
+    limits = [_limited(plan, m, "now.") for m in lay.outputs if _has_range(plan, m)]
+    if limits:
+        lines.insert(0, "int limited = 0;")
+        lines += [f"limited |= {text};" for text in limits]
+    status = f"(limited != 0) ? {big}_LIMITED : {big}_OK" if limits else f"{big}_OK"
+    lines += ["state->held = now;", "*out = now;", f"return {status};"]
     return _define(step_prototype(plan), lines)
 
 
@@ -242,10 +256,36 @@ def _finite(m: Member, pointer: str) -> str:
     return f"all_finite({pointer}{m.c}, {m.size})"
 
 
-def _within(m: Member, pointer: str) -> str:
+def _has_range(plan: Plan, m: Member) -> bool:
+    """Whether a signal has a limit that a number in C can pass."""
+    return any(math.isfinite(v) for v in plan.limits(m))
+
+
+def _bounded(plan: Plan, m: Member, pointer: str) -> str:
+    """Condition: a number that may reach the equations."""
+    return _within(plan, m, pointer) if _has_range(plan, m) else _finite(m, pointer)
+
+
+def _ends(plan: Plan, m: Member) -> tuple[str, str]:
+    """Least and greatest number of a signal."""
+    lo, hi = plan.limits(m)
+    return (
+        number(lo) if math.isfinite(lo) else "-DBL_MAX",
+        number(hi) if math.isfinite(hi) else "DBL_MAX",
+    )
+
+
+def _limited(plan: Plan, m: Member, pointer: str) -> str:
+    """Expression: put a signal into its range, and say whether that changed it."""
+    lo, hi = _ends(plan, m)
+    if m.scalar:
+        return f"limit(&{pointer}{m.c}, {lo}, {hi})"
+    return f"limit_all({pointer}{m.c}, {m.size}, {lo}, {hi})"
+
+
+def _within(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
-    lo = number(m.signal.lo) if math.isfinite(m.signal.lo) else "-DBL_MAX"
-    hi = number(m.signal.hi) if math.isfinite(m.signal.hi) else "DBL_MAX"
+    lo, hi = _ends(plan, m)
     if m.scalar:
         return f"within({pointer}{m.c}, {lo}, {hi})"
     return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"
@@ -269,6 +309,17 @@ _SMALL = {
     "within": (
         "int within(double x, double lo, double hi)",
         "    return (x >= lo) && (x <= hi); /* false for NaN */\n",
+    ),
+    "limit_all": (
+        "int limit_all(double *x, int n, double lo, double hi)",
+        "    int limited = 0;\n"
+        + _LOOP % "limited |= limit(&x[k], lo, hi);"
+        + "    return limited;\n",
+    ),
+    "limit": (
+        "int limit(double *x, double lo, double hi)",
+        "    if (*x < lo) {\n        *x = lo;\n        return 1;\n    }\n"
+        "    if (*x > hi) {\n        *x = hi;\n        return 1;\n    }\n    return 0;\n",
     ),
     "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
     "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),

@@ -1,0 +1,216 @@
+"""Guards of generated C: what is out of range never reaches the state, outputs stay in range."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    codegen,
+    differential_evolution,
+    law,
+    rls,
+    step,
+)
+from slipctl.ccode import compilers, precision
+from slipctl.ccode.precision import MATH, in_precision
+from slipctl.models import subway_braking, subway_braking_control
+from slipctl.wichmann_hill import advance, quick_floor, rounder, seeded
+
+try:
+    compilers.compilers()
+except BadInput:
+    pytest.skip("no C compiler on this machine", allow_module_level=True)
+
+REALS = precision.REALS
+
+
+@step(T=Output("N m", "torque", lo=-5, hi=20), v=Output("1", "both", shape=(2,), lo=0, hi=0.3))
+def guarded(
+    i=State("1", 0.0, "integral"),
+    e=Input("1", "error", lo=-1, hi=0.6),
+    w=Input("1", "vector", shape=(2,), lo=0),
+    free=Input("1", "no range", value=0.0),
+    k=Param("1", 10.0, "gain", lo=0),
+):
+    """Integral of an error; the last input divides."""
+    return dict(i=i + e), dict(T=k * (i + e) + free, v=w)
+
+
+def control() -> Block:
+    return subway_braking_control.controller(subway_braking_control.super_twisting())
+
+
+BLOCKS: dict[str, Any] = {
+    "guarded": lambda: guarded,
+    "subway": control,
+    "rls": lambda: rls(subway_braking.double_exponential),
+    "search": lambda: differential_evolution(
+        subway_braking.double_exponential, over="v_s", lo=0.01, hi=10.0, generations=6
+    ),
+}
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_off_range_holds_and_recovers(real: str, tmp_path: Path) -> None:
+    c = codegen.c_module(guarded, tmp_path, real=real).compile().load()
+    w = [0.125, 0.25]
+    good = c.step(e=0.5, w=w)
+    assert (c.status, good["T"], c.state) == (0, 5.0, {"i": 0.5})
+    for bad in ({"e": 0.7}, {"e": -1.5}, {"w": [0.125, -0.25]}):
+        held = c.step(**{"e": 0.5, "w": w} | bad)
+        assert (c.status, held["T"], c.state) == (8, 5.0, {"i": 0.5})
+        np.testing.assert_array_equal(held["v"], w)
+    c.step(e=np.nan, w=[-1.0, 0.0])
+    assert c.status == 1  # NaN is said before a range
+    assert c.step(e=0.5, w=w)["T"] == 10.0
+    assert (c.status, c.state) == (0, {"i": 1.0})
+    for end in (-1.0, 0.6):  # the ends belong to the range, in float too
+        c.step(e=end, w=w)
+        assert c.status == 0
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_outputs_are_limited_and_the_step_counts(real: str, tmp_path: Path) -> None:
+    c = codegen.c_module(guarded, tmp_path, real=real).compile().load()
+    out = c.step(e=0.5, w=[0.5, 0.25], free=100.0)
+    assert (c.status, out["T"], c.state) == (16, 20.0, {"i": 0.5})
+    np.testing.assert_allclose(out["v"], [0.3, 0.25], rtol=precision.epsilon(real))
+    assert c.step(e=0.0, w=[0.0, 0.0], free=-100.0)["T"] == -5.0
+    assert c.step(e=2.0, w=[0.0, 0.0])["T"] == -5.0  # what is held is in range too
+    assert c.status == 8
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", BLOCKS)
+def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
+    """Outputs finite and in range, states finite, whatever the bits of the inputs are."""
+    block = BLOCKS[name]()
+    c = codegen.c_module(block, tmp_path, real=real).compile().load()
+    rng = np.random.default_rng(3)
+    ticks, kind = 4000, c._kind
+    width = sum(max(int(np.prod(s.shape)), 1) for s in block.inputs.values())
+    raw = rng.bytes(ticks * width * np.dtype(kind).itemsize)
+    rows = np.frombuffer(raw, kind).reshape(ticks, width).copy()
+    usual = rng.normal(size=rows.shape) * rng.choice([1e-3, 1.0, 30.0, 1e30], size=rows.shape)
+    rows = np.where(rng.random(rows.shape) < 0.05, rows, usual.astype(kind))
+    out, states = c.replay_rows(rows)
+    assert np.isfinite(out).all()
+    assert np.isfinite(states).all()
+    at = 0
+    for s in block.outputs.values():
+        n = max(int(np.prod(s.shape)), 1)
+        lo, hi = precision.rounded((s.lo, s.hi), real)
+        assert (out[:, at : at + n] >= lo).all()
+        assert (out[:, at : at + n] <= hi).all()
+        at += n
+    assert 0 < np.count_nonzero(c.status & ~16) < ticks
+    before = np.vstack([states[:1], states[:-1]])
+    held = (c.status & ~16) != 0
+    held[0] = False
+    np.testing.assert_array_equal(states[held], before[held])
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_replay_with_ticks_off_range_agrees_with_the_guarded_block(
+    real: str, tmp_path: Path
+) -> None:
+    e = np.where(np.arange(50) % 7 == 0, 0.9, 0.01)
+    inputs = {"e": e, "w": np.full((50, 2), 0.2), "free": np.linspace(-30, 30, 50)}
+    report = codegen.check(guarded, inputs, tmp_path, real=real)
+    assert report["passed"]
+    assert report["ticks_off_range"] == 8
+    assert report["ticks_limited"] > 5
+    with pytest.raises(BadInput, match="no tick has all its inputs in their declared ranges"):
+        codegen.check(guarded, {**inputs, "e": np.full(50, 2.0)}, tmp_path)
+
+
+# ---- float ---------------------------------------------------------------------------------------
+
+
+def test_float_leaves_nothing_of_double() -> None:
+    text = "/* double 1.5 */ double x = exp(1.5) + 3e-9 * p->exp + n[2]; #define A DBL_MAX\n"
+    assert in_precision(text, "float", "here") == (
+        "/* double 1.5 */ float x = expf(1.5f) + 3e-09f * p->exp + n[2]; #define A FLT_MAX\n"
+    )
+    assert in_precision("1e-60", "float", "here") == "1.1754944e-38f"
+    with pytest.raises(BadInput, match="here: the number 1e60 is too large for float"):
+        in_precision("1e60", "float", "here")
+    with pytest.raises(BadInput, match="did you mean 'float'"):
+        codegen.c_module(guarded, "unused", real="flaot")
+
+
+def test_every_call_of_mathematics_has_a_float_form(tmp_path: Path) -> None:
+    @law(y=Output("1", shape=(9,)))
+    def calls(u=Input("1", lo=0.1, hi=0.9), v=Input("1", lo=0.1, hi=2)):
+        """Functions of math.h."""
+        return ca.vertcat(
+            ca.exp(u), ca.log(u), ca.sqrt(u), ca.sin(v), ca.atan2(u, v), ca.floor(v), u**v,
+            ca.fmax(u, v) + ca.tanh(u), ca.fmod(v, u) + ca.hypot(u, v),
+        )  # fmt: skip
+
+    report = codegen.check(calls, {"u": [0.3, 0.5], "v": [0.7, 1.9]}, tmp_path, real="float")
+    assert report["passed"]
+    assert report["real"] == "float"
+    for c in report["compiled"]:
+        assert not MATH & set(c["symbols"]["needed"])
+        assert {"expf", "logf", "sinf", "powf"} <= set(c["symbols"]["needed"])
+        assert c["stack"]["worst"] >= 0
+    source = (tmp_path / "calls.c").read_text()
+    assert "double" not in re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL)
+    assert report["memory_bytes"]["in"] == 8
+
+
+@pytest.mark.parametrize("name", ["subway", "rls"])
+def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
+    report = codegen.export(BLOCKS[name](), tmp_path, check=True, real="float").data
+    assert report["passed"]
+    # the limits are limits: none is loose by more than it says
+    for s in report["signals"].values():
+        assert s["counted"] <= s["limit"]
+    assert report["largest_relative"] > 0
+
+
+def test_random_numbers_are_the_same_in_float(tmp_path: Path) -> None:
+    @step(K=Output("1", "1.5/eps"))
+    def noise(s=State("1", seeded(5), "random", shape=(3,)), off=Input("1", value=0.0)):
+        """Wichmann and Hill, with the quick floor."""
+        K = rounder()(s)
+        return dict(s=advance(s, quick_floor([K[0], K[1]]))), dict(K=K[0] + off)
+
+    double = codegen.c_module(noise, tmp_path / "d").compile().load()
+    single = codegen.c_module(noise, tmp_path / "f", real="float").compile().load()
+    rows = np.zeros((20_000, 1))
+    (k_double, a), (k_single, b) = double.replay_rows(rows), single.replay_rows(rows)
+    np.testing.assert_array_equal(a, b)
+    assert (k_double == 1.5 * 2.0**52).all()
+    assert (k_single == 1.5 * 2.0**23).all()
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
+    cmake, ctest = shutil.which("cmake"), shutil.which("ctest")
+    if cmake is None or ctest is None:
+        pytest.skip("no cmake on this machine")
+    codegen.c_module(guarded, tmp_path / "c", real=real)
+    build = tmp_path / "build"
+    for command in ([cmake, "-S", tmp_path / "c", "-B", build], [cmake, "--build", build],
+                    [ctest, "--test-dir", build]):  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning" not in done.stderr
+    assert json.loads((tmp_path / "c" / "report.json").read_text())["real"] == real
