@@ -107,6 +107,10 @@ def parser() -> Parser:
     p.add_argument(
         "--real", choices=("double", "float"), default="double", help="type of every number in C"
     )
+    p.add_argument(
+        "--target", choices=("host", "cortex-m4", "cortex-m7"), default="host",
+        help="compile it for this processor too: bytes, stack, functions of double",
+    )  # fmt: skip
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument("system", metavar="SYSTEM", help="super_twisting")
@@ -415,7 +419,8 @@ def _c(options: argparse.Namespace, command: str) -> int:
     if options.check and compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
     if block is not None:
-        report = codegen.export(block, out, check=options.check, real=options.real)
+        report = codegen.export(block, out, check=options.check, real=options.real,
+                                target=options.target)  # fmt: skip
     else:
         from slipctl.simulation import simulate
 
@@ -433,7 +438,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
             control, out, f"{study.name}_{loop_name.partition('@')[0]}",
             inputs=codegen.logged_inputs(loop, part, data), check=options.check,
             params=codegen.logged_params(loop, part, data), period=loop.period,
-            real=options.real,
+            real=options.real, target=options.target,
         )  # fmt: skip
     print(report)
     if not report.passed:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import back_to_back, expected, files
+from slipctl.ccode import back_to_back, expected, files, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.comparison import compare, reference, trial_rows
@@ -54,7 +54,8 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        return bool(self.data.get("passed", True))
+        targets_ = all(t["passed"] for t in self.data["targets"])
+        return targets_ and bool(self.data.get("passed", True))
 
     def __str__(self) -> str:
         d = self.data
@@ -73,6 +74,13 @@ class Report:
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
                 f" {d['largest_relative']:.3g} of the largest value ({worst}):"
                 f" {'passed' if self.passed else 'FAILED'}"
+            )
+        for t in d["targets"]:
+            size_, stack = t["bytes"] or {}, t["stack"] or {}
+            said = "".join(f", {k} {v}" for k, v in size_.items())
+            lines.append(
+                f"  {t['target']}: no warning{said} bytes, stack {stack.get('worst', '?')},"
+                f" functions of double linked: {len(t['double_helpers'])}"
             )
         if not self.passed:
             lines += [
@@ -153,6 +161,7 @@ def export(
     params: Mapping[str, Any] | None = None,
     period: float | None = None,
     real: str = "double",
+    target: str = "host",
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -165,6 +174,8 @@ def export(
         params: parameters of the run.
         period: tick in s for the comments.
         real: type of every number in C, ``"double"`` or ``"float"``.
+        target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``: bytes,
+            stack, and what of double is linked.
 
     Returns:
         What was written; printable.
@@ -174,7 +185,7 @@ def export(
     """
     return _produce(
         block, Path(out), name, inputs=inputs, params=params, replay=check, period=period,
-        real=real,
+        real=real, target=target,
     )  # fmt: skip
 
 
@@ -249,7 +260,10 @@ def _produce(
     replay: bool = False,
     period: float | None = None,
     real: str = "double",
+    target: str = "host",
 ) -> Report:
+    if target != "host":
+        targets.tool(target)
     plan = Plan(block, name, period, real)
     made = _text_files(plan)
     folders.check_folder(folder, [*made, "vectors.txt", folders.MANIFEST])
@@ -283,6 +297,8 @@ def _produce(
     data = _facts(plan, content, made, values, len(rows))
     if replay:
         data |= compare(plan, made, used, run, dict(params or {}))
+    if target != "host":
+        data["targets"] = [targets.compiled_for(target, plan, made)]
     data["files"] = {n: folders.digest(text) for n, text in sorted(made.items())}
     made[folders.MANIFEST] = cc.as_json(data)
     folders.publish(folder, made)
@@ -334,4 +350,5 @@ def _facts(
         },
         "ticks": ticks,
         "compiled": [],
+        "targets": [],
     }

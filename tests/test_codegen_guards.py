@@ -26,7 +26,7 @@ from slipctl import (
     rls,
     step,
 )
-from slipctl.ccode import compilers, precision
+from slipctl.ccode import compilers, precision, targets
 from slipctl.ccode.precision import MATH, in_precision
 from slipctl.models import subway_braking, subway_braking_control
 from slipctl.wichmann_hill import advance, quick_floor, rounder, seeded
@@ -214,3 +214,43 @@ def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
         assert "warning" not in done.stderr
     assert json.loads((tmp_path / "c" / "report.json").read_text())["real"] == real
+
+
+# ---- targets -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_float_links_nothing_of_double_on_a_cortex_m4(name: str, tmp_path: Path) -> None:
+    """In double the helpers are there, so the search for them finds what it looks for."""
+    try:
+        targets.tool("cortex-m4")
+    except BadInput as missing:
+        pytest.skip(str(missing))
+    found = {}
+    for real in REALS:
+        report = codegen.export(BLOCKS[name](), tmp_path / real, real=real, target="cortex-m4")
+        assert report.passed
+        assert "cortex-m4: no warning" in str(report)
+        found[real] = report.data["targets"][0]
+    assert "aeabi_dmul" in found["double"]["double_helpers"]
+    assert found["float"]["double_helpers"] == []
+    assert not any("aeabi" in n for n in found["float"]["needed"])
+    for what in ("bytes", "linked_bytes"):
+        assert found["float"][what]["text"] < found["double"][what]["text"]
+    assert (found["float"]["bytes"]["data"], found["float"]["bytes"]["bss"]) == (0, 0)
+    assert found["float"]["stack"]["worst"] < found["double"]["stack"]["worst"]
+
+
+def test_target_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BadInput, match="is not known; did you mean"):
+        codegen.export(guarded, tmp_path / "out", target="cortex-m3")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BadInput, match="apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"):
+        codegen.export(guarded, tmp_path / "out", target="cortex-m4")
+    assert not (tmp_path / "out").exists()
+
+
+def test_helpers_of_double_are_told_from_those_of_float() -> None:
+    double = ["aeabi_dadd", "aeabi_f2d", "aeabi_d2f", "adddf3", "truncdfsf2", "exp", "sqrt"]
+    single = ["expf", "fmodf", "aeabi_fadd", "addsf3", "aeabi_i2f", "memcpy", "aeabi_idiv"]
+    assert compilers.in_double([*double, *single]) == double

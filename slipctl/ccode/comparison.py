@@ -55,8 +55,8 @@ def compare(
             found = cc.symbols(product)
             wanted = [f"{plan.name}_{f}" for f in ("default", "init", "step", "tune")]
             clean = found is None or found["defined"] == wanted
-            doubles = cc.in_double(found) if plan.real == "float" else []
-            clean = clean and not doubles
+            doubles = cc.in_double(found["needed"]) if found else []
+            clean = clean and not (doubles and plan.real == "float")
             passed = passed and faults == 0 and agreed and clean
             compiled.append({
                 "compiler": cc.version(compiler),

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -68,9 +68,9 @@ def _run(command: list[str], folder: Path) -> None:
         raise RunFailed(f"{Path(command[0]).name} refuses the generated C: {worst}")
 
 
-def sizes(target: Path) -> dict[str, int] | None:
+def sizes(target: Path, tools: str = "") -> dict[str, int] | None:
     """Bytes of text, data and bss of an object file; None without binutils."""
-    tool = shutil.which("size")
+    tool = shutil.which(f"{tools}size")
     if tool is None:
         return None
     said = subprocess.run([tool, str(target)], capture_output=True, text=True, check=False)
@@ -80,9 +80,9 @@ def sizes(target: Path) -> dict[str, int] | None:
     return dict(zip(("text", "data", "bss"), map(int, numbers[0]), strict=True))
 
 
-def symbols(target: Path) -> dict[str, list[str]] | None:
+def symbols(target: Path, tools: str = "") -> dict[str, list[str]] | None:
     """Names an object file defines for others, and names it needs; None without binutils."""
-    tool = shutil.which("nm")
+    tool = shutil.which(f"{tools}nm")
     if tool is None:
         return None
     said = subprocess.run([tool, "-g", str(target)], capture_output=True, text=True, check=False)
@@ -93,10 +93,15 @@ def symbols(target: Path) -> dict[str, list[str]] | None:
     return {k: sorted(v) for k, v in found.items()}
 
 
-def in_double(found: Mapping[str, list[str]] | None) -> list[str]:
-    """Functions of double that an object file needs: of the C library or of the compiler."""
-    needed = [] if found is None else found["needed"]
-    return [n for n in needed if n in MATH or re.match(r"aeabi_(d|[a-z]+2d|cd)|\w+df\d?$", n)]
+_HELPER = re.compile(
+    r"aeabi_(d\w+|cd\w+|\w+2d)|(add|sub|mul|div|neg|eq|ne|lt|le|gt|ge|unord|cmp)df\d"
+    r"|extendsfdf2|truncdfsf2|float(un)?[sd]idf|fix(uns)?df[sd]i"
+)
+
+
+def in_double(names: Iterable[str]) -> list[str]:
+    """Those of some functions that take double: of the C library, or of the compiler for it."""
+    return [n for n in names if n in MATH or _HELPER.fullmatch(n)]
 
 
 def stack(compiler: str, source: Path, *flags: str) -> dict[str, int] | None:
