@@ -110,7 +110,8 @@ def with_limits(plan: Plan, run: Expected, params: Mapping[str, Any]) -> Expecte
             _largest(w) or 1.0
         )
         swing = float(np.ptp(w, axis=0).max(initial=0.0))
-        if not limits[m.name] <= ENVELOPE * swing and AMPLIFIED * _largest(s) > 0:
+        varies = swing > ROUNDINGS * epsilon("float") * _largest(w)
+        if varies and not limits[m.name] <= ENVELOPE * swing:
             envelope.add(m.name)
             limits[m.name] = max(ENVELOPE * swing, ROUNDINGS * epsilon("float") * _largest(w))
     return Expected(run.rows, run.outputs, run.states, run.status, limits, frozenset(envelope))

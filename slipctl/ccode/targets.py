@@ -64,8 +64,8 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
     Returns:
         ``bytes`` of the object file, ``linked_bytes`` with what it needs of the libraries,
         ``stack`` per function, ``double_helpers``: functions of double that are linked, of the
-        compiler (``__aeabi_dmul``) or of the mathematics library. ``passed`` is false where a float module
-        has any.
+        compiler (``__aeabi_dmul``) or of the mathematics library. ``passed`` is false where a
+        float module has any.
 
     Raises:
         BadInput: as :func:`tool`.
