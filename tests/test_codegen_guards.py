@@ -254,3 +254,14 @@ def test_helpers_of_double_are_told_from_those_of_float() -> None:
     double = ["aeabi_dadd", "aeabi_f2d", "aeabi_d2f", "adddf3", "truncdfsf2", "exp", "sqrt"]
     single = ["expf", "fmodf", "aeabi_fadd", "addsf3", "aeabi_i2f", "memcpy", "aeabi_idiv"]
     assert compilers.in_double([*double, *single]) == double
+
+
+def test_an_output_and_a_state_may_share_a_name(tmp_path: Path) -> None:
+    """Each of the two has its own limit in the vectors that the shipped test reads."""
+
+    @step(period=0.01, y=Output("1", "output"))
+    def twin(y=State("1", 0.5, "state"), u=Input("1", "input", lo=-1, hi=1)):
+        return dict(y=0.9 * y + u), dict(y=2 * y)
+
+    report = codegen.export(twin, tmp_path, check=True)
+    assert report.passed, str(report)

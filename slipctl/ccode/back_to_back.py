@@ -232,8 +232,9 @@ def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Exp
     flat = [v for m in plan.layout.params for v in packed(m, params[m.name])]
     lines = [f"slipctl-vectors 2 {plan.name} {content}", f"param {len(flat)}"]
     lines += [repr(float(v)) for v in flat]
-    lines.append(f"limits {len(run.limits)}")
-    lines += [f"{float(v)!r} {int(n in run.envelope)}" for n, v in run.limits.items()]
+    members = [*plan.layout.outputs, *plan.layout.states]  # an output and a state may share a name
+    lines.append(f"limits {len(members)}")
+    lines += [f"{float(run.limits[m.name])!r} {int(m.name in run.envelope)}" for m in members]
     lines.append(f"ticks {len(run.rows)}")
     rows = np.hstack([run.rows, run.outputs, run.states]).tolist()
     lines += [
