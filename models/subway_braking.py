@@ -16,7 +16,6 @@ from casadi import exp, fmax, fmin, log
 
 from slipctl import BadInput, Block, Input, Output, Param, State, connect, flow, law
 
-SOURCE = "Huang 2020"
 TABLE_3 = "Huang 2020, Table 3"
 
 TABLE_1 = {
@@ -90,7 +89,7 @@ def curve_resistance(form: str = "consistent") -> Block:
         form: ``"consistent"``, or ``"printed-10"`` with the two cases swapped and the N/kN read
             as N.
     """
-    _known("curve_resistance", form, ("consistent", "printed-10"))
+    known("curve_resistance", "form", form, ("consistent", "printed-10"))
     printed = form == "printed-10"
 
     @law(W=Output("N", "curve resistance"), name="curve", choices={"form": form},
@@ -118,7 +117,7 @@ def wheelset(form: str = "consistent") -> Block:
         form: ``"consistent"``, or ``"printed-6"`` with the sign of F_a in (6) as printed, under
             which the wheel has no braking equilibrium.
     """
-    _known("wheelset", form, ("consistent", "printed-6"))
+    known("wheelset", "form", form, ("consistent", "printed-6"))
     sign = 1 if form == "consistent" else -1
 
     @flow(
@@ -190,9 +189,10 @@ def plant(
     return connect("plant", wires, **parts)
 
 
-def _known(what: str, form: str, forms: tuple[str, ...]) -> None:
-    if form not in forms:
-        raise BadInput(f"{what} has no form {form!r}; it has {', '.join(forms)}")
+def known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
+    """Refuse a structural choice that does not exist."""
+    if given not in choices:
+        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
 
 
 def ideal_plant(adhesion: Block = double_exponential) -> Block:

@@ -17,7 +17,6 @@ from collections.abc import Mapping
 from casadi import fabs, fmax, fmin, if_else, logic_and, sign, sqrt
 
 from slipctl import (
-    BadInput,
     Block,
     Input,
     Output,
@@ -31,8 +30,8 @@ from slipctl import (
     rls,
     step,
 )
+from slipctl.models.subway_braking import known
 
-SOURCE = "Huang 2020"
 TABLE_3 = "Huang 2020, Table 3"
 
 
@@ -100,9 +99,9 @@ def super_twisting(
     Raises:
         BadInput: an unknown choice.
     """
-    _known("super_twisting", "form", form, ("consistent", "printed-38"))
-    _known("super_twisting", "gains", gains, ("consistent", "printed"))
-    _known("super_twisting", "discretisation", discretisation, ("explicit", "proper_implicit"))
+    known("super_twisting", "form", form, ("consistent", "printed-38"))
+    known("super_twisting", "gains", gains, ("consistent", "printed"))
+    known("super_twisting", "discretisation", discretisation, ("explicit", "proper_implicit"))
     if gains == "printed":
         K1, K2, source = 2000.0, 1.5, "Huang 2020, section 5"
     else:
@@ -212,11 +211,6 @@ def controller(slip_law: Block, name: str = "ctl") -> Block:
         reference=slip_reference, equivalent=equivalent_torque, law=slip_law,
         arbitration=arbitration,
     )  # fmt: skip
-
-
-def _known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
-    if given not in choices:
-        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
 
 
 def estimating_controller(

@@ -11,7 +11,7 @@ import numpy as np
 from slipctl.block import Block, Exprs, make_block, symbol_maker
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, nearest
-from slipctl.signals import Input, Output, State, total_size
+from slipctl.signals import Input, Output, State
 
 SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
 """Shares of a Newton step among which an implicit method chooses."""
@@ -267,8 +267,3 @@ def unit_delay(unit: str = "1", value: float = 0.0, shape: tuple[int, ...] = ())
         outputs=[Output(unit, "signal one tick later", shape=shape).named("y")],
         doc="Delay by one tick.",
     )  # fmt: skip
-
-
-def state_size(block: Block) -> int:
-    """Number of state elements."""
-    return total_size(block.states.values())

@@ -14,9 +14,9 @@ Sampled with period T: z+ = z - kappa h(z) + om, kappa = 2 k k_x^2 T or q T, om 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
+from slipctl.certify.bisection import bisect
 from slipctl.errors import BadInput
 
 Z_PEAK = 1 / math.sqrt(3)
@@ -111,7 +111,7 @@ def largest_period(k: float, k_a: float, k_s: float) -> float:
     """
 
     def of(here: float, there: float) -> float:
-        kappa = _bisect(overshoot, min(there / here, 1.0), 1.0, INVARIANT)
+        kappa = bisect(overshoot, min(there / here, 1.0), 1.0, INVARIANT)
         return kappa / rate(k, here)
 
     return min(of(k_a, k_s), of(k_s, k_a))
@@ -142,7 +142,7 @@ def sampled_disturbance(kappa: float) -> float:
 
     if room(Z_PEAK) >= kappa * H_MAX:
         return kappa * H_MAX
-    return room(_bisect(lambda z: room(z) - kappa * z * (1 - z * z), 0.0, Z_PEAK, 1.0))
+    return room(bisect(lambda z: room(z) - kappa * z * (1 - z * z), 0.0, Z_PEAK, 1.0))
 
 
 # ---- robust shape -------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ def robust_window(zb: float, om: float = 0.0) -> tuple[float, float]:
         return math.inf, 0.0
     if om == 0:
         return 0.0, high
-    return _bisect(lambda kappa: float(robust_holds(kappa, zb, om)), 0.5, 0.0, high), high
+    return bisect(lambda kappa: float(robust_holds(kappa, zb, om)), 0.5, 0.0, high), high
 
 
 # ---- lag ----------------------------------------------------------------------------------------
@@ -266,14 +266,3 @@ def check_rate(where: str, q: float, T: float, share: float = 0.9) -> None:
             f"{where}: q = {q:g} 1/s at T = {T:g} s is q T = {q * T:g}, and keeping {share:g} of"
             f" the barrier needs 0 < q T <= {limit:.4g}; q = {0.99 * limit / T:.3g} 1/s would pass"
         )
-
-
-def _bisect(f: Callable[[float], float], value: float, a: float, b: float) -> float:
-    """Where f passes value between a and b; f(a) is on one side and f(b) on the other."""
-    side = f(b) > value
-    for _ in range(200):
-        middle = (a + b) / 2
-        if middle in (a, b):
-            break
-        a, b = (a, middle) if (f(middle) > value) == side else (middle, b)
-    return (a + b) / 2

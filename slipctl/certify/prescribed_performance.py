@@ -17,9 +17,9 @@ Sampled with period T, the input held and eta slow: z+ = z - kappa h(z) + T w/(e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
+from slipctl.certify.bisection import bisect
 from slipctl.errors import BadInput
 
 Z_PEAK = 0.6479182290296026
@@ -79,7 +79,7 @@ def settled(load: float) -> float:
 
     Proof note: h rises up to z*, so z' points inwards between both roots.
     """
-    return _bisect(restoring, load, 0.0, Z_PEAK) if load <= H_MAX else math.inf
+    return bisect(restoring, load, 0.0, Z_PEAK) if load <= H_MAX else math.inf
 
 
 def recoverable(load: float) -> float:
@@ -87,7 +87,7 @@ def recoverable(load: float) -> float:
 
     Zero if there is none. From beyond it, the worst disturbance takes the error out.
     """
-    return _bisect(restoring, load, 1.0, Z_PEAK) if load <= H_MAX else 0.0
+    return bisect(restoring, load, 1.0, Z_PEAK) if load <= H_MAX else 0.0
 
 
 def escape_time(
@@ -148,10 +148,10 @@ def sampled_disturbance(kappa: float) -> float:
     # h' = 1 - 2 z atanh z falls, so z atanh z = (1 - 1/kappa)/2 has one root
     turn = 0.0
     if kappa > 1:
-        turn = _bisect(lambda z: z * math.atanh(z), (1 - 1 / kappa) / 2, 0.0, 1 - 1e-16)
+        turn = bisect(lambda z: z * math.atanh(z), (1 - 1 / kappa) / 2, 0.0, 1 - 1e-16)
     if Z_PEAK + least(Z_PEAK) >= kappa * H_MAX:
         return kappa * H_MAX
-    zb = _bisect(lambda z: z + least(z) - kappa * restoring(z), 0.0, Z_PEAK, 1.0)
+    zb = bisect(lambda z: z + least(z) - kappa * restoring(z), 0.0, Z_PEAK, 1.0)
     return zb + least(zb)
 
 
@@ -173,7 +173,7 @@ def barrier_window(zb: float, om: float = 0.0) -> tuple[float, float]:
 
     low = om / math.atanh(zb)
     if 1 - low > 0 and math.sqrt(1 - low) < zb:
-        low = _bisect(hump, zb - om, 1.0, 1 - zb * zb) if om <= zb else math.inf
+        low = bisect(hump, zb - om, 1.0, 1 - zb * zb) if om <= zb else math.inf
     return (low, high) if low <= high else (math.inf, 0.0)
 
 
@@ -241,7 +241,7 @@ def crossing_time(
         if error < width * eta_inf:
             return math.inf
         bottom = math.log(max(steepest / k / max(error - width * eta_inf, 1e-300), 1.0)) / k + 1 / k
-    return math.inf if gap(bottom) > 0 else _bisect(gap, 0.0, 0.0, bottom)
+    return math.inf if gap(bottom) > 0 else bisect(gap, 0.0, 0.0, bottom)
 
 
 def largest_decay(error: float, rate: float, eta_0: float, eta_inf: float, width: float) -> float:
@@ -352,17 +352,6 @@ def check_reference_step(
             f"{where}: a reference step of {abs(step):g} leaves the funnel, which has room for"
             f" less than {max(limit, 0.0):g} at eta_inf = {eta_inf:g}; {advice} would pass"
         )
-
-
-def _bisect(f: Callable[[float], float], value: float, a: float, b: float) -> float:
-    """Where f passes value between a and b; f(a) is on one side and f(b) on the other."""
-    side = f(b) > value
-    for _ in range(200):
-        middle = (a + b) / 2
-        if middle in (a, b):
-            break
-        a, b = (a, middle) if (f(middle) > value) == side else (middle, b)
-    return (a + b) / 2
 
 
 def _below(number: float) -> str:
