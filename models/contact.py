@@ -1,0 +1,154 @@
+"""Wheel on rail: Polach's creep law with falling friction; Wang et al., Appl. Sci. 2025, 15, 3909.
+
+Signs: the creep v_s = v_w - v is the rim's speed minus the train's, so traction is positive.
+
+    mu    = (2 mu_vf/pi) [k_A eps/(1 + (k_A eps)^2) + arctan(k_S eps)]          (6)
+    eps   = (1/4) G pi a b c11/(Q mu_vf) s_x = (KEPS/mu_vf) s_x                 (6)
+    mu_vf = mu_0 [(1 - A) exp(-B |v_s|) + A]                                    (7)
+    s_x   = v_s/max(|v|, v_min)                                                 (8)
+
+Q is the load of one wheel, a and b the semi-axes of its patch (models/hertz.py). Odd in v_s. Valid
+from standstill on: the floor v_min is added here, because (8) divides by zero there. What is wrong
+in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
+"""
+
+from __future__ import annotations
+
+import math
+
+from casadi import atan, exp, fabs, fmax, pi
+
+from slipctl import BadInput, Block, Input, Output, Param, argmax, law
+from slipctl.models.hertz import E_STEEL, NU_STEEL, c11, ellipse
+from slipctl.optimum import Peak
+
+TABLE_3 = "Wang 2025, Table 3"
+GUESS = "guess, not in the paper"
+WHEEL_LOAD = 15625.0 * 9.8 / 2
+"""Load of one wheel in N: 500 t on 64 wheels."""
+
+SURFACES = {
+    "dry": {"k_A": 1.0, "k_S": 0.45, "A": 0.36, "B": 0.55, "mu_0": 0.47},
+    "damp": {"k_A": 0.35, "k_S": 0.29, "A": 0.45, "B": 0.30, "mu_0": 0.30},
+    "wet": {"k_A": 0.28, "k_S": 0.14, "A": 0.40, "B": 0.24, "mu_0": 0.128},
+    "oily": {"k_A": 0.25, "k_S": 0.10, "A": 0.40, "B": 0.20, "mu_0": 0.13},
+    "ice": {"k_A": 0.23, "k_S": 0.08, "A": 0.35, "B": 0.20, "mu_0": 0.073},
+}
+"""Table 3. It is no order of quality: below 5 m/s wet rail has less adhesion than oily rail."""
+
+FORMS = ("consistent", "printed-6", "printed-7", "printed-8")
+
+
+def patch(
+    Q: float = WHEEL_LOAD,
+    R_wheel: float = 0.445,
+    R_rail: float = 0.300,
+    E: float = E_STEEL,
+    nu: float = NU_STEEL,
+    nu_c11: float = 0.25,
+) -> dict[str, float]:
+    """Parameters of the law for a conical wheel on a rail head, by Hertz and Kalker.
+
+    Args:
+        Q: load of the wheel in N.
+        R_wheel, R_rail: radii in m of the wheel in rolling direction and of the rail head across.
+        E, nu: of the steel, in Pa and 1.
+        nu_c11: Poisson's ratio at which Kalker's table is read. Its own column 0.25 is the usual
+            one for steel; 0.28 makes c11 and KEPS 2.4 % larger.
+
+    Returns:
+        ``{"Q", "G", "a", "b", "c11"}``, for ``polach.with_params(**patch(...))``.
+
+    Raises:
+        BadInput: a quantity is not positive, or the ellipse is outside Kalker's table.
+    """
+    for name, R in (("R_wheel", R_wheel), ("R_rail", R_rail)):
+        if not R > 0:
+            raise BadInput(f"patch: {name} = {R:g} m must be positive")
+    shape = ellipse(Q, 1 / (2 * R_wheel), 1 / (2 * R_rail), E, nu)
+    G = E / (2 * (1 + nu))
+    return {"Q": Q, "G": G, "a": shape.a, "b": shape.b, "c11": c11(shape.a / shape.b, nu_c11)}
+
+
+_PATCH = patch()
+
+
+def creep_law(form: str = "consistent") -> Block:
+    """Make Polach's law on the surfaces of Table 3.
+
+    Args:
+        form: ``"consistent"``; ``"printed-6"`` with 1 + k_A eps^2, ``"printed-7"`` with
+            exp(-B v_s), which grows in braking, ``"printed-8"`` with v_s = v - v_w, so that
+            traction has negative adhesion (docs/errata.md).
+
+    Raises:
+        BadInput: unknown form.
+    """
+    if form not in FORMS:
+        raise BadInput(f"creep_law has no form {form!r}; it has {', '.join(FORMS)}")
+
+    @law(
+        mu=Output("1", "adhesion coefficient", positive="traction"),
+        conditions=SURFACES,
+        choices={"form": form},
+    )
+    def polach(
+        v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
+        v=Input("m/s", "train speed"),
+        k_A=Param("1", 1.0, "share of the area of adhesion", f"{TABLE_3}, dry", lo=1e-4, hi=100),
+        k_S=Param("1", 0.45, "share of the area of slip", f"{TABLE_3}, dry", lo=1e-4, hi=100),
+        A=Param("1", 0.36, "friction at high creep by that at none", f"{TABLE_3}, dry", lo=0, hi=1),
+        B=Param("s/m", 0.55, "decay of the friction", f"{TABLE_3}, dry", lo=0, hi=10),
+        mu_0=Param("1", 0.47, "friction without creep", f"{TABLE_3}, dry", lo=1e-3, hi=1),
+        Q=Param("N", _PATCH["Q"], "load of the wheel", "Wang 2025, Table 1", lo=1e3, hi=1e6),
+        G=Param("Pa", _PATCH["G"], "shear modulus", GUESS, lo=1e8, hi=1e12),
+        a=Param("m", _PATCH["a"], "semi-axis of the patch, rolling", "Hertz", lo=1e-4, hi=0.1),
+        b=Param("m", _PATCH["b"], "semi-axis of the patch, lateral", "Hertz", lo=1e-4, hi=0.1),
+        c11=Param("1", _PATCH["c11"], "creep coefficient", "Kalker 1990, Table E.3", lo=1, hi=50),
+        KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "eq (6)"),
+        v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3),
+    ):
+        """Adhesion over creep after Polach, with friction that falls; Wang 2025 eqs (6)-(8)."""
+        s = -v_s if form == "printed-8" else v_s
+        mu_vf = mu_0 * ((1 - A) * exp(-B * (s if form == "printed-7" else fabs(s))) + A)
+        eps = KEPS / mu_vf * s / fmax(fabs(v), v_min)
+        square = k_A * eps**2 if form == "printed-6" else (k_A * eps) ** 2
+        return 2 * mu_vf / pi * (k_A * eps / (1 + square) + atan(k_S * eps))
+
+    return polach
+
+
+polach = creep_law()
+
+
+def peak(v: float, surface: str | dict[str, float] = "dry", creep_law: Block = polach) -> Peak:
+    """Creep in m/s (``location``) and value of the largest adhesion in traction, at speed v.
+
+    Args:
+        v: train speed in m/s.
+        surface: a name of the law's conditions, or parameters by name.
+        creep_law: law from ``v_s`` and ``v`` to ``mu``.
+
+    Raises:
+        BadInput: unknown surface or parameter.
+    """
+    if isinstance(surface, str):
+        if surface not in creep_law.conditions:
+            known = ", ".join(creep_law.conditions)
+            raise BadInput(f"{creep_law.name} has no surface {surface!r}; it has {known}")
+        surface = creep_law.conditions[surface]
+    return argmax(creep_law, "v_s", "mu", lo=0.0, hi=max(0.3 * abs(v), 3.0), at={"v": v, **surface})
+
+
+def curtius_kniffler(v: float) -> float:
+    """Adhesion that a locomotive may count on at v in m/s: 7.5/(V + 44) + 0.161, V in km/h.
+
+    Curtius and Kniffler, Elektrische Bahnen 20 (1944); measured on dry rail up to 160 km/h.
+    """
+    return 7.5 / (3.6 * abs(v) + 44) + 0.161
+
+
+def slope(creep_law: Block = polach, surface: str = "dry") -> float:
+    """Slope d mu/d s_x without creep: (2/pi) (k_A + k_S) KEPS."""
+    p = creep_law.param_values(**creep_law.conditions[surface])
+    return 2 / math.pi * float(p["k_A"] + p["k_S"]) * float(p["KEPS"])
