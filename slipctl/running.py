@@ -337,7 +337,12 @@ def _run_one(
 ) -> None:
     """Simulate one loop in its scenario and measure it."""
     study, scenario = results.study, case.scenario.name
-    data = simulate(case.loops[name], case.scenario, compile=compile, progress=progress)
+    loop = case.loops[name]
+    has = {s.name for s in loop.signals if s.role != "param"}
+    wanted = None if case.log is None else [n for n in case.log if n in has]
+    data = simulate(
+        loop, case.scenario, compile=compile, progress=progress, log=wanted, every=case.every
+    )
     data = _add_known(study, case, data)
     changes = rail_changes(data, case.scenario, study.signals)
     data = data.assign_attrs(

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 CHUNKS = 40
 """Pieces a run is cut into, for progress and for stopping it."""
 
+SCRATCH = 20_000
+"""Most ticks that are held in memory at a time where only some rows are kept."""
+
 
 def simulate(
     loop: Block,
@@ -31,6 +34,7 @@ def simulate(
     compile: bool = True,
     progress: Callable[[float], None] | None = None,
     log: Iterable[str] | None = None,
+    every: int = 1,
 ) -> xarray.Dataset:
     """Run ``loop`` in ``scenario``.
 
@@ -41,6 +45,7 @@ def simulate(
         compile: compile the loop when a C compiler is there; the numbers are the same.
         progress: called with the share done, 0 to 1.
         log: names to keep; by default every scalar signal that is not a held copy.
+        every: ticks from one row of the log to the next; 1 keeps each.
 
     Returns:
         Dataset with dimension ``time`` [s] and one variable per signal (``"plant.v"``), attributes
@@ -48,7 +53,8 @@ def simulate(
         hold version, scenario, seed and parameters with units.
 
     Raises:
-        BadInput: unfed inputs, unknown names, a rail condition that the loop does not know.
+        BadInput: unfed inputs, unknown names, a rail condition that the loop does not know, every
+            not a whole number.
         RunFailed: a state became NaN or infinite; says block, signal and time.
     """
     if loop.kind == "flow":
@@ -70,26 +76,35 @@ def simulate(
     u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
 
+    if every < 1 or every != int(every):
+        raise BadInput(f"simulate: every = {every} must be a whole number of ticks >= 1")
+
     x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
-    x_log, y_log = np.empty((ticks, x.size)), np.empty((ticks, f.size1_out(1)))
+    rows = np.arange(0, ticks, int(every))
+    x_log, y_log = np.empty((rows.size, x.size)), np.empty((rows.size, f.size1_out(1)))
     roller = build.compiled(f) if compile else None
-    done = 0
     for first, last, p in pieces:
         size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
+        size = min(size, SCRATCH) if every > 1 else size
         for k in range(first, last, size):
             stop = min(k + size, last)
-            span = slice(k, stop)
-            uk = np.ascontiguousarray(u[span])
+            kept = slice(*np.searchsorted(rows, (k, stop)))
+            uk = np.ascontiguousarray(u[k:stop])
+            whole = every == 1
+            x_now = x_log[kept] if whole else np.empty((stop - k, x.size))
+            y_now = y_log[kept] if whole else np.empty((stop - k, y_log.shape[1]))
             if roller is not None:
-                n = roller.roll(x, uk, p, x_log[span], y_log[span])
+                n = roller.roll(x, uk, p, x_now, y_now)
             else:
-                n = build.roll_interpreted(f, x, uk, p, x_log[span], y_log[span])
+                n = build.roll_interpreted(f, x, uk, p, x_now, y_now)
             if n < stop - k:
                 raise RunFailed(_broken(loop, x, (k + n + 1) * h))
-            done = stop
+            if not whole:
+                x_log[kept], y_log[kept] = x_now[rows[kept] - k], y_now[rows[kept] - k]
             if progress:
-                progress(done / ticks)
-    return _dataset(loop, scenario, np.arange(ticks) * h, x_log, u, y_log, log)
+                progress(stop / ticks)
+    data = _dataset(loop, scenario, rows * h, x_log, u[rows], y_log, log)
+    return data.assign_attrs(period_s=h * int(every)) if every > 1 else data
 
 
 def stream(seed: int, path: str) -> np.random.Generator:

@@ -116,11 +116,15 @@ class Case:
         scenario: what happens.
         loops: step blocks by name; ``ideal`` is the bound that the others are measured against.
         known: further quantities for the log, ``{"rail.best_slip": Known("m/s", [1.2, 1.8])}``.
+        log: names to keep in the logs, of those that a loop has; None keeps every scalar signal.
+        every: ticks from one row of the logs to the next; metrics see the rows.
     """
 
     scenario: Scenario
     loops: Mapping[str, Block]
     known: Mapping[str, Known] = field(default_factory=dict)
+    log: Sequence[str] | None = None
+    every: int = 1
 
 
 @dataclass(frozen=True)

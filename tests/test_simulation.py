@@ -48,6 +48,22 @@ def same(a, b) -> bool:
 # ---- the rolled run is the block ----------------------------------------------------------------
 
 
+@pytest.mark.parametrize("compile", [True, False])
+def test_every_nth_row_is_the_row_of_the_whole_run(compile, monkeypatch):
+    from slipctl import simulation
+
+    monkeypatch.setattr(simulation, "SCRATCH", 17)  # pieces that do not fit the rows
+    block, scenario = closed_loop(), three_rails(0.3)
+    whole = simulate(block, scenario, compile=compile)
+    some = simulate(block, scenario, compile=compile, every=7, log=["plant.wheel.v", "ctl.T_b"])
+    assert set(some.data_vars) == {"plant.wheel.v", "ctl.T_b"}
+    assert some.attrs["period_s"] == pytest.approx(7e-3)
+    for name in ("time", "plant.wheel.v", "ctl.T_b"):
+        assert (some[name].values == whole[name].values[::7]).all()
+    with pytest.raises(BadInput, match="whole number"):
+        simulate(block, scenario, every=0)
+
+
 def test_a_run_is_the_block_called_tick_by_tick():
     """States at the start of the tick, outputs of the tick; to the bit."""
     block = closed_loop()
