@@ -17,7 +17,7 @@ Table 1 has its columns in the order a, c, b.
 
 from casadi import exp, fabs, fmax, fmin, log, sign
 
-from slipctl import BadInput, Block, Input, Output, Param, State, connect, flow, law, one
+from slipctl import BadInput, Block, Input, Noise, Output, Param, State, connect, flow, law, one
 
 SOURCE = "Cheng 2022"
 TABLE_1 = "Cheng 2022, Table 1"
@@ -199,9 +199,19 @@ def plant(adhesion: Block = adhesion, motor: Block | None = None) -> Block:
     return connect("plant", wires, **parts)
 
 
+@law(omega_m=Output("rad/s", "measured motor speed"))
+def motor_speed_sensor(
+    omega=Input("rad/s", "motor speed"),
+    n=Noise(),
+    sigma=Param("rad/s", 0.0, "standard deviation of the noise", GUESS, lo=0, hi=10),
+):
+    """Motor speed with white noise."""
+    return omega + sigma * n
+
+
 @flow(name="shaft")
 def shaft(
-    omega_m=State("rad/s", 0.0, "motor speed"),
+    omega_m=State("rad/s", 50.352, "motor speed, at the start that of 5 m/s"),
     T_L=State("N m", 0.0, "load torque", positive="traction"),
     T_m=Input("N m", "motor torque", positive="traction"),
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),

@@ -20,9 +20,27 @@ that beyond it the pull is large, finite, and still inwards.
 
 from casadi import fmax, fmin, if_else
 
-from slipctl import Block, Input, Output, Param, connect, law
+from slipctl import (
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    law,
+    luenberger,
+    sampled,
+    step,
+)
 from slipctl.certify import barrier as bounds
-from slipctl.models.freight_traction import GUESS, TABLE_2, known
+from slipctl.models.freight_traction import (
+    GUESS,
+    TABLE_2,
+    adhesion_of_load,
+    known,
+    resistance,
+    shaft,
+)
 
 FORMS = ("robust", "consistent", "printed-42")
 SECTION_4 = "Cheng 2022, section 4"
@@ -139,3 +157,120 @@ def controller(
         "T_cmd": "barrier.T_cmd",
     }
     return connect(name, wires, disturbance=disturbance, barrier=block)
+
+
+# ---- what stands around the law ------------------------------------------------------------------
+
+
+@law(v_s=Output("m/s", "creep, as measured", positive="traction", per="speed"))
+def creep(
+    omega_m=Input("rad/s", "measured motor speed"),
+    v_t=Input("m/s", "measured train speed"),
+    r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
+    R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
+):
+    """Creep from both speeds; Cheng 2022 eqs (3), (8)."""
+    return r * omega_m / R_g - v_t
+
+
+def reference(period: float = 2e-4) -> Block:
+    """Make the wanted creep, whose rate is limited and known.
+
+    Args:
+        period: sample period in s.
+    """
+
+    @step(
+        v_ref=Output("m/s", "wanted creep", positive="traction", per="speed"),
+        rate=Output("m/s^2", "its rate"),
+        period=period, name="reference",
+    )  # fmt: skip
+    def follow(
+        x=State("m/s", 0.0, "wanted creep"),
+        v=Input("m/s", "creep that the seeker tries"),
+        w_r=Param("1/s", 200.0, "rate at which it follows", "added", lo=1),
+        most=Param("m/s^2", 1.5, "largest rate", "added, above the k of the seekers", lo=1e-3),
+        T=Param("s", period, "sample period", GUESS, lo=1e-6, hi=0.1),
+    ):
+        """Wanted creep, added here: v_ref' = sat(w_r (v - v_ref)).
+
+        The law needs v_ref'; a seeker jumps when it locks, and turns at once.
+        """
+        rate = fmin(most, fmax(-most, w_r * (v - x)))
+        return dict(x=x + T * rate), dict(v_ref=x, rate=rate)
+
+    return follow
+
+
+@law(T_cmd=Output("N m", "commanded torque", positive="traction"))
+def lead(
+    T_wanted=Input("N m", "wanted torque", positive="traction"),
+    T_m=Input("N m", "motor torque, as measured", positive="traction"),
+    tau=Param("s", 0.02, "time constant of the motor, as known", GUESS, lo=1e-4, hi=1),
+    tau_d=Param("s", 0.005, "wanted time constant", "chosen", lo=1e-4, hi=1),
+):
+    """Faster motor, added here: tau T_m' = T_cmd - T_m becomes tau_d T_m' = T_wanted - T_m."""
+    return T_m + tau / tau_d * (T_wanted - T_m)
+
+
+def seeking_controller(
+    seek: Block,
+    form: str = "robust",
+    period: float = 2e-4,
+    *,
+    pole: float = -400.0,
+    lag: float | None = None,
+    name: str = "ctl",
+    **values: float,
+) -> Block:
+    """Connect observer, seeker, reference and barrier law: from the two speeds to a torque.
+
+    Inputs ``omega_m`` and ``v_t`` (measured speeds) and ``T_m`` (torque of the motor, as its own
+    control knows it), output ``T_cmd``. The running resistance is that of the parameters of
+    ``resistance``, as identified.
+
+    Args:
+        seek: step from ``y``, the adhesion estimate, to ``v``, the creep to try.
+        form: of the barrier law.
+        period: sample period in s.
+        pole: double pole of the observer in 1/s.
+        lag: time constant in s of the motor, which a lead shortens to a quarter; None has no lead.
+        name: name of the controller.
+        **values: parameters of the barrier law.
+
+    Raises:
+        BadInput: poles, gains or a period that cannot work.
+    """
+    observer = luenberger(shaft, [pole, pole], measured="omega_m")
+    parts = {
+        "observer": sampled(observer, period, "rk4"),
+        "adhesion": adhesion_of_load,
+        "creep": creep,
+        "resistance": resistance,
+        "seek": seek,
+        "reference": reference(period),
+        **controller(form, period, **values).parts,
+    }
+    wires = {
+        "observer.omega_m_measured": "omega_m",
+        "observer.T_m": "T_m",
+        "adhesion.T_L_hat": "observer.T_L_hat",
+        "creep.omega_m": "omega_m",
+        "creep.v_t": "v_t",
+        "resistance.v": "v_t",
+        "seek.y": "adhesion.mu_hat",
+        "reference.v": "seek.v",
+        "disturbance.mu_hat": "adhesion.mu_hat",
+        "disturbance.F_Z_hat": "resistance.F_Z",
+        "barrier.D_hat": "disturbance.D_hat",
+        "barrier.v_s": "creep.v_s",
+        "barrier.v_ref": "reference.v_ref",
+        "barrier.rate": "reference.rate",
+        "T_cmd": "barrier.T_cmd",
+    }
+    if lag is not None:
+        parts["lead"] = lead.with_params(tau=lag, tau_d=lag / 4)
+        wires |= {
+            "lead.T_wanted": "barrier.T_cmd", "lead.T_m": "T_m", "T_cmd": "lead.T_cmd",
+        }  # fmt: skip
+    return connect(name, wires, **parts)

@@ -24,6 +24,7 @@ _WHERE = {
     "filtering": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek": ["differential_evolution"],
     "extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
+    "extremum_lock": ["locking_seek"],
     "observing": ["luenberger"],
     "swarm": ["particle_swarm", "least_squares", "Fit"],
     "optimum": ["argmax", "argmax_block"],

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -54,13 +55,10 @@ def sliding_seek(
             positive.
     """
     where = "sliding_seek"
-    _positive(where, period=period, k=k, rho=rho, beta=beta)
+    positive(where, period=period, k=k, rho=rho, beta=beta)
     bounds.check_sampling(where, beta, rho, period)
-    if steepest is not None and bounds.regime(k, rho, steepest) == bounds.AVERAGED:
-        log.warning(
-            "%s: rho/k = %g is above the steepest slope %g, so it never slides (averaged regime);"
-            " rho below %.3g would slide", where, rho / k, steepest, k * steepest,
-        )  # fmt: skip
+    if steepest is not None:
+        warn_regime(where, k, rho, steepest)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         delta = u["y"] - x["g"]
@@ -77,10 +75,10 @@ def sliding_seek(
         states=[State(place, float(start), "place to try").named("v"),
                 State(value, 0.0, "target of the value, modulo 2 beta").named("g")],
         inputs=[Input(value, "measured value").named("y")],
-        params=[Param(_per(place, "s"), float(k), "rate of the place", lo=1e-12).named("k"),
-                Param(_per(value, "s"), float(rho), "rate of the target", lo=1e-12).named("rho"),
+        params=[Param(per(place, "s"), float(k), "rate of the place", lo=1e-12).named("k"),
+                Param(per(value, "s"), float(rho), "rate of the target", lo=1e-12).named("rho"),
                 Param(value, float(beta), "width of a cell", lo=1e-12).named("beta"),
-                _period(period)],
+                period_of(period)],
         outputs=[Output(place, "place to try").named("v"),
                  Output(value, "value less target, modulo 2 beta").named("delta")],
         doc=sliding_seek.__doc__ or "", choices={"steepest": steepest},
@@ -128,26 +126,18 @@ def perturbation_seek(
     where = "perturbation_seek"
     if dither not in DITHERS:
         raise BadInput(f"{where} has no dither {dither!r}; it has {', '.join(DITHERS)}")
-    _positive(where, period=period, a=a, w=w, w_h=w_h, w_l=w_l, r=r, q=q)
+    positive(where, period=period, a=a, w=w, w_h=w_h, w_l=w_l, r=r, q=q)
     bounds.check_dither(where, w, w_h, w_l, period)
     vanishing = dither == "vanishing"
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         T = p["T"]
-        wave = ca.sin(x["phase"])
         a = x["a"] if vanishing else p["a"]
         eta = ca.if_else(x["awake"] > 0, x["eta"], u["y"])
-        high = u["y"] - eta
-        phase = x["phase"] + T * p["w"]
-        nxt = {
-            "th": x["th"] + T * p["k"] * x["xi"],
-            "xi": x["xi"] + T * p["w_l"] * (high * wave - x["xi"]),
-            "eta": eta + T * p["w_h"] * high,
-            "phase": ca.if_else(phase >= 2 * math.pi, phase - 2 * math.pi, phase),
-            "awake": 1,
-        }
+        wave, nxt = demodulated(x | {"eta": eta}, u["y"], p)
+        nxt |= {"th": x["th"] + T * p["k"] * x["xi"], "awake": 1}
         if vanishing:
-            nxt["a"] = a + T * p["q"] * (p["r"] * ca.fabs(x["xi"]) - a)
+            nxt["a"] = faded(x, p)
         y = {"v": x["th"] + a * wave, "theta": x["th"], "slope": x["xi"], "amplitude": a}
         return nxt, y
 
@@ -160,16 +150,16 @@ def perturbation_seek(
         State("1", 0.0, "1 from the second tick on").named("awake"),
     ]
     params = [
-        Param(_per(place, f"({value}) s"), float(k), "gain").named("k"),
+        Param(per(place, f"({value}) s"), float(k), "gain").named("k"),
         Param("rad/s", float(w), "frequency of the dither", lo=1e-9).named("w"),
         Param("1/s", float(w_h), "corner of the washout", lo=1e-9).named("w_h"),
         Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9).named("w_l"),
-        _period(period),
+        period_of(period),
     ]
     if vanishing:
         states.append(State(place, float(a), "amplitude", lo=0).named("a"))
         params += [
-            Param(_per(place, f"({value})"), float(r), "gain of the amplitude", lo=0).named("r"),
+            Param(per(place, f"({value})"), float(r), "gain of the amplitude", lo=0).named("r"),
             Param("1/s", float(q), "rate of the amplitude", lo=1e-9).named("q"),
         ]
     else:
@@ -185,13 +175,30 @@ def perturbation_seek(
     )  # fmt: skip
 
 
+def demodulated(x: Exprs, y: Any, p: Exprs) -> tuple[Any, Exprs]:
+    """Wave of the dither, and next mean ``eta``, demodulated value ``xi`` and ``phase``."""
+    T, wave, high = p["T"], ca.sin(x["phase"]), y - x["eta"]
+    phase = x["phase"] + T * p["w"]
+    return wave, {
+        "xi": x["xi"] + T * p["w_l"] * (high * wave - x["xi"]),
+        "eta": x["eta"] + T * p["w_h"] * high,
+        "phase": ca.if_else(phase >= 2 * math.pi, phase - 2 * math.pi, phase),
+    }
+
+
+def faded(x: Exprs, p: Exprs) -> Any:
+    """Next amplitude of a vanishing dither, a' = q (r |xi| - a)."""
+    return x["a"] + p["T"] * p["q"] * (p["r"] * ca.fabs(x["xi"]) - x["a"])
+
+
 @dataclass(frozen=True)
 class SeekLimits:
     """What a seeker will do on a map, told before it runs.
 
     Attributes:
-        regime: ``"sliding"``, ``"averaged"``, ``"fixed"`` or ``"vanishing"`` dither.
-        ripple: of the place in the end, peak to peak; 0 for a vanishing dither.
+        regime: ``"sliding"``, ``"averaged"``, ``"fixed"`` or ``"vanishing"`` dither; a locking
+            seeker has that of its sliding mode.
+        ripple: of the place in the end, peak to peak; 0 for a vanishing dither and for a lock.
         rate: mean rate of the place at the steepest slope (sliding-mode seekers), per s.
         time_constant: of the last part, at the peak, in s.
         bias: where the place comes to rest, less the peak.
@@ -212,7 +219,8 @@ def seek_limits(
     """Tell ultimate ripple, rate and bias of a seeker on a map, from its present parameters.
 
     Args:
-        block: made by :func:`sliding_seek` or :func:`perturbation_seek`.
+        block: made by :func:`sliding_seek`, :func:`perturbation_seek` or
+            :func:`slipctl.locking_seek`.
         steepest: largest slope of the map on the way.
         curvature: second derivative at its peak, < 0 (a minimum, sought with k < 0: > 0).
         third: third derivative there, for the bias of a dither.
@@ -231,6 +239,8 @@ def seek_limits(
             f" steepest slope {steepest:g}; ripple {ripple:.4g} peak to peak, time constant"
             f" {tau:.4g} s at the peak"
         )
+        if "planes" in p:
+            return _lock_limits(p, name, ripple, rate, curvature, notes)
         return SeekLimits(name, ripple, rate, tau, 0.0, notes)
     if "w_h" not in p or "dither" not in block.choices:
         raise BadInput(f"{block.name} is no seeker; make one by sliding_seek or perturbation_seek")
@@ -252,15 +262,42 @@ def seek_limits(
     return SeekLimits(kind, ripple, math.nan, tau, bias, notes)
 
 
-def _positive(where: str, **numbers: float) -> None:
+def _lock_limits(
+    p: Mapping[str, float], name: str, ripple: float, rate: float, curvature: float, notes: str
+) -> SeekLimits:
+    bounds.check_gain("locking_seek", p["gain"], curvature)
+    passed = bounds.washout(p["w"], p["w_h"])
+    slow = bounds.perturbation_poles(p["gain"], p["w_l"], p["a_0"], curvature, passed)[0]
+    left = bounds.vanishing_contraction(p["gain"], p["a_0"], p["q"], curvature, passed)
+    notes += (
+        f", while it searches; locks {bounds.switch_time(p['beta'], p['rho'], p['planes']):.3g} s"
+        f" after it leaves the plane; the dither leaves {100 * left:.2g} % of the distance and dies"
+        " out"
+    )
+    return SeekLimits(name, 0.0, rate, -1 / slow.real, 0.0, notes)
+
+
+def warn_regime(where: str, k: float, rho: float, steepest: float) -> None:
+    """Warn of a sliding mode that never slides, with the rho that would."""
+    if bounds.regime(k, rho, steepest) == bounds.AVERAGED:
+        log.warning(
+            "%s: rho/k = %g is above the steepest slope %g, so it never slides (averaged regime);"
+            " rho below %.3g would slide", where, rho / k, steepest, k * steepest,
+        )  # fmt: skip
+
+
+def positive(where: str, **numbers: float) -> None:
+    """Refuse numbers that are not positive."""
     for name, value in numbers.items():
         if not (math.isfinite(value) and value > 0):
             raise BadInput(f"{where}: {name} = {value:g} must be positive")
 
 
-def _per(of: str, per: str) -> str:
-    return str(unit(f"({of}) / ({per})"))
+def per(of: str, unit_below: str) -> str:
+    """Unit of a quotient."""
+    return str(unit(f"({of}) / ({unit_below})"))
 
 
-def _period(period: float) -> Signal:
+def period_of(period: float) -> Signal:
+    """Parameter T, the sample period."""
     return Param("s", float(period), "sample period", lo=1e-9).named("T")

@@ -14,6 +14,7 @@ from slipctl import (
     connect,
     law,
     linear,
+    locking_seek,
     luenberger,
     sampled,
     simulate,
@@ -183,6 +184,43 @@ def test_observer_of_the_paper():
     assert freight.adhesion_of_load(T_L_hat=8350.0)["mu_hat"] == pytest.approx(0.286, abs=5e-5)
 
 
+def test_reference_knows_its_rate():
+    """v_ref' is what it says, limited, and follows a ramp 1/w_r late."""
+    feed = {"v": lambda t: np.where(t < 0.5, 1.0 * t, 1.0)}
+    run = simulate(control.reference(T), Scenario("ramp", 1.2, inputs=feed))
+    v, rate = run["v_ref"].values, run["rate"].values
+    assert np.diff(v) == pytest.approx(T * rate[:-1], abs=1e-12)
+    assert abs(rate).max() == pytest.approx(1.5)  # the jump from .5 to 1 m/s
+    assert 0.4 - v[2000] == pytest.approx(1 / 200, rel=0.01)
+    assert v[-1] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_lead_makes_the_motor_faster():
+    """Step of 2 kN m: time constant of 5 ms in place of 20 ms."""
+    motor = sampled(freight.motor(lag=True), T, "rk4")
+    wires = {"lead.T_m": "motor.T_m", "lead.T_wanted": "wanted", "motor.T_cmd": "lead.T_cmd"}
+    loop = connect("loop", wires, motor=motor, lead=control.lead)
+    run = simulate(loop, Scenario("step", 0.1, inputs={"wanted": 2000.0}))
+    rise = float(run.time[np.argmax(run["motor.T_m"].values >= 2000 * (1 - np.exp(-1)))])
+    assert rise == pytest.approx(0.005, abs=3e-4)  # a tick and a half
+
+
+def test_creep_as_measured_is_that_of_the_train():
+    y = freight.train(x=0.0, v_t=7.0, omega_m=80.0, T_m=0.0, mu=0.2)[1]
+    assert control.creep(omega_m=80.0, v_t=7.0)["v_s"] == pytest.approx(y["v_s"], abs=1e-12)
+
+
+def test_seeking_controller_takes_speeds_and_gives_a_torque():
+    block = control.seeking_controller(locking_seek(T), lag=0.02)
+    assert set(block.inputs) == {"omega_m", "v_t", "T_m"}
+    assert float(block.params["lead.tau_d"].value) == pytest.approx(0.005)
+    assert "lead.T_cmd" not in control.seeking_controller(locking_seek(T)).outputs
+    with pytest.raises(BadInput, match="unstable"):
+        control.seeking_controller(locking_seek(T), pole=40.0)
+    with pytest.raises(BadInput, match="1/s would pass"):
+        control.seeking_controller(locking_seek(T), q=5000.0)
+
+
 def test_refusals():
     with pytest.raises(BadInput, match="barrier_law has no form 'best'"):
         control.barrier_law("best")
@@ -198,6 +236,8 @@ def test_units_of_the_freight_models():
         freight.plant(), freight.plant(motor=freight.motor(True)), freight.shaft,
         freight.adhesion_of_load, control.disturbance,
         *(control.barrier_law(form) for form in control.FORMS), control.controller(),
+        control.creep, control.reference(), control.lead, freight.motor_speed_sensor,
+        control.seeking_controller(locking_seek(T), lag=0.02),
     ]  # fmt: skip
     for block in blocks:
         assert block.check_units() == []

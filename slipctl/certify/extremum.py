@@ -95,6 +95,24 @@ def largest_period(beta: float, rho: float) -> float:
     return beta / rho
 
 
+def largest_delay(k: float, rho: float, beta: float, steepest: float) -> float:
+    """Delay in s from v to the measured value below which sliding stays on its plane.
+
+    Proof note: a delay lets delta run on beyond the plane at k |mu'| + rho at most; after
+    beta/(k |mu'| + rho) it is in the next cell, where the sign turns once more, and the plane is
+    lost.
+
+    Args:
+        k, rho, beta: of the seeker. steepest: largest |mu'| of the map.
+    """
+    return beta / (k * abs(steepest) + rho)
+
+
+def switch_time(beta: float, rho: float, planes: float) -> float:
+    """Time in s on a flat top in which delta falls through ``planes`` cells: planes beta/rho."""
+    return planes * beta / rho
+
+
 # ---- perturbation -------------------------------------------------------------------------------
 
 
@@ -152,6 +170,22 @@ def vanishing_slope(r: float, gain: float = 1.0) -> float:
         r: gain of the dither in v/mu. gain: :func:`washout`.
     """
     return 2 / (r * gain)
+
+
+def vanishing_contraction(
+    k: float, a: float, q: float, curvature: float, gain: float = 1.0
+) -> float:  # fmt: skip
+    """Share of its distance from the peak that a dither leaves when it dies out.
+
+    Proof note: with a e^(-q t) and a fast low-pass, th~' = gain k a e^(-q t) mu'' th~/2, so
+    ln th~ changes by gain k a mu''/(2 q). A low-pass at w_l delays it; it is the better, the
+    smaller gain k a |mu''|/2 is beside w_l.
+
+    Args:
+        k, a, q: gain, first amplitude and rate of the dither. curvature: mu'' at the peak.
+        gain: :func:`washout`.
+    """
+    return math.exp(-gain * k * a * abs(curvature) / (2 * q))
 
 
 # ---- refusals -----------------------------------------------------------------------------------
