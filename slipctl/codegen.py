@@ -19,6 +19,7 @@ from slipctl.block import Block
 from slipctl.ccode import back_to_back, expected, files, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
+from slipctl.ccode.board import board_files
 from slipctl.ccode.comparison import compare, reference, trial_rows
 from slipctl.ccode.header import CONTENT, header
 from slipctl.ccode.module import CModule, input_rows
@@ -82,12 +83,20 @@ class Report:
                 f"  {t['target']}: no warning{said} bytes, stack {stack.get('worst', '?')},"
                 f" functions of double linked: {len(t['double_helpers'])}"
             )
+            if "instructions" in t:
+                count = t["instructions"]
+                lines.append(
+                    f"  {t['target']}: {count['mean']:.0f} instructions per step, at most"
+                    f" {count['most']}, {t['stack_used']} bytes of stack used, same vectors:"
+                    f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
+                )
         if not self.passed:
             lines += [
-                f"  {c['compiler']}: {c['own_test']};"
+                f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
                 f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"
                 for c in d["compiled"]
             ]
+            lines += [f"  {k.replace('_', ' ')}: {v}" for k, v in d.get("isolation", {}).items()]
         return "\n".join(lines)
 
 
@@ -127,6 +136,7 @@ def check(
     name: str | None = None,
     period: float | None = None,
     real: str = "double",
+    target: str = "host",
 ) -> dict[str, Any]:
     """Write the C, compile it with every compiler found, replay inputs, compare with the block.
 
@@ -136,6 +146,7 @@ def check(
         folder: as in :func:`c_module`.
         params: parameters of the run, by name; the others have their defaults.
         name, period, real: as in :func:`c_module`.
+        target: as in :func:`export`.
 
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
@@ -148,7 +159,7 @@ def check(
     """
     return _produce(
         block, Path(folder), name, inputs=inputs, params=params, replay=True, period=period,
-        real=real,
+        real=real, target=target,
     ).data  # fmt: skip
 
 
@@ -175,7 +186,8 @@ def export(
         period: tick in s for the comments.
         real: type of every number in C, ``"double"`` or ``"float"``.
         target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``: bytes,
-            stack, and what of double is linked.
+            stack, what of double is linked; with ``check`` the same replay on a board of QEMU,
+            with the instructions of a step counted.
 
     Returns:
         What was written; printable.
@@ -264,6 +276,8 @@ def _produce(
 ) -> Report:
     if target != "host":
         targets.tool(target)
+        if replay:
+            targets.emulator(target)
     plan = Plan(block, name, period, real)
     made = _text_files(plan)
     folders.check_folder(folder, [*made, "vectors.txt", folders.MANIFEST])
@@ -298,7 +312,11 @@ def _produce(
     if replay:
         data |= compare(plan, made, used, run, dict(params or {}))
     if target != "host":
-        data["targets"] = [targets.compiled_for(target, plan, made)]
+        found = targets.compiled_for(target, plan, made)
+        if replay:
+            ran = targets.replayed_on(target, plan, made)
+            found |= ran | {"passed": found["passed"] and ran["passed"]}
+        data["targets"] = [found]
     data["files"] = {n: folders.digest(text) for n, text in sorted(made.items())}
     made[folders.MANIFEST] = cc.as_json(data)
     folders.publish(folder, made)
@@ -316,6 +334,7 @@ def _text_files(plan: Plan) -> dict[str, str]:
         "CMakeLists.txt": files.cmake(plan),
         "README.md": files.readme(plan),
         "LICENSE": files.licence(plan),
+        **board_files(),
     }
 
 

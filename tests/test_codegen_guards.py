@@ -26,7 +26,7 @@ from slipctl import (
     rls,
     step,
 )
-from slipctl.ccode import compilers, precision, targets
+from slipctl.ccode import board, compilers, isolation, precision, targets
 from slipctl.ccode.precision import MATH, in_precision
 from slipctl.models import subway_braking, subway_braking_control
 from slipctl.wichmann_hill import advance, quick_floor, rounder, seeded
@@ -241,13 +241,113 @@ def test_float_links_nothing_of_double_on_a_cortex_m4(name: str, tmp_path: Path)
     assert found["float"]["stack"]["worst"] < found["double"]["stack"]["worst"]
 
 
+@pytest.fixture
+def on_board() -> None:
+    try:
+        targets.tool("cortex-m4")
+        targets.emulator("cortex-m4")
+    except BadInput as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.mark.usefixtures("on_board")
+@pytest.mark.parametrize("target", targets.TARGETS)
+def test_vectors_are_replayed_on_a_board(target: str, tmp_path: Path) -> None:
+    """Same vectors, same status, in double to the last bits; the limits are in instructions."""
+    found = {}
+    for real in REALS:
+        report = codegen.export(control(), tmp_path / real, check=True, real=real, target=target)
+        assert report.passed, str(report)
+        assert "instructions per step" in str(report)
+        found[real] = report.data["targets"][0]
+        assert "200 ticks, 0 faults, 7 of 7 inputs refuse NaN" in found[real]["own_test"]
+        assert found[real]["stack_used"] <= max(found[real]["stack"]["worst"] + 128, 64)
+    assert max(found["double"]["signals"].values()) <= codegen.LIMIT
+    assert 50 < found["float"]["instructions"]["mean"] < 400
+    if target == "cortex-m4":  # it has no double in hardware
+        assert found["double"]["instructions"]["mean"] > 10 * found["float"]["instructions"]["mean"]
+
+
+@pytest.mark.usefixtures("on_board")
+def test_board_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = targets.in_binary
+
+    def spoilt(vectors: str) -> bytes:
+        lines = vectors.splitlines()
+        row = lines[-1].split()
+        row[-2] = repr(float(row[-2]) + 1e-3)
+        return honest("\n".join([*lines[:-1], " ".join(row)]))
+
+    monkeypatch.setattr(targets, "in_binary", spoilt)
+    report = codegen.export(guarded, tmp_path, check=True, real="float", target="cortex-m4")
+    assert not report.passed
+
+
+@pytest.mark.usefixtures("on_board")
+@pytest.mark.parametrize("target", targets.TARGETS)
+def test_instructions_are_counted_one_by_one(target: str, tmp_path: Path) -> None:
+    """So many nops more are so many instructions more."""
+    for name, text in board.board_files().items():
+        (tmp_path / name).write_text(text)
+    body = "\n".join(
+        f"    from = clock_now();\n    __asm volatile({nops});\n"
+        '    printf("%lu\\n", instructions(from, clock_now()));'
+        for nops in ('""', '"nop"', '".rept 7\\n nop\\n .endr"', '".rept 1000\\n nop\\n .endr"')
+    )
+    (tmp_path / "main.c").write_text(
+        '#include "cortex_m.h"\n#include <stdio.h>\nint main(void);\nint main(void)\n{\n'
+        f"    unsigned long from;\n    clock_start();\n{body}\n    return 0;\n}}\n"
+    )
+    targets.build(target, tmp_path, ["main.c"], "main.elf")
+    call = [*targets.command(target, "main.elf"), "-serial", "none", *board.COUNT]
+    said = targets.run(call, tmp_path)
+    empty, *counts = map(int, said.stdout.split())
+    assert [c - empty for c in counts] == [1, 7, 1000]
+
+
 def test_target_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BadInput, match="is not known; did you mean"):
         codegen.export(guarded, tmp_path / "out", target="cortex-m3")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BadInput, match="apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"):
         codegen.export(guarded, tmp_path / "out", target="cortex-m4")
+    monkeypatch.setattr(targets, "tool", lambda target: "")
+    with pytest.raises(BadInput, match=r"needs qemu-system-arm; install it .* qemu-system-arm"):
+        codegen.export(guarded, tmp_path / "out", check=True, target="cortex-m4")
     assert not (tmp_path / "out").exists()
+
+
+def test_sanitizers_and_neighbours_find_what_they_look_for(tmp_path: Path) -> None:
+    """A module that reads beyond an array, one that keeps global data, one that shows a name."""
+    plan = codegen.Plan(guarded)
+    codegen.c_module(guarded, tmp_path)
+    compiler, source = compilers.compilers()[0], tmp_path / "guarded.c"
+    honest = source.read_text()
+
+    def product() -> Path:
+        compilers.compile_object(compiler, source, tmp_path / "guarded.o")
+        return tmp_path / "guarded.o"
+
+    assert isolation.linked_twice(plan, tmp_path, compiler, product())
+    said, sound = isolation.sanitized(plan, tmp_path, compiler)
+    assert sound
+    head = "guarded_out now;\n"
+    if "not run" not in said:
+        wild = "    const volatile double *beyond = in->w + 50;\n    (void)*beyond;\n"
+        source.write_text(honest.replace(head, head + wild, 1))
+        assert not isolation.sanitized(plan, tmp_path, compiler)[1]
+    source.write_text(honest + "int shown(void);\nint shown(void)\n{\n    return 1;\n}\n")
+    assert not isolation.linked_twice(plan, tmp_path, compiler, product())
+    count = "    static double calls = 0.0;\n    calls += 1e-3;\n"
+    source.write_text(
+        honest.replace(f"    {head}", f"    {head}{count}", 1).replace(
+            "state->held = now;", "now.T += calls;\n    state->held = now;"
+        )
+    )
+    module = codegen.CModule(tmp_path, plan).compile(compiler).load()
+    rows = np.full((20, 4), 0.1)
+    alone = np.hstack(module.replay_rows(rows))
+    assert not isolation.interleaved(module, rows, alone)
 
 
 def test_helpers_of_double_are_told_from_those_of_float() -> None:

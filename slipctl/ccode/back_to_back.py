@@ -25,6 +25,61 @@ _ROUNDED = """static void rounded(const double *from, real *to, int n)
 
 """
 
+_MAIN = """#ifdef ON_BOARD
+int main(void)
+#else
+int main(int argc, char **argv)
+#endif"""
+
+_COPY = """#ifndef ON_BOARD
+    if (argc > 2) {
+        FILE *copy = fopen(argv[2], "wb");
+        return (copy == 0) ? 2 : in_binary(file, copy, ticks);
+    }
+#endif
+"""
+
+_STEP = """#ifdef ON_BOARD
+        stack_paint();
+        from = clock_now();
+#endif
+        status = {n}_step(&in, &param, &state, &out);
+#ifdef ON_BOARD
+        count = instructions(from, clock_now()) - empty;
+        depth = stack_used();
+        deepest = (depth > deepest) ? depth : deepest;
+        slowest = (count > slowest) ? count : slowest;
+        sum += (double)count;
+#endif
+"""
+
+_PATH = """#ifdef ON_BOARD
+    const char *path = "vectors.bin";
+    unsigned long from = 0;
+    unsigned long count = 0;
+    unsigned long empty = 0; /* of reading the clock twice */
+    unsigned long slowest = 0;
+    unsigned long depth = 0;
+    unsigned long deepest = 0;
+    double sum = 0.0;
+#else
+    const char *path = (argc > 1) ? argv[1] : "vectors.txt";
+#endif
+"""
+
+_EMPTY = """#ifdef ON_BOARD
+    clock_start();
+    from = clock_now();
+    empty = instructions(from, clock_now());
+#endif
+"""
+
+_COUNTED = """#ifdef ON_BOARD
+    printf("instructions per step: mean %.1f, most %lu; bytes of stack: at most %lu\\n",
+           sum / ((ticks > 0) ? ticks : 1), slowest, deepest);
+#endif
+"""
+
 
 def test_program(plan: Plan) -> str:
     """Text of the program that replays the vectors and compares."""
@@ -52,7 +107,10 @@ def test_program(plan: Plan) -> str:
     return f"""{head(plan, f"test_{n}.c")}
 
 /* Back to back: replay recorded inputs, carry the state here, compare with the recorded outputs,
- * states and status of the Python model. Usage: test_{n} [vectors.txt]; exit code 0 when all agree.
+ * states and status of the Python model. Exit code 0 when all agree.
+ *
+ * test_{n} [vectors.txt]               replay
+ * test_{n} vectors.txt vectors.bin     write the numbers in binary, for a board that reads slowly
  */
 
 #include "{n}.h"
@@ -62,13 +120,18 @@ def test_program(plan: Plan) -> str:
 #include <stdio.h>
 #include <string.h>
 
+#ifdef ON_BOARD
+#include "cortex_m.h"
+#endif
+
 #define N_IN {n_in}
 #define N_PARAM {n_param}
 #define N_OUT {n_out}
 #define N_STATE {n_state}
 #define N_SIGNALS {len(compared)}
 #define N_ENDS {beyond} /* finite ends of the ranges of inputs */
-#define N_ROW (N_IN + N_OUT + N_STATE + N_PARAM + 1)
+#define N_TICK (N_IN + N_OUT + N_STATE + 1) /* the last one is the status */
+#define N_ROW (N_TICK + N_PARAM)
 #define COMPARED ({mask}) /* bits of the status */
 #define CONTENT "{CONTENT}"
 
@@ -82,9 +145,14 @@ static const struct {{
 {names}
 }};
 
-{table}static int numbers(FILE *file, double *x, int n)
+{table}static int binary; /* whether the numbers of the file are those of this machine */
+
+static int numbers(FILE *file, double *x, int n)
 {{
     int k;
+    if (binary) {{
+        return fread(x, sizeof(double), (size_t)n, file) == (size_t)n;
+    }}
     for (k = 0; k < n; ++k) {{
         if (fscanf(file, "%lf", &x[k]) != 1) {{
             return 0;
@@ -93,7 +161,23 @@ static const struct {{
     return 1;
 }}
 
-{_ROUNDED if n_in or n_param else ""}int main(int argc, char **argv)
+#ifndef ON_BOARD
+static int in_binary(FILE *file, FILE *copy, int ticks)
+{{
+    long left = N_PARAM + 2L * N_SIGNALS + (long)ticks * N_TICK;
+    double x = 0.0;
+    fprintf(copy, "slipctl-vectors 3 {n} " CONTENT " binary %d %d %d\\n", N_PARAM, N_SIGNALS,
+            ticks);
+    for (; left > 0; --left) {{
+        if (!numbers(file, &x, 1) || fwrite(&x, sizeof(double), 1, copy) != 1) {{
+            return 2;
+        }}
+    }}
+    return (fclose(copy) == 0) ? 0 : 2;
+}}
+#endif
+
+{_ROUNDED if n_in or n_param else ""}{_MAIN}
 {{
     static double row[N_ROW];
     static real raw[N_ROW];
@@ -105,11 +189,12 @@ static const struct {{
     static {n}_param param;
     static {n}_state state;
     static {n}_out out;
-    const char *path = (argc > 1) ? argv[1] : "vectors.txt";
-    FILE *file = fopen(path, "r");
-    char word[64] = "";
+{_PATH}    FILE *file = fopen(path, "rb");
+    char line[200] = "";
     char content[64] = "";
-    int count = 0;
+    char form[64] = "";
+    int params = 0;
+    int compared = 0;
     int ticks = 0;
     int tick;
     int faults = 0;
@@ -125,10 +210,16 @@ static const struct {{
         printf("cannot read %s\\n", path);
         return 2;
     }}
-    if (fscanf(file, "slipctl-vectors 2 %63s %63s param %d", word, content, &count) != 3
-        || strcmp(content, CONTENT) != 0 || count != N_PARAM || !numbers(file, row, N_PARAM)
-        || fscanf(file, " limits %d", &count) != 1 || count != N_SIGNALS) {{
+    if (fgets(line, (int)sizeof(line), file) == 0
+        || sscanf(line, "slipctl-vectors 3 {n} %63s %63s %d %d %d", content, form, &params,
+                  &compared, &ticks) != 5
+        || strcmp(content, CONTENT) != 0 || params != N_PARAM || compared != N_SIGNALS) {{
         printf("%s does not belong to {n} " CONTENT "\\n", path);
+        return 2;
+    }}
+    binary = (strcmp(form, "binary") == 0);
+{_COPY}    if (!numbers(file, row, N_PARAM) || !numbers(file, limits, 2 * N_SIGNALS)) {{
+        printf("%s has no parameters and limits\\n", path);
         return 2;
     }}
     {n}_default(&param);
@@ -136,18 +227,15 @@ static const struct {{
         printf("init refuses the parameters\\n");
         return 1;
     }}
-    if (!numbers(file, limits, 2 * N_SIGNALS) || fscanf(file, " ticks %d", &ticks) != 1) {{
-        printf("%s has no limits\\n", path);
-        return 2;
-    }}
-    for (tick = 0; tick < ticks; ++tick) {{
+{_EMPTY}    for (tick = 0; tick < ticks; ++tick) {{
         int signal;
-        if (!numbers(file, row, N_IN + N_OUT + N_STATE + 1)) {{
+        int status;
+        if (!numbers(file, row, N_TICK)) {{
             printf("%s ends at tick %d\\n", path, tick);
             return 2;
         }}
 {take_in}        k = (int)row[N_IN + N_OUT + N_STATE];
-        if (({n}_step(&in, &param, &state, &out) & COMPARED) != (k & COMPARED)) {{
+{_STEP.format(n=n)}        if ((status & COMPARED) != (k & COMPARED)) {{
             ++faults;
         }}
         memcpy(raw, &out, N_OUT * sizeof(real));
@@ -188,8 +276,8 @@ static const struct {{
     printf("%d of %d inputs refuse NaN, %d of %d ends of ranges hold, ", refused, N_IN, held,
            N_ENDS);
     printf("largest relative difference %.3g\\n", most);
-    return (wrong == 0 && faults == 0 && (ticks == 0 || (refused == N_IN && held == N_ENDS))) ? 0
-                                                                                             : 1;
+{_COUNTED}    wrong += faults + (ticks > 0 && (refused != N_IN || held != N_ENDS));
+    return (wrong == 0) ? 0 : 1;
 }}
 """
 
@@ -230,12 +318,11 @@ def _guards(n: str, big: str) -> str:
 def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected) -> str:
     """Text of the vectors: parameters, limits, then inputs, outputs, states, status per tick."""
     flat = [v for m in plan.layout.params for v in packed(m, params[m.name])]
-    lines = [f"slipctl-vectors 2 {plan.name} {content}", f"param {len(flat)}"]
-    lines += [repr(float(v)) for v in flat]
     members = [*plan.layout.outputs, *plan.layout.states]  # an output and a state may share a name
-    lines.append(f"limits {len(members)}")
+    sizes = f"{len(flat)} {len(members)} {len(run.rows)}"
+    lines = [f"slipctl-vectors 3 {plan.name} {content} text {sizes}"]
+    lines += [repr(float(v)) for v in flat]
     lines += [f"{float(run.limits[m.name])!r} {int(m.name in run.envelope)}" for m in members]
-    lines.append(f"ticks {len(run.rows)}")
     rows = np.hstack([run.rows, run.outputs, run.states]).tolist()
     lines += [
         " ".join([*map(repr, row), str(status)])

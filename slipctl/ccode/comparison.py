@@ -14,6 +14,7 @@ import numpy as np
 from slipctl import build
 from slipctl.block import Block
 from slipctl.ccode import compilers as cc
+from slipctl.ccode import isolation
 from slipctl.ccode.expected import Expected, differences, start_state
 from slipctl.ccode.header import bit
 from slipctl.ccode.module import CModule
@@ -33,7 +34,7 @@ def compare(
     params: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Compile with each compiler, replay, and run the test program of the folder."""
-    compiled = []
+    compiled: list[dict[str, Any]] = []
     signals: dict[str, dict[str, Any]] = {}
     mask = ~0 if plan.real == "double" else ~bit("LIMITED")
     passed = True
@@ -58,6 +59,18 @@ def compare(
             doubles = cc.in_double(found["needed"]) if found else []
             clean = clean and not (doubles and plan.real == "float")
             passed = passed and faults == 0 and agreed and clean
+            if not compiled:  # once is enough: these are faults of the text
+                memory_said, sound = isolation.sanitized(plan, Path(scratch), compiler)
+                apart = {
+                    "sanitizers": memory_said,
+                    "two_instances_interleaved": isolation.interleaved(
+                        module, run.rows, got, **params
+                    ),
+                    "two_modules_linked": isolation.linked_twice(
+                        plan, Path(scratch), compiler, product
+                    ),
+                }
+                passed = passed and sound and all(apart.values())
             compiled.append({
                 "compiler": cc.version(compiler),
                 "flags": " ".join(cc.FLAGS),
@@ -75,6 +88,7 @@ def compare(
     return {
         "memory_bytes": memory | {"state": state_bytes},
         "compiled": compiled,
+        "isolation": apart,
         "signals": signals,
         "largest_relative": largest,
         "ticks_off_range": run.refused,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from slipctl.ccode.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS
 from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT, STATUS, head, memory
@@ -81,15 +82,34 @@ test_{n}: test_{n}.c {n}.o
 test: test_{n}
 \t./test_{n} vectors.txt
 
+vectors.bin: test_{n} vectors.txt
+\t./test_{n} vectors.txt vectors.bin
+
+{_boards(n)}
 size: {n}.o
 \tsize {n}.o
 \tnm -g {n}.o
 
 clean:
-\trm -f {n}.o example test_{n}
+\trm -f {n}.o example test_{n} vectors.bin {" ".join(f"test_{t}.elf" for t in TARGETS)}
 
-.PHONY: all test size clean
+.PHONY: all test size clean {" ".join(TARGETS)}
 """
+
+
+def _boards(n: str) -> str:
+    """Rules that build the test for each processor and run it on a board of QEMU."""
+    sources, rules = f"{n}.c test_{n}.c cortex_m.c", [f"CROSS ?= {TOOLS}\nQEMU ?= {EMULATOR}\n"]
+    for t, flags in TARGETS.items():
+        rules.append(f"""test_{t}.elf: {sources} {n}.h cortex_m.h cortex_m.ld
+\t$(CROSS)gcc $(CFLAGS) -DON_BOARD {" ".join(flags)} \\
+\t  {sources} -o $@ \\
+\t  {" ".join(LINK)} -lm
+
+{t}: test_{t}.elf vectors.bin
+\t$(QEMU) -M {BOARDS[t]} {" ".join([*RUN, "-serial", "none", *COUNT])} -kernel $<
+""")
+    return "\n".join(rules)
 
 
 def spoken(value: float, plan: Plan) -> str:
@@ -159,6 +179,7 @@ C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbe
 | `example.c` | smallest program that runs it |
 | `test_{n}.c`, `vectors.txt` | back-to-back test against the recorded Python model |
 | `Makefile` | `make test`, `make size`, `make example`; take another compiler with `make CC=...` |
+| `cortex_m.*` | start, timer and linker script for the test on a board, `make cortex-m4` |
 | `CMakeLists.txt` | a static library; alone also example and test, for `ctest` |
 | `report.json` | sizes, symbols, compilers, largest difference from Python per signal |
 | `LICENSE` | terms |

@@ -24,7 +24,7 @@ _REPLAY = """#include "{n}.h"
 
 int bind_sizes(int which);
 int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                {real} *states, int *status);
+                {real} *states, int *status, const {n}_in *beside, {n}_state *other);
 
 int bind_sizes(int which)
 {{
@@ -35,11 +35,15 @@ int bind_sizes(int which)
 }}
 
 int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                {real} *states, int *status)
+                {real} *states, int *status, const {n}_in *beside, {n}_state *other)
 {{
+    {n}_out unseen;
     int k;
     int bad = 0;
     for (k = 0; k < ticks; ++k) {{
+        if (beside != 0) {{
+            (void){n}_step(&beside[k], param, other, &unseen);
+        }}
         status[k] = {n}_step(&in[k], param, state, &out[k]);
         bad += (status[k] != 0);
         {keep}
@@ -181,18 +185,30 @@ class CModule:
         out, _ = self.replay_rows(rows)
         return _columns(self._plan.layout.outputs, out)
 
-    def replay_rows(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs and next states, ticks by elements, for rows of input elements."""
+    def replay_rows(
+        self, rows: np.ndarray, beside: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs and next states, ticks by elements, for rows of input elements.
+
+        With ``beside`` another instance, in the same state at first, makes a step with a row of
+        these before each step.
+        """
         lay, ticks = self._plan.layout, len(rows)
         width = max(_size(lay.inputs), 1)
-        given = np.zeros((ticks, width), self._kind)
+        given, others = (np.zeros((ticks, width), self._kind) for _ in range(2))
         given[:, : rows.shape[1]] = rows
+        other = self._state.copy()
         out = np.zeros((ticks, max(_size(lay.outputs), 1)), self._kind)
         states = np.zeros((ticks, max(_size(lay.states), 1)), self._kind)
         status = np.zeros(ticks, dtype=np.intc)
         self._need_load()
         arrays = (given, self._param, self._state, out, states, status)
-        self._lib.bind_replay(ctypes.c_int(ticks), *(a.ctypes.data_as(_VOID) for a in arrays))
+        pointers = [a.ctypes.data_as(_VOID) for a in arrays]
+        second: list[Any] = [None, None]
+        if beside is not None:
+            others[:, : rows.shape[1]] = beside
+            second = [others.ctypes.data_as(_VOID), other.ctypes.data_as(_VOID)]
+        self._lib.bind_replay(ctypes.c_int(ticks), *pointers, *second)
         self.status = status
         return out[:, : _size(lay.outputs)], states[:, : _size(lay.states)]
 

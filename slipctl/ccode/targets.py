@@ -1,9 +1,13 @@
-"""A module compiled for a processor: how big it is, and what of double would be linked."""
+"""A module on a processor: how big it is, what of double is linked, and its test run by QEMU.
+
+The test replays the vectors there, counts instructions and measures the stack.
+"""
 
 from __future__ import annotations
 
 import re
 import shutil
+import struct
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -11,17 +15,24 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.ccode import compilers as cc
+from slipctl.ccode.board import (
+    BOARD_FILES,
+    BOARDS,
+    COUNT,
+    EMULATOR,
+    LINK,
+    RUN,
+    TARGETS,
+    TOOLS,
+)
 from slipctl.ccode.plan import Plan
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, RunFailed, nearest
 
-TARGETS: Mapping[str, tuple[str, ...]] = {
-    "cortex-m4": ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
-    "cortex-m7": ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
-}
-"""Processors and the flags that choose them; the first has no double in hardware."""
-
-TOOLS = "arm-none-eabi-"
 COMPILER = f"{TOOLS}gcc"
+
+
+WAIT = 600.0
+"""Longest time in s that a replay on the board may take."""
 
 _MAIN = """#include "{n}.h"
 
@@ -56,6 +67,103 @@ def tool(target: str) -> str:
             " install gcc-arm-none-eabi libnewlib-arm-none-eabi)"
         )
     return found
+
+
+def emulator(target: str) -> str:
+    """QEMU for a target.
+
+    Raises:
+        BadInput: it is not installed.
+    """
+    found = shutil.which(EMULATOR)
+    if found is None:
+        raise BadInput(
+            f"--target {target} with --check needs {EMULATOR}; install it (Debian, Ubuntu: apt"
+            " install qemu-system-arm)"
+        )
+    return found
+
+
+def command(target: str, program: str) -> list[str]:
+    """Command line that runs a program on the board; its files and output are this machine's."""
+    return [emulator(target), "-M", BOARDS[target], *RUN, "-kernel", program]
+
+
+def build(target: str, folder: Path, sources: list[str], program: str, *flags: str) -> None:
+    """Compile and link sources of a folder that has the files of the board too.
+
+    Raises:
+        BadInput: as :func:`tool`.
+        RunFailed: the compiler or linker refuses.
+    """
+    compiler, machine = tool(target), TARGETS[target]
+    objects = []
+    for name in (*sources, "cortex_m.c"):
+        objects.append((folder / name).with_suffix(".m.o"))
+        cc.compile_object(compiler, folder / name, objects[-1], *machine, "-DON_BOARD", *flags)
+    cc.link(compiler, objects, folder / program, *machine, *LINK)
+
+
+def in_binary(vectors: str) -> bytes:
+    """Vectors as a board reads them: the first line, then numbers of eight bytes."""
+    first, _, rest = vectors.partition("\n")
+    words = rest.split()
+    return first.replace(" text ", " binary ").encode() + b"\n" + struct.pack(
+        f"<{len(words)}d", *map(float, words)
+    )  # fmt: skip
+
+
+_COUNTS = re.compile(
+    r"instructions per step: mean ([\d.]+), most (\d+); bytes of stack: at most (\d+)$",
+    re.MULTILINE,
+)
+_ROW = re.compile(r"^(\S+) +(\S+) +(\S+) +(\S+)(?: \(of least.*)?$", re.MULTILINE)
+
+
+def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
+    """Run the module's own test on the board.
+
+    Returns:
+        ``largest`` relative difference per signal, ``own_test`` with the test's last line,
+        ``instructions`` per step (mean and most), ``stack`` in bytes used by a step with all it
+        calls, and whether the test ``passed``.
+
+    Raises:
+        BadInput: a tool is not installed.
+        RunFailed: it does not compile, or comes to no end.
+    """
+    n = plan.name
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        folder = Path(scratch)
+        for name in (f"{n}.h", f"{n}.c", f"test_{n}.c", *BOARD_FILES):
+            (folder / name).write_text(made[name], encoding="utf-8")
+        (folder / "vectors.bin").write_bytes(in_binary(made["vectors.txt"]))
+        build(target, folder, [f"{n}.c", f"test_{n}.c"], "test.elf")
+        said = run([*command(target, "test.elf"), "-serial", "none", *COUNT], folder)
+    counts = _COUNTS.search(said.stdout)
+    if counts is None:
+        last = (said.stdout.strip() or said.stderr.strip() or "nothing").splitlines()[-1]
+        raise RunFailed(f"the test of {n} on {target} stopped: {last}")
+    rows = _ROW.findall(said.stdout[: counts.start()])
+    return {
+        "emulator": f"{EMULATOR} -M {BOARDS[target]} {' '.join(COUNT)}",
+        "signals": {name: float(relative) for name, _, relative, _ in rows[1:]},
+        "own_test": said.stdout[: counts.start()].strip().splitlines()[-1],
+        "instructions": {"mean": float(counts[1]), "most": int(counts[2])},
+        "stack_used": int(counts[3]),
+        "passed": said.returncode == 0,
+    }
+
+
+def run(call: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a program on the board to its end."""
+    try:
+        return subprocess.run(
+            call, cwd=folder, capture_output=True, text=True, check=False, timeout=WAIT,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise RunFailed(f"{call[0]} came to no end within {WAIT:g} s") from None
 
 
 def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:

@@ -1,0 +1,36 @@
+"""Processors that a module is compiled for, and the boards of QEMU that run it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+TARGETS: Mapping[str, tuple[str, ...]] = {
+    "cortex-m4": ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+    "cortex-m7": ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
+}
+"""Processors and the flags that choose them; the first has no double in hardware."""
+
+BOARDS: Mapping[str, str] = {"cortex-m4": "mps2-an386", "cortex-m7": "mps2-an500"}
+"""Boards that QEMU has with them."""
+
+TOOLS = "arm-none-eabi-"
+EMULATOR = "qemu-system-arm"
+
+LINK = ("--specs=nosys.specs", "-nostartfiles", "-T", "cortex_m.ld", "-Wl,--gc-sections")
+"""How a program for the board is linked, in a folder with the files of the board."""
+
+RUN = ("-nographic", "-monitor", "none", "-semihosting-config", "enable=on,target=native")
+"""How a program runs: its files and what it prints are those of this machine."""
+
+COUNT = ("-icount", "shift=7")
+"""An instruction takes 128 ns, 3.2 ticks of the board's timer: counts are exact."""
+
+BOARD_FILES = ("cortex_m.c", "cortex_m.h", "cortex_m.ld")
+"""Start, timer, serial line and linker script of the boards."""
+
+
+def board_files() -> dict[str, str]:
+    """Texts of the files of the board by name."""
+    folder = Path(__file__).with_name("boards")
+    return {name: (folder / name).read_text(encoding="utf-8") for name in BOARD_FILES}
