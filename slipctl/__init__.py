@@ -27,6 +27,7 @@ _WHERE = {
     "extremum_lock": ["locking_seek"],
     "observing": ["luenberger"],
     "swarm": ["particle_swarm", "least_squares", "Fit"],
+    "identification": ["identify", "Identified", "linear_fit", "misfit_search", "swarm_fit"],
     "optimum": ["argmax", "argmax_block"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [

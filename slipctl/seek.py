@@ -90,7 +90,7 @@ def differential_evolution(
               ).named("F0"),
     ]  # fmt: skip
     random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
-    of_one_tick = _repeated(generation, int(per_tick))
+    of_one_tick = repeated(generation, int(per_tick))
 
     def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
         """The generations of one tick, from generation G on."""
@@ -228,7 +228,7 @@ def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     return ca.Function("first", [r, g, a, b], [states[:, -1], places.T, values.T])
 
 
-def _repeated(step: ca.Function, count: int) -> ca.Function:
+def repeated(step: ca.Function, count: int) -> ca.Function:
     """Function that does ``count`` steps (state, constants, K) -> state, by nested calls.
 
     CasADi's ``fold`` would store every state on the way.
@@ -237,11 +237,11 @@ def _repeated(step: ca.Function, count: int) -> ca.Function:
         return step
     z, constants, K = (ca.MX.sym("zcK"[i], step.size1_in(i)) for i in range(3))
     inner, rest = divmod(count, min(count, 10))
-    many, after = _repeated(step, inner), z
+    many, after = repeated(step, inner), z
     for _ in range(min(count, 10)):
         after = many(after, constants, K)
     if rest:
-        after = _repeated(step, rest)(after, constants, K)
+        after = repeated(step, rest)(after, constants, K)
     return ca.Function(f"{step.name()}s_{count}", [z, constants, K], [after])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -12,7 +12,7 @@ import numpy as np
 from slipctl import wichmann_hill as wh
 from slipctl.block import Block, Exprs, make_block
 from slipctl.errors import BadInput
-from slipctl.seek import objective, open_law, refuse_names
+from slipctl.seek import objective, open_law, refuse_names, repeated
 from slipctl.signals import Output, Param, State
 
 
@@ -23,10 +23,10 @@ def particle_swarm(
     *,
     particles: int = 40,
     iterations: int = 100,
-    inertia: float = 0.73,
+    inertia: float | Callable[[Any], Any] = 0.73,
     c1: float = 1.5,
     c2: float = 1.5,
-    clamp: float = 0.5,
+    clamp: float | Sequence[float] = 0.5,
     seed: int = 1,
 ) -> Block:
     """Search the minimum of a law over some of its inputs by a particle swarm.
@@ -40,8 +40,9 @@ def particle_swarm(
         over: inputs that are varied, with (lowest, highest).
         minimise: output that is minimised; may be left out if there is only one.
         particles, iterations: of one search.
-        inertia: w. c1, c2: pull to the own best and to the best of all.
-        clamp: largest step as share of the range.
+        inertia: w, a number, or a function of the share of the iterations that are done, 1/G to 1.
+        c1, c2: pull to the own best and to the best of all.
+        clamp: largest step as share of the range, one number or one per variable.
         seed: of the random numbers, which are block state.
 
     Returns:
@@ -63,37 +64,41 @@ def particle_swarm(
         raise BadInput(f"{where}: particles = {particles} must be a whole number in 2..1000")
     if iterations != int(iterations) or iterations < 1:
         raise BadInput(f"{where}: iterations = {iterations} must be a whole number >= 1")
+    clamps = np.ravel(np.asarray(clamp, dtype=float))
+    if clamps.size not in (1, len(names)):
+        raise BadInput(f"{where}: clamp has {clamps.size} numbers; give 1 or {len(names)}")
     assert minimise is not None
     given, value_of = open_law(law, names, minimise)
     n, d, m = int(particles), len(names), len(given)
     low_hi = np.array([over[k] for k in names])
     lo, span = ca.DM(low_hi[:, 0]), ca.DM(low_hi[:, 1] - low_hi[:, 0])
     settings = [
-        Param("1", float(inertia), "inertia", lo=0, hi=2).named("inertia"),
         Param("1", float(c1), "pull to the own best", lo=0, hi=4).named("c1"),
         Param("1", float(c2), "pull to the best of all", lo=0, hi=4).named("c2"),
-        Param("1", float(clamp), "largest step, of the range", lo=1e-9, hi=1).named("clamp"),
-    ]
+        Param("1", clamps if clamps.size > 1 else float(clamps[0]), "largest step, of the range",
+              lo=1e-9, hi=1, shape=(d,) if clamps.size > 1 else ()).named("clamp"),
+    ]  # fmt: skip
+    if not callable(inertia):
+        settings.insert(0, Param("1", float(inertia), "inertia", lo=0, hi=2).named("inertia"))
     refuse_names(where, law, ["rng", *(s.name for s in settings)])
     first = _first(value_of, d, m, lo, span).mapaccum("particles", n)
-    iteration = _iteration(value_of, n, d, m, lo, span)
-    constants = ca.MX.sym("constants", m + 4)
-    z = ca.MX.sym("z", 3 + n * (3 * d + 1))
-    many = iteration.fold(int(iterations))
-    search = ca.Function(
-        "search", [z, constants], [many(z, ca.repmat(constants, 1, int(iterations)))]
-    )
+    weight = inertia if callable(inertia) else None
+    iteration = _iteration(value_of, n, d, m, lo, span, weight, int(iterations))
+    search, best_of = repeated(iteration, int(iterations)), _best(n, d)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = ca.vertcat(*[u[s.name] for s in given])
         rngs, places, values = first(x["rng"], ca.repmat(at, 1, n))
         start = ca.vertcat(
-            rngs[:, -1], ca.vec(places), ca.MX.zeros(n * d), ca.vec(places), values.T
+            1, rngs[:, -1], ca.vec(places), ca.MX.zeros(n * d), ca.vec(places), values.T
         )
-        after = search(start, ca.vertcat(at, *(p[s.name] for s in settings)))
-        best = ca.reshape(after[3 + 2 * n * d : 3 + 3 * n * d], d, n)
-        place, value = _best(n, d)(best, after[3 + 3 * n * d :])
-        return {"rng": after[:3]}, {k: place[i] for i, k in enumerate(names)} | {"value": value}
+        steps = p["clamp"] * span
+        constants = ca.vertcat(at, p.get("inertia", 0), p["c1"], p["c2"], steps)
+        _, rng, _, _, best, value = _parts(
+            search(start, constants, wh.rounder()(x["rng"])), n, d
+        )  # fmt: skip
+        place, least = best_of(best, value)
+        return {"rng": rng}, {k: place[i] for i, k in enumerate(names)} | {"value": least}
 
     return make_block(
         "particle_swarm", "step", body,
@@ -106,8 +111,15 @@ def particle_swarm(
         sx=False, doc=particle_swarm.__doc__ or "",
         choices={"law": law.name, "particles": n, "iterations": int(iterations),
                  "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),
-                 "seed": int(seed)},
+                 "seed": int(seed)} | ({"inertia": "a function"} if callable(inertia) else {}),
     )  # fmt: skip
+
+
+def _parts(z: Any, n: int, d: int) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Iteration, rng, places, steps, own bests (d by n each) and their values of a state."""
+    edges = [0, 1, 4, *(4 + k * n * d for k in (1, 2, 3)), 4 + n * (3 * d + 1)]
+    i, rng, x, v, own, values = ca.vertsplit(z, edges)
+    return i, rng, *(ca.reshape(k, d, n) for k in (x, v, own)), values
 
 
 def _first(value_of: ca.Function, d: int, m: int, lo: ca.DM, span: ca.DM) -> ca.Function:
@@ -122,39 +134,45 @@ def _first(value_of: ca.Function, d: int, m: int, lo: ca.DM, span: ca.DM) -> ca.
 
 
 def _iteration(
-    value_of: ca.Function, n: int, d: int, m: int, lo: ca.DM, span: ca.DM
+    value_of: ca.Function, n: int, d: int, m: int, lo: ca.DM, span: ca.DM,
+    schedule: Callable[[Any], Any] | None, iterations: int,
 ) -> ca.Function:  # fmt: skip
-    """Function (state, constants) -> state; state is rng, places, steps, own bests, values."""
+    """Function (state, constants, K) -> state of one iteration; see :func:`_parts`.
+
+    A draw of the generator per variable: r1 and r2 are its first two parts. A number of K is for
+    :func:`wichmann_hill.quick_floor`.
+    """
     rng, x, v, own = (ca.SX.sym(k, size) for k, size in (("r", 3), ("x", d), ("v", d), ("b", d)))
-    least, best, c = ca.SX.sym("least"), ca.SX.sym("best", d), ca.SX.sym("c", m + 4)
-    w, c1, c2, clamp = ca.vertsplit(c[m:])
+    least, best, K = ca.SX.sym("least"), ca.SX.sym("best", d), ca.SX.sym("K", 2)
+    c, whole = ca.SX.sym("c", m + 3 + d), wh.quick_floor(K)
+    w, c1, c2, most = ca.vertsplit(c[m:], [0, 1, 2, 3, 3 + d])
     state, steps = rng, []
     for i in range(d):
-        state = wh.advance(state)
-        r1 = wh.uniform(state)
-        state = wh.advance(state)
-        r2 = wh.uniform(state)
+        state = wh.advance(state, whole)
+        r1, r2 = state[0] * (1 / wh.MODULI[0]), state[1] * (1 / wh.MODULI[1])
         step = w * v[i] + c1 * r1 * (own[i] - x[i]) + c2 * r2 * (best[i] - x[i])
-        most = clamp * span[i]
-        steps.append(ca.fmin(most, ca.fmax(-most, step)))
+        steps.append(ca.fmin(most[i], ca.fmax(-most[i], step)))
     moved = ca.vertcat(*steps)
     place = ca.fmin(lo + span, ca.fmax(lo, x + moved))
     value = value_of(place, c[:m])
     better = value < least
     one = ca.Function(
-        "particle", [rng, x, v, own, least, best, c],
+        "particle", [rng, x, v, own, least, best, c, K],
         [state, place, moved, ca.if_else(better, place, own), ca.if_else(better, value, least)],
         {"cse": True},
     )  # fmt: skip
-    z, constants = ca.MX.sym("z", 3 + n * (3 * d + 1)), ca.MX.sym("constants", m + 4)
-    r, *rest = ca.vertsplit(z, [0, *(3 + k * n * d for k in range(4)), 3 + n * (3 * d + 1)])
-    X, V, B = (ca.reshape(k, d, n) for k in rest[:3])
-    place_of_all, _ = _best(n, d)(B, rest[3])
+    z, constants = ca.MX.sym("z", 4 + n * (3 * d + 1)), ca.MX.sym("constants", m + 3 + d)
+    KK = ca.MX.sym("K", 2)
+    i, r, X, V, B, values = _parts(z, n, d)
+    place_of_all, _ = _best(n, d)(B, values)
+    used = constants
+    if schedule is not None:
+        used = ca.vertcat(constants[:m], schedule(i / iterations), constants[m + 1 :])
     rs, X, V, B, values = one.mapaccum("swarm", n)(
-        r, X, V, B, rest[3].T, ca.repmat(place_of_all, 1, n), ca.repmat(constants, 1, n)
+        r, X, V, B, values.T, *(ca.repmat(k, 1, n) for k in (place_of_all, used, KK))
     )
-    after = ca.vertcat(rs[:, -1], ca.vec(X), ca.vec(V), ca.vec(B), values.T)
-    return ca.Function("iteration", [z, constants], [after])
+    after = ca.vertcat(i + 1, rs[:, -1], ca.vec(X), ca.vec(V), ca.vec(B), values.T)
+    return ca.Function("iteration", [z, constants, KK], [after])
 
 
 def _best(n: int, d: int) -> ca.Function:
