@@ -16,6 +16,7 @@ _WHERE = {
     "block": ["Block", "law", "flow", "step", "make_block"],
     "connection": ["connect"],
     "timing": ["sampled", "every", "unit_delay"],
+    "replication": ["replicate"],
     "adaptors": ["flip_sign", "speed_to_ratio", "ratio_to_speed"],
     "units": ["one"],
     "rail": ["Section", "Rail", "Scenario"],
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from slipctl.linearise import linear, nonlinear, operating_point
     from slipctl.optimum import argmax, argmax_block
     from slipctl.rail import Rail, Scenario, Section
+    from slipctl.replication import replicate
     from slipctl.seek import differential_evolution
     from slipctl.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.simulation import simulate

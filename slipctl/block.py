@@ -51,6 +51,8 @@ class Block:
         prefixed: whether signals carry their part's name in front (made by ``connect``).
         transparent: whether it is its only part in another time (``sampled``, ``every``), so that
             paths and swaps look through it.
+        own: names of states and parameters whose values this block keeps for itself, although a
+            part has the name too (``replicate``: one value per copy).
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class Block:
         coordinates: Iterable[str] = (),
         prefixed: bool = False,
         transparent: bool = False,
+        own: Iterable[str] = (),
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -90,6 +93,7 @@ class Block:
         self.coordinates = tuple(coordinates)
         self.prefixed = prefixed
         self.transparent = transparent
+        self.own = frozenset(own)
         self._body, self._rebuild = body, rebuild
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
         seen: set[str] = set()
@@ -318,6 +322,8 @@ class Block:
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""
         role = "state" if name in self.states else "param"
+        if name in self.own:
+            return None
         if self.prefixed:
             head, _, rest = name.partition(".")
             found = head in self.parts and rest in self.parts[head]._signals[role]
@@ -334,7 +340,7 @@ class Block:
             period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, prefixed=self.prefixed,
-            transparent=self.transparent,
+            transparent=self.transparent, own=self.own,
         )  # fmt: skip
         return block
 

@@ -33,6 +33,7 @@ class Signal:
         per: slip convention, ``"speed"`` or ``"ratio"``.
         noise: the scenario fills this input with unit normal numbers.
         name: the name in the equations; set by the block.
+        axis: what the last index of the shape counts, ``"axle"``; set by ``replicate``.
     """
 
     role: str
@@ -47,6 +48,7 @@ class Signal:
     per: str | None = None
     noise: bool = False
     name: str = ""
+    axis: str = ""
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""

@@ -44,11 +44,13 @@ def simulate(
         scenario: what happens.
         compile: compile the loop when a C compiler is there; the numbers are the same.
         progress: called with the share done, 0 to 1.
-        log: names to keep; by default every scalar signal that is not a held copy.
+        log: names to keep; by default every number, and every number per axle, that is no held
+            copy.
         every: ticks from one row of the log to the next; 1 keeps each.
 
     Returns:
-        Dataset with dimension ``time`` [s] and one variable per signal (``"plant.v"``), attributes
+        Dataset with dimension ``time`` [s], and ``axle`` or another of ``replicate`` where there
+        are copies, and one variable per signal (``"plant.v"``), attributes
         ``units``, ``long_name``, ``positive``; the tick's start value for states. Its attributes
         hold version, scenario, seed and parameters with units.
 
@@ -307,13 +309,15 @@ def _dataset(
         if n not in known:
             raise BadInput(f"{loop.name} has no signal {n!r} to log{nearest(n, known)}")
     variables: dict[str, Any] = {}
+    sizes: dict[str, int] = {}
     for role, values in (("input", u), ("output", y), ("state", x)):
         at = 0
         for n, s in loop._signals[role].items():
             columns = values[:, at : at + s.size]
             at += s.size
             last = n.rpartition(".")[2]
-            keep = s.shape == () and not last.startswith("held_") and last != "tick"
+            shown = s.shape == () or (s.axis != "" and len(s.shape) == 1)
+            keep = shown and not last.startswith("held_") and last != "tick"
             if not (keep if wanted is None else n in wanted):
                 continue
             if role != "output" and n in loop.outputs:
@@ -322,6 +326,8 @@ def _dataset(
             if s.positive:
                 attributes["positive"] = s.positive
             dims = ["time", *(f"{n}.{i}" for i in range(len(s.shape)))]
+            if s.axis and sizes.setdefault(s.axis, s.shape[-1]) == s.shape[-1]:
+                dims[-1] = s.axis
             data = columns.reshape(len(time), *s.shape, order="F" if len(s.shape) < 2 else "C")
             if len(s.shape) == 2:  # stored column by column
                 data = columns.reshape(len(time), s.shape[1], s.shape[0]).transpose(0, 2, 1)
