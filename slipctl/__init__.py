@@ -30,6 +30,7 @@ _WHERE = {
     "swarm": ["particle_swarm", "least_squares", "Fit"],
     "identification": ["identify", "Identified", "linear_fit", "misfit_search", "swarm_fit"],
     "optimum": ["argmax", "argmax_block"],
+    "predictive": ["nmpc"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [
         "Study",
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from slipctl.filtering import ctukf, ekf, lipschitz, observability
     from slipctl.linearise import linear, nonlinear, operating_point
     from slipctl.optimum import argmax, argmax_block
+    from slipctl.predictive import nmpc
     from slipctl.rail import Rail, Scenario, Section
     from slipctl.replication import replicate
     from slipctl.seek import differential_evolution

@@ -21,7 +21,7 @@ from slipctl.doors import load_study
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 RUNNER = Path(__file__).parent / "pages.py"
-PAGES = ("concepts.md", "architecture.md", "certify.md")
+PAGES = ("concepts.md", "architecture.md", "certify.md", "nmpc.md")
 """Pages whose code is run, beside the tutorial."""
 
 HAND_WRITTEN = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]

@@ -1,0 +1,262 @@
+"""Model predictive control: reference values, the QP against another solver, limits, fallback."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from casadi import sqrt
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    State,
+    build,
+    connect,
+    every,
+    flow,
+    law,
+    nmpc,
+    sampled,
+)
+
+TRACTION = dict(positive="traction", per="ratio")
+
+
+@flow(s=Output("1", "slip", **TRACTION))
+def axle(
+    v=State("m/s", 10.0, "vehicle speed"),
+    q=State("m/s", 10.05, "rim speed"),
+    T=State("kN m", 1.0, "torque"),
+    xi=State("s", 0.0, "integral of the slip error"),
+    u=Input("kN m", "torque command", value=1.0, lo=0, hi=8),
+    mu_p=Input("1", "peak adhesion", value=0.3),
+    s_ref=Input("1", "slip reference", value=0.02, **TRACTION),
+    r=Param("m", 0.45, "radius"),
+    J=Param("kg m^2", 120.0, "inertia"),
+    m_q=Param("kg", 5000.0, "load"),
+    tau=Param("s", 0.05, "lag"),
+    g=Param("m/s^2", 9.81, "gravity"),
+):
+    """Driven axle behind a motor lag: the problem that solvers are measured on."""
+    s = (q - v) / sqrt(v**2 + 0.25)
+    k = s / 0.025
+    mu = mu_p * 2 * k / (1 + k**2)
+    rim = r * (1000 * T - r * mu * m_q * g) / J
+    return dict(v=mu * g, q=rim, T=(u - T) / tau, xi=s - s_ref), dict(s=s)
+
+
+@law(e_s=Output("1"), e_xi=Output("s"), e_u=Output("kN m"))
+def cost(
+    s=Input("1", "slip", **TRACTION),
+    s_ref=Input("1", "slip reference", **TRACTION),
+    xi=Input("s", "integral of the slip error"),
+    u=Input("kN m", "torque command"),
+    T=Input("kN m", "torque"),
+):
+    """Slip error, its integral, and the torque still to come."""
+    return dict(e_s=s - s_ref, e_xi=xi, e_u=u - T)
+
+
+WEIGHTS = {"e_s": 100.0, "e_xi": 5.0, "e_u": 0.05}
+PEAKS = np.r_[np.full(60, 0.30), np.full(100, 0.12), np.full(90, 0.25)]
+
+
+def make(**options):
+    return nmpc(axle, cost, "u", **{"h": 0.02, "weights": WEIGHTS, "substeps": 4, **options})
+
+
+class Driver:
+    """A controller tick by tick, compiled where there is a compiler."""
+
+    def __init__(self, block):
+        self.block = block
+        self.x = np.array(block.pack("state", block.start()), dtype=float).ravel()
+        self.p = np.array(block.pack("param", block.param_values()), dtype=float).ravel()
+        self.roller = build.compiled(block.f)
+
+    def __call__(self, *inputs):
+        u = np.array([inputs], dtype=float)
+        x_log, y = np.zeros((1, self.x.size)), np.zeros((1, len(self.block.outputs)))
+        if self.roller is not None:
+            self.roller.roll(self.x, u, self.p, x_log, y)
+        else:
+            self.x, y = (np.array(m).ravel() for m in self.block.f(self.x, u[0], self.p))
+            y = y[None]
+        return y[0]
+
+
+def closed_loop(block, mismatch=False, ticks=250):
+    """Cost of the run, controls, statuses and passes; the cost is that of the states reached."""
+    plant, tick = sampled(axle, 0.02, "rk4", 4).f, Driver(block)
+    p = axle.pack("param", axle.param_values())
+    x, total, rows = np.array([10, 10.05, 1.0, 0.0]), 0.0, []
+    for k in range(ticks):
+        known = 1.15 * PEAKS[max(k - 10, 0)] if mismatch else PEAKS[k]
+        u, status, passes = tick(*x, known, 0.02)
+        x = np.array(plant(x, [u, PEAKS[k], 0.02], p)[0]).ravel()
+        slip = (x[1] - x[0]) / math.sqrt(x[0] ** 2 + 0.25)
+        total += (100 * (slip - 0.02)) ** 2 + (5 * x[3]) ** 2 + (0.05 * (u - x[2])) ** 2
+        rows.append((u, status, passes))
+    return total, *np.array(rows).T
+
+
+def test_reference_values_of_the_problem():
+    """Published closed-loop costs: 29.031 with one iteration, 932.15 with a wrong adhesion."""
+    assert closed_loop(make())[0] == pytest.approx(29.031, abs=5e-4)
+    assert closed_loop(make(), mismatch=True)[0] == pytest.approx(932.15, abs=5e-3)
+
+
+def test_three_iterations_come_within_a_percent_of_the_converged_solution():
+    """843.85 is what SQP converged to 1e-4, IPOPT and FATROP give."""
+    total, _, status, _ = closed_loop(make(iterations=3), mismatch=True)
+    assert total == pytest.approx(843.85, rel=0.01)
+    assert not status.any()
+
+
+def test_ipopt_gives_the_converged_reference():
+    total = closed_loop(make(solver="ipopt"), mismatch=True, ticks=250)[0]
+    assert total == pytest.approx(843.85, abs=0.01)
+
+
+def one_qp(options, seed, solver):
+    """Control after one iteration from a random plan, and the plan."""
+    rng = np.random.default_rng(seed)
+    block = make(horizon=8, passes=60, solver=solver, **options)
+    x = block.start()
+    n = block.states["X"].size // 9
+    near = np.tile([10.0, 10.15, 1.0, 0.0], (9, 1)) + rng.normal(0, [0.3, 0.3, 0.5, 0.01], (9, n))
+    x |= {"X": near.ravel(), "U": rng.uniform(0, 1, 8), "planned": 1.0, "applied": rng.uniform()}
+    u = [*(near[1] + rng.normal(0, [0.1, 0.1, 0.3, 0.01])), 0.25, 0.02]
+    nxt, y = block.f(block.pack("state", x), u, block.pack("param", block.param_values()))
+    plan = {k: np.array(v).ravel() for k, v in block.unpack("state", nxt).items()}
+    return plan, np.array(y).ravel()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"rates": {"u": 60.0}},
+        {"moves": (1, 1, 2, 4)},
+        {"soft": {"s": (-0.1, 0.018, 300.0), "T": (None, 3.0, 0.3)}},
+        {"rates": {"u": 100.0}, "moves": (1, 1, 2, 4), "soft": {"s": (-0.1, 0.018, 300.0)}},
+    ],
+    ids=["bounds", "rates", "moves", "soft", "all"],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_active_set_solves_the_same_qp_as_osqp(options, seed):
+    """Where it says that it has settled, its plan is that of a general solver."""
+    if "T" in options.get("soft", {}):
+        options = {"soft": {**options["soft"], "T": (-1.0, 3.0, 0.3)}}
+    ours, y = one_qp(options, seed, "riccati")
+    theirs, _ = one_qp(options, seed, "osqp")
+    assert y[1] == 0
+    assert ours["U"] == pytest.approx(theirs["U"], abs=2e-6)
+
+
+@settings(max_examples=25)
+@given(
+    passes=st.integers(1, 3), peak=st.floats(0.05, 0.4), v=st.floats(1, 40), T=st.floats(0, 8),
+    rate=st.floats(5, 500),
+)  # fmt: skip
+def test_controls_keep_bounds_and_rates_even_before_the_active_set_has_settled(
+    passes, peak, v, T, rate
+):
+    tick = Driver(make(passes=3, rates={"u": 100.0}).with_params(u_rate=100.0))
+    tick.p[list(tick.block.params).index("u_rate")] = rate
+    before = None
+    for _ in range(4 + passes):
+        u, _, _ = tick(v, v * 1.03, T, 0.01, peak, 0.02)
+        assert 0 <= u <= 8
+        if before is not None:
+            assert abs(u - before) <= rate * 0.02 * (1 + 1e-12)
+        before = u
+
+
+def test_a_broken_problem_holds_the_plan_and_recovers():
+    """NaN in a measurement: status 2, the next control of the last plan; then afresh."""
+    tick = Driver(make())
+    for _ in range(5):
+        tick(10, 10.15, 2, 0, 0.3, 0.02)
+    planned = tick.block.unpack("state", ca.DM(tick.x))["U"][1] * 8
+    u, status, _ = tick(10, math.nan, 2, 0, 0.3, 0.02)
+    assert status == 2
+    assert u == pytest.approx(float(planned), abs=1e-12)
+    u, status, _ = tick(10, 10.15, 2, 0, 0.3, 0.02)
+    assert status == 0
+    assert u == pytest.approx(Driver(make())(10, 10.15, 2, 0, 0.3, 0.02)[0], rel=0.05)
+
+
+def test_two_controls_and_bounds_that_are_inputs():
+    """Two forces on a mass share the load by their weights; a limit from outside is kept."""
+
+    @flow()
+    def mass(
+        v=State("m/s", 0.0, "speed"),
+        F=Input("N", "force", lo=-10, hi=10),
+        G=Input("N", "other force", lo=-10, hi=10),
+        m=Param("kg", 2.0, "mass"),
+    ):
+        """Mass with two forces."""
+        return dict(v=(F + G) / m), {}
+
+    @law(e=Output("m/s"), f=Output("N"), k=Output("N"))
+    def tracking(
+        v=Input("m/s", "speed"), w=Input("m/s", "wanted"), F=Input("N", ""), G=Input("N", "")
+    ):
+        """Speed error and effort."""
+        return dict(e=v - w, f=F, k=G)
+
+    block = nmpc(
+        mass, tracking, ["F", "G"], h=0.1, horizon=10, weights={"e": 10.0, "f": 0.1, "k": 0.2},
+        bounds={"F": ("F_min", "F_max")},
+    )  # fmt: skip
+    free = block(v=0.0, w=0.05, F_min=-10.0, F_max=10.0)[1]
+    assert free["F"] == pytest.approx(4 * free["G"], rel=1e-6)  # inverse squares of the weights
+    held = block(v=0.0, w=0.05, F_min=-1.0, F_max=0.2)[1]
+    assert held["F"] == pytest.approx(0.2)
+    assert held["G"] > free["G"]
+    loop = connect(
+        "loop",
+        {"ctl.v": "plant.v", "plant.F": "ctl.F", "plant.G": "ctl.G", "ctl.w": "w",
+         "ctl.F_min": "lo", "ctl.F_max": "hi"},
+        plant=sampled(mass, 0.01, "rk4"), ctl=every(block, 10),
+    )  # fmt: skip
+    assert loop.period == pytest.approx(0.01)
+
+
+BAD = [
+    (dict(h=0.0), "h = 0 s must be positive"),
+    (dict(horizon=0), "horizon = 0"),
+    (dict(horizon=2), "shorter than the lag of 0.05 s from u to T"),
+    (dict(weights={"e_s": 0.0}), "weight 0 of e_s must be positive"),
+    (dict(weights={"e_z": 1.0}), "no residual 'e_z'"),
+    (dict(bounds={"u": (3.0, 3.0)}), "leaves nothing"),
+    (dict(bounds={"T": (0.0, 3.0)}), "no control"),
+    (dict(rates={"u": -1.0}), "must be positive"),
+    (dict(soft={"s": (None, None, 1.0)}), "has no range"),
+    (dict(soft={"z": (0.0, 1.0, 1.0)}), "no state or output 'z'"),
+    (dict(moves=(1, 2)), "sum 20"),
+    (dict(terminal=["e_u"]), "depends on the control"),
+    (dict(solver="acados"), "no solver 'acados'"),
+    (dict(solver="fatrop", rates={"u": 1.0}), "use solver='ipopt'"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), BAD, ids=[t for _, t in BAD])
+def test_bad_input_is_one_line(options, text):
+    with pytest.raises(BadInput, match=text) as error:
+        make(**options)
+    assert "\n" not in str(error.value)
+
+
+def test_a_plant_that_is_sampled_already_or_a_cost_that_is_no_law_is_refused():
+    with pytest.raises(BadInput, match="give the flow"):
+        nmpc(sampled(axle, 0.02, "rk4", 4), cost, "u", h=0.02)
+    with pytest.raises(BadInput, match="give a law of residuals"):
+        nmpc(axle, axle, "u", h=0.02)
