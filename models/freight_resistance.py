@@ -156,13 +156,15 @@ def identification(
         BadInput: an unknown method or form, or settings that make no search.
     """
     known("identification", method, ("least_squares", "swarm"))
-    fit = dict(noise=0.02)
     known("identification", form, FORMS)
+    fit = dict(noise=0.02, centre=[(hi + lo) / 2 for lo, hi in BOX.values()])
+    spread = [hi - lo for lo, hi in BOX.values()]
     wires = {f"balance.{k}": k for k in ("v_t", "mu_hat")} | {"res.v": "v_t"}
     parts = {"balance": balance(period), "res": opened(resistance, "a1", "a2", "a3")}
     rows = ("y", "one_f", "v_f", "v2_f")
     if method == "least_squares":
-        parts["fit"], found = linear_fit(filtered_resistance, period=period, **fit), "fit"
+        parts["fit"] = linear_fit(filtered_resistance, period=period, spread=spread, **fit)
+        found = "fit"
         wires |= {f"fit.{k}": f"balance.{k}" for k in rows}
     else:
         chosen = {"ticks": 100} | swarm_settings(form) | settings

@@ -166,7 +166,7 @@ def linear_fit(
     unknown: Sequence[str] | None = None,
     spread: Sequence[float] | None = None,
     period: float | None = None,
-    **numbers: float,
+    **numbers: Any,
 ) -> Block:
     """Make the recursive least squares of the parameters in which a law is linear.
 
@@ -273,7 +273,7 @@ def swarm_fit(
     *,
     ticks: int = 1,
     period: float | None = None,
-    fit: Mapping[str, float] | None = None,
+    fit: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Block:
     """Make the identification by swarm as a block: sums of every sample, a search now and then.

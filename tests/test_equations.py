@@ -29,6 +29,10 @@ ITEMS = {
         "lemma 2",
         "theorem 1",
     ],
+    "004": [
+        *(f"eq {k}" for k in range(14, 22)),
+        "table 3",
+    ],
 }
 """Numbered items that each paper prints."""
 
