@@ -14,13 +14,21 @@ in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printe
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from casadi import atan, exp, fabs, fmax, pi
 
-from slipctl import BadInput, Block, Input, Output, Param, argmax, law
+from slipctl import BadInput, Block, Input, Output, Param, argmax, law, make_block
+from slipctl.errors import nearest
 from slipctl.models.hertz import E_STEEL, NU_STEEL, c11, ellipse
 from slipctl.optimum import Peak
+from slipctl.tables import read_table
+
+log = logging.getLogger("slipctl")
 
 TABLE_3 = "Wang 2025, Table 3"
 GUESS = "guess, not in the paper"
@@ -36,6 +44,9 @@ SURFACES = {
 }
 """Table 3. It is no order of quality: below 5 m/s wet rail has less adhesion than oily rail."""
 
+PARAMETERS = ("k_A", "k_S", "A", "B", "mu_0")
+"""What a surface sets."""
+Surfaces = Mapping[str, Mapping[str, float]]
 FORMS = ("consistent", "printed-6", "printed-7", "printed-8")
 
 
@@ -73,52 +84,108 @@ def patch(
 _PATCH = patch()
 
 
-def creep_law(form: str = "consistent") -> Block:
-    """Make Polach's law on the surfaces of Table 3.
+@law(
+    mu=Output("1", "adhesion coefficient", positive="traction"),
+    conditions=SURFACES,
+    readings={"v_s": "creep * v", "mu": "force / Q"},
+    expects=("k_A >= k_S",),
+)
+def polach(
+    v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
+    v=Input("m/s", "train speed"),
+    k_A=Param("1", 1.0, "share of the area of adhesion", f"{TABLE_3}, dry", lo=1e-4, hi=100),
+    k_S=Param("1", 0.45, "share of the area of slip", f"{TABLE_3}, dry", lo=1e-4, hi=100),
+    A=Param("1", 0.36, "friction at high creep by that at none", f"{TABLE_3}, dry", lo=0, hi=1),
+    B=Param("s/m", 0.55, "decay of the friction", f"{TABLE_3}, dry", lo=1e-3, hi=10),
+    mu_0=Param("1", 0.47, "friction without creep", f"{TABLE_3}, dry", lo=1e-3, hi=1),
+    Q=Param("N", _PATCH["Q"], "load of the wheel", "Wang 2025, Table 1", lo=1e3, hi=1e6),
+    G=Param("Pa", _PATCH["G"], "shear modulus", GUESS, lo=1e8, hi=1e12),
+    a=Param("m", _PATCH["a"], "semi-axis of the patch, rolling", "Hertz", lo=1e-4, hi=0.1),
+    b=Param("m", _PATCH["b"], "semi-axis of the patch, lateral", "Hertz", lo=1e-4, hi=0.1),
+    c11=Param("1", _PATCH["c11"], "creep coefficient", "Kalker 1990, Table E.3", lo=1, hi=50),
+    KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "eq (6)"),
+    v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3),
+):
+    """Adhesion over creep after Polach, with friction that falls; Wang 2025 eqs (6)-(8)."""
+    mu_vf = mu_0 * ((1 - A) * exp(-B * fabs(v_s)) + A)
+    eps = KEPS / mu_vf * v_s / fmax(fabs(v), v_min)
+    return 2 * mu_vf / pi * (k_A * eps / (1 + (k_A * eps) ** 2) + atan(k_S * eps))
+
+
+def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
+    """Make Polach's law in another form or on other surfaces.
 
     Args:
         form: ``"consistent"``; ``"printed-6"`` with 1 + k_A eps^2, ``"printed-7"`` with
             exp(-B v_s), which grows in braking, ``"printed-8"`` with v_s = v - v_w, so that
             traction has negative adhesion (docs/errata.md).
+        surfaces: parameters by name of the surface, as :func:`read_surfaces` gives them.
 
     Raises:
-        BadInput: unknown form.
+        BadInput: unknown form, or a surface with a parameter that is unknown, missing or off range.
     """
     if form not in FORMS:
         raise BadInput(f"creep_law has no form {form!r}; it has {', '.join(FORMS)}")
+    for name, values in surfaces.items():
+        _check_surface(f"surface {name}", values)
 
-    @law(
-        mu=Output("1", "adhesion coefficient", positive="traction"),
-        conditions=SURFACES,
-        choices={"form": form},
-    )
-    def polach(
-        v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
-        v=Input("m/s", "train speed"),
-        k_A=Param("1", 1.0, "share of the area of adhesion", f"{TABLE_3}, dry", lo=1e-4, hi=100),
-        k_S=Param("1", 0.45, "share of the area of slip", f"{TABLE_3}, dry", lo=1e-4, hi=100),
-        A=Param("1", 0.36, "friction at high creep by that at none", f"{TABLE_3}, dry", lo=0, hi=1),
-        B=Param("s/m", 0.55, "decay of the friction", f"{TABLE_3}, dry", lo=0, hi=10),
-        mu_0=Param("1", 0.47, "friction without creep", f"{TABLE_3}, dry", lo=1e-3, hi=1),
-        Q=Param("N", _PATCH["Q"], "load of the wheel", "Wang 2025, Table 1", lo=1e3, hi=1e6),
-        G=Param("Pa", _PATCH["G"], "shear modulus", GUESS, lo=1e8, hi=1e12),
-        a=Param("m", _PATCH["a"], "semi-axis of the patch, rolling", "Hertz", lo=1e-4, hi=0.1),
-        b=Param("m", _PATCH["b"], "semi-axis of the patch, lateral", "Hertz", lo=1e-4, hi=0.1),
-        c11=Param("1", _PATCH["c11"], "creep coefficient", "Kalker 1990, Table E.3", lo=1, hi=50),
-        KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "eq (6)"),
-        v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3),
-    ):
-        """Adhesion over creep after Polach, with friction that falls; Wang 2025 eqs (6)-(8)."""
-        s = -v_s if form == "printed-8" else v_s
-        mu_vf = mu_0 * ((1 - A) * exp(-B * (s if form == "printed-7" else fabs(s))) + A)
-        eps = KEPS / mu_vf * s / fmax(fabs(v), v_min)
+    def body(x: dict[str, Any], u: dict[str, Any], p: dict[str, Any]) -> Any:
+        if form == "consistent":
+            return polach.expr(x, u, p)
+        if form == "printed-8":
+            return polach.expr(x, u | {"v_s": -u["v_s"]}, p)
+        v_s, v, k_A = u["v_s"], u["v"], p["k_A"]
+        falling = exp(-p["B"] * (v_s if form == "printed-7" else fabs(v_s)))
+        mu_vf = p["mu_0"] * ((1 - p["A"]) * falling + p["A"])
+        eps = p["KEPS"] / mu_vf * v_s / fmax(fabs(v), p["v_min"])
         square = k_A * eps**2 if form == "printed-6" else (k_A * eps) ** 2
-        return 2 * mu_vf / pi * (k_A * eps / (1 + square) + atan(k_S * eps))
+        grip = k_A * eps / (1 + square) + atan(p["k_S"] * eps)
+        return {}, {"mu": 2 * mu_vf / pi * grip}
 
-    return polach
+    return make_block(
+        "polach", "law", body, inputs=polach.inputs.values(), params=polach.params.values(),
+        outputs=polach.outputs.values(), conditions=surfaces, readings=polach.readings,
+        expects=polach.expects, choices={} if form == "consistent" else {"form": form},
+        doc=polach.doc,
+    )  # fmt: skip
 
 
-polach = creep_law()
+def read_surfaces(path: str | Path) -> dict[str, dict[str, float]]:
+    """Surfaces from a table ``surface,k_A,k_S,A,B,mu_0``, one row each; B in s/m.
+
+    Raises:
+        BadInput: no such file, another head, a row with a wrong number of columns, or a value that
+            is no number or off range.
+    """
+    table = read_table(path)
+    wanted = ["surface", *PARAMETERS]
+    if table.names != wanted:
+        raise BadInput(
+            f"{path} has the columns {', '.join(table.names)}; a surface table has"
+            f" {', '.join(wanted)}"
+        )
+    found: dict[str, dict[str, float]] = {}
+    for line, (name, *cells) in table.rows:
+        if not name.isidentifier() or name in found:
+            raise BadInput(f"{path}, line {line}: {name!r} is no name, or the second of its kind")
+        numbers = [table.number(line, cell) for cell in cells]
+        found[name] = dict(zip(PARAMETERS, numbers, strict=True))
+        _check_surface(f"{path}, line {line}", found[name])
+    return found
+
+
+def _check_surface(where: str, values: Mapping[str, float]) -> None:
+    """Refuse a surface that the law cannot have; warn of k_A < k_S."""
+    for name in PARAMETERS:
+        if name not in values:
+            raise BadInput(f"{where} lacks {name}; a surface has {', '.join(PARAMETERS)}")
+    for name, value in values.items():
+        if name not in polach.params:
+            raise BadInput(f"{where}: there is no parameter {name!r}{nearest(name, PARAMETERS)}")
+        polach.params[name].check(f"{where}: {name}", value)
+    if values["k_A"] < values["k_S"]:
+        log.warning("%s: k_A = %g < k_S = %g; Polach asks for k_A >= k_S", where,
+                    values["k_A"], values["k_S"])  # fmt: skip
 
 
 def peak(v: float, surface: str | dict[str, float] = "dry", creep_law: Block = polach) -> Peak:

@@ -27,6 +27,7 @@ _WHERE = {
     "extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
     "extremum_lock": ["locking_seek"],
     "observing": ["luenberger"],
+    "fitting": ["fit", "Fitted"],
     "swarm": ["particle_swarm", "least_squares", "Fit"],
     "identification": ["identify", "Identified", "linear_fit", "misfit_search", "swarm_fit"],
     "optimum": ["argmax", "argmax_block"],
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from slipctl.errors import BadInput, RunFailed
     from slipctl.estimate import opened, peak_bound, probe, rls
     from slipctl.filtering import ctukf, ekf, lipschitz, observability
+    from slipctl.fitting import Fitted, fit
     from slipctl.linearise import linear, nonlinear, operating_point
     from slipctl.optimum import argmax, argmax_block
     from slipctl.predictive import nmpc

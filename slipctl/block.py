@@ -44,6 +44,9 @@ class Block:
         conditions: parameter sets by the name of a rail condition, ``{"dry": {"c": 1.0}}``.
         closed_form: for a law, function of its parameters giving the argument of its peak.
         coordinates: for a law, the expressions of its parameters that an estimator works in.
+        readings: for a law, its signals as expressions of what a measured curve has in place of
+            them, ``{"v_s": "creep * v"}``.
+        expects: orders that a law's parameters usually keep, ``("k_A >= k_S",)``.
         units: ``"checked"``, or ``"printed"`` for a printed form that cannot be made consistent.
         sx: whether the body works on CasADi SX (scalar expressions) or on MX.
         parts: the blocks this one was made of, by name.
@@ -73,6 +76,8 @@ class Block:
         conditions: Mapping[str, Mapping[str, float]] | None = None,
         closed_form: Callable[..., Any] | None = None,
         coordinates: Iterable[str] = (),
+        readings: Mapping[str, str] | None = None,
+        expects: Iterable[str] = (),
         prefixed: bool = False,
         transparent: bool = False,
         own: Iterable[str] = (),
@@ -91,6 +96,8 @@ class Block:
         self.conditions = {k: dict(v) for k, v in (conditions or {}).items()}
         self.closed_form = closed_form
         self.coordinates = tuple(coordinates)
+        self.readings = dict(readings or {})
+        self.expects = tuple(expects)
         self.prefixed = prefixed
         self.transparent = transparent
         self.own = frozenset(own)
@@ -213,6 +220,23 @@ class Block:
             free[n] = s.check(f"{self.name}.{n}", value)
         values = self.derive(free)
         return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
+
+    def orders(self) -> list[tuple[str, str]]:
+        """Pairs (larger, smaller) of parameters that the law expects in this order.
+
+        Raises:
+            BadInput: an expectation of another form, or of an unknown parameter.
+        """
+        found = []
+        for text in self.expects:
+            larger, _, smaller = (part.strip() for part in text.partition(">="))
+            for n in (larger, smaller):
+                if n not in self.params:
+                    raise BadInput(
+                        f"{self.name} expects {text!r}; write 'p >= q' of two parameters"
+                    )
+            found.append((larger, smaller))
+        return found
 
     def start(self, **override: Any) -> dict[str, np.ndarray]:
         """Start values of the states; expressions such as ``"v / r"`` are computed.
@@ -339,8 +363,9 @@ class Block:
             self.name, self.kind, self._body, signals,
             period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
-            closed_form=self.closed_form, coordinates=self.coordinates, prefixed=self.prefixed,
-            transparent=self.transparent, own=self.own,
+            closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
+            expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
+            own=self.own,
         )  # fmt: skip
         return block
 
@@ -651,7 +676,8 @@ def make_block(
 
 
 _SETTINGS = (
-    "period", "units", "conditions", "closed_form", "coordinates", "choices", "name",
+    "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
+    "choices", "name",
 )  # fmt: skip
 
 
@@ -705,7 +731,8 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
     Args:
         **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
             ``closed_form`` (argument of the peak), ``coordinates`` (expressions of the parameters
-            that an estimator works in), ``units``, ``choices``, ``name``.
+            that an estimator works in), ``readings`` (its signals by what a measured curve has),
+            ``expects`` (orders of its parameters), ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)
 

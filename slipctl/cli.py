@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run, c, certify and check.
+"""The command line: list, show, copy, run, fit, c, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
@@ -100,6 +100,29 @@ def parser() -> Parser:
     p.add_argument("--quick", action="store_true", help="the same with fewer or shorter runs")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
+    p = command("fit", "Fit the parameters of a law to a measured curve.")
+    p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")
+    p.add_argument("--law", metavar="NAME", required=True, help="a law of the models, or file:law")
+    p.add_argument(
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
+    )  # fmt: skip
+    p.add_argument(
+        "--unknown", metavar="NAME,NAME", help="parameters to find (those of the rail conditions)"
+    )
+    p.add_argument(
+        "--start", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="starts", help="where the search starts (the law's own values)",
+    )  # fmt: skip
+    p.add_argument(
+        "--column", metavar="NAME=EXPRESSION", nargs="+", action="extend", default=[],
+        dest="columns", help="how columns give a signal of the law, v_s='slip * v / 100'",
+    )  # fmt: skip
+    p.add_argument(
+        "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
+    )
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+
     p = command("c", "Write a controller, from sensor to actuator, as C.")
     p.add_argument("name", metavar="NAME")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
@@ -133,9 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(arguments)
         if options.command is None:
-            raise BadInput(
-                "say what to do: list, show, copy, run, c, certify or check; see slipctl --help"
-            )
+            raise BadInput(f"say what to do: {', '.join(COMMANDS)}; see slipctl --help")
         _talk(options)
         code = COMMANDS[options.command](options, _written(arguments))
         sys.stdout.flush()
@@ -396,6 +417,16 @@ def _summary(results: Results, verdicts: Sequence[Verdict]) -> str:
     return "\n\n".join(parts)
 
 
+def _fit(options: argparse.Namespace, command: str) -> int:
+    from slipctl import fitfiles
+
+    print(fitfiles.run(
+        options.curve, options.law, options.settings, options.starts, options.columns,
+        options.unknown, options.ordered, options.out, command,
+    ))  # fmt: skip
+    return 0
+
+
 # ---- c ------------------------------------------------------------------------------------------
 
 
@@ -464,8 +495,8 @@ def _check(options: argparse.Namespace, command: str) -> int:
 
 
 COMMANDS = {
-    "list": _list, "show": _show, "copy": _copy, "run": _run, "c": _c, "certify": _certify,
-    "check": _check,
+    "list": _list, "show": _show, "copy": _copy, "run": _run, "fit": _fit, "c": _c,
+    "certify": _certify, "check": _check,
 }  # fmt: skip
 
 if __name__ == "__main__":
