@@ -7,7 +7,7 @@ import io
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from slipctl.block import Block
 from slipctl.errors import BadInput
 from slipctl.fitting import Fitted, fit
 from slipctl.texts import number, wrapped
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 log = logging.getLogger("slipctl")
 
@@ -154,7 +151,7 @@ def residuals_text(found: Fitted) -> str:
     return text.getvalue()
 
 
-def figure(found: Fitted, title: str = "") -> Figure:
+def figure(found: Fitted, title: str = "") -> plots.Figure:
     """Measured points and fitted curve, and the residuals below."""
     law, curve = found.law, found.curve
     along, y = law.inputs[curve.abscissa], law.outputs[curve.output]
