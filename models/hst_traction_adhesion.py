@@ -1,0 +1,364 @@
+"""Adhesion of a driven train as its controller sees it: observer and anti-slip limit; Wang 2025.
+
+Signs: T > 0 drives, v_s = r omega - v, mu > 0 pulls (``"traction"``).
+
+    omega' = T/J - (B_t/J) omega + f,  f = -r F_mu/J               (16)
+    z1' = T/J - (B_t/J) omega + z2 - K1 Phi1(e1),  e1 = z1 - omega    (17)
+    z2' = -K2 Phi2(e1),  mu_hat = -J z2/(r W g)                     (18)
+    Phi1 = |e|^(1/2) sgn e + K3 |e|^(3/2) sgn e                     (21)
+    Phi2 = Phi1 Phi1' = sgn(e)/2 + 2 K3 e + (3/2) K3^2 e^2 sgn e    (22)
+
+The paper prints f = r F_mu/J, which with + z2 in (17) would make z2 the negative of it
+(docs/errata.md). The limit (section 3.2, Fig. 4): the typical surface whose curve is nearest to the
+observed adhesion, then the peak of the next poorer one, ordered at the present speed.
+
+Each block is of one axle; ``replicate`` makes them of all.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sign, sqrt, vertcat
+
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    law,
+    make_block,
+    one,
+    replicate,
+    step,
+)
+from slipctl.certify import adhesion_observer as bounds
+from slipctl.models.contact import peak, polach
+from slipctl.models.hst_traction import tractive_effort
+
+TABLE_1 = "Wang 2025, Table 1"
+GUESS = "guess, not in the paper"
+SLOPE = 2000.0
+"""Largest |f'| in rad/s^3 that the default gains are made for: mu by 2.75 per s."""
+
+NODES = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 55.0, 70.0, 90.0)
+"""Speeds in m/s of the table of peaks."""
+
+
+def known(what: str, choice: str, choices: tuple[str, ...]) -> None:
+    """Refuse a choice that a block does not have."""
+    if choice not in choices:
+        raise BadInput(f"{what} has no {choice!r}; it has {', '.join(choices)}")
+
+
+# ---- observers -----------------------------------------------------------------------------------
+
+
+def adhesion_observer(
+    discretisation: str = "implicit", gains: tuple[float, float, float] | None = None
+) -> Block:
+    """Make the robust adhesion observer from wheel speed and torque; (16)-(22).
+
+    Args:
+        discretisation: ``"implicit"`` solves for the error after the tick, so that it does not
+            chatter and its adhesion is the mean over the last tick; ``"explicit"`` is Euler's.
+        gains: K1, K2, K3, checked against the slope L = 2000 rad/s^3; None takes the default.
+
+    Raises:
+        BadInput: an unknown discretisation, or gains that do not hold the slope.
+    """
+    known("adhesion_observer", discretisation, ("implicit", "explicit"))
+    K1_0, K2_0, K3_0 = gains or (1.05 * (2 * 2.2 * SLOPE) ** 0.5, 2.2 * SLOPE, 0.5)
+    if not bounds.exact(K1_0, K2_0, SLOPE):
+        least = bounds.smallest_K1(K2_0, SLOPE)
+        say = f"K2 above {2 * SLOPE:g}" if np.isinf(least) else f"K1 above {least:.4g}"
+        raise BadInput(
+            f"adhesion_observer: K1 = {K1_0:g}, K2 = {K2_0:g} do not hold |f'| = {SLOPE:g} rad/s^3;"
+            f" {say} would"
+        )
+    implicit = discretisation == "implicit"
+
+    @step(
+        mu_hat=Output("1", "observed adhesion", positive="traction"),
+        name="observer", choices={"discretisation": discretisation},
+    )  # fmt: skip
+    def observer(
+        z1=State("rad/s", 0.0, "observed wheel speed"),
+        z2=State("rad/s^2", 0.0, "observed -r F_mu/J"),
+        T_last=State("N m", 0.0, "torque of the tick before", positive="traction"),
+        omega=Input("rad/s", "measured wheel speed"),
+        T=Input("N m", "torque on the axle", positive="traction"),
+        K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0),
+        K_2=Param("1/s^3", K2_0, "gain of the integral, 2.2 L", GUESS, lo=0),
+        K_3=Param("s", K3_0, "gain far from zero", GUESS, lo=0, hi=100),
+        J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
+        r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
+        B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
+        W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+        T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
+    ):
+        """Robust adhesion observer; Wang 2025 eqs (16)-(22).
+
+        Added here, implicit: e + T_o K_1 Phi1(e) + T_o^2 K_2 Phi2(e) contains the error e_0 of the
+        prediction; for |e_0| <= T_o^2 K_2/2 that is e = 0, else Newton's method from above, where
+        the function is convex and rises, finds |e|^(1/2). The torque is the mean over the tick.
+        """
+        if not implicit:
+            e = z1 - omega
+            root = sqrt(fabs(e))
+            phi1 = root * sign(e) + K_3 * root * e
+            phi2 = sign(e) / 2 + 2 * K_3 * e + 1.5 * K_3**2 * e * fabs(e)
+            nxt = dict(
+                z1=z1 + T_o * (T / J - B_t / J * omega + z2 - K_1 * phi1),
+                z2=z2 - T_o * K_2 * phi2,
+                T_last=T,
+            )
+            return nxt, dict(mu_hat=-J * z2 / (r * W * g))
+        e_0 = z1 + T_o * ((T + T_last) / (2 * J) - B_t / J * omega + z2) - omega
+        step_2 = T_o**2 * K_2
+        beyond = fmax(fabs(e_0) - step_2 / 2, 0)
+        y = (sqrt((T_o * K_1) ** 2 + 4 * beyond) - T_o * K_1) / 2  # its root where K_3 = 0
+        for _ in range(5):
+            value = y**2 + T_o * K_1 * (y + K_3 * y**3)
+            value += step_2 * (2 * K_3 * y**2 + 1.5 * K_3**2 * y**4) - beyond
+            slope = 2 * y + T_o * K_1 * (1 + 3 * K_3 * y**2)
+            slope += step_2 * (4 * K_3 * y + 6 * K_3**2 * y**3)
+            y = fmax(y - value / slope, 0)
+        half = fmin(fabs(e_0) / step_2, 0.5)  # sgn(e)/2, or what lies between where e = 0
+        phi2 = sign(e_0) * (half + 2 * K_3 * y**2 + 1.5 * K_3**2 * y**4)
+        following = z2 - T_o * K_2 * phi2
+        nxt = dict(z1=omega + sign(e_0) * y**2, z2=following, T_last=T)
+        return nxt, dict(mu_hat=-J * following / (r * W * g))
+
+    return observer
+
+
+@step(mu_hat=Output("1", "observed adhesion", positive="traction"), name="eso")
+def linear_observer(
+    z1=State("rad/s", 0.0, "observed wheel speed"),
+    z2=State("rad/s^2", 0.0, "observed -r F_mu/J"),
+    omega=Input("rad/s", "measured wheel speed"),
+    T=Input("N m", "torque on the axle", positive="traction"),
+    K_1=Param("1/s", 98.5, "gain on z1'", GUESS, lo=0),
+    K_2=Param("1/s^2", 2.2 * SLOPE, "gain on z2'", GUESS, lo=0),
+    J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
+    r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
+    B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
+    W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
+):
+    """Linear extended-state observer, Phi1 = Phi2 = e: what the paper compares with."""
+    e = z1 - omega
+    nxt = dict(z1=z1 + T_o * (T / J - B_t / J * omega + z2 - K_1 * e), z2=z2 - T_o * K_2 * e)
+    return nxt, dict(mu_hat=-J * z2 / (r * W * g))
+
+
+# ---- anti-slip limit -----------------------------------------------------------------------------
+
+
+def table(values: Sequence[float], unit: str) -> Callable[[Any], Any]:
+    """Function of the speed: straight lines through values at ``NODES``, continued flat.
+
+    Args:
+        values: one per node. unit: of the values, as text.
+    """
+    slopes = [0.0, *np.diff(values) / np.diff(NODES), 0.0]
+    bend = one(f"({unit}) s/m")
+
+    def value(v: Any) -> Any:
+        corners = (float(b) * bend * fmax(v - at * one("m/s"), 0)
+                   for b, at in zip(np.diff(slopes), NODES, strict=True))  # fmt: skip
+        return float(values[0]) * one(unit) + sum(corners)
+
+    return value
+
+
+def typical_surfaces(creep_law: Block = polach) -> tuple[Block, Block]:
+    """Make the curves of the typical surfaces, and a table of their peaks over the speed.
+
+    Args:
+        creep_law: law from ``v_s`` and ``v`` to ``mu`` whose conditions are the typical surfaces.
+
+    Returns:
+        Copies of the law, one per surface, and a law from ``v`` to the peaks' adhesion ``mu_max``
+        and creep ``v_best``.
+
+    Raises:
+        BadInput: a law with fewer than two surfaces.
+    """
+    surfaces = creep_law.conditions
+    if len(surfaces) < 2:
+        raise BadInput(f"typical_surfaces: {creep_law.name} has {len(surfaces)}, it takes 2")
+    n = len(surfaces)
+    distinct = list(dict.fromkeys(k for values in surfaces.values() for k in values))
+    bare = make_block(  # without conditions: what the rail is, is not told to the controller
+        "curves", "law", creep_law.expr, inputs=creep_law.inputs.values(),
+        params=creep_law.params.values(), outputs=creep_law.outputs.values(), doc=creep_law.doc,
+    )  # fmt: skip
+    copies = replicate(bare, n, ["v_s", "v"], distinct, axis="surface")
+    copies = copies.with_params(
+        **{k: [row.get(k, creep_law.params[k].value) for row in surfaces.values()]
+           for k in distinct}
+    )  # fmt: skip
+    tops = [[peak(max(v, 0.1), k, creep_law) for v in NODES] for k in surfaces]
+
+    @law(
+        mu_max=Output("1", "adhesion of the peak of each surface", shape=(n,)),
+        v_best=Output("m/s", "creep of the peak of each surface", shape=(n,)),
+        name="peaks", choices={"law": creep_law.name, "surfaces": ", ".join(surfaces)},
+    )  # fmt: skip
+    def peaks(v=Input("m/s", "train speed")):
+        """Peaks of the typical surfaces, tabulated over the speed."""
+        heights = [table([top.value for top in row], "1")(v) for row in tops]
+        places = [table([top.location for top in row], "m/s")(v) for row in tops]
+        return dict(mu_max=vertcat(*heights), v_best=vertcat(*places))
+
+    return copies, peaks
+
+
+def classification(surfaces: int = 5) -> Block:
+    """Make the choice of the typical surface under an axle and of the adhesion it may use.
+
+    Args:
+        surfaces: number of typical surfaces.
+    """
+    n = (surfaces,)
+
+    @step(
+        mu_lim=Output("1", "adhesion that may be used"),
+        surface=Output("1", "typical surface, place in the law's conditions"),
+        name="classification", choices={"surfaces": surfaces},
+    )  # fmt: skip
+    def classify(
+        last=State("1", 0.0, "typical surface before"),
+        mu_hat=Input("1", "observed adhesion", positive="traction"),
+        v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
+        mu=Input("1", "adhesion of each surface at this creep", positive="traction", shape=n),
+        mu_max=Input("1", "adhesion of the peak of each surface", shape=n),
+        v_best=Input("m/s", "creep of the peak of each surface", shape=n),
+        margin=Param("1", 0.9, "share of the peak of the poorest surface", GUESS, lo=0.1, hi=1),
+        blind=Param("1", 0.01, "the class is kept while the curves lie closer", GUESS, lo=0, hi=1),
+        cut=Param("1", 0.7, "share of the observed adhesion beyond the peak", GUESS, lo=0, hi=1),
+    ):
+        """Typical surface nearest to the observed adhesion, and the next poorer one's peak.
+
+        Wang 2025 section 3.2, Fig. 4. Added here: the order is that of the peaks at the present
+        speed; the poorest surface has no next one and gives ``margin`` of its own peak; where all
+        curves lie close together (at little creep) the class is kept; beyond its peak the adhesion
+        falls, so only ``cut`` of what is left is allowed, which brings the wheel back.
+        """
+        surface, off = 0, fabs(mu_hat - mu[0])
+        for i in range(1, surfaces):
+            nearer = fabs(mu_hat - mu[i])
+            surface, off = if_else(nearer < off, i, surface), fmin(nearer, off)
+        tell = mmax(mu) - mmin(mu) >= blind
+        surface = if_else(tell, surface, last)
+        top, at = mu_max[0], v_best[0]
+        for i in range(1, surfaces):
+            top, at = if_else(surface == i, mu_max[i], top), if_else(surface == i, v_best[i], at)
+        poorer = 0
+        for i in range(surfaces):
+            poorer = fmax(poorer, if_else(mu_max[i] < top, mu_max[i], 0))
+        allowed = if_else(poorer > 0, poorer, margin * top)
+        slipping = logic_and(fabs(v_s) > at, tell)
+        mu_lim = if_else(slipping, fmin(allowed, cut * fabs(mu_hat)), allowed)
+        return dict(last=surface), dict(mu_lim=mu_lim, surface=surface)
+
+    return classify
+
+
+def usable_adhesion(axles: int, creep_law: Block = polach) -> Block:
+    """Connect curves, peaks and classification of so many axles; section 3.2.
+
+    Args:
+        axles: how many are observed.
+        creep_law: as of :func:`typical_surfaces`.
+
+    Returns:
+        Step from ``omega`` and ``mu_hat`` of the axles and ``v`` to ``mu_lim`` and ``surface``.
+    """
+    curves, peaks = typical_surfaces(creep_law)
+    wires = {
+        "creep.omega": "omega",
+        "creep.v": "v",
+        "curves.v": "v",
+        "curves.v_s": "creep.v_s",
+        "class.v_s": "creep.v_s",
+        "class.mu": "curves.mu",
+        "class.mu_hat": "mu_hat",
+        "class.mu_max": "mu_max",
+        "class.v_best": "v_best",
+        "mu_lim": "class.mu_lim",
+        "surface": "class.surface",
+    }
+    parts = {"creep": creep, "curves": curves, "class": classification(len(creep_law.conditions))}
+    axle = replicate(connect("axle", wires, **parts), axles, ["v", "mu_max", "v_best"])
+    wires = {f"axle.{n}": n for n in ("omega", "mu_hat", "v")} | {"peaks.v": "v"}
+    wires |= {f"axle.{n}": f"peaks.{n}" for n in ("mu_max", "v_best")}
+    wires |= {n: f"axle.{n}" for n in ("mu_lim", "surface")}
+    return connect("usable", wires, peaks=peaks, axle=axle)
+
+
+@law(v_s=Output("m/s", "creep, rim minus train", positive="traction", per="speed"))
+def creep(
+    omega=Input("rad/s", "wheel speed"),
+    v=Input("m/s", "train speed"),
+    r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
+):
+    """Creep of an axle as measured; Wang 2025 eq (8) with its sign turned (docs/errata.md)."""
+    return r * omega - v
+
+
+def antislip_limit(axles: int) -> Block:
+    """Make the limits of the train's force from what each observed axle may use.
+
+    Args:
+        axles: how many are observed; the poorest decides, because the force is shared equally.
+    """
+
+    @law(
+        F_hi=Output("N", "largest force of the train", positive="traction"),
+        F_lo=Output("N", "smallest force of the train, braking", positive="traction"),
+        mu_least=Output("1", "adhesion that the poorest axle may use"),
+        name="limit", choices={"axles": axles},
+    )  # fmt: skip
+    def limit(
+        mu_lim=Input("1", "adhesion that an axle may use", shape=(axles,)),
+        F_hi_0=Input("N", "largest force by the characteristic", positive="traction"),
+        F_lo_0=Input("N", "smallest force by the characteristic", positive="traction"),
+        n_traction=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
+        n_brake=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
+        W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    ):
+        """F_hi = min(n_traction mu W g, F(v)), F_lo = -min(n_brake mu W g, F_brake).
+
+        Wang 2025 section 3.3. Added here: the side of braking (docs/errata.md).
+        """
+        mu = mmin(mu_lim)
+        return dict(
+            F_hi=fmin(n_traction * mu * W * g, F_hi_0), F_lo=fmax(-n_brake * mu * W * g, F_lo_0),
+            mu_least=mu,
+        )  # fmt: skip
+
+    return limit
+
+
+@law(
+    F_hi=Output("N", "largest force of the train", positive="traction"),
+    F_lo=Output("N", "smallest force of the train, braking", positive="traction"),
+    name="characteristic",
+)
+def characteristic(
+    v=Input("m/s", "train speed"),
+    F_0=Param("N", 302e3, "starting force", "Wang 2025, eq (33)", lo=1e3, hi=1e7),
+    P=Param("W", 5.5e6, "power", "Wang 2025, eq (33)", lo=1e3, hi=1e8),
+    F_brake=Param("N", 480e3, "largest brake force, 15 kN per axle", GUESS, lo=1e3, hi=1e7),
+):
+    """Traction and brake characteristic; Wang 2025 eq (33), continuous at its corner 18.21 m/s."""
+    return dict(F_hi=tractive_effort(v, F_0, P), F_lo=-F_brake)

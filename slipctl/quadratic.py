@@ -1,0 +1,66 @@
+"""Quadratic programs of fixed size with a constant Hessian: one kernel for Python and for C."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from slipctl.errors import BadInput
+
+
+def qp_kernel(
+    H: np.ndarray,
+    A: np.ndarray,
+    iterations: int = 25,
+    rho: float | None = None,
+    sigma: float = 1e-6,
+    relaxation: float = 1.6,
+    name: str = "qp",
+) -> ca.Function:
+    """Make the solver of min x'Hx/2 + q'x subject to l <= A x <= u, for changing q, l, u.
+
+    The alternating direction method of multipliers of OSQP with a fixed number of iterations, the
+    matrix (H + sigma I + rho A'A)^-1 computed beforehand: no heap and no branch. What it ends with
+    is where it starts in the next tick, so that it follows a problem that changes slowly.
+    Source: Stellato et al., OSQP, Mathematical Programming Computation 12 (2020).
+
+    Args:
+        H: positive definite Hessian. A: one row per constraint.
+        iterations: how many; the same every time.
+        rho: weight of the constraints; None takes three times the mean curvature of H over A'A.
+        sigma, relaxation: of the method.
+        name: of the Function.
+
+    Returns:
+        Function ``(q, l, u, start) -> (x, end)``; start and end have n + 2 m numbers, at first 0.
+
+    Raises:
+        BadInput: shapes that do not fit, or a Hessian that is not positive definite.
+    """
+    H, A = np.atleast_2d(np.asarray(H, float)), np.atleast_2d(np.asarray(A, float))
+    n, m = len(H), len(A)
+    if H.shape != (n, n) or A.shape != (m, n):
+        raise BadInput(f"qp_kernel: H is {H.shape} and A {A.shape}; they must be (n, n) and (m, n)")
+    if not np.allclose(H, H.T) or np.linalg.eigvalsh(H)[0] <= 0:
+        raise BadInput("qp_kernel: H must be symmetric and positive definite")
+    if iterations < 1 or iterations != int(iterations):
+        raise BadInput(f"qp_kernel: iterations = {iterations} must be a whole number >= 1")
+    weight = 3 * float(np.trace(H) / np.trace(A.T @ A)) if rho is None else float(rho)
+    inverse = np.linalg.inv(H + sigma * np.eye(n) + weight * A.T @ A)
+    K, At = ca.DM(inverse), ca.DM(A.T)
+    q, lo, hi = ca.MX.sym("q", n), ca.MX.sym("l", m), ca.MX.sym("u", m)
+    state, given = ca.MX.sym("state", n + 2 * m), ca.vertcat(q, lo, hi)
+    x, z, y = ca.vertsplit(state, [0, n, n + m, n + 2 * m])
+    solved = ca.mtimes(K, sigma * x - q + ca.mtimes(At, weight * z - y))
+    moved = relaxation * ca.mtimes(ca.DM(A), solved) + (1 - relaxation) * z
+    following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
+    iteration = ca.Function(
+        f"{name}_iteration", [state, given],
+        [ca.vertcat(relaxation * solved + (1 - relaxation) * x, following,
+                    y + weight * (moved - following))],
+    )  # fmt: skip
+    whole = iteration.fold(int(iterations))
+    end = whole(state, ca.repmat(given, 1, int(iterations)))
+    return ca.Function(
+        name, [q, lo, hi, state], [end[:n], end], ["q", "l", "u", "start"], ["x", "end"]
+    )
