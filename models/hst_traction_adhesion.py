@@ -16,6 +16,7 @@ Each block is of one axle; ``replicate`` makes them of all.
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ from slipctl import (
 from slipctl.certify import adhesion_observer as bounds
 from slipctl.models.contact import peak, polach
 from slipctl.models.hst_traction import tractive_effort
+from slipctl.optimum import Peak
 
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
@@ -205,7 +207,7 @@ def typical_surfaces(creep_law: Block = polach) -> tuple[Block, Block]:
         **{k: [row.get(k, creep_law.params[k].value) for row in surfaces.values()]
            for k in distinct}
     )  # fmt: skip
-    tops = [[peak(max(v, 0.1), k, creep_law) for v in NODES] for k in surfaces]
+    tops = _peaks(creep_law)
 
     @law(
         mu_max=Output("1", "adhesion of the peak of each surface", shape=(n,)),
@@ -219,6 +221,11 @@ def typical_surfaces(creep_law: Block = polach) -> tuple[Block, Block]:
         return dict(mu_max=vertcat(*heights), v_best=vertcat(*places))
 
     return copies, peaks
+
+
+@lru_cache(maxsize=8)
+def _peaks(creep_law: Block) -> list[list[Peak]]:
+    return [[peak(max(v, 0.1), k, creep_law) for v in NODES] for k in creep_law.conditions]
 
 
 def classification(surfaces: int = 5) -> Block:

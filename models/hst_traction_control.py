@@ -12,7 +12,7 @@ gives s' = -k1H phi1 + v_H - delta/M whatever the limit does. The text before (4
 which doubles what it should cancel (``form="printed-40"``).
 
 Table 5 gives the numbers of the two other sliding modes. Predictive, robust and PID control are
-only named in Table 4: their structure and numbers here are ours. Signs: forces pull (``"traction"``).
+only named in Table 4: their structure and numbers here are ours. Forces pull (``"traction"``).
 """
 
 from typing import Any
@@ -183,9 +183,7 @@ def adaptive_sliding_mode(
     """
     s = k_1 * e1 + e2
     F = M * (-k_1 * e2 + a_ff - k_2 * fmax(-1, fmin(1, s / sigma)) - d_hat)
-    return dict(d_hat=d_hat + T * d_1 * s), dict(
-        F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F, s=s
-    )
+    return dict(d_hat=d_hat + T * d_1 * s), dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F, s=s)
 
 
 @law(**FORCES, name="robust")
@@ -205,7 +203,7 @@ def pid(
     k_v=Param("1/s", 1.5, "gain on the speed", GUESS, lo=0, hi=100),
     k_x=Param("1/s^2", 0.4, "gain on the position", GUESS, lo=0, hi=100),
 ):  # fmt: skip
-    """PID on the speed without feed-forward, its integral the position: F = -M (1.5 e2 + 0.4 e1)."""
+    """PI on the speed without feed-forward, the position its integral: F = -M (1.5 e2 + 0.4 e1)."""
     F = -M * (k_v * e2 + k_x * e1)
     return dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F)
 
@@ -215,7 +213,8 @@ def horizon(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Condense the double integrator e1' = e2, e2' = u over a horizon.
 
-    The cost is the sum of q_x e1^2 + q_v e2^2 after each move and r u^2, half of it x'Hx/2 + (G e)'x.
+    The cost is the sum of q_x e1^2 + q_v e2^2 after each move and of r u^2; half of it is
+    x'Hx/2 + (G e)'x and a constant.
 
     Args:
         moves: moves of length ``dt`` in s. q_x, q_v, r: weights.
@@ -258,7 +257,8 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
         lo = vertcat(MX.ones(moves, 1) * a_lo, first_lo, -MX.ones(moves - 1, 1) * far)
         hi = vertcat(MX.ones(moves, 1) * a_hi, first_hi, MX.ones(moves - 1, 1) * far)
         found, end = solve(mtimes(DM(G), vertcat(u["e1"], u["e2"])), lo, hi, x["inner"])
-        F = p["M"] * (u["a_ff"] + found[0])
+        move = fmin(first_hi, fmax(first_lo, found[0]))  # however far the solver is
+        F = p["M"] * (u["a_ff"] + move)
         F_contr = fmin(u["F_hi"], fmax(u["F_lo"], F))
         return dict(F_last=F_contr, inner=end), dict(F_contr=F_contr, F_wanted=F)
 
