@@ -199,6 +199,37 @@ def plant(adhesion: Block = adhesion, motor: Block | None = None) -> Block:
     return connect("plant", wires, **parts)
 
 
+@flow(a_t=Output("m/s^2", "acceleration of the train", positive="traction"))
+def best_train(
+    x=State("m", 0.0, "position"),
+    v_t=State("m/s", 5.0, "train speed", GUESS),
+    mu=Input("1", "adhesion coefficient", positive="traction"),
+    F_Z=Input("N", "running resistance", value=0.0, positive="braking"),
+    M=Param("kg", 6e6, "train", TABLE_2, lo=1e4, hi=3e7),
+    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+):
+    """Train whose wheels have no inertia, for a bound; Cheng 2022 eqs (1), (5)."""
+    a_t = (n_d * mu * W * g - F_Z) / M
+    return dict(x=v_t, v_t=a_t), dict(a_t=a_t)
+
+
+def ideal_plant(adhesion: Block = adhesion) -> Block:
+    """Connect the bound that no control can beat: adhesion at the creep ``v_opt`` all the time.
+
+    Args:
+        adhesion: law from ``v_s`` to ``mu``.
+    """
+    wires = {
+        "adh.v_s": "v_opt",
+        "train.mu": "adh.mu",
+        "res.v": "train.v_t",
+        "train.F_Z": "res.F_Z",
+    }
+    return connect("plant", wires, train=best_train, adh=adhesion, res=resistance)
+
+
 @law(omega_m=Output("rad/s", "measured motor speed"))
 def motor_speed_sensor(
     omega=Input("rad/s", "motor speed"),

@@ -18,6 +18,10 @@ knows it; a torque limit; the robust shape counts e at most ``share`` of the way
 that beyond it the pull is large, finite, and still inwards.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 from casadi import fmax, fmin, if_else
 
 from slipctl import (
@@ -29,10 +33,13 @@ from slipctl import (
     connect,
     law,
     luenberger,
+    one,
     sampled,
     step,
 )
-from slipctl.certify import barrier as bounds
+from slipctl.certify import barrier as barrier_bounds
+from slipctl.certify import extremum, observers
+from slipctl.extremum import warn_regime
 from slipctl.models.freight_traction import (
     GUESS,
     TABLE_2,
@@ -142,11 +149,7 @@ def controller(
     """
     block = barrier_law(form)
     block = block.with_params(**values) if values else block
-    p = {n: float(v) for n, v in block.param_values().items()}
-    if form == "robust":
-        bounds.check_rate("barrier_law", p["q"], period, min(p["share"], 0.9))
-    elif form == "consistent":
-        bounds.check_period("barrier_law", p["k"], p["k_a"], p["k_s"], period)
+    _check_gain("barrier_law", block.param_values(), form, period)
     wires = {
         "disturbance.mu_hat": "mu_hat",
         "disturbance.F_Z_hat": "F_Z_hat",
@@ -213,6 +216,15 @@ def lead(
     return T_m + tau / tau_d * (T_wanted - T_m)
 
 
+@law(v=Output("m/s", "creep to hold", positive="traction", per="speed"))
+def hold(
+    y=Input("1", "adhesion estimate", positive="traction"),
+    v_hold=Param("m/s", 1.2098601, "creep to hold", "peak of Table 1", lo=0, hi=20),
+):
+    """Fixed creep in the place of a seeker."""
+    return v_hold + 0 * y * one("m/s")
+
+
 def seeking_controller(
     seek: Block,
     form: str = "robust",
@@ -273,4 +285,60 @@ def seeking_controller(
         wires |= {
             "lead.T_wanted": "barrier.T_cmd", "lead.T_m": "T_m", "T_cmd": "lead.T_cmd",
         }  # fmt: skip
-    return connect(name, wires, **parts)
+    block = connect(name, wires, **parts)
+    check(name, block.param_values(), period, form)
+    return block
+
+
+def check(
+    where: str,
+    p: Mapping[str, Any],
+    period: float,
+    form: str = "robust",
+    error: float = 0.0,
+    steepest: float | None = None,
+) -> None:
+    """Refuse parameters of a :func:`seeking_controller` that cannot work, before a run.
+
+    The printed law is refused nothing but its observer: it is there to show that it fails.
+
+    Args:
+        where: name for the messages.
+        p: values of its parameters.
+        period: sample period in s.
+        form: of the barrier law.
+        error: creep error in m/s at the start.
+        steepest: largest slope of the adhesion in s/m; a seeker that never slides is warned of.
+
+    Raises:
+        BadInput: an unstable or slow observer, a barrier smaller than the error at the start, a
+            gain that the period cannot carry, a seeker that passes its cells in a tick or whose
+            dither is near the corners of its filters; each with a value that would pass.
+    """
+    A = [[-float(p["observer.L_omega_m"]), -1 / float(p["observer.J"])],
+         [-float(p["observer.L_T_L"]), 0.0]]  # fmt: skip
+    observers.check_poles(f"{where}.observer", np.linalg.eigvals(np.array(A)), what="gains")
+    k_a, k_s = float(p["barrier.k_a"]), float(p["barrier.k_s"])
+    if form != "printed-42":
+        barrier_bounds.check_start(f"{where}.barrier", error, k_a, k_s)
+    _check_gain(f"{where}.barrier", {n.partition(".")[2]: v for n, v in p.items()
+                                     if n.startswith("barrier.")}, form, period)  # fmt: skip
+    s = {n.partition(".")[2]: float(v) for n, v in p.items() if n.startswith("seek.")}
+    seek = f"{where}.seek"
+    if {"k", "rho", "beta"} <= set(s):
+        extremum.check_sampling(seek, s["beta"], s["rho"], period)
+        if steepest is not None:
+            warn_regime(seek, s["k"], s["rho"], steepest)
+    if {"w", "w_h", "w_l"} <= set(s):
+        extremum.check_dither(seek, s["w"], s["w_h"], s["w_l"], period)
+
+
+def _check_gain(where: str, p: Mapping[str, Any], form: str, period: float) -> None:
+    """Refuse a gain that the period cannot carry."""
+    if form == "robust":
+        share = min(float(p["share"]), 0.9)
+        barrier_bounds.check_rate(where, float(p["q"]), period, share)
+    elif form == "consistent":
+        barrier_bounds.check_period(
+            where, float(p["k"]), float(p["k_a"]), float(p["k_s"]), period
+        )  # fmt: skip

@@ -84,6 +84,12 @@ class Run:
         name = self.signals.find(role, self.log)
         return str(self.log[name].attrs.get("units", "1")) if name else "1"
 
+    @property
+    def slip_sign(self) -> int:
+        """1 for a slip that is positive in braking (vehicle minus rim), -1 for one in traction."""
+        name = self.signals.find("slip", self.log)
+        return -1 if name and self.log[name].attrs.get("positive") == "traction" else 1
+
     def _values(self, names: Names) -> np.ndarray | None:
         name = first_of(names, self.log)
         if name is None:
@@ -331,7 +337,8 @@ def _lock_time(run: Run) -> Metric | None:
     if v is None:
         return None
     if slip is not None:
-        rim = v - slip if run.unit("slip") == "m/s" else v * (1 - slip)
+        s = slip * run.slip_sign
+        rim = v - s if run.unit("slip") == "m/s" else v * (1 - s)
     elif run.unit("wheel_speed") == "m/s":
         rim = run.get("wheel_speed")
     else:

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block, Exprs, make_block
+from slipctl.certify.observers import check_poles, pole_text
 from slipctl.errors import BadInput, nearest
 from slipctl.linearise import linear
 from slipctl.signals import Input, Output, Param, State
@@ -69,7 +70,7 @@ def luenberger(
         L = _given(where, names, gains or {})
         found = np.linalg.eigvals(A - L @ C)
     if check:
-        _refuse_slow(where, found, slowest, "poles" if gains is None else "gains")
+        check_poles(where, found, slowest, "poles" if gains is None else "gains")
 
     signal = {n: block.states.get(n) or block.outputs[n] for n in seen}
     states = list(block.states)
@@ -86,7 +87,7 @@ def luenberger(
             rates[s] = rates[s] + sum(p[names[i][j]] * error[n] for j, n in enumerate(seen))
         return rates, {f"{s}_hat": x[s] for s in states}
 
-    poles_text = ", ".join(_text(z) for z in sorted(found, key=lambda z: (-z.real, z.imag)))
+    poles_text = ", ".join(pole_text(z) for z in sorted(found, key=lambda z: (-z.real, z.imag)))
     return make_block(
         f"{block.name}_observer", "flow", body,
         states=[State(s.unit, s.value, f"estimate: {s.doc}", positive=s.positive).named(n)
@@ -170,23 +171,3 @@ def _given(where: str, names: list[list[str]], gains: Mapping[str, float]) -> np
     if missing:
         raise BadInput(f"{where}: give the gain {missing[0]} too")
     return np.array([[float(gains[n]) for n in row] for row in names])
-
-
-def _refuse_slow(where: str, poles: np.ndarray, slowest: float, what: str) -> None:
-    worst = max(poles, key=lambda z: z.real)
-    if worst.real >= 0:
-        raise BadInput(
-            f"{where}: these {what} give the pole {_text(worst)} 1/s, which is unstable;"
-            f" poles at {-max(slowest, 1.0):g} 1/s or to the left would pass"
-        )
-    if -worst.real < slowest * (1 - 1e-9):
-        raise BadInput(
-            f"{where}: these {what} give the pole {_text(worst)} 1/s, slower than"
-            f" slowest={slowest:g} 1/s; poles at {-slowest:g} 1/s or to the left would pass"
-        )
-
-
-def _text(z: complex) -> str:
-    z = complex(z)
-    size = max(abs(z), 1e-300)
-    return f"{z.real:.4g}" if abs(z.imag) < 1e-6 * size else f"{z.real:.4g}{z.imag:+.4g}j"

@@ -45,6 +45,9 @@ COLOURS = {
     "eppfc": BLUE,
     "efc": ORANGE,
     "nmpc": GREEN,
+    "smes": ORANGE,
+    "improved": BLUE,
+    "esa": GREEN,
 }
 """Loops whose colour is fixed; any other name gets one of the palette by its letters."""
 
@@ -82,7 +85,9 @@ WIDTH, HEIGHT = 7.0, 1.9
 
 def colour(name: str) -> str:
     """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
-    stem = re.sub(r"_(printed|real|explicit|implicit|proper_implicit).*$", "", name)
+    stem = re.sub(
+        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit).*$", "", name
+    )
     for known in (name, stem):
         if known in COLOURS:
             return COLOURS[known]

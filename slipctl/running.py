@@ -134,6 +134,7 @@ def prepare(
         for case in cases:
             for name, loop in case.loops.items():
                 _try(case, name, loop)
+                study.check(name, loop, case.scenario)
     except Exception as error:
         blame(error)
     return cases, models

@@ -336,6 +336,8 @@ class Study:
         cases: ``cases(models, quick)``; the first one is ``base``.
         signals: what the metrics speak of.
         controller: part of a loop that ``slipctl c`` exports.
+        check: ``check(name, loop, scenario)``, called for each loop before anything runs, with
+            ``--set`` applied; it refuses (:class:`~slipctl.BadInput`) what cannot work.
         experiments: further computations by name.
         claims: the paper's claims.
         figures: figures by file stem.
@@ -349,6 +351,7 @@ class Study:
     signals: Signals
     models: Mapping[str, Any] = field(default_factory=dict)
     controller: str = "ctl"
+    check: Callable[[str, Block, Scenario], None] = lambda name, loop, scenario: None
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     claims: Sequence[Claim] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
