@@ -134,6 +134,14 @@ def parser() -> Parser:
         "--target", choices=("host", "cortex-m4", "cortex-m7"), default="host",
         help="compile it for this processor too: bytes, stack, functions of double",
     )  # fmt: skip
+    p.add_argument(
+        "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
+    )
+
+    p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
+    p.add_argument(
+        "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
+    )
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument("system", metavar="SYSTEM", help="super_twisting")
@@ -450,26 +458,30 @@ def _c(options: argparse.Namespace, command: str) -> int:
     if options.check and compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
     if block is not None:
-        report = codegen.export(block, out, check=options.check, real=options.real,
-                                target=options.target)  # fmt: skip
+        report = codegen.export(
+            block, out, check=options.check, real=options.real, target=options.target,
+            misra=options.misra, fmus=options.fmu,
+        )  # fmt: skip
     else:
         from slipctl.simulation import simulate
 
         study = doors.load_study(left)
         loop, case = doors.find_loop(study, loop_name)
-        part = study.controller
+        part = options.part or study.controller
+        words = [] if part == study.controller else part.split(".")
         try:
             control = loop[part]
         except BadInput as error:
-            raise BadInput(f"{name} has no controller to write: {error}") from None
+            what = "part" if options.part else "controller"
+            raise BadInput(f"{name} has no {what} to write: {error}") from None
         log.info("running %s for its inputs", name)
         wanted = [*loop.inputs, *loop.outputs, *loop.states]
         data = simulate(loop, case.scenario, log=wanted)
         report = codegen.export(
-            control, out, f"{study.name}_{loop_name.partition('@')[0]}",
+            control, out, "_".join([study.name, loop_name.partition("@")[0], *words]),
             inputs=codegen.logged_inputs(loop, part, data), check=options.check,
             params=codegen.logged_params(loop, part, data), period=loop.period,
-            real=options.real, target=options.target,
+            real=options.real, target=options.target, misra=options.misra, fmus=options.fmu,
         )  # fmt: skip
     print(report)
     if not report.passed:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import back_to_back, expected, files, targets
+from slipctl.ccode import analysis, back_to_back, expected, files, fmu, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.board import board_files
@@ -55,8 +55,8 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        targets_ = all(t["passed"] for t in self.data["targets"])
-        return targets_ and bool(self.data.get("passed", True))
+        parts = [*self.data["targets"], self.data.get("analysis", {})]
+        return all(p.get("passed", True) for p in (self.data, *parts))
 
     def __str__(self) -> str:
         d = self.data
@@ -90,6 +90,8 @@ class Report:
                     f" {count['most']}, {t['stack_used']} bytes of stack used, same vectors:"
                     f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
                 )
+        if "analysis" in d:
+            lines.append(f"  {analysis.summary(d['analysis'])}")
         if not self.passed:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
@@ -173,6 +175,8 @@ def export(
     period: float | None = None,
     real: str = "double",
     target: str = "host",
+    misra: bool = False,
+    fmus: bool = False,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -188,6 +192,8 @@ def export(
         target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``: bytes,
             stack, what of double is linked; with ``check`` the same replay on a board of QEMU,
             with the instructions of a step counted.
+        misra: count the findings of cppcheck and of its MISRA C:2012 addon.
+        fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
 
     Returns:
         What was written; printable.
@@ -197,7 +203,7 @@ def export(
     """
     return _produce(
         block, Path(out), name, inputs=inputs, params=params, replay=check, period=period,
-        real=real, target=target,
+        real=real, target=target, misra=misra, fmus=fmus,
     )  # fmt: skip
 
 
@@ -273,14 +279,19 @@ def _produce(
     period: float | None = None,
     real: str = "double",
     target: str = "host",
+    misra: bool = False,
+    fmus: bool = False,
 ) -> Report:
     if target != "host":
         targets.tool(target)
         if replay:
             targets.emulator(target)
+    if misra:
+        analysis.tool()
     plan = Plan(block, name, period, real)
     made = _text_files(plan)
-    folders.check_folder(folder, [*made, "vectors.txt", folders.MANIFEST])
+    archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
+    folders.check_folder(folder, [*made, *archives, "vectors.txt", folders.MANIFEST])
     used = cc.compilers() if replay else ()
     values = block.param_values(**(params or {}))
     rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
@@ -317,9 +328,13 @@ def _produce(
             ran = targets.replayed_on(target, plan, made)
             found |= ran | {"passed": found["passed"] and ran["passed"]}
         data["targets"] = [found]
-    data["files"] = {n: folders.digest(text) for n, text in sorted(made.items())}
-    made[folders.MANIFEST] = cc.as_json(data)
-    folders.publish(folder, made)
+    if misra:
+        data["analysis"] = analysis.analysed(plan, made)
+    written: dict[str, str | bytes] = dict(made)
+    if fmus:
+        written |= fmu.fmus(plan, made, content, cc.found())
+    data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
+    folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
     return Report(folder, data, CModule(folder, plan))
 
 

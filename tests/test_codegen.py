@@ -286,7 +286,11 @@ def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) 
         text.append(f"void {f.name()}(const double *u, double *y)\n{{\n" + "\n".join(body) + "\n}")
     prototypes = [f"void {f.name()}(const double *u, double *y);" for f in functions]
     source = tmp_path / "random.c"
-    source.write_text("\n".join(["#include <math.h>", helper_text(helpers), *prototypes, *text]))
+    source.write_text(
+        "\n".join(
+            ["#include <math.h>\n#include <stdbool.h>", helper_text(helpers), *prototypes, *text]
+        )
+    )
     compiler = compilers.compilers()[0]
     # the lines are compiled as they are in a module, so that no warning escapes
     compilers.compile_object(compiler, source, tmp_path / "random.o", "-fPIC", "-fno-builtin")

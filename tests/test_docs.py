@@ -21,7 +21,9 @@ from slipctl.doors import load_study
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 RUNNER = Path(__file__).parent / "pages.py"
-PAGES = ("concepts.md", "architecture.md", "certify.md", "nmpc.md")
+PAGES = (
+    "concepts.md", "architecture.md", "certify.md", "nmpc.md", "c_interface.md", "fmu.md",
+)  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
 HAND_WRITTEN = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]

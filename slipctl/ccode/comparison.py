@@ -15,8 +15,8 @@ from slipctl import build
 from slipctl.block import Block
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import isolation
+from slipctl.ccode.back_to_back import compared_bits
 from slipctl.ccode.expected import Expected, differences, start_state
-from slipctl.ccode.header import bit
 from slipctl.ccode.module import CModule
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.precision import size
@@ -36,7 +36,7 @@ def compare(
     """Compile with each compiler, replay, and run the test program of the folder."""
     compiled: list[dict[str, Any]] = []
     signals: dict[str, dict[str, Any]] = {}
-    mask = ~0 if plan.real == "double" else ~bit("LIMITED")
+    mask = compared_bits(plan.real)
     passed = True
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         for name, text in made.items():

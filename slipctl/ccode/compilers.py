@@ -38,6 +38,14 @@ def compilers() -> tuple[str, ...]:
     return tuple(found)
 
 
+def found() -> str | None:
+    """The first compiler, if there is one."""
+    try:
+        return compilers()[0]
+    except BadInput:
+        return None
+
+
 @lru_cache(maxsize=8)
 def version(compiler: str) -> str:
     """First line of what a compiler says of itself."""

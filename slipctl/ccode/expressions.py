@@ -45,12 +45,12 @@ HELPERS = {
     "lesser": (
         "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
         "static double lesser(double x, double y)\n{\n"
-        "    return (x < y || y != y) ? x : y;\n}\n"
+        "    return ((x < y) || (y != y)) ? x : y;\n}\n"
     ),
     "greater": (
         "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
         "static double greater(double x, double y)\n{\n"
-        "    return (x > y || y != y) ? x : y;\n}\n"
+        "    return ((x > y) || (y != y)) ? x : y;\n}\n"
     ),
     "at_most": (
         "static double at_most(double x, double bound)\n{\n"
@@ -97,7 +97,7 @@ class Node:
 class _Text:
     text: str
     rank: int
-    truth: bool = False  # a C condition (int), not a real number
+    truth: bool = False  # a C condition (bool), not a real number
 
 
 def number(value: float) -> str:
@@ -265,18 +265,20 @@ class Writer:
         name = self.names.get(k)
         if name is None:
             name = f"a{next(self.count)}"
-        kind = "int" if made.truth else self.real
+        kind = "bool" if made.truth else self.real
         self.lines.append(f"const {kind} {name} = {made.text};")
         self.texts[k] = _Text(name, _ATOM, made.truth)
 
     def _real(self, t: _Text) -> str:
-        return f"({self.real})({t.text})" if t.truth else t.text
+        return f"({t.text} ? 1.0 : 0.0)" if t.truth and t.rank == _ATOM else (
+            f"(({t.text}) ? 1.0 : 0.0)" if t.truth else t.text
+        )  # fmt: skip
 
     def _operand(self, k: int, rank: int) -> str:
         """Text of a real value that binds at least as strongly as ``rank``."""
         t = self.texts[k]
         if t.truth:
-            return f"({self.real})({t.text})"
+            return self._real(t)
         return t.text if t.rank >= rank else f"({t.text})"
 
     def _condition(self, k: int, rank: int) -> str:

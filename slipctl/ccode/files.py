@@ -8,6 +8,7 @@ from slipctl.ccode.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOO
 from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT, STATUS, head, memory
+from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, constant, first_sentence
 from slipctl.ccode.precision import in_precision
 
@@ -22,13 +23,10 @@ def example(plan: Plan) -> str:
     n = plan.name
     lines = []
     for m in plan.layout.inputs:
-        value = m.signal.value
-        if value is None:
-            value = min(max(0.0, m.signal.lo), m.signal.hi)
-        flat = constant(m.signal, value).ravel(order="F")
-        lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in enumerate(flat)]
+        values = enumerate(starting(m))
+        lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in values]
     shown = [
-        f'        printf(" {spelled(m.name)} %g", (double){m.at("out.", 0)});'
+        f'        (void)printf(" {spelled(m.name)} %g", (double){m.at("out.", 0)});'
         for m in plan.layout.outputs[:6]
     ]
     body = "\n".join(lines or ["    in.unused = 0;"])
@@ -53,13 +51,21 @@ int main(void)
 {body}
     for (tick = 0; tick < 10; ++tick) {{
         const int status = {n}_step(&in, &param, &state, &out);
-        printf("%d: status %d", tick, status);
+        (void)printf("%d: status %d", tick, status);
 {chr(10).join(shown)}
-        printf("\\n");
+        (void)printf("\\n");
     }}
     return 0;
 }}
 """
+
+
+def starting(m: Member) -> list[float]:
+    """Elements of an input before it is set: its value, or the number in its range next to 0."""
+    value = m.signal.value
+    if value is None:
+        value = min(max(0.0, m.signal.lo), m.signal.hi)
+    return [float(v) for v in constant(m.signal, value).ravel(order="F")]
 
 
 def makefile(plan: Plan) -> str:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from slipctl.errors import BadInput
@@ -14,12 +14,13 @@ from slipctl.errors import BadInput
 MANIFEST = "report.json"
 
 
-def digest(text: str) -> str:
-    """Hash of a file's text, as the manifest keeps it."""
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+def digest(content: str | bytes) -> str:
+    """Hash of a file's content, as the manifest keeps it."""
+    raw = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(raw).hexdigest()[:32]
 
 
-def check_folder(folder: Path, names: Mapping[str, str] | list[str]) -> None:
+def check_folder(folder: Path, names: Iterable[str]) -> None:
     """Refuse a folder where one of the names is a file that we did not write.
 
     Raises:
@@ -42,7 +43,7 @@ def check_folder(folder: Path, names: Mapping[str, str] | list[str]) -> None:
             )
 
 
-def publish(folder: Path, files: Mapping[str, str]) -> None:
+def publish(folder: Path, files: Mapping[str, str | bytes]) -> None:
     """Put the files in place: written beside it first, then renamed one by one, manifest last.
 
     Files that an earlier call wrote, that nobody changed and that are not among the new ones, are
@@ -56,8 +57,9 @@ def publish(folder: Path, files: Mapping[str, str]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".slipctl_", dir=folder) as scratch:
-            for name, text in files.items():
-                (Path(scratch) / name).write_text(text, encoding="utf-8", newline="\n")
+            for name, content in files.items():
+                raw = content.encode() if isinstance(content, str) else content
+                (Path(scratch) / name).write_bytes(raw)
             for name in sorted(files, key=lambda n: n == MANIFEST):
                 os.replace(Path(scratch) / name, folder / name)
     except OSError as error:
@@ -76,8 +78,7 @@ def _ours(folder: Path) -> set[str]:
     found = {MANIFEST}
     for name, wanted in listed.items():
         path = folder / name
-        if Path(name).name == name and path.is_file():
-            text = path.read_bytes().decode("utf-8", errors="replace")
-            if digest(text) == wanted:
-                found.add(name)
+        own = Path(name).name == name and path.is_file()
+        if own and digest(path.read_bytes()) == wanted:
+            found.add(name)
     return found

@@ -13,6 +13,9 @@ from slipctl.ccode.expressions import Unsupported, helper_text
 from slipctl.ccode.precision import tolerant
 from slipctl.ccode.structure import Outside, Statements, pruned
 
+KERNEL = ("---- text of CasADi's generator from here ----", "---- end of CasADi's text ----")
+"""Marks around the functions that CasADi generated."""
+
 
 @dataclass(frozen=True)
 class Kernel:
@@ -112,6 +115,7 @@ def definitions(kernels: Iterable[Kernel], real: str = "double") -> str:
     for k in kernels:
         helpers |= k.helpers
         if k.text:
-            texts.append(tolerant(k.text) if real == "float" else k.text)
+            text = tolerant(k.text) if real == "float" else k.text
+            texts.append(f"/* {KERNEL[0]} */\n\n{text}\n\n/* {KERNEL[1]} */")
     parts = [helper_text(helpers), *texts]
     return "\n".join(p for p in parts if p)

@@ -33,7 +33,7 @@ def source(plan: Plan) -> str:
     )
     parts = [
         head(plan, f"{n}.c"),
-        f'#include "{n}.h"\n\n#include <float.h>\n#include <math.h>',
+        f'#include "{n}.h"\n\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>',
         "#ifdef __FAST_MATH__\n#error compile without -ffast-math: NaN must be seen\n#endif",
     ]
     if plan.equations.copied:
@@ -50,6 +50,10 @@ def source(plan: Plan) -> str:
     )
     parts.append(_checks(functions))
     text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
+    if re.search(r"\bNULL\b", text):
+        text = text.replace(
+            "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
+        )
     return in_precision(text, plan.real, plan.block.name)
 
 
@@ -102,7 +106,7 @@ def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
     lines = [f"    const double *arg[{max(sz_arg, 1)}];", f"    double *res[{max(sz_res, 1)}];"]
     places = {}
     for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
-        place = "0" if not size else f"state->work.{name}" if plan.work_in_state else name
+        place = "NULL" if not size else f"state->work.{name}" if plan.work_in_state else name
         places[f"WORK_{name.upper()}_"] = place
         if place == name:
             lines.append(f"    {kind} {name}[{size}];")
@@ -143,8 +147,8 @@ def _param_ok(plan: Plan) -> str:
     checks = [_within(plan, m, "param->") for m in plan.layout.params]
     void = [] if checks else ["(void)param;"]
     return _define(
-        f"static int param_ok(const {plan.name}_param *param)",
-        [*void, f"return {_conjunction(checks) or '1'};"],
+        f"static bool param_ok(const {plan.name}_param *param)",
+        [*void, f"return {_conjunction(checks) or 'true'};"],
     )
 
 
@@ -164,19 +168,22 @@ def _init(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     computed = [m for m in lay.states if m.signal.derived]
     lines = [f"int status = {n}_tune(param, state);"]
-    if computed or lay.derived:
+    used = "param->"
+    if lay.derived or computed:
         lines[0:0] = [f"{n}_param safe;"]
-        lines.append(
-            _if([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);",
-                "param = &safe;")
-        )  # fmt: skip
+        lines += [
+            *["safe = *param;"] * bool(computed),
+            _if([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"),
+        ]
+        used = "safe."
     for m in lay.states:
         if not m.signal.derived:
             lines += _constant(m, "state->", m.signal.value)
     if computed:
-        lines += plan.start_lines(lay.states, len(lay.derived), "state->")
+        texts = plan.start_lines(lay.states, len(lay.derived), "state->")
+        lines += [t.replace("param->", used) for t in texts]
         good = _conjunction([_within(plan, m, "state->") for m in computed])
-        lines.append(_if([f"!({good})"], f"status |= {big}_BAD_PARAM;"))
+        lines.append(_if([f"!({good})"], f"status = {big}_BAD_PARAM;"))
     for m in lay.outputs:
         lines += _constant(m, "state->held.", min(max(0.0, m.signal.lo), m.signal.hi))
     lines.append("return status;")
@@ -218,9 +225,9 @@ def _step(plan: Plan) -> str:
     ]  # fmt: skip
     limits = [_limited(plan, m, "now.") for m in lay.outputs if _has_range(plan, m)]
     if limits:
-        lines.insert(0, "int limited = 0;")
+        lines.insert(0, "unsigned int limited = 0U;")
         lines += [f"limited |= {text};" for text in limits]
-    status = f"(limited != 0) ? {big}_LIMITED : {big}_OK" if limits else f"{big}_OK"
+    status = f"(limited != 0U) ? {big}_LIMITED : {big}_OK" if limits else f"{big}_OK"
     lines += ["state->held = now;", "*out = now;", f"return {status};"]
     return _define(step_prototype(plan), lines)
 
@@ -294,32 +301,33 @@ def _within(plan: Plan, m: Member, pointer: str) -> str:
 _LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
 _SMALL = {
     "all_finite": (
-        "int all_finite(const double *x, int n)",
-        _LOOP % "if (!is_finite(x[k])) {\n            return 0;\n        }" + "    return 1;\n",
+        "bool all_finite(const double *x, int n)",
+        _LOOP % "if (!is_finite(x[k])) {\n            return false;\n        }"
+        + "    return true;\n",
     ),
     "is_finite": (
-        "int is_finite(double x)",
+        "bool is_finite(double x)",
         "    return fabs(x) <= DBL_MAX; /* false for NaN */\n",
     ),
     "all_within": (
-        "int all_within(const double *x, int n, double lo, double hi)",
-        _LOOP % "if (!within(x[k], lo, hi)) {\n            return 0;\n        }"
-        + "    return 1;\n",
+        "bool all_within(const double *x, int n, double lo, double hi)",
+        _LOOP % "if (!within(x[k], lo, hi)) {\n            return false;\n        }"
+        + "    return true;\n",
     ),
     "within": (
-        "int within(double x, double lo, double hi)",
+        "bool within(double x, double lo, double hi)",
         "    return (x >= lo) && (x <= hi); /* false for NaN */\n",
     ),
     "limit_all": (
-        "int limit_all(double *x, int n, double lo, double hi)",
-        "    int limited = 0;\n"
+        "unsigned int limit_all(double *x, int n, double lo, double hi)",
+        "    unsigned int limited = 0U;\n"
         + _LOOP % "limited |= limit(&x[k], lo, hi);"
         + "    return limited;\n",
     ),
     "limit": (
-        "int limit(double *x, double lo, double hi)",
-        "    if (*x < lo) {\n        *x = lo;\n        return 1;\n    }\n"
-        "    if (*x > hi) {\n        *x = hi;\n        return 1;\n    }\n    return 0;\n",
+        "unsigned int limit(double *x, double lo, double hi)",
+        "    if (*x < lo) {\n        *x = lo;\n        return 1U;\n    }\n"
+        "    if (*x > hi) {\n        *x = hi;\n        return 1U;\n    }\n    return 0U;\n",
     ),
     "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
     "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),

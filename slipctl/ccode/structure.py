@@ -282,9 +282,10 @@ class Statements:
                 lines.append(f"double {r}{f'[{n}]' if n > 1 else ''};")
         lines += [f"arg[{i}] = {p};" for i, p in enumerate(pointers)]
         for i, r in enumerate(results):
-            place = "0" if not r else r if f.numel_out(i) > 1 else f"&{r}"
+            place = "NULL" if not r else r if f.numel_out(i) > 1 else f"&{r}"
             lines.append(f"res[{i}] = {place};")
-        lines.append(f"failed |= {name}(arg, res, WORK_IW_, WORK_W_, 0);")
+        text = f"{name}(arg, res, WORK_IW_, WORK_W_, 0)"
+        lines += [f"if ({text} != 0) {{", "    failed = 1;", "}"]
         return results
 
 
@@ -303,7 +304,7 @@ def assign(name: str, texts: Sequence[str], array: bool) -> list[str]:
 def address(texts: Sequence[str]) -> str | None:
     """Address of values that lie side by side in memory; None if they do not."""
     if not texts:
-        return "0"
+        return "NULL"
     run = _run(texts)
     if run is not None:
         return run
