@@ -291,6 +291,12 @@ def laws() -> dict[str, Block]:
     }
 
 
+@law(F_contr=Output("N", "force commanded", positive="traction"), name="clamp")
+def clamp(F=Input("N", "force commanded by the law", positive="traction"), F_hi=HI, F_lo=LO):
+    """Limits of this tick on a force that the law gave up to some ticks ago."""
+    return fmin(F_hi, fmax(F_lo, F))
+
+
 def controller(
     control_law: Block,
     axles: int = 1,
@@ -306,9 +312,10 @@ def controller(
         control_law: one of :func:`laws`; a flow is discretised by Euler's method.
         axles: observed axles, those with a motor.
         limited: with the anti-slip limit; without it the characteristic alone limits.
-        observer: of the adhesion of an axle; the robust one by default. Runs every tick.
+        observer: of the adhesion of an axle; the robust one by default.
         creep_law: law whose surfaces the classification knows.
-        ticks: ticks from one run of limit and law to the next.
+        ticks: ticks from one run of the law to the next. Observers and limit run every tick, so
+            that a poorer rail does not wait for the law.
         name: name of the controller.
 
     Returns:
@@ -321,36 +328,34 @@ def controller(
         raise BadInput(f"controller: axles = {axles} must be a whole number >= 1")
     if control_law.kind == "flow":
         control_law = sampled(control_law, T_C, "euler")
-    measured = ("x", "v", "x_d", "v_d", "a_d")
-    ports = {f"tracking.{n}": n for n in measured}
-    ports |= {"characteristic.v": "v", "res.v": "v", "tracking.F_d": "res.F_d"}
-    ports |= {f"law.{n}": f"tracking.{n}" for n in ("e1", "e2", "a_ff") if n in control_law.inputs}
-    parts: dict[str, Block] = {
-        "res": resistance, "tracking": tracking, "characteristic": characteristic,
-        "law": control_law,
-    }  # fmt: skip
-    source = "limit" if limited else "characteristic"
-    ports |= {f"law.{n}": f"{source}.{n}" for n in ("F_hi", "F_lo")}
-    ports["F_contr"] = "law.F_contr"
-    if not limited:
-        strategy = every(connect("strategy", ports, **parts), ticks)
-        wires = {f"strategy.{n}": n for n in measured} | {"F_contr": "strategy.F_contr"}
-        return connect(name, wires, strategy=strategy)
-    parts |= {
-        "usable": usable_adhesion(axles, creep_law),
-        "limit": antislip_limit(axles),
+    measured, errors = ("x", "v", "x_d", "v_d", "a_d"), ("e1", "e2", "a_ff")
+    ports = {f"tracking.{n}": n for n in measured} | {f"law.{n}": n for n in ("F_hi", "F_lo")}
+    ports |= {"res.v": "v", "tracking.F_d": "res.F_d", "F_contr": "law.F_contr"}
+    ports |= {f"law.{n}": f"tracking.{n}" for n in errors if n in control_law.inputs}
+    strategy = connect("strategy", ports, res=resistance, tracking=tracking, law=control_law)
+    limits = "limit" if limited else "characteristic"
+    wires = {f"strategy.{n}": n for n in measured} | {
+        "characteristic.v": "v",
+        "clamp.F": "strategy.F_contr",
+        "F_contr": "clamp.F_contr",
     }
-    ports |= {
-        "usable.omega": "omega",
-        "usable.mu_hat": "mu_hat",
-        "usable.v": "v",
-        "limit.mu_lim": "usable.mu_lim",
-        "limit.F_hi_0": "characteristic.F_hi",
-        "limit.F_lo_0": "characteristic.F_lo",
-    }
-    strategy = every(connect("strategy", ports, **parts), ticks)
-    seen = replicate(observer or adhesion_observer(), axles)
-    wires = {"observer.omega": "omega", "observer.T": "T", "strategy.mu_hat": "observer.mu_hat"}
-    wires |= {f"strategy.{n}": n for n in ("omega", *measured)}
-    wires["F_contr"] = "strategy.F_contr"
-    return connect(name, wires, observer=seen, strategy=strategy)
+    wires |= {f"{part}.{n}": f"{limits}.{n}" for part in ("strategy", "clamp")
+              for n in ("F_hi", "F_lo")}  # fmt: skip
+    parts = {"characteristic": characteristic, "strategy": every(strategy, ticks), "clamp": clamp}
+    if limited:
+        parts |= {
+            "observer": replicate(observer or adhesion_observer(), axles),
+            "usable": usable_adhesion(axles, creep_law),
+            "limit": antislip_limit(axles),
+        }
+        wires |= {
+            "observer.omega": "omega",
+            "observer.T": "T",
+            "usable.omega": "omega",
+            "usable.v": "v",
+            "usable.mu_hat": "observer.mu_hat",
+            "limit.mu_lim": "usable.mu_lim",
+            "limit.F_hi_0": "characteristic.F_hi",
+            "limit.F_lo_0": "characteristic.F_lo",
+        }
+    return connect(name, wires, **parts)

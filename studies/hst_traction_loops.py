@@ -1,0 +1,288 @@
+"""Loops, targets, rails and scenarios of the study ``hst_traction``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from casadi import fabs, fmax, fmin, if_else
+
+from slipctl import (
+    Block,
+    Case,
+    Input,
+    Output,
+    Rail,
+    Scenario,
+    Section,
+    State,
+    connect,
+    law,
+    step,
+)
+from slipctl.models import hst_traction_adhesion as adhesion
+from slipctl.models import hst_traction_control as control
+from slipctl.models.contact import peak, polach
+from slipctl.models.hst_traction import (
+    DISTINCT,
+    GROUPED,
+    motor,
+    plant,
+    resistance,
+    tractive_effort,
+)
+from slipctl.models.rolling import Axles
+
+H = 1e-3
+"""Tick of every loop in s."""
+
+ROW = 10
+"""Ticks from one row of a log to the next."""
+
+DURATION = 533.0
+"""Length of the paper's run in s."""
+
+RAIL = (("dry", 0.0), ("ice", 115.0), ("oily", 120.0), ("wet", 170.0), ("damp", 320.0))
+"""Surfaces and when each begins in s; Wang 2025, Table 2."""
+
+BAND = (-0.2, 0.8)
+"""Creep in m/s that the paper gives for its controller: -0.72 to 2.88 km/h."""
+
+NAMES = ("hosm", "smc", "asmc", "mpc", "robust", "pid")
+
+MODELS: dict[str, Any] = {"adh": polach, "observer": adhesion.adhesion_observer(), **control.laws()}
+
+
+# ---- target --------------------------------------------------------------------------------------
+
+
+class Target(NamedTuple):
+    """Target over time, one value per tick: times in s, position in m, speed in m/s, acceleration
+    in m/s^2."""
+
+    t: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+    def feeds(self, start: float = 0.0) -> dict[str, Any]:
+        """Inputs of a loop that begins at ``start`` in s."""
+        return {
+            f"{n}_d": (lambda t, y=y: np.interp(t + start, self.t, y))
+            for n, y in (("x", self.x), ("v", self.v), ("a", self.a))
+        }
+
+    def at(self, start: float) -> dict[str, float]:
+        """Start values of position and speed of the train."""
+        return {
+            "plant.train.x": float(np.interp(start, self.t, self.x)),
+            "plant.train.v": float(np.interp(start, self.t, self.v)),
+        }
+
+
+@lru_cache(maxsize=8)
+def target(kappa: float) -> Target:
+    """Target of the paper's run, which it does not give; a guess.
+
+    0.5 m/s^2 or the share kappa of the tractive effort up to 195 s, coasting to 250 s, constant
+    speed to 370 s, constant deceleration to standstill; two moving means of 4 s.
+
+    Args:
+        kappa: share of the tractive effort.
+    """
+    dt, M, M_eff = 0.05, 500e3, 500e3 + 32 * 93.75 / 0.445**2
+    drag = resistance.with_params(M=M)
+    t = np.arange(round(DURATION / dt) + 1) * dt
+    v, held = np.zeros(t.size), 0.0
+    for k in range(t.size - 1):
+        now = float(v[k])
+        F_d = float(drag(v=now)["F_d"])
+        if t[k] < 195:
+            a = min(0.5, (kappa * float(tractive_effort(now)) - F_d) / M_eff)
+        elif t[k] < 250:
+            a = -F_d / M_eff
+        elif t[k] < 370:
+            a, held = 0.0, now
+        else:
+            a = -held / (DURATION - 370)
+        v[k + 1] = max(now + a * dt, 0.0)
+    n = round(4.0 / dt)
+    mean = np.ones(n) / n
+    padded = np.pad(v, n)
+    smooth = np.convolve(np.convolve(padded, mean, "same"), mean, "same")[n:-n]
+    x = np.concatenate([[0.0], np.cumsum((smooth[1:] + smooth[:-1]) / 2 * dt)])
+    return Target(t, x, smooth, np.gradient(smooth, dt))
+
+
+def braking_target(v: float, a: float, begin: float, duration: float) -> Target:
+    """Constant speed, and from ``begin`` in s on a deceleration to standstill, rounded over 2 s.
+
+    Args:
+        v: speed in m/s. a: deceleration in m/s^2. begin, duration: in s.
+    """
+    t = np.arange(round(duration / 0.01) + 1) * 0.01
+    rate = a * np.clip((t - begin) / 2.0, 0.0, 1.0)
+    speed = v - np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * 0.01)])
+    moving = speed > 0
+    speed = np.maximum(speed, 0.0)
+    x = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.01)])
+    return Target(t, x, speed, np.where(moving, -rate, 0.0))
+
+
+def rail_by_time(start: float = 0.0) -> Rail:
+    """Surfaces of Table 2 from ``start`` in s on."""
+    ends = [begin for _, begin in RAIL[1:]] + [DURATION]
+    left = [(n, a) for (n, a), b in zip(RAIL, ends, strict=True) if b > start]
+    return Rail([Section(max(a - start, 0.0), n) for n, a in left])
+
+
+# ---- loops ---------------------------------------------------------------------------------------
+
+
+@step(
+    creep=Output("m/s", "creep, the one furthest from zero since the last row",
+                 positive="traction", per="speed"),
+    highest=Output("m/s", "largest creep since the last row", positive="traction", per="speed"),
+    lowest=Output("m/s", "smallest creep since the last row", positive="traction", per="speed"),
+    name="worst",
+)  # fmt: skip
+def worst(
+    hi=State("m/s", 0.0, "largest so far"),
+    lo=State("m/s", 0.0, "smallest so far"),
+    k=State("1", 0.0, "ticks since the last row"),
+    v_s_max=Input("m/s", "largest creep of an axle", positive="traction", per="speed"),
+    v_s_min=Input("m/s", "smallest creep of an axle", positive="traction", per="speed"),
+):
+    """Extremes of the creep between two rows of the log."""
+    top, low = fmax(hi, v_s_max), fmin(lo, v_s_min)
+    row = k == 0
+    nxt = dict(
+        hi=if_else(row, v_s_max, top), lo=if_else(row, v_s_min, low),
+        k=if_else(k >= ROW - 1, 0, k + 1),
+    )  # fmt: skip
+    return nxt, dict(creep=if_else(top > fabs(low), top, low), highest=top, lowest=low)
+
+
+def net_torque(axles: int) -> Block:
+    """Make the torque on the driven axles: motor less brake.
+
+    Args:
+        axles: how many.
+    """
+
+    @law(T=Output("N m", "torque on the axle", positive="traction", shape=(axles,)), name="net")
+    def net(
+        T_m=Input("N m", "torque of the motor", positive="traction", shape=(axles,)),
+        T_b=Input("N m", "torque of the brake", positive="braking"),
+    ):
+        """Torque that the observer is told."""
+        return T_m - T_b
+
+    return net
+
+
+@law(delta=Output("m/s^2", "what is not delivered, by mass"))
+def undelivered(
+    F_contr=Input("N", "commanded force of the train", positive="traction"),
+    F_all=Input("N", "contact force of all axles", positive="traction"),
+):
+    """delta/M of (15): command less what the rail gives."""
+    return (F_contr - F_all) / 500e3
+
+
+def loop(
+    models: Mapping[str, Any],
+    control_law: Block,
+    limited: bool = True,
+    axles: Axles = GROUPED,
+    motors: Block | None = None,
+    observer: Block | None = None,
+) -> Block:
+    """Closed loop: train, observers, limit and law.
+
+    Args:
+        models: the study's models.
+        control_law: one of ``hst_traction_control.laws()``.
+        limited: with the anti-slip limit.
+        axles: ``GROUPED``, or ``DISTINCT`` for a rail by position.
+        motors: of the train, by default the lag.
+        observer: of the adhesion, by default the study's.
+    """
+    n = len(axles.motors)
+    ctl = control.controller(
+        control_law, n, limited, observer or models["observer"], models["adh"]
+    )
+    parts = {"plant": plant(models["adh"], axles, H, motors), "ctl": ctl, "worst": worst}
+    wires = {f"ctl.{n}_d": f"{n}_d" for n in "xva"} | {
+        "ctl.x": "plant.train.x",
+        "ctl.v": "plant.train.v",
+        "plant.F_contr": "ctl.F_contr",
+        "worst.v_s_max": "plant.train.v_s_max",
+        "worst.v_s_min": "plant.train.v_s_min",
+    }
+    if limited:
+        parts["net"] = net_torque(n)
+        wires |= {
+            "net.T_m": "plant.motor.T",
+            "net.T_b": "plant.brake.T_b",
+            "ctl.omega": "plant.train.omega_d",
+            "ctl.T": "net.T",
+        }
+    return connect("loop", wires, **parts)
+
+
+def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> dict[str, Block]:
+    """Loops of these laws, each without and with the limit."""
+    found = {}
+    for name in names:
+        found[name] = loop(models, models[name], False, **how)
+        found[f"{name}_limited"] = loop(models, models[name], True, **how)
+    return found
+
+
+def variants(models: Mapping[str, Any]) -> dict[str, Block]:
+    """Loops in which one thing is left out or as printed."""
+    return {
+        "hosm_limited_uncompensated": loop(models, control.higher_order(compensation=False)),
+        "hosm_limited_printed": loop(models, control.higher_order("printed")),
+        "smc_motor_printed": loop(models, models["smc"], False, motors=motor("printed-33")),
+    }
+
+
+LOGGED = (
+    "x_d", "v_d", "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.F_all",
+    "worst.creep", "worst.highest", "worst.lowest", "ctl.F_contr", "ctl.strategy.law.F_wanted",
+    "ctl.strategy.law.s", "ctl.strategy.law.k_1H", "ctl.limit.F_hi",
+    "ctl.limit.F_lo", "ctl.limit.mu_least",
+)  # fmt: skip
+"""Signals that are kept of the long runs."""
+
+
+def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
+    """Scenarios and the loops that run in each.
+
+    Quick, the runs begin 10 s before the ice and end 20 s after it.
+    """
+    start, length = (105.0, 30.0) if quick else (0.0, DURATION)
+    pairs = both(models)
+
+    def scenario(name: str, kappa: float, doc: str, **how: Any) -> Scenario:
+        wanted = target(kappa)
+        return Scenario(
+            name, length, rail_by_time(start), inputs=wanted.feeds(start), start=wanted.at(start),
+            doc=doc, **how,
+        )  # fmt: skip
+
+    base = scenario("base", 0.5, "target at half of the tractive effort")
+    stress = scenario("stress", 0.85, "target at 0.85 of the tractive effort")
+    return [
+        Case(base, pairs, log=LOGGED, every=ROW),
+        Case(stress, pairs | variants(models), log=LOGGED, every=ROW),
+    ]
+
+
+def peak_creep(v: float, surface: str) -> float:
+    """Creep in m/s of the largest adhesion of a surface at a speed in m/s."""
+    return peak(v, surface).location
