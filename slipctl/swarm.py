@@ -12,7 +12,7 @@ import numpy as np
 from slipctl import wichmann_hill as wh
 from slipctl.block import Block, Exprs, make_block
 from slipctl.errors import BadInput
-from slipctl.seek import objective, open_law, refuse_names, repeated
+from slipctl.seek import BLOCK, objective, open_law, refuse_names, repeated
 from slipctl.signals import Output, Param, State
 
 
@@ -139,17 +139,19 @@ def _iteration(
 ) -> ca.Function:  # fmt: skip
     """Function (state, constants, K) -> state of one iteration; see :func:`_parts`.
 
-    A draw of the generator per variable: r1 and r2 are its first two parts. A number of K is for
-    :func:`wichmann_hill.quick_floor`.
+    The random numbers are the three parts of the generator, one after the other. A number of K is
+    for :func:`wichmann_hill.quick_floor`. Several particles make one piece of straight-line code.
     """
     rng, x, v, own = (ca.SX.sym(k, size) for k, size in (("r", 3), ("x", d), ("v", d), ("b", d)))
     least, best, K = ca.SX.sym("least"), ca.SX.sym("best", d), ca.SX.sym("K", 2)
     c, whole = ca.SX.sym("c", m + 3 + d), wh.quick_floor(K)
     w, c1, c2, most = ca.vertsplit(c[m:], [0, 1, 2, 3, 3 + d])
-    state, steps = rng, []
+    state, drawn, steps = rng, [], []
+    for k in range(2 * d):
+        state = wh.advance(state, whole) if k % 3 == 0 else state
+        drawn.append(state[k % 3] * (1 / wh.MODULI[k % 3]))
     for i in range(d):
-        state = wh.advance(state, whole)
-        r1, r2 = state[0] * (1 / wh.MODULI[0]), state[1] * (1 / wh.MODULI[1])
+        r1, r2 = drawn[2 * i : 2 * i + 2]
         step = w * v[i] + c1 * r1 * (own[i] - x[i]) + c2 * r2 * (best[i] - x[i])
         steps.append(ca.fmin(most[i], ca.fmax(-most[i], step)))
     moved = ca.vertcat(*steps)
@@ -161,6 +163,8 @@ def _iteration(
         [state, place, moved, ca.if_else(better, place, own), ca.if_else(better, value, least)],
         {"cse": True},
     )  # fmt: skip
+    size = max(k for k in range(1, BLOCK + 1) if n % k == 0)
+    several = _several(one, size)
     z, constants = ca.MX.sym("z", 4 + n * (3 * d + 1)), ca.MX.sym("constants", m + 3 + d)
     KK = ca.MX.sym("K", 2)
     i, r, X, V, B, values = _parts(z, n, d)
@@ -168,11 +172,25 @@ def _iteration(
     used = constants
     if schedule is not None:
         used = ca.vertcat(constants[:m], schedule(i / iterations), constants[m + 1 :])
-    rs, X, V, B, values = one.mapaccum("swarm", n)(
-        r, X, V, B, values.T, *(ca.repmat(k, 1, n) for k in (place_of_all, used, KK))
-    )
-    after = ca.vertcat(i + 1, rs[:, -1], ca.vec(X), ca.vec(V), ca.vec(B), values.T)
+    columns = [ca.reshape(k, -1, n // size) for k in (X, V, B, values)]
+    same = (ca.repmat(k, 1, n // size) for k in (place_of_all, used, KK))
+    rs, *moved_on = several.mapaccum("swarm", n // size)(r, *columns, *same)
+    after = ca.vertcat(i + 1, rs[:, -1], *(ca.vec(k) for k in moved_on))
     return ca.Function("iteration", [z, constants, KK], [after])
+
+
+def _several(one: ca.Function, size: int) -> ca.Function:
+    """Function of one particle, made for ``size`` of them, one after the other."""
+    rng, *shared = (ca.SX.sym(f"s{k}", one.size1_in(k)) for k in (0, 5, 6, 7))
+    flat = [ca.SX.sym(f"p{k}", one.size1_in(k) * size) for k in (1, 2, 3, 4)]
+    own = [ca.reshape(k, -1, size) for k in flat]
+    state: Any = rng
+    found = []
+    for j in range(size):
+        state, *after = one(state, *(k[:, j] for k in own), *shared)
+        found.append(after)
+    results = [ca.vertcat(*k) for k in zip(*found, strict=True)]
+    return ca.Function("particles", [rng, *flat, *shared], [state, *results], {"cse": True})
 
 
 def _best(n: int, d: int) -> ca.Function:

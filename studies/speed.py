@@ -128,6 +128,13 @@ def filtered() -> dict[str, Any]:
     return bench()
 
 
+def identified() -> dict[str, Any]:
+    """Running resistance by swarm from 3000 samples, in generated C: vectorised numpy."""
+    from slipctl.studies.peers.bench_pso import bench_pso
+
+    return bench_pso()
+
+
 def start() -> dict[str, Any]:
     """``slipctl --help`` against an empty Python start, as whole processes."""
 
@@ -141,6 +148,7 @@ BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "loop": loop,
     "search": search,
     "filtered": filtered,
+    "identified": identified,
     "start": start,
 }
 

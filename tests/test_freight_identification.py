@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_errata import shows
 
-from slipctl import identify, misfit_search
+from slipctl import build, identify, misfit_search
 from slipctl.models.freight_resistance import (
     BOX,
     FORMS,
@@ -16,6 +16,7 @@ from slipctl.models.freight_resistance import (
 )
 from slipctl.models.freight_traction import resistance
 from slipctl.studies import freight_traction_identification as study
+from slipctl.studies.peers.bench_pso import bench_pso
 
 SEEDS = range(1, 101)
 PRINTED = swarm_settings("printed-21")
@@ -109,7 +110,7 @@ def test_what_stops_the_printed_swarm():
     for text, changes in (
         ("2", {}),
         ("20", dict(inertia=0.73, c1=1.5, c2=1.5)),
-        ("7", dict(clamp=0.5)),
+        ("8", dict(clamp=0.5)),
         ("2", dict(iterations=900)),
     ):
         found = without_noise(**changes)
@@ -129,9 +130,9 @@ def test_swarm_of_the_paper_against_its_own_scatter():
         shows("004.20", text, 100 * (row @ paper / (row @ true) - 1))
     found = without_noise()
     mean, std = found.mean(axis=0), found.std(axis=0)
-    for text, value in zip(("0.510", "0.0344", "0.0030"), mean, strict=True):
+    for text, value in zip(("0.514", "0.0335", "0.0030"), mean, strict=True):
         shows("004.20", text, value)
-    for text, value in zip(("0.036", "0.0097", "0.00048"), std, strict=True):
+    for text, value in zip(("0.035", "0.0095", "0.00047"), std, strict=True):
         shows("004.20", text, value)
     assert (np.abs(paper - mean) < 2 * std).all()
     assert without_noise(**swarm_settings()) == pytest.approx(np.tile(true, (20, 1)), rel=1e-6)
@@ -152,3 +153,14 @@ def test_tables_of_the_study():
     told = study.excitation()
     assert told.where("identified", **{"from": 0, "to": 20}) is True
     assert told.where("identified", **{"from": 5, "to": 8}) is False
+
+
+@pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
+def test_benchmark_compares_equals():
+    """Generated C, from samples to coefficients, finds what numpy finds, and in less time.
+
+    20 times is wanted; about 600 are measured, so that a busy machine does not matter.
+    """
+    found = bench_pso(rounds=1)
+    assert found["difference"] < 1e-5
+    assert found["numpy_vs_ours"]["ratio"] > 20

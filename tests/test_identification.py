@@ -279,18 +279,12 @@ def test_in_the_loop_from_speed_and_adhesion_only(method):
 
 
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
-@pytest.mark.parametrize(
-    ("made", "real"),
-    [
-        ("identification()", "double"),
-        ("identification(method='swarm', ticks=40, particles=5, iterations=9)", "float"),
-    ],
-)
-def test_c_of_the_identification(made, real, tmp_path):
-    """`slipctl c ... --check`: the sums, the solution and the swarm."""
+def test_c_of_the_identification(tmp_path):
+    """`slipctl c ... --check --real float`: sums, solution and swarm; double: the benchmark."""
     file = tmp_path / "mine.py"
     file.write_text(
-        f"from slipctl.models.freight_resistance import identification\nwhole = {made}\n"
+        "from slipctl.models.freight_resistance import identification\n"
+        "whole = identification(method='swarm', ticks=40, particles=5, iterations=9)\n"
     )
-    words = ["c", f"{file}:whole", "--out", str(tmp_path / "c"), "--check", "--real", real]
+    words = ["c", f"{file}:whole", "--out", str(tmp_path / "c"), "--check", "--real", "float"]
     assert cli.main(words) == 0
