@@ -31,14 +31,12 @@ from slipctl.replication import widened, with_derived
 from slipctl.rooting import bracketed_newton
 from slipctl.signals import Signal
 
-FAST = (0, 1)
-"""Newton updates in each sweep over the axles, as a rule."""
+STAGES = ((0, 0), (0, 0), (2, 1, 1), (24, 12, 12, 12, 12, 12))
+"""Newton updates of each axle in each sweep over the axles, beside the one between two sweeps. A
+stage is computed only where the one before left a residual; the last one starts anew."""
 
-SAFE = (24, 12, 12, 12)
-"""The same where the rule leaves a residual: a new rail, a locking wheel, a wild start."""
-
-TOLERANCE = 1e-9
-"""Residual that is left, as a share of the load of an axle."""
+TOLERANCE = 1e-7
+"""Residual that a stage may leave, as a share of the load of an axle."""
 
 
 @dataclass(frozen=True)
@@ -217,8 +215,8 @@ def _scattered(T: Any, motors: Sequence[int], n: int) -> Any:
 def _axle(adhesion: Block, names: Sequence[str], updates: int) -> ca.Function:
     """Creep of one axle for a given speed of the train at the end of the step.
 
-    Results: creep, contact force, whether the brake holds the wheel, residual, the force that a
-    last Newton step would give, and how much it falls with that speed.
+    Results: contact force, whether the brake holds the wheel, residual; creep and force after one
+    more Newton step, the share of a change of that speed by which the creep falls, and the force.
     """
     s0, v_next, v, free, k, N, hold = (ca.SX.sym(name) for name in
                                        ("s0", "v_next", "v", "free", "k", "N", "hold"))  # fmt: skip
@@ -239,12 +237,11 @@ def _axle(adhesion: Block, names: Sequence[str], updates: int) -> ca.Function:
     locked = hold * s < -hold * v_next
     s = ca.if_else(locked, -v_next, s)
     height, slope = curve(s, v, *values)
-    slope = ca.fmax(slope, 0) * N
-    fall = ca.if_else(locked, slope, k * slope / (k + slope))
-    left = ca.if_else(locked, 0, k * (s - beta) + N * height)
-    expected = N * height - left * slope / (k + slope)
+    F, slope = N * height, N * ca.fmax(slope, 0)
+    left = ca.if_else(locked, 0, k * (s - beta) + F)
+    move, slide = -left / (k + slope), ca.if_else(locked, 1, k / (k + slope))
     inputs = [s0, v_next, v, free, k, N, hold, *values]
-    results = [s, N * height, locked, ca.fabs(left), expected, fall]
+    results = [F, locked, ca.fabs(left), s + move, F + slope * move, slide, slope * slide]
     return ca.Function(f"axle_{updates}", inputs, results, {"cse": True})
 
 
@@ -257,30 +254,38 @@ def _settle(
                                     ("v_s", "free", "k", "N", "hold", "count"))  # fmt: skip
     v, by_mass, F_d = (ca.MX.sym(name) for name in ("v", "by_mass", "F_d"))
     values = [ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params]
-    once = [1, 2, *(7 + j for j, name in enumerate(names) if name not in own)]
     given = [v_s, v, free, k, N, hold, count, by_mass, F_d, *values]
+    once = [1, 2, *(7 + j for j, name in enumerate(names) if name not in own)]
+    axle = {m: _axle(adhesion, names, m) for stage in STAGES for m in stage}
+    axles = {m: f.map(f"{f.name()}_x{n}", "serial", n, once, []) for m, f in axle.items()}
 
-    def sweeps(updates: Sequence[int]) -> list[Any]:
-        s, v_next = v_s, v
-        for j, m in enumerate(updates):
-            axle = _axle(adhesion, names, m)
-            copies = axle.map(f"{axle.name()}_x{n}", "serial", n, once, [])
+    def sweeps(updates: Sequence[int], s: Any, v_next: Any) -> list[Any]:
+        F = locked = worst = None
+        for m in updates:
             rows = [s, v_next, v, free, k, N, hold, *values]
-            found = copies.call([row if i in once else row.T for i, row in enumerate(rows)])
-            s, F, locked, left, expected, fall = (row.T for row in found)
-            if j < len(updates) - 1:
-                error = v + by_mass * (ca.dot(count, expected) - F_d) - v_next
-                v_next = v_next + error / (1 + by_mass * ca.dot(count, fall))
-        error = v + by_mass * (ca.dot(count, F) - F_d) - v_next
-        worst = ca.fmax(ca.mmax(left), ca.mmax(k) * ca.fabs(error))
-        return [F, locked, worst]
+            found = axles[m].call([row if i in once else row.T for i, row in enumerate(rows)])
+            F, locked, left, s, expected, slide, fall = (row.T for row in found)
+            error = v + by_mass * (ca.dot(count, F) - F_d) - v_next
+            worst = ca.fmax(ca.mmax(left), ca.mmax(k) * ca.fabs(error))
+            error = v + by_mass * (ca.dot(count, expected) - F_d) - v_next
+            change = error / (1 + by_mass * ca.dot(count, fall))
+            s, v_next = s - slide * change, v_next + change
+        return [s, v_next, F, locked, worst]
 
-    fast = ca.Function("fast", given, sweeps(FAST))
-    safe = ca.Function("safe", given, sweeps(SAFE))
-    kept = [ca.MX.sym(f"kept{j}", fast.size1_out(j)) for j in range(3)]
-    again = ca.Function("again", [*given, *kept], safe.call(given))
-    keep = ca.Function("keep", [*given, *kept], kept)
-    choose = ca.Function.if_else("settled", again, keep)
-    found = fast.call(given)
-    due = found[2] > TOLERANCE * ca.mmax(N)
-    return ca.Function("settle", given, choose.call([due, *given, *found]))
+    def stage(j: int) -> ca.Function:
+        """Results so far, and the next stages where these are not settled."""
+        so_far = [ca.MX.sym(f"r{i}", size) for i, size in enumerate((n, 1, n, n, 1))]
+        last = j == len(STAGES) - 1
+        found = sweeps(STAGES[j], *((v_s, v) if last else so_far[:2]))
+        more = ca.Function(f"stage{j}", [*given, *so_far], following(j + 1, found))
+        keep = ca.Function("keep", [*given, *so_far], so_far)
+        return ca.Function.if_else(f"stage{j}_due", more, keep)
+
+    def following(j: int, found: list[Any]) -> list[Any]:
+        if j == len(STAGES):
+            return found
+        due = found[-1] > TOLERANCE * ca.mmax(N)
+        return stage(j).call([due, *given, *found])
+
+    settled = following(1, sweeps(STAGES[0], v_s, v))
+    return ca.Function("settle", given, settled[2:])

@@ -23,7 +23,10 @@ import numpy as np
 
 log = logging.getLogger("slipctl")
 
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-builtin-exp", "-fno-builtin-log", "-fno-builtin-pow")
+FLAGS = (
+    "-O2", "-ffp-contract=off", "-fno-semantic-interposition",
+    "-fno-builtin-exp", "-fno-builtin-log", "-fno-builtin-pow",
+)  # fmt: skip
 """Never fast-math: the compiled Function gives the bits of CasADi's virtual machine."""
 
 _ROLL = """

@@ -39,7 +39,8 @@ class Rail:
     Args:
         sections: the first starts at 0.
         by: ``"time"``, ``"position"`` (the loop's only state named ``x``), or the full name of
-            the state that carries the position.
+            the state that carries the position. If its block has a parameter ``behind`` (the places
+            of axles behind it), what each axle has of its own changes when that axle gets there.
 
     Raises:
         BadInput: no sections, first start not 0, sections that overlap or are empty.

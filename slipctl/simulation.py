@@ -254,21 +254,29 @@ def _pieces(
 
 
 def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarray]:
-    """Loop whose rail values are looked up at the vehicle's position; the table is a parameter."""
+    """Loop whose rail values are looked up at the vehicle's position; the table is a parameter.
+
+    A parameter ``behind`` beside the position says how far each of several places, of axles say,
+    lies behind it; a value for each of as many copies is looked up at each of them.
+    """
     rail: Rail = scenario.rail  # type: ignore[assignment]
     name = _find(loop, "state", "x" if rail.by == "position" else rail.by)
     inputs, params = _rail_values(loop, scenario)
     varying = {**inputs, **params}
     sym = symbol_maker(loop.sx)
-    n = len(rail.sections)
+    n, places = len(rail.sections), Block._sibling(name, "behind")
     x, u, p = (sym("xup"[i], loop.f.size1_in(i)) for i in range(3))
     table = sym("table", n * (1 + len(varying)))
     position = loop.unpack("state", x)[name]
     values: dict[str, Any] = {}
+    behind = loop.unpack("param", p)[places] if places in loop.params else 0.0
     for row, key in enumerate(varying, start=1):
+        shape = (loop.inputs.get(key) or loop.params[key]).shape
+        each = shape and places in loop.params and shape == loop.params[places].shape
+        at = position - behind if each else position
         value = table[row * n]
         for k in range(1, n):
-            value = ca.if_else(position >= table[k], table[row * n + k], value)
+            value = ca.if_else(at >= table[k], table[row * n + k], value)
         values[key] = value
     u_dict = loop.unpack("input", u) | {k: v for k, v in values.items() if k in inputs}
     p_dict = loop.unpack("param", p) | {k: v for k, v in values.items() if k in params}
