@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
 from slipctl import __version__, store
-from slipctl.certify import certificate
-from slipctl.certify.super_twisting import UNITS
-from slipctl.certify.twisting_report import Report, super_twisting_report
+from slipctl.certify import catalogue, certificate, proofs, systems
+from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.units import unit
 
-SYSTEMS = ("super_twisting",)
-NUMBER = re.compile(r"[+-]?(\d{1,60}(\.\d{0,60})?|\.\d{1,60})([eE][+-]?\d{1,2})?|\d{1,60}/\d{1,60}")
+NUMBER = re.compile(
+    r"([+-]?\d{1,60}/\d{1,60}|[+-]?(?:\d{1,60}(?:\.\d{0,60})?|\.\d{1,60})(?:[eE][+-]?\d{1,2})?)(.*)"
+)
 
 
 def certify(
@@ -23,18 +25,20 @@ def certify(
     """Answer of ``slipctl certify``; writes a certificate to ``out``.
 
     Raises:
-        BadInput: an unknown system or name, or a number that means nothing.
+        BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    if system not in SYSTEMS:
-        raise BadInput(f"cannot certify {system!r}{nearest(system, SYSTEMS)}")
-    gains = read_gains(settings)
-    report = super_twisting_report(**gains)
+    chosen = catalogue.system(system)
+    numbers = read_numbers(chosen, settings)
+    report = systems.report(chosen, numbers)
     if out is not None:
         path = Path(out)
         if path.is_dir():
             raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
         store.check_folder(path.parent)
-        payload = certificate.certify_super_twisting(**gains).payload()
+        if system == "super_twisting":
+            payload = certificate.certify_super_twisting(**numbers).payload()
+        else:
+            payload = proofs.write(chosen, numbers)
         store.write_json(path, payload)
     if as_json:
         said = {"format": store.FORMAT, **report.payload()}
@@ -43,31 +47,68 @@ def certify(
     return table(report) + written
 
 
-def read_gains(settings: Sequence[str]) -> dict[str, Fraction]:
-    """Numbers of ``k1=1.5`` as exact rationals.
+def listed() -> str:
+    """All systems, their question and their numbers."""
+    import textwrap
+
+    rows = []
+    for system in catalogue.SYSTEMS.values():
+        rows.append(system.name)
+        rows += textwrap.wrap(system.title, 96, initial_indent="  ", subsequent_indent="  ")
+        for name, n in system.numbers.items():
+            kind = "optional" if n.optional else "" if n.value is None else f"{n.value:g}"
+            rows.append(f"    {name:<13} {n.unit:<13} {kind:<9} {n.doc}")
+    return "\n".join(rows)
+
+
+def read_numbers(system: System, settings: Sequence[str]) -> dict[str, Fraction]:
+    """Numbers of ``k1=1.5`` or ``k1=1.5m^.5/s^1.5`` as exact rationals in SI.
+
+    Without any unit all are in SI. Where one has its unit, each one with a dimension needs its own.
 
     Raises:
-        BadInput: an unknown, repeated or missing name, or no number.
+        BadInput: an unknown, repeated or missing name, no number, a wrong or missing unit.
     """
     found: dict[str, Fraction] = {}
+    bare: list[str] = []
+    told = False
     for text in settings:
         name, equals, value = text.partition("=")
         if not equals:
-            raise BadInput(f"--set {text}: write NAME=VALUE, k1=1.5")
-        if name not in UNITS:
-            raise BadInput(f"super_twisting has no {name!r}{nearest(name, UNITS)}")
+            first = next(iter(system.numbers))
+            raise BadInput(f"--set {text}: write NAME=VALUE, {first}=1.5")
+        if name not in system.numbers:
+            raise BadInput(f"{system.name} has no {name!r}{nearest(name, system.numbers)}")
         if name in found:
             raise BadInput(f"--set names {name} twice; write it once")
-        if not NUMBER.fullmatch(value) or re.search(r"/0+$", value):
-            raise BadInput(
-                f"{name}={value} is no finite number; write one in {UNITS[name]}, {name}=1.5"
-            )
-        found[name] = Fraction(value)
-    missing = [name for name in UNITS if name not in found and name != "delta"]
-    if missing:
-        lacking = " ".join(f"{name}=VALUE" for name in missing)
-        raise BadInput(f"super_twisting needs {', '.join(missing)}; add --set {lacking}")
+        wanted = system.numbers[name].unit
+        match = NUMBER.fullmatch(value)
+        if not match or re.search(r"/0+$", match[1]):
+            raise BadInput(f"{name}={value} is no finite number; write one in {wanted}, {name}=1.5")
+        found[name] = Fraction(match[1])
+        written = match[2].strip()
+        if written:
+            found[name] *= _scale(name, written, wanted)
+            told = True
+        elif wanted != "1":
+            bare.append(name)
+    if told and bare:
+        raise BadInput(
+            f"{bare[0]} has no unit and others have one; write {bare[0]} in"
+            f" {system.numbers[bare[0]].unit} with its unit, or leave out all units (SI)"
+        )
     return found
+
+
+def _scale(name: str, written: str, wanted: str) -> Fraction:
+    """How many SI units one unit as written is."""
+    text = "1" + written if written.startswith("/") else written
+    given, target = unit(text), unit(wanted)
+    if given.dims != target.dims:
+        raise BadInput(f"{name} is in {wanted}, not in {text}")
+    ratio = given.scale / target.scale
+    short = Fraction(ratio).limit_denominator(10**9)
+    return short if math.isclose(short, ratio, rel_tol=1e-15) else Fraction(ratio)
 
 
 def check(file: str) -> str:
@@ -88,26 +129,38 @@ def check(file: str) -> str:
 
 def table(report: Report) -> str:
     """Report as text."""
-    gains = ", ".join(f"{k} = {v:g} {UNITS[k]}" for k, v in report.gains.items())
-    rows = [f"super_twisting: {report.verdict}", f"  {gains}", ""]
-    names = ("largest_L", "largest_delta", "smallest_k1", "smallest_k2")
-    head = "".join(f" {name.replace('_', ' '):>14}" for name in names)
-    rows.append(f"  {'criterion':<18} {'verdict':<32}{head}")
-    units = "".join(f" {UNITS[name.split('_')[1]]:>14}" for name in names)
-    rows.append(f"  {'':<18} {'':<32}{units}")
+    rows = [f"{report.system}: {report.verdict}", f"  {told(report.gains, report.units)}", ""]
+    names = list(dict.fromkeys(m for f in report.criteria.values() for m in f.margins))
+    wide = max(18, *(len(n) + 2 for n in report.criteria))
+    columns = [max(14, len(n) + 1, len(report.units[n.partition("_")[2]]) + 1) for n in names]
+    pairs = list(zip(names, columns, strict=True))
+    head = "".join(f" {n.replace('_', ' ', 1):>{w}}" for n, w in pairs)
+    rows.append(f"  {'criterion':<{wide}} {'verdict':<32}{head}".rstrip())
+    units = "".join(f" {report.units[n.partition('_')[2]]:>{w}}" for n, w in pairs)
+    rows.append(f"  {'':<{wide}} {'':<32}{units}".rstrip())
     for name, f in report.criteria.items():
-        ends = "".join(
-            f" {'-' if f.margins[n] is None else format(f.margins[n], '.7g'):>14}" for n in names
-        )
+        ends = "".join(f" {_end(f.margins.get(n)):>{w}}" for n, w in pairs)
         mark = "*" if f.unit_dependent else ""
-        rows.append(f"  {name + mark:<18} {f.verdict:<32}{ends}")
+        rows.append(f"  {name + mark:<{wide}} {f.verdict:<32}{ends}".rstrip())
     rows.append("")
     if any(f.unit_dependent for f in report.criteria.values()):
         rows.append("  * its verdict depends on the unit of length")
-    w = report.witness
-    rows.append(f"  worst disturbance: {w.law}")
-    rows.append(f"  with it |x2| at a crossing of x1 = 0 is {w.growth:.6g} times that before")
-    least, most = report.reaching
-    if report.verdict == "CERTIFIED":
-        rows.append(f"  longest reaching time: {least:.6g} to {most:.6g} s per m/s^2 of x2")
+    for name, (value, what) in report.values.items():
+        shown = "" if what == "1" else f" {what}"
+        rows.append(f"  {name.replace('_', ' ')}: {value:.6g}{shown}")
+    if report.witness is not None:
+        rows += [f"  {line}" for line in report.witness.lines()]
     return "\n".join(rows)
+
+
+def told(gains: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """Numbers with their units in a line."""
+    return ", ".join(
+        f"{k} = {v:g}" + ("" if units[k] == "1" else f" {units[k]}") for k, v in gains.items()
+    )
+
+
+def _end(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return "any" if value == math.inf else format(value, ".7g")

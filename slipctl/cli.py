@@ -144,10 +144,10 @@ def parser() -> Parser:
     )
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
-    p.add_argument("system", metavar="SYSTEM", help="super_twisting")
+    p.add_argument("system", metavar="SYSTEM", nargs="?", help="super_twisting; none: a list")
     p.add_argument(
-        "--set", metavar="NAME=VALUE", nargs="+", action="extend", default=[], dest="settings",
-        help="gains and bounds in SI units, k1=1.5 k2=1.1 L=1 delta=0.2",
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="gains and bounds, k1=1.5 k2=1.1 L=1 in SI, or each with its unit",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help="answer as JSON")
     p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
@@ -495,6 +495,9 @@ def _c(options: argparse.Namespace, command: str) -> int:
 def _certify(options: argparse.Namespace, command: str) -> int:
     from slipctl import certifying
 
+    if options.system is None:
+        print(certifying.listed())
+        return 0
     print(certifying.certify(options.system, options.settings, options.json, options.out, command))
     return 0
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from slipctl.certify.catalogue import SYSTEMS
 from slipctl.certify.super_twisting import worst_ratio
 from slipctl.cli import main
 
@@ -82,6 +83,12 @@ def test_certificate_written_checked_and_altered(capsys):
     (("super_twisting", "--set", "k1=-1", "k2=1", "L=1"), "k1 = -1 m^.5/s^1.5 must be more than"),
     (("super_twisting", "--set", "k1=0", "k2=1", "L=1"), "k1 = 0 m^.5/s^1.5 must be more than"),
     (("super_twisting", "--set", "k1=1", "k2=1", "L=0"), "L = 0 m/s^3 must be more than"),
+    (("super_twisting", "--set", "k1=1", "k2=1m/s^3", "L=1"), "k1 has no unit and others have one"),
+    (("super_twisting", "--set", "k1=1m", "k2=1", "L=1"), "k1 is in m^.5/s^1.5, not in m"),
+    (("reaching_law", "--set", "g1=3wb", "g2=1", "T=1"), "is no known unit"),
+    (("reaching_law", "--set", "g1=3"), "reaching_law needs g2, T; add --set g2=VALUE T=VALUE"),
+    (("reaching_law", "--set", "g1=3", "g2=0", "T=1"), "g2 = 0 m/s^2 must be more than 0"),
+    (("funnel", "--set", "g1=3"), "cannot certify 'funnel'"),
 ])  # fmt: skip
 def test_bad_input(capsys, argv, said):
     assert main(["certify", *argv]) == 2
@@ -90,6 +97,47 @@ def test_bad_input(capsys, argv, said):
     assert found.err.count("\n") == 1
     assert found.out == ""
     assert not list(Path.cwd().iterdir())
+
+
+@pytest.mark.parametrize(("numbers", "factor"), [
+    (("g1=36/s", "g2=12m/s^2", "T=1ms"), 1.0), (("g1=36", "g2=12", "T=1e-3"), 1.0),
+    (("g1=36Hz", "g2=12000mm/s^2", "T=1/1000s"), 1.0), (("g1=36/s", "g2=24m/s^2", "T=1ms"), 2.0),
+])  # fmt: skip
+def test_units_are_read(capsys, numbers, factor):
+    assert main(["certify", "reaching_law", "--set", *numbers, "--json"]) == 0
+    band = json.loads(capsys.readouterr().out)["values"]["band"]
+    assert band["unit"] == "m/s"
+    assert band["value"] == pytest.approx(factor * 0.012 / 1.964, rel=1e-12)
+
+
+def test_list_of_systems(capsys):
+    assert main(["certify"]) == 0
+    said = capsys.readouterr().out
+    for name in SYSTEMS:
+        assert f"\n{name}\n" in f"\n{said}"
+    assert "K1            rad^.5/s^1.5            gain of the root" in said
+
+
+def test_certificate_of_another_system(capsys):
+    numbers = ["k=1200", "k_a=1.22986", "k_s=0.02", "T=2e-4", "W=5e-3"]
+    assert main(["certify", "barrier_lyapunov", "--set", *numbers, "--out", "b.json"]) == 0
+    assert main(["check", "b.json"]) == 0
+    text = Path("b.json").read_text()
+    assert '"value": "1/200", "unit": "m/s^2"' in text
+    changes = {
+        '"value": "1/200"': ('"value": "1/201"', 1, "do not belong to the gains"),
+        '"value": "1/200", "unit": "m/s^2"': ('"value": "1/200"', 2, "has the unit None"),
+        '"barrier_lyapunov"': ('"rls"', 2, "gains has no entry 'k'"),
+        '"1/5000"': (f'"{"9" * 4000}"', 2, "at most 200 digits"),
+        '"proofs"': ('"prooves"', 2, "did you mean 'proofs'?"),
+    }
+    for old, (new, code, why) in changes.items():
+        assert old in text
+        Path("c.json").write_text(text.replace(old, new, 1))
+        assert main(["check", "c.json"]) == code
+        said = capsys.readouterr()
+        assert why in said.err
+        assert said.err.count("\n") == 1
 
 
 def test_files_that_cannot_be(capsys):

@@ -1,4 +1,4 @@
-"""Certificates of the super-twisting law: facts that a reader can check with rationals alone.
+"""Certificates: facts that a reader can check with rationals alone; here, of super-twisting.
 
 A certificate holds the gains as exact rationals, and proofs. ``check`` repeats each proof from the
 gains, without the search that found it: Sylvester's minors with ``fractions``, and the enclosure of
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import outward
+from slipctl.certify import outward, proofs
 from slipctl.certify import super_twisting as sta
 from slipctl.certify.twisting_report import CERTIFIED, REFUTED, checked, exact_verdict
 from slipctl.errors import BadInput, nearest
@@ -71,7 +71,7 @@ def certify_super_twisting(
     """
     gains = checked(k1, k2, L, delta)
     verdict, exact = _exact_proof(gains)
-    return Certificate(gains, verdict, exact, _find_quadratic(gains))
+    return Certificate(gains, verdict, exact, find_quadratic(gains))
 
 
 def minors(gains: Mapping[str, Fraction], P: Matrix, theta: Fraction) -> tuple[Fraction, ...]:
@@ -97,13 +97,19 @@ def check(payload: Mapping[str, Any]) -> str:
 
     Raises:
         DoesNotHold: a proof fails, or its numbers do not belong to the gains.
-        BadInput: it is no certificate of this system, or an entry is no number.
+        BadInput: it is no certificate of a system that is known, or an entry is no number.
     """
-    _only(payload, ENTRIES, "the certificate")
     if payload.get("kind") != KIND:
         raise BadInput("it is no certificate; slipctl certify ... --out FILE writes one")
     if payload.get("system") != "super_twisting":
-        raise BadInput(f"no check for the system {payload.get('system')!r}; it has super_twisting")
+        from slipctl.certify.catalogue import SYSTEMS
+
+        name = payload.get("system")
+        if not isinstance(name, str) or name not in SYSTEMS:
+            known = ", ".join(SYSTEMS)
+            raise BadInput(f"no check for the system {str(name)[:40]!r}; it has {known}")
+        return proofs.check(SYSTEMS[name], payload)
+    only(payload, ENTRIES, "the certificate")
     gains = checked(**_gains(payload.get("gains")))
     verdict, proof = _exact_proof(gains)
     if payload.get("verdict") not in (CERTIFIED, REFUTED):
@@ -113,24 +119,24 @@ def check(payload: Mapping[str, Any]) -> str:
     given = payload.get("exact")
     if not isinstance(given, Mapping):
         raise BadInput("the entry 'exact' is missing; it says why the verdict holds")
-    _only(given, ("because", "ln_q"), "exact")
+    only(given, ("because", "ln_q"), "exact")
     for text in given.get("ln_q", []) if isinstance(given.get("ln_q", []), list) else ["?"]:
         if not (isinstance(text, str) and DECIMAL.fullmatch(text)):
             raise BadInput("exact.ln_q must be two decimal numbers as texts")
     if dict(given) != proof:
         raise DoesNotHold(f"exact: {dict(given)} does not belong to the gains, {proof} does")
-    proofs = ["exact"]
+    shown_proofs = ["exact"]
     if "quadratic" in payload:
         _check_quadratic(gains, payload["quadratic"])
-        proofs.append("quadratic")
+        shown_proofs.append("quadratic")
     shown = ", ".join(f"{k}={v}" for k, v in gains.items())
-    return f"super_twisting {shown}: {verdict} ({' and '.join(proofs)} proof checked)"
+    return f"super_twisting {shown}: {verdict} ({' and '.join(shown_proofs)} proof checked)"
 
 
 def _check_quadratic(gains: Mapping[str, Fraction], given: Any) -> None:
     if not isinstance(given, Mapping):
         raise BadInput("the entry 'quadratic' must hold P, theta, minors and det_P")
-    _only(given, ("P", "theta", "minors", "det_P"), "quadratic")
+    only(given, ("P", "theta", "minors", "det_P"), "quadratic")
     rows, written = given.get("P"), given.get("minors")
     square = isinstance(rows, list) and len(rows) == 2
     square = square and all(isinstance(row, list) and len(row) == 2 for row in rows or ())
@@ -164,7 +170,7 @@ def rational(text: Any, where: str) -> Fraction:
 def _gains(given: Any) -> dict[str, Fraction]:
     if not isinstance(given, Mapping):
         raise BadInput("the entry 'gains' is missing; it holds k1, k2, L, delta")
-    _only(given, tuple(sta.UNITS), "gains")
+    only(given, tuple(sta.UNITS), "gains")
     out = {}
     for name, unit in sta.UNITS.items():
         entry = given.get(name)
@@ -176,7 +182,12 @@ def _gains(given: Any) -> dict[str, Fraction]:
     return out
 
 
-def _only(given: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+def only(given: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    """Refuse entries that are not known.
+
+    Raises:
+        BadInput: an unknown entry.
+    """
     for name in given:
         if name not in known:
             raise BadInput(f"{where} has no entry {str(name)[:40]!r}{nearest(str(name), known)}")
@@ -199,8 +210,15 @@ def _exact_proof(gains: dict[str, Fraction]) -> tuple[str, dict[str, Any]]:
     return verdict, {"because": "ln q", "ln_q": [str(x) for x in found]}
 
 
-def _find_quadratic(gains: Mapping[str, Fraction]) -> dict[str, Any] | None:
-    """Quadratic function in closed form, rounded to as few digits as still prove it."""
+def find_quadratic(gains: Mapping[str, Fraction]) -> dict[str, Any] | None:
+    """Quadratic function in closed form, rounded to as few digits as still prove it.
+
+    Args:
+        gains: k1, k2, L and delta.
+
+    Returns:
+        P, theta, minors and det_P as texts, or None if the criterion does not hold.
+    """
     k, k2, L = gains["k1"] - gains["delta"], gains["k2"], gains["L"]
     if k <= 0 or not sta.quadratic(k, k2, L):
         return None

@@ -1,4 +1,4 @@
-"""Proven enclosure of the exact super-twisting criterion: decimal intervals, rounded outwards.
+"""Decimal intervals that are rounded outwards, and with them an enclosure of the exact criterion.
 
 Only the operations of the module ``decimal`` are trusted: sums, products and quotients that round
 as told, and square root and logarithm that are correctly rounded, widened here by one unit in the
@@ -33,17 +33,20 @@ class Interval:
     def _new(self, low: Decimal, high: Decimal) -> Interval:
         return Interval(low, high, self.digits)
 
-    def __add__(self, other: Interval | int) -> Interval:
+    def __add__(self, other: Interval | Fraction | int) -> Interval:
         o = self._as(other)
         return self._new(self.down.add(self.low, o.low), self.up.add(self.high, o.high))
 
     def __neg__(self) -> Interval:
         return self._new(self.low.copy_negate(), self.high.copy_negate())._ordered()
 
-    def __sub__(self, other: Interval | int) -> Interval:
+    def __sub__(self, other: Interval | Fraction | int) -> Interval:
         return self + (-self._as(other))
 
-    def __mul__(self, other: Interval | int) -> Interval:
+    def __rsub__(self, other: Fraction | int) -> Interval:
+        return self._as(other) - self
+
+    def __mul__(self, other: Interval | Fraction | int) -> Interval:
         o = self._as(other)
         ends = [(x, y) for x in (self.low, self.high) for y in (o.low, o.high)]
         return self._new(
@@ -51,7 +54,9 @@ class Interval:
             max(self.up.multiply(x, y) for x, y in ends),
         )
 
-    def __truediv__(self, other: Interval | int) -> Interval:
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, other: Interval | Fraction | int) -> Interval:
         o = self._as(other)
         if o.low <= 0 <= o.high:
             raise ZeroDivisionError("division by an interval that contains zero")
@@ -78,8 +83,16 @@ class Interval:
         """Largest absolute value."""
         return max(self.low.copy_abs(), self.high.copy_abs())
 
-    def _as(self, other: Interval | int) -> Interval:
-        return other if isinstance(other, Interval) else self._new(Decimal(other), Decimal(other))
+    def ends(self) -> tuple[Fraction, Fraction]:
+        """Both ends as exact rationals."""
+        return Fraction(self.low), Fraction(self.high)
+
+    def texts(self) -> list[str]:
+        """Both ends as decimals."""
+        return [str(self.low), str(self.high)]
+
+    def _as(self, other: Interval | Fraction | int) -> Interval:
+        return other if isinstance(other, Interval) else Interval.of(other, self.digits)
 
     def _ordered(self) -> Interval:
         self.low, self.high = self.high, self.low

@@ -13,13 +13,10 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from slipctl.certify import outward
+from slipctl.certify import outward, turning
 from slipctl.certify import super_twisting as sta
+from slipctl.certify.systems import CERTIFIED, REFUTED, SILENT, Finding, Report
 from slipctl.errors import BadInput
-
-CERTIFIED = "CERTIFIED"
-SILENT = "NOT CERTIFIED BY THIS CRITERION"
-REFUTED = "REFUTED"
 
 Test = Callable[[float, float, float], bool]
 
@@ -43,25 +40,6 @@ PANEL = ((3.0, 4.0, 1.0), (1.5, 3.0, 0.1), (2.5, 40.0, 1.0), (20.0, 30.0, 5.0), 
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What one criterion says.
-
-    Attributes:
-        verdict: CERTIFIED, NOT CERTIFIED BY THIS CRITERION or, by the exact one, REFUTED.
-        margins: largest_L, largest_delta, smallest_k1, smallest_k2, each with the other numbers
-            as they are; the ends at which the verdict changes, None where the criterion certifies
-            none.
-        unit_dependent: the verdict may change with the unit of length.
-        title: what the criterion is.
-    """
-
-    verdict: str
-    margins: dict[str, float | None]
-    unit_dependent: bool
-    title: str
-
-
-@dataclass(frozen=True)
 class Witness:
     """Worst disturbance: r1 = delta |x1|^(1/2) sgn x1, and d = +-L sgn x1.
 
@@ -72,6 +50,7 @@ class Witness:
         x1, x2: where it starts.
         switches: times in s at which d changes its sign, for the first 8 half turns.
         d: L, the value of d up to the first switch.
+        simulated: the growth in a run of the equations against that disturbance.
     """
 
     growth: float
@@ -80,61 +59,26 @@ class Witness:
     x2: float
     switches: tuple[float, ...]
     d: float
-
-
-@dataclass(frozen=True)
-class Report:
-    """Verdicts of all criteria.
-
-    Attributes:
-        gains: k1, k2, L, delta.
-        verdict: that of the exact criterion.
-        ln_q: logarithm of the worst ratio from crossing to crossing.
-        criteria: what each criterion says.
-        witness: worst disturbance.
-        reaching: bounds in s of the longest reaching time per m/s^2 of x2 at the start.
-    """
-
-    gains: dict[str, float]
-    verdict: str
-    ln_q: float
-    criteria: dict[str, Finding]
-    witness: Witness
-    reaching: tuple[float, float]
+    simulated: float
 
     def payload(self) -> dict[str, Any]:
         """Entries of the JSON answer."""
-        w = self.witness
         return {
-            "system": "super_twisting",
-            "gains": {k: _quantity(k, v) for k, v in self.gains.items()},
-            "verdict": self.verdict,
-            "ln_q": self.ln_q,
-            "criteria": {
-                name: {
-                    "verdict": f.verdict,
-                    "margins": {k: _quantity(k.split("_")[1], v) for k, v in f.margins.items()},
-                    "unit_dependent": f.unit_dependent,
-                    "title": f.title,
-                }
-                for name, f in self.criteria.items()
-            },
-            "reaching_time_per_x2": {
-                "least": {"value": self.reaching[0], "unit": "s^3/m"},
-                "most": {"value": self.reaching[1], "unit": "s^3/m"},
-            },
-            "witness": {
-                "growth": w.growth,
-                "law": w.law,
-                "start": {"x1": w.x1, "x2": w.x2},
-                "d": {"value": w.d, "unit": sta.UNITS["L"]},
-                "switches": {"value": list(w.switches), "unit": "s"},
-            },
+            "growth": self.growth,
+            "law": self.law,
+            "start": {"x1": self.x1, "x2": self.x2},
+            "d": {"value": self.d, "unit": sta.UNITS["L"]},
+            "switches": {"value": list(self.switches), "unit": "s"},
+            "simulated_growth": self.simulated,
         }
 
-
-def _quantity(name: str, value: float | None) -> dict[str, Any]:
-    return {"value": value, "unit": sta.UNITS[name]}
+    def lines(self) -> list[str]:
+        """Lines of the table."""
+        return [
+            f"worst disturbance: {self.law}",
+            f"with it |x2| at a crossing of x1 = 0 is {self.growth:.6g} times that before"
+            + (f" (simulated: {self.simulated:.6g})" if math.isfinite(self.simulated) else ""),
+        ]
 
 
 def checked(
@@ -307,7 +251,8 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
     push = "r1 = delta |x1|^(1/2) sgn x1; " if delta else ""
     if k2 <= L or k1 <= delta:
         why = "x2 never turns back" if k2 <= L else "nothing damps x1"
-        return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L)
+        ran = simulated(k1, k2, L, delta)
+        return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L, ran)
     law = f"{push}d = L sgn x1 while |x1| grows, -L sgn x1 while it falls (switch at x1' = 0)"
     switches: list[float] = []
     start, v = 0.0, 1.0
@@ -315,7 +260,16 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
         turn, end, _ = sta.half_turn(k1, k2, L, delta, v)
         switches.append(start + turn)  # at the crossing sgn x1 and the law change together
         start, v = start + end, v * q
-    return Witness(q, law, 0.0, 1.0, tuple(switches), L)
+    return Witness(q, law, 0.0, 1.0, tuple(switches), L, simulated(k1, k2, L, delta))
+
+
+def simulated(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
+    """Growth of |x2| per half turn in a run of the equations against the worst disturbance.
+
+    Infinite if x1 has not come back within the run.
+    """
+    step = 0.02 / max(abs(k1 - delta), math.sqrt(2 * (k2 + L)))
+    return turning.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2).growth()
 
 
 def super_twisting_report(
@@ -343,6 +297,10 @@ def super_twisting_report(
             # rounding may put gains on the wrong side of a bound, but never beyond the exact one
             said = CERTIFIED if holds and verdict == CERTIFIED else SILENT
         criteria[name] = Finding(said, margins(name, **n), unit_dependent(name), TITLES[name])
-    time = sta.reaching_time_bounds(n["k1"], n["k2"], n["L"], 1.0, n["delta"])
-    ln_q = sta.log_ratio(**n)
-    return Report(n, verdict, ln_q, criteria, witness(**n), time)
+    least, most = sta.reaching_time_bounds(n["k1"], n["k2"], n["L"], 1.0, n["delta"])
+    values = {
+        "ln_q": (sta.log_ratio(**n), "1"),
+        "longest_reaching_time_per_x2_at_least": (least, "s^3/m"),
+        "longest_reaching_time_per_x2_at_most": (most, "s^3/m"),
+    }
+    return Report("super_twisting", n, sta.UNITS, verdict, criteria, values, witness(**n))

@@ -1,0 +1,177 @@
+"""Linear parts: a loop behind a lag, an observer of a load; poles and margins by python-control."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from slipctl.certify.systems import (
+    EXACT,
+    Criterion,
+    Number,
+    Numbers,
+    Quantity,
+    Side,
+    System,
+    Witness,
+)
+
+# ---- a feedback-linearised loop behind a lag ----------------------------------------------------
+
+
+def lagged(K: float, lag: float, T: float) -> Any:
+    """Open loop of e' = a, lag a' = -K e - a with the input held over T, as python-control has it.
+
+    Without a lag it is K T/(z - 1).
+    """
+    import control
+
+    if lag == 0:
+        return control.tf([K * T], [1, -1], T)
+    return control.sample_system(control.tf([K], [lag, 1, 0]), T)
+
+
+def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
+    """Largest |pole|, gain margin, phase margin in degrees and delay margin, by python-control."""
+    import warnings
+
+    import control
+
+    open_loop = lagged(K, lag, T)
+    slow = float(max(abs(p) for p in control.feedback(open_loop).poles()))
+    if slow >= 1:
+        return {"largest_pole": (slow, "1")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the pole at z = 1, and a change of method
+        gain, phase, _, crossover = control.margin(open_loop)
+    if lag == 0:
+        gain = 2 / (K * T)  # the phase is -180 degrees at the end of the frequencies only
+    return {
+        "largest_pole": (slow, "1"),
+        "time_constant": (-T / math.log(slow) if slow > 0 else 0.0, "s"),
+        "gain_margin": (float(gain), "1"),
+        "phase_margin": (float(phase), "deg"),
+        "delay_margin": (math.radians(float(phase)) / float(crossover), "s"),
+    }
+
+
+def _jury(n: Numbers) -> Sequence[Side]:
+    """Jury's conditions of z^2 + (..) z + (..), or of z - 1 + K T without a lag."""
+    K, T = n["K"], n["T"]
+    if n["lag"] == 0:
+        return [Side("K T < 2", K * T, 2)]
+    K, lag, T = float(K), float(n["lag"]), float(T)
+    E = math.exp(-T / lag)
+    reach = T - lag * (1 - E)
+    one, zero = K * reach - 1 - E, E + K * (lag * (1 - E) - T * E)
+    return [Side("p0 < 1", zero, 1.0), Side("0 < 1 - p1 + p0", 0.0, 1 - one + zero)]
+
+
+def _lag_witness(n: Numbers) -> Witness:
+    """Sampled loop from e = 1."""
+    K, lag, T = n["K"], n["lag"], n["T"]
+    E = math.exp(-T / lag) if lag > 0 else 0.0
+    e, a, rows = 1.0, 0.0, [1.0]
+    for _ in range(2000):
+        u = -K * e
+        e, a = e + T * u + (a - u) * lag * (1 - E), u + (a - u) * E
+        rows.append(e)
+        if abs(e) > 1e6:
+            break
+    return Witness(
+        "none; from e = 1", {"|e|_after_the_run": (max(map(abs, rows[-3:])), "1"),
+                             "run": (T * (len(rows) - 1), "s")},
+        {"t": ("s", [T * i for i in range(len(rows))]), "e": ("1", rows)},
+    )  # fmt: skip
+
+
+LAGGED_LOOP = System(
+    "lagged_loop",
+    "A feedback-linearised loop, e' = a, lag a' = u - a, u = -K e held over T: is it stable, with"
+    " which margins?",
+    {
+        "K": Number("1/s", "gain"),
+        "T": Number("s", "sample period"),
+        "lag": Number("s", "time constant of the actuator", 0.0, "not negative"),
+    },
+    {
+        "poles": Criterion("poles inside the unit circle (Jury)", _jury, EXACT,
+                           ("largest_K", "largest_T")),
+    },
+    lambda n: loop_margins(n["K"], n["lag"], n["T"]),
+    _lag_witness,
+    ({"K": 100.0, "T": 1e-3, "lag": 0.05},),
+)  # fmt: skip
+
+
+# ---- observer of a load -------------------------------------------------------------------------
+
+
+def observer_poles(L1: float, L2: float, J: float) -> list[complex]:
+    """Poles in 1/s of x = (w, T_L), w' = (T - T_L)/J, with gains L1, L2: s^2 + L1 s - L2/J."""
+    root = cmath.sqrt(L1 * L1 + 4 * L2 / J)
+    return [(-L1 + root) / 2, (-L1 - root) / 2]
+
+
+def _hurwitz(n: Numbers) -> Sequence[Side]:
+    return [Side("0 < L1", 0, n["L1"]), Side("0 < -L2/J", 0, -n["L2"] / n["J"])]
+
+
+def _fast(n: Numbers) -> Sequence[Side]:
+    """Both poles left of -slowest: the same with s shifted."""
+    p, q, s = n["L1"], -n["L2"] / n["J"], n["slowest"]
+    return [Side("2 slowest < L1", 2 * s, p),
+            Side("0 < slowest^2 - L1 slowest - L2/J", 0, s * s - p * s + q)]  # fmt: skip
+
+
+def _observer_values(n: Numbers) -> dict[str, Quantity]:
+    import control
+
+    system = control.ss([[-n["L1"], -1 / n["J"]], [-n["L2"], 0]], [[0], [0]], [[1, 0]], [[0]])
+    poles = sorted(system.poles(), key=lambda p: -p.real)
+    return {
+        "slow_pole": (float(poles[0].real), "1/s"), "fast_pole": (float(poles[1].real), "1/s"),
+        "imaginary_part": (float(abs(poles[0].imag)), "1/s"),
+    }  # fmt: skip
+
+
+def _observer_witness(n: Numbers) -> Witness:
+    """Error of the observer from (0, 1 N m)."""
+    slow = observer_poles(n["L1"], n["L2"], n["J"])
+    h = 0.02 / max(abs(p) for p in slow)
+    w, T, rows = 0.0, 1.0, [1.0]
+    for _ in range(4000):
+        dw, dT = -n["L1"] * w - T / n["J"], -n["L2"] * w
+        mid_w, mid_T = w + h / 2 * dw, T + h / 2 * dT
+        w, T = w + h * (-n["L1"] * mid_w - mid_T / n["J"]), T - h * n["L2"] * mid_w
+        rows.append(T)
+        if abs(T) > 1e6:
+            break
+    return Witness(
+        "none; error of the load from 1 N m", {"error_after_the_run": (abs(T), "N m"),
+                                               "run": (h * (len(rows) - 1), "s")},
+        {"t": ("s", [h * i for i in range(0, len(rows), 20)]), "error": ("N m", rows[::20])},
+    )  # fmt: skip
+
+
+LOAD_OBSERVER = System(
+    "load_observer",
+    "Cheng 2022 (11)-(13): w^' = (T - T_L^)/J + L1 (w - w^), T_L^' = L2 (w - w^): does the error"
+    " die out?",
+    {
+        "L1": Number("1/s", "gain of the speed", low="any"),
+        "L2": Number("kg m^2/s^2", "gain of the load", low="any"),
+        "J": Number("kg m^2", "inertia at the motor"),
+        "slowest": Number("1/s", "least decay wanted", optional=True),
+    },
+    {
+        "poles": Criterion("both poles left of 0 (Routh, Hurwitz)", _hurwitz, EXACT),
+        "fast": Criterion("both poles left of -slowest", _fast, EXACT,
+                          ("smallest_L1", "largest_slowest"), ("slowest",)),
+    },
+    _observer_values,
+    _observer_witness,
+    ({"L1": 80.0, "L2": -64000.0, "J": 40.0},),
+)  # fmt: skip

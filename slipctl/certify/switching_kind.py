@@ -1,0 +1,176 @@
+"""Systems around the switching laws: reaching law, command with saturation compensation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from slipctl.certify import reaching_law
+from slipctl.certify.systems import (
+    EXACT,
+    Criterion,
+    Number,
+    Numbers,
+    Quantity,
+    Side,
+    System,
+    Witness,
+)
+
+# ---- reaching law -------------------------------------------------------------------------------
+
+
+def _drives(n: Numbers) -> Sequence[Side]:
+    return [Side("D < g2", n["D"], n["g2"])]
+
+
+def _sampled(n: Numbers) -> Sequence[Side]:
+    if n["lag"] == 0:
+        return [Side("T g1 < 2", n["T"] * n["g1"], 2)]
+    (a, b, c, d), _, _ = reaching_law.tick(*(float(n[k]) for k in ("g1", "g2", "T", "lag")))
+    det, trace = a * d - b * c, a + d
+    return [Side("det M < 1", det, 1.0), Side("0 < 1 + trace M + det M", 0.0, 1 + trace + det)]
+
+
+def _band(n: Numbers) -> Sequence[Side]:
+    if n["lag"] == 0:
+        return [
+            Side("T g1 < 2", n["T"] * n["g1"], 2),
+            Side("T g2 <= band (2 - T g1)", n["T"] * n["g2"], n["band"] * (2 - n["T"] * n["g1"])),
+        ]
+    return [Side("half-swing of the largest orbit <= band", _orbit(n)[1], float(n["band"]))]
+
+
+def _orbit(n: Numbers) -> tuple[int, float]:
+    return reaching_law.orbit(float(n["g1"]), float(n["g2"]), float(n["T"]), float(n["lag"]))
+
+
+def _reaching_values(n: Numbers) -> dict[str, Quantity]:
+    ticks, swing = _orbit(n)
+    found = {"band": (swing, "m/s"), "half_period": (ticks * n["T"], "s")}
+    command = 2 * (n["g1"] * swing + n["g2"])
+    return found | {"command_peak_to_peak": (command, "m/s^2")}
+
+
+def _reaching_witness(n: Numbers) -> Witness:
+    """Run of the sampled law against a constant d = D from s = 1 m/s."""
+    (a, b, c, d), b1, b2 = reaching_law.tick(n["g1"], n["g2"], n["T"], n["lag"])
+    s, x, rows = 1.0, 0.0, [1.0]
+    for _ in range(400):
+        side = math.copysign(1.0, s)
+        s, x = a * s + b * x - b1 * side + n["T"] * n["D"], c * s + d * x - b2 * side
+        rows.append(s)
+        if abs(s) > 1e6:
+            break
+    t = [n["T"] * k for k in range(len(rows))]
+    last = max(abs(v) for v in rows[-20:])
+    return Witness(
+        f"s' disturbed by the constant D = {n['D']:g} m/s^2, from s = 1 m/s, a = 0",
+        {"|s|_after_the_run": (last, "m/s"), "run": (t[-1], "s")},
+        {"t": ("s", t), "s": ("m/s", rows)},
+    )
+
+
+REACHING_LAW = System(
+    "reaching_law",
+    "Huang 2020 (23), sampled: s' = u + d, u = -g1 s - g2 sgn s held over T, behind a lag; is s ->"
+    " band?",
+    {
+        "g1": Number("1/s", "proportional reaching", low="not negative"),
+        "g2": Number("m/s^2", "constant reaching", power=1.0),
+        "T": Number("s", "sample period"),
+        "lag": Number("s", "time constant of the actuator", 0.0, "not negative"),
+        "D": Number("m/s^2", "largest |d|", 0.0, "not negative", 1.0),
+        "band": Number("m/s", "wanted half-swing", power=1.0, optional=True),
+    },
+    {
+        "drives": Criterion("continuous: s = 0 is reached against every |d| <= D", _drives, EXACT,
+                            ("largest_D", "smallest_g2")),
+        "sampled": Criterion("sampled: large errors die out", _sampled, EXACT,
+                             ("largest_g1", "largest_T")),
+        "band": Criterion("sampled, d = 0: the largest orbit fits into the wanted band", _band,
+                          EXACT, ("largest_T", "smallest_band"), ("band",)),
+    },
+    _reaching_values,
+    _reaching_witness,
+    ({"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 5.0, "band": 0.01},
+     {"g1": 5.0, "g2": 1.0, "T": 0.5, "D": 2.0, "band": 0.3}),
+)  # fmt: skip
+
+
+# ---- saturation compensation --------------------------------------------------------------------
+
+
+def _poles(n: Numbers) -> Sequence[Side]:
+    return [Side("0 < k1", 0, n["k1"]), Side("0 < k3", 0, n["k3"])]
+
+
+def _authority(n: Numbers) -> Sequence[Side]:
+    return [Side("F_min < F_low", n["F_min"], n["F_low"]),
+            Side("F_high < F_max", n["F_high"], n["F_max"])]  # fmt: skip
+
+
+def command_poles(k1: float, k3: float) -> list[complex]:
+    """Poles in 1/s of the command with saturation compensation on s = 0, by python-control.
+
+    Proof note: on s = k1 e1 + e2 - lam = 0 the command is F_d/M + v_d' + delta/M - (k1 + k3) e2
+    - k1 k3 e1: e1'' = -(k1 + k3) e1' - k1 k3 e1, whose poles are -k1 and -k3, in any saturation
+    that s itself does not see (s' = u - delta/M exactly).
+    """
+    import control
+    import numpy as np
+
+    found = control.ss([[0, 1], [-k1 * k3, -(k1 + k3)]], [[0], [1]], [[1, 0]], [[0]]).poles()
+    return [complex(p) for p in np.sort_complex(found)]
+
+
+def _compensated_values(n: Numbers) -> dict[str, Quantity]:
+    poles = command_poles(n["k1"], n["k3"])
+    found = {f"pole_{i + 1}": (p.real, "1/s") for i, p in enumerate(poles)}
+    found["recovery_to_2_%"] = (4 / min(n["k1"], n["k3"]), "s")
+    found["spare_force"] = (min(n["F_max"] - n["F_high"], n["F_low"] - n["F_min"]), "N")
+    return found
+
+
+def _compensated_witness(n: Numbers) -> Witness:
+    """Double integrator under the limited command, where the required force is out of reach."""
+    high = n["F_high"] >= n["F_max"]
+    need = n["F_high"] if high else n["F_low"]
+    h, e1, e2, t = 0.02, 0.0, 0.0, 0.0
+    rows: list[tuple[float, float]] = []
+    for i in range(3000):
+        wanted = need - n["M"] * ((n["k1"] + n["k3"]) * e2 + n["k1"] * n["k3"] * e1)
+        force = min(max(wanted, n["F_min"]), n["F_max"])
+        e1, e2, t = e1 + h * e2, e2 + h * (force - need) / n["M"], t + h
+        if i % 30 == 0:
+            rows.append((t, e2))
+    return Witness(
+        f"a constant force of {need:g} N is needed, beyond the limit",
+        {"speed_error_after_60_s": (e2, "m/s"), "position_error_after_60_s": (e1, "m")},
+        {"t": ("s", [r[0] for r in rows]), "e2": ("m/s", [r[1] for r in rows])},
+    )
+
+
+SATURATION = System(
+    "saturation_compensation",
+    "Wang 2025 (34)-(36): lam' = -k3 lam - (F_HO - F)/M keeps s' = u - delta/M in any saturation;"
+    " do the errors die out, with which poles, and is the force enough?",
+    {
+        "k1": Number("1/s", "slope of the sliding surface"),
+        "k3": Number("1/s", "rate at which the compensation is forgotten"),
+        "M": Number("kg", "mass"),
+        "F_min": Number("N", "least force", low="any"),
+        "F_max": Number("N", "largest force", low="any"),
+        "F_low": Number("N", "least force that the profile needs after the event", low="any"),
+        "F_high": Number("N", "largest force that it needs", low="any"),
+    },
+    {
+        "poles": Criterion("poles -k1 and -k3 of the motion on s = 0", _poles, EXACT),
+        "authority": Criterion("the force that is needed lies strictly inside the limits",
+                               _authority, EXACT, ("largest_F_high", "smallest_F_low",
+                                                   "smallest_F_max", "largest_F_min")),
+    },
+    _compensated_values,
+    _compensated_witness,
+    ({"k1": 0.5, "k3": 0.2, "M": 5e5, "F_min": -1e5, "F_max": 1e5, "F_low": 0.0, "F_high": 5e4},),
+)  # fmt: skip

@@ -1,0 +1,305 @@
+"""Systems of the super-twisting kind: the adhesion observer and the adaptive law of Wang 2025.
+
+Both are x1' = -K1 phi1(x1) + x2, x2' = -K2 phi2(x1) + d with phi2 = phi1 phi1' and, near x1 = 0,
+phi1 = |x1|^(1/2) sgn x1, so that K2 phi2 -> K2/2 sgn x1. What phi1 has more makes |d|/phi1' smaller
+than 2 L |phi1| everywhere but at x1 = 0: it neither helps nor harms what decides there. Hence
+K1, K2/2, L are stable exactly if k1, k2, L of super-twisting are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+from slipctl.certify import adhesion_observer, higher_order, outward, turning
+from slipctl.certify import super_twisting as sta
+from slipctl.certify.systems import (
+    EXACT,
+    PRINTED,
+    SUFFICIENT,
+    Criterion,
+    Number,
+    Numbers,
+    Quantity,
+    Side,
+    System,
+    Witness,
+)
+
+
+def exact_sides(k1: Any, k2: Any, L: Any, names: tuple[str, str, str]) -> list[Side]:
+    """Inequalities of ``super_twisting.exact``, the last one an enclosure for rationals.
+
+    Args:
+        k1, k2, L: gains and bound of the disturbance's slope.
+        names: how the texts call them.
+    """
+    a, b, c = names
+    sides = [Side(f"0 < {a}", 0, k1), Side(f"{c} < {b}", L, k2)]
+    if not (k1 > 0 and k2 > L):
+        return sides
+    if k1 * k1 >= 8 * (k2 + L):
+        return [*sides, Side(f"8 ({b} + {c}) <= ({a})^2", 8 * (k2 + L), k1 * k1)]
+    if not isinstance(k1, Fraction):
+        return [*sides, Side("ln q < 0", sta.log_ratio(k1, k2, L), 0)]
+    found = outward.enclosure(k1, Fraction(k2), Fraction(L))
+    low, high = found or (Decimal(-1), Decimal(1))
+    return [*sides, Side("ln q < 0", outward.Interval(low, high, outward.DIGITS), 0)]
+
+
+def quadratic_sides(
+    k1: Any, k2: Any, L: Any, names: tuple[str, str, str], P: Sequence[Any] = ()
+) -> list[Side]:  # fmt: skip
+    """Inequalities of ``super_twisting.quadratic``, or of a matrix P = (P11, P12, P22) if given.
+
+    Proof note: with a matrix, that the leading minors of ``certificate.minors`` are positive.
+    """
+    a, b, c = names
+    if P:
+        from slipctl.certify.certificate import minors
+
+        gains = {"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)}
+        found = minors(gains, ((P[0], P[1]), (P[1], P[2])), Fraction(1))
+        texts = ("minor 1", "minor 2", "minor 3", "det P")
+        return [Side("0 < P11", 0, P[0]),
+                *(Side(f"0 < {t}", 0, x) for t, x in zip(texts, found, strict=True))]  # fmt: skip
+    if k1 * k1 >= 4 * k2:
+        return [Side(f"4 {b} <= ({a})^2", 4 * k2, k1 * k1), Side(f"{c} < {b}", L, k2)]
+    return [Side(f"16 {c}^2 < ({a})^2 (8 {b} - ({a})^2)", 16 * L * L, k1 * k1 * (8 * k2 - k1 * k1))]
+
+
+def matrix(k1: Fraction, k2: Fraction, L: Fraction) -> dict[str, Fraction] | None:
+    """Matrix of a quadratic Lyapunov function as multipliers; None if there is none."""
+    from slipctl.certify.certificate import find_quadratic
+
+    found = find_quadratic({"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)})
+    if found is None:
+        return None
+    (a, b), (_, c) = found["P"]
+    return {"P11": Fraction(a), "P12": Fraction(b), "P22": Fraction(c)}
+
+
+MATRIX = ("P11", "P12", "P22")
+
+
+def _told(n: Numbers) -> list[Any]:
+    return [n[k] for k in MATRIX] if "P11" in n else []
+
+
+# ---- adhesion observer --------------------------------------------------------------------------
+
+OBSERVER = ("K1", "K2/2", "L")
+
+
+def _observer_exact(n: Numbers) -> Sequence[Side]:
+    return exact_sides(n["K1"], n["K2"] / 2, n["L"], OBSERVER)
+
+
+def _observer_quadratic(n: Numbers) -> Sequence[Side]:
+    return quadratic_sides(n["K1"], n["K2"] / 2, n["L"], OBSERVER, _told(n))
+
+
+def _observer_root(n: Numbers) -> Sequence[Side]:
+    return [
+        Side("2 K2 < K1^2", 2 * n["K2"], n["K1"] ** 2), Side("2 L < K2", 2 * n["L"], n["K2"])
+    ]  # fmt: skip
+
+
+def _observer_printed(n: Numbers) -> Sequence[Side]:
+    return [Side("2 K2 < K1", 2 * n["K2"], n["K1"]), Side("2 L < K2", 2 * n["L"], n["K2"])]
+
+
+def _observer_run(n: Numbers) -> turning.Turns:
+    K1, K2, K3, L = (float(n[k]) for k in ("K1", "K2", "K3", "L"))
+    # so near to x1 = 0 that K3 |x1| is a thousandth, because that is where L decides
+    v = math.sqrt(2 * K2 * 1e-3 / max(K3, 1e-3)) / 10
+    return turning.run(
+        lambda y: K1 * (y + K3 * y**3),
+        lambda y: K2 * (0.5 + 2 * K3 * y**2 + 1.5 * K3**2 * y**4),
+        L, v, 0.02 / max(K1, math.sqrt(K2 + 2 * L)),
+    )  # fmt: skip
+
+
+def _observer_values(n: Numbers) -> dict[str, Quantity]:
+    K1, K2, L = n["K1"], n["K2"], n["L"]
+    return {
+        "worst_ratio": (sta.worst_ratio(K1, K2 / 2, L), "1"),
+        "peak_gain": (adhesion_observer.peak_gain(K1, K2, L), "1"),
+        "time_from_1_rad/s": (
+            adhesion_observer.convergence_time(K1, K2, L, 1.0, 0.0, n["K3"]), "s"),
+    }  # fmt: skip
+
+
+def _run_witness(found: turning.Turns, law: str, units: tuple[str, str, str]) -> Witness:
+    grown = found.growth()
+    return Witness(
+        law,
+        {"growth_per_half_turn": (grown, "1"), "half_turns": (float(len(found.times) - 1), "1")},
+        {"t": ("s", found.t), "x1": (units[0], found.x1), "x2": (units[1], found.x2),
+         "d": (units[2], found.d)},
+    )  # fmt: skip
+
+
+WORST = "d = L sgn x1 while |x1| grows, -L sgn x1 while it falls"
+
+ADHESION_OBSERVER = System(
+    "adhesion_observer",
+    "Wang 2025 (17), (18): e' = z - K1 Phi1(e), z' = f' - K2 Phi2(e), |f'| < L: is e -> 0 in finite"
+    " time? Phi1 = |e|^.5 sgn e + K3 |e|^1.5 sgn e, Phi2 = Phi1 Phi1'",
+    {
+        "K1": Number("rad^.5/s^1.5", "gain of the root", power=0.5),
+        "K2": Number("rad/s^3", "gain of the integral", power=1.0),
+        "K3": Number("s/rad", "gain of the far part", 0.0, "not negative", -1.0),
+        "L": Number("rad/s^3", "bound of |f'|, f = -r F/J", power=1.0),
+    },
+    {
+        "exact": Criterion("q(K1, K2/2, L) < 1, any K3 >= 0", _observer_exact, EXACT,
+                           ("largest_L", "smallest_K1", "smallest_K2")),
+        "quadratic": Criterion("bounded-real lemma: any quadratic function of (Phi1, z)",
+                               _observer_quadratic, SUFFICIENT,
+                               ("largest_L", "smallest_K1", "smallest_K2"),
+                               find=lambda n: matrix(n["K1"], n["K2"] / 2, n["L"]),
+                               multipliers=MATRIX),
+        "theorem_1": Criterion("Theorem 1 with its root: K1 > sqrt(2 K2), K2 > 2 L",
+                               _observer_root, margins=("largest_L", "smallest_K1")),
+        "printed_theorem_1": Criterion("Theorem 1 as our text has it, K1 > 2 K2; proves nothing",
+                                       _observer_printed, PRINTED, ("largest_L", "smallest_K1")),
+    },
+    _observer_values,
+    lambda n: _run_witness(_observer_run(n), WORST, ("rad/s", "rad/s^2", "rad/s^3")),
+    ({"K1": 98.5, "K2": 4400.0, "L": 2000.0, "K3": 0.5}, {"K1": 2.0, "K2": 0.3, "L": 0.1},
+     {"K1": 0.5, "K2": 0.2, "L": 0.09}, {"K1": 1.0, "K2": 2.2, "L": 1.0}),
+)  # fmt: skip
+
+
+# ---- adaptive higher-order sliding mode ---------------------------------------------------------
+
+HIGHER = ("k4", "beta k4", "eta")
+
+
+def young_49(alpha: Any, beta: Any, k: Any, eta: Any, theta: Any) -> list[Side]:
+    """Inequalities of (49) with the weight theta in Young's inequality; 1 as printed.
+
+    16 theta eta^2 < 2 alpha k - beta^2/theta - (alpha + 4 beta^2 - beta/(2 theta))^2
+    /(4 beta - 1/(4 theta)).
+
+    Proof note: V = zeta' P zeta, P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], k2 = 2 beta k;
+    the disturbance enters as 2 zeta' P B w <= zeta' P B B' P zeta/theta + theta w^2, |w| <= 4 eta
+    |zeta1|, B = (0, 1/2)'.
+    """
+    rest = 4 * beta - 1 / (4 * theta)
+    first = Side("1 < 16 beta theta", 1, 16 * beta * theta)
+    if not rest > 0:
+        return [first]
+    cross = (alpha + 4 * beta**2 - beta / (2 * theta)) ** 2 / rest
+    return [
+        first,
+        Side("16 theta eta^2 + beta^2/theta + (alpha + 4 beta^2 - beta/(2 theta))^2/(4 beta"
+             " - 1/(4 theta)) < 2 alpha k4",
+             16 * theta * eta**2 + beta**2 / theta + cross, 2 * alpha * k),
+    ]  # fmt: skip
+
+
+def best_weight(alpha: float, beta: float, eta: float) -> float:
+    """Weight theta of the least k4 in :func:`young_49`, by golden section.
+
+    Proof note: each term is convex in 1/theta or theta > 1/(16 beta), so there is one minimum.
+    """
+
+    def needed(log_theta: float) -> float:
+        theta = math.exp(log_theta)
+        return float(young_49(alpha, beta, 0.0, eta, theta)[-1].left)
+
+    low = math.log(1 / (16 * beta)) + 1e-9
+    high, ratio = low + 40.0, (math.sqrt(5) - 1) / 2
+    for _ in range(70):
+        a, b = high - ratio * (high - low), low + ratio * (high - low)
+        low, high = (low, b) if needed(a) < needed(b) else (a, high)
+    return math.exp((low + high) / 2)
+
+
+def _higher_exact(n: Numbers) -> Sequence[Side]:
+    return exact_sides(n["k4"], n["beta"] * n["k4"], n["eta"], HIGHER)
+
+
+def _higher_quadratic(n: Numbers) -> Sequence[Side]:
+    return quadratic_sides(n["k4"], n["beta"] * n["k4"], n["eta"], HIGHER, _told(n))
+
+
+def _higher_printed(n: Numbers) -> Sequence[Side]:
+    return young_49(n["alpha"], n["beta"], n["k4"], n["eta"], 1)
+
+
+def _higher_matrix(n: Numbers) -> dict[str, Fraction] | None:
+    return matrix(n["k4"], n["beta"] * n["k4"], n["eta"])
+
+
+def _weight(n: Numbers) -> dict[str, Fraction]:
+    theta = best_weight(float(n["alpha"]), float(n["beta"]), float(n["eta"]))
+    return {"theta": Fraction(theta).limit_denominator(10**9)}
+
+
+def _higher_weighted(n: Numbers) -> Sequence[Side]:
+    theta = n.get("theta")
+    if theta is None:
+        exact = isinstance(n["k4"], Fraction)
+        theta = _weight(n)["theta"] if exact else best_weight(n["alpha"], n["beta"], n["eta"])
+    return young_49(n["alpha"], n["beta"], n["k4"], n["eta"], theta)
+
+
+def _higher_run(n: Numbers) -> turning.Turns:
+    k1, k2, eta = float(n["k4"]), 2 * float(n["beta"]) * float(n["k4"]), float(n["eta"])
+    v = 1e-3 * math.sqrt(k2 + eta)  # |s|^(1/2) is then a thousandth, and phi1 nearly its root
+    return turning.run(
+        lambda y: k1 * (y + y**2), lambda y: k2 * (0.5 + 1.5 * y + y**2), eta, v,
+        0.02 / max(k1, math.sqrt(k2 + 2 * eta)),
+    )  # fmt: skip
+
+
+def _higher_values(n: Numbers) -> dict[str, Quantity]:
+    found = {
+        "worst_ratio": (sta.worst_ratio(n["k4"], n["beta"] * n["k4"], n["eta"]), "1"),
+        "eta_of_49": (higher_order.certified_eta(n["alpha"], n["beta"], n["k4"]), "m/s^3"),
+        "best_eta_of_the_matrix": (higher_order.best_weighted(n["k4"])[2], "m/s^3"),
+        "smallest_k4_of_49_at_best": (higher_order.smallest_k4(n["eta"]), "m^.5/s^1.5"),
+    }
+    if n["k4"] > higher_order.SMALLEST:
+        alpha, beta, eta = higher_order.best(n["k4"])
+        found |= {"best_eta_of_49": (eta, "m/s^3"), "with_alpha": (alpha, "m/s^3"),
+                  "with_beta": (beta, "m^.5/s^1.5")}  # fmt: skip
+    return found
+
+
+_ENDS = ("largest_eta", "smallest_k4")
+
+HIGHER_ORDER = System(
+    "higher_order",
+    "Wang 2025 (37), (38) at the least gain k4: s' = -k4 phi1(s) + v, v' = -2 beta k4 phi2(s) + d,"
+    " |d| <= eta: is s -> 0 in finite time? phi1 = |s|^.5 sgn s + s, phi2 = phi1 phi1'",
+    {
+        "k4": Number("m^.5/s^1.5", "least gain of the adaptation", power=0.5),
+        "alpha": Number("m/s^3", "of P in the proof", power=1.0),
+        "beta": Number("m^.5/s^1.5", "k2H = 2 beta k1H", power=0.5),
+        "eta": Number("m/s^3", "bound of |delta'|/M", None, "not negative", 1.0),
+    },
+    {
+        "exact": Criterion("q(k4, beta k4, eta) < 1", _higher_exact, EXACT, _ENDS),
+        "quadratic": Criterion("bounded-real lemma: any quadratic function of (phi1, v)",
+                               _higher_quadratic, SUFFICIENT, _ENDS, find=_higher_matrix,
+                               multipliers=MATRIX),
+        "homogenised_49": Criterion("the matrix of (49), best weight in Young's inequality",
+                                    _higher_weighted, SUFFICIENT, _ENDS, find=_weight,
+                                    multipliers=("theta",)),
+        "printed_49": Criterion("Wang 2025, (49) as printed: weight 1", _higher_printed,
+                                margins=_ENDS),
+    },
+    _higher_values,
+    lambda n: _run_witness(_higher_run(n), WORST.replace("L", "eta"), ("m/s", "m/s^2", "m/s^3")),
+    ({"k4": 0.25, "alpha": 0.02, "beta": 0.09, "eta": 0.009},
+     {"k4": 1.0, "alpha": 0.69, "beta": 0.28, "eta": 0.1},
+     {"k4": 1.0, "alpha": 0.56, "beta": 0.375, "eta": 0.2},
+     {"k4": 0.4, "alpha": 0.1, "beta": 0.12, "eta": 0.03}),
+)  # fmt: skip
