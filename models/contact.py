@@ -22,7 +22,7 @@ from typing import Any
 
 from casadi import atan, exp, fabs, fmax, pi
 
-from slipctl import BadInput, Block, Input, Output, Param, argmax, law, make_block
+from slipctl import BadInput, Block, Input, Output, Param, argmax, argmax_table, law, make_block
 from slipctl.errors import nearest
 from slipctl.models.hertz import E_STEEL, NU_STEEL, c11, ellipse
 from slipctl.optimum import Peak
@@ -188,23 +188,42 @@ def _check_surface(where: str, values: Mapping[str, float]) -> None:
                     values["k_A"], values["k_S"])  # fmt: skip
 
 
-def peak(v: float, surface: str | dict[str, float] = "dry", creep_law: Block = polach) -> Peak:
+def peak(
+    v: float,
+    surface: str | Mapping[str, float] = "dry",
+    adhesion: Block = polach,
+    proven: bool = False,
+) -> Peak:
     """Creep in m/s (``location``) and value of the largest adhesion in traction, at speed v.
 
     Args:
         v: train speed in m/s.
         surface: a name of the law's conditions, or parameters by name.
-        creep_law: law from ``v_s`` and ``v`` to ``mu``.
+        adhesion: law from ``v_s`` and ``v`` to ``mu``.
+        proven: prove that there is no other peak up to 20 m/s or v, which takes half a second.
 
     Raises:
         BadInput: unknown surface or parameter.
     """
     if isinstance(surface, str):
-        if surface not in creep_law.conditions:
-            known = ", ".join(creep_law.conditions)
-            raise BadInput(f"{creep_law.name} has no surface {surface!r}; it has {known}")
-        surface = creep_law.conditions[surface]
-    return argmax(creep_law, "v_s", "mu", lo=0.0, hi=max(0.3 * abs(v), 3.0), at={"v": v, **surface})
+        if surface not in adhesion.conditions:
+            known = nearest(surface, adhesion.conditions)
+            raise BadInput(f"{adhesion.name} has no surface {surface!r}{known}")
+        surface = adhesion.conditions[surface]
+    at = {"v": v, **surface}
+    return argmax(adhesion, "v_s", "mu", lo=0.0, hi=max(20.0, abs(v)), at=at, proven=proven)
+
+
+def peak_table(adhesion: Block = polach, fastest: float = 90.0, error: float = 1e-3) -> Block:
+    """Law from ``v`` to the best creep and the largest adhesion on each surface, for C.
+
+    Args:
+        adhesion: law from ``v_s`` and ``v`` to ``mu``, with its surfaces.
+        fastest: train speed in m/s up to which it holds.
+        error: relative error of both.
+    """
+    return argmax_table(adhesion, "v_s", "v", "mu", lo=0.0, hi=20.0, span=(0.0, fastest),
+                        error=error)  # fmt: skip
 
 
 def curtius_kniffler(v: float) -> float:
@@ -215,7 +234,7 @@ def curtius_kniffler(v: float) -> float:
     return 7.5 / (3.6 * abs(v) + 44) + 0.161
 
 
-def slope(creep_law: Block = polach, surface: str = "dry") -> float:
-    """Slope d mu/d s_x without creep: (2/pi) (k_A + k_S) KEPS."""
-    p = creep_law.param_values(**creep_law.conditions[surface])
+def slope(surface: str = "dry", adhesion: Block = polach) -> float:
+    """Slope d mu/d s_x without creep: (2/pi) (k_A + k_S) KEPS, whatever the friction."""
+    p = adhesion.param_values(**adhesion.conditions[surface])
     return 2 / math.pi * float(p["k_A"] + p["k_S"]) * float(p["KEPS"])

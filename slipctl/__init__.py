@@ -31,6 +31,7 @@ _WHERE = {
     "swarm": ["particle_swarm", "least_squares", "Fit"],
     "identification": ["identify", "Identified", "linear_fit", "misfit_search", "swarm_fit"],
     "optimum": ["argmax", "argmax_block"],
+    "lookup": ["argmax_table"],
     "predictive": ["nmpc"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from slipctl.filtering import ctukf, ekf, lipschitz, observability
     from slipctl.fitting import Fitted, fit
     from slipctl.linearise import linear, nonlinear, operating_point
+    from slipctl.lookup import argmax_table
     from slipctl.optimum import argmax, argmax_block
     from slipctl.predictive import nmpc
     from slipctl.rail import Rail, Scenario, Section

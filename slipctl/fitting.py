@@ -115,7 +115,8 @@ def fit(
     Args:
         law: a law.
         data: file with a head and a row per point (``creep [1],force [kN]``; comments ``# set Q =
-            106.7 kN`` are values for ``at``), or columns by name in SI units.
+            106.7 kN`` are values for ``at``, or starts of what is unknown), or columns by name in
+            SI units.
         unknown: parameters to find; by default those that the law's rail conditions set, or all.
         start: values to start from; what is not given starts from the law's own value.
         at: inputs that do not vary and known parameters, as numbers or texts with a unit.
@@ -135,11 +136,13 @@ def fit(
     unknown = unknown_parameters(law, unknown)
     table = data if isinstance(data, Mapping) else read_table(data)
     source = "data" if isinstance(data, Mapping) else str(data)
-    known = _settings(law, table, at or {})
+    known = {n: _quantity(law, n, v) for n, v in (at or {}).items()}
     for n in known:
         if n in unknown:
             raise BadInput(f"{n} is both given and unknown; leave it out of one of them")
-    law = law.with_params(**{n: v for n, v in known.items() if n in law.params})
+    told = _settings(law, table)
+    known = {n: v for n, v in told.items() if n not in unknown} | known
+    law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
     for n, v in (start or {}).items():
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
@@ -158,13 +161,14 @@ def fit(
 # ---- the curve ----------------------------------------------------------------------------------
 
 
-def _settings(law: Block, table: Table | Mapping[str, Any], at: Numbers) -> dict[str, float]:
-    """Values of inputs and parameters, those of the file first."""
-    found: dict[str, float] = {}
-    if isinstance(table, Table):
-        for line, n, text in table.settings:
-            found[n] = _quantity(law, n, text, f"{table.path}, line {line}: ")
-    return found | {n: _quantity(law, n, v) for n, v in at.items()}
+def _settings(law: Block, table: Table | Mapping[str, Any]) -> dict[str, float]:
+    """Values of inputs and parameters that the file itself tells."""
+    if not isinstance(table, Table):
+        return {}
+    return {
+        n: _quantity(law, n, text, f"{table.path}, line {line}: ")
+        for line, n, text in table.settings
+    }
 
 
 def _quantity(law: Block, name: str, value: Any, where: str = "") -> float:

@@ -32,7 +32,8 @@ class Peak(NamedTuple):
         bracket: interval that holds the location: the exact derivative, evaluated at its ends, is
             positive at the lower and negative at the upper one. Of a peak at the end of the range,
             that end twice.
-        method: ``"closed form"``, ``"newton"``, or ``"bound"`` for a peak at the end of the range.
+        method: ``"closed form"``, ``"newton"``, ``"proven"``, or ``"bound"`` for a peak at the end
+            of the range.
     """
 
     location: float
@@ -58,6 +59,7 @@ def argmax(
     hi: float,
     at: Mapping[str, float] | None = None,
     closed_form: bool = True,
+    proven: bool = False,
 ) -> Peak:
     """Find the peak of a law over one input.
 
@@ -65,7 +67,8 @@ def argmax(
     derivative changes its sign there from plus to minus. Otherwise each of the highest peaks of a
     grid is bracketed by its neighbours, and Newton's method on the exact derivative, replaced by
     bisection where it would leave the bracket, closes in on it to rounding. A peak narrower than
-    two steps of the grid can be overlooked.
+    two steps of the grid can be overlooked, unless it is ``proven``: then interval arithmetic
+    discards all of the range where no peak can be (:mod:`slipctl.certify.enclosure`).
 
     Args:
         law: a law.
@@ -74,29 +77,44 @@ def argmax(
         lo, hi: range of the input, in its unit.
         at: values of other inputs and of parameters; those not given have their own.
         closed_form: False to leave the closed form aside, to check it.
+        proven: the bracket holds the largest value of all the range, and no other peak of it; the
+            curvature is negative all over it.
 
     Raises:
         BadInput: unknown names, an empty range, an input without value, or a law that is NaN all
             over the range.
+        RunFailed: nothing can be proven, as of a flat top or of two peaks of one height.
     """
     where = f"argmax({law.name})"
-    _check_range(where, lo, hi)
-    value, slope, p = _functions(where, law, [over], maximise, dict(at or {}))
+    check_range(where, lo, hi)
+    value, slope, p = objective_functions(where, law, [over], maximise, dict(at or {}))
 
-    def height(x: float) -> float:
-        return float(value(x, p))
-
-    def slopes(x: float) -> tuple[float, float]:
-        first, second = slope(x, p)
-        return float(first), float(second)
-
+    if proven:
+        return _proven(where, value, slope, p, lo, hi)
     if closed_form and law.closed_form is not None:
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
         free = {k: float(v) for k, v in params.items() if not law.params[k].derived}
         place = float(law.closed_form(**free))
+        slopes = _slopes_at(slope, p)
         bracket = _bracket(slopes, place, lo, hi) if lo < place < hi else None
         if bracket is not None:
-            return Peak(place, height(place), bracket, "closed form")
+            return Peak(place, float(value(place, p)), bracket, "closed form")
+    return highest_peak(where, value, slope, p, lo, hi)
+
+
+def _slopes_at(slope: ca.Function, p: Any) -> Slopes:
+    def slopes(x: float) -> tuple[float, float]:
+        first, second = slope(x, p)
+        return float(first), float(second)
+
+    return slopes
+
+
+def highest_peak(
+    where: str, value: ca.Function, slope: ca.Function, p: Any, lo: float, hi: float
+) -> Peak:
+    """Highest of the peaks that a grid shows, closed in on by Newton's method."""
+    slopes = _slopes_at(slope, p)
     grid = np.linspace(lo, hi, GRID + 1)
     heights = np.array(ca.DM(value.map(grid.size)(grid[None], p)).full()).ravel()
     if np.isnan(heights).all():
@@ -114,11 +132,12 @@ def argmax(
             continue
         a, b = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, GRID)])
         x = _climb(slopes, float(grid[k]), a, b)
-        found.append(Peak(x, height(x), _bracket(slopes, x, lo, hi) or (a, b), "newton"))
+        found.append(Peak(x, float(value(x, p)), _bracket(slopes, x, lo, hi) or (a, b), "newton"))
     return max(found, key=lambda peak: peak.value)
 
 
-def _check_range(where: str, lo: float, hi: float) -> None:
+def check_range(where: str, lo: float, hi: float) -> None:
+    """Refuse a range without width."""
     if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
         raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
 
@@ -135,6 +154,44 @@ def _climb(slopes: Slopes, x: float, a: float, b: float) -> float:
             break
         x = following
     return x
+
+
+def _proven(
+    where: str, value: ca.Function, slope: ca.Function, p: Any, lo: float, hi: float,
+    most: int = 100_000,
+) -> Peak:  # fmt: skip
+    """Largest value over the range, by branch and bound on enclosures.
+
+    A piece goes where its values stay below one that is reached, and where its slope keeps its
+    sign. What is left is halved until the curvature is negative over all of it: then it holds one
+    stationary point, which is the peak.
+    """
+    from slipctl.certify.enclosure import enclose
+
+    z = ca.SX.sym("z")
+    f = ca.Function("f", [z], [ca.vertcat(value(z, p), *slope(z, p))])
+    slopes = _slopes_at(slope, p)
+    left, right = np.array([lo]), np.array([hi])
+    reached, boxes = max(float(value(lo, p)), float(value(hi, p))), 0
+    while boxes < most:
+        boxes += left.size
+        middle = left + (right - left) / 2
+        reached = max(reached, float(np.nanmax(np.array(f(middle[None]).full())[0])))
+        low, high = enclose(f, left[None], right[None])
+        kept = ~(high[0] < reached) & ~(low[1] > 0) & ~(high[1] < 0)
+        if not kept.any():  # the law rises or falls all over the range
+            end = lo if float(value(lo, p)) > float(value(hi, p)) else hi
+            return Peak(end, float(value(end, p)), (end, end), "bound")
+        left, right, middle = left[kept], right[kept], middle[kept]
+        a, b = float(left.min()), float(right.max())
+        curvature = enclose(f, np.array([[a]]), np.array([[b]]))[1][2, 0]
+        if curvature < 0 and slopes(a)[0] > 0 > slopes(b)[0]:
+            x = _climb(slopes, (a + b) / 2, a, b)
+            return Peak(x, float(value(x, p)), (a, b), "proven")
+        if not ((middle > left) & (middle < right)).any():
+            break
+        left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+    raise RunFailed(f"{where}: no single peak can be proven in {lo:g} to {hi:g}")
 
 
 def _bracket(slopes: Slopes, x: float, lo: float, hi: float) -> tuple[float, float] | None:
@@ -177,10 +234,10 @@ def argmax_several(
     if not over:
         raise BadInput(f"{where}: give over={{name: (lo, hi)}}")
     for lo, hi in over.values():
-        _check_range(where, lo, hi)
+        check_range(where, lo, hi)
     if starts != int(starts) or starts < 1:
         raise BadInput(f"{where}: starts = {starts} must be a whole number >= 1")
-    value, _, p = _functions(where, law, list(over), maximise, dict(at or {}))
+    value, _, p = objective_functions(where, law, list(over), maximise, dict(at or {}))
     lows, highs = np.array(list(over.values()), dtype=float).T
     places = np.random.default_rng(seed).uniform(lows[:, None], highs[:, None], (len(over), starts))
     heights = np.array(ca.DM(value.map(starts)(places, p)).full()).ravel()
@@ -223,7 +280,7 @@ def argmax_block(
 
     where = f"argmax_block({law.name})"
     maximise = objective(where, law, over, maximise)
-    _check_range(where, lo, hi)
+    check_range(where, lo, hi)
     if points != int(points) or points < 3 or newton != int(newton) or newton < 0:
         raise BadInput(
             f"{where}: points = {points}, newton = {newton}; give points >= 3, newton >= 0"
@@ -268,7 +325,7 @@ def argmax_block(
     )  # fmt: skip
 
 
-def _functions(
+def objective_functions(
     where: str, law: Block, over: Sequence[str], maximise: str | None, at: dict[str, float]
 ) -> tuple[ca.Function, ca.Function, Any]:
     """Objective and (first, second derivative) as functions of (place, fixed values), and these.
