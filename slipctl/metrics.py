@@ -2,7 +2,8 @@
 
 Which logged signal is the speed, the slip or the torque is said by ``slipctl.studying.Signals``. A
 log has one row per tick; a row holds the state at the start of its tick, so that the run ends one
-tick after the last row.
+tick after the last row. Of a signal with a value per axle, slip, torque and bounds take the worst
+axle, adhesion takes the mean.
 """
 
 from __future__ import annotations
@@ -76,8 +77,13 @@ class Run:
         return len(self.time) * self.tick
 
     def get(self, role: str) -> np.ndarray | None:
-        """Values of the signal that plays ``role``, or None."""
-        return self._values(getattr(self.signals, role))
+        """Values of the signal that plays ``role``, the mean where there is one per axle, or None."""
+        each = self.each(role)
+        return None if each is None else each.mean(axis=1) if each.shape[1] > 1 else each[:, 0]
+
+    def each(self, role: str) -> np.ndarray | None:
+        """Values of the signal that plays ``role``, a column per axle, or None."""
+        return self._columns(getattr(self.signals, role))
 
     def unit(self, role: str) -> str:
         """Unit of the signal that plays ``role``."""
@@ -90,24 +96,23 @@ class Run:
         name = self.signals.find("slip", self.log)
         return -1 if name and self.log[name].attrs.get("positive") == "traction" else 1
 
-    def _values(self, names: Names) -> np.ndarray | None:
+    def _columns(self, names: Names) -> np.ndarray | None:
         name = first_of(names, self.log)
         if name is None:
             return None
-        values = np.asarray(self.log[name].values, dtype=float)
-        return values if values.ndim == 1 else values.reshape(len(values), -1).mean(axis=1)
+        return np.asarray(self.log[name].values, dtype=float).reshape(len(self.time), -1)
 
     def exits(self, bounded: Bounded | None) -> int | None:
         """How often the first signal leaves the interval between the other two."""
         if bounded is None:
             return None
         error, lower, upper = (
-            np.full(len(self.time), float(b)) if isinstance(b, (int, float)) else self._values(b)
+            np.array([[float(b)]]) if isinstance(b, (int, float)) else self._columns(b)
             for b in bounded
         )
         if error is None or lower is None or upper is None:
             return None
-        outside = (error < lower) | (error > upper)
+        outside = ((error < lower) | (error > upper)).any(axis=1)
         return int(outside[0]) + int(np.count_nonzero(outside[1:] & ~outside[:-1]))
 
     def span(self, start: float, stop: float) -> slice:
@@ -146,11 +151,14 @@ class Run:
 
     @cached_property
     def slip_error(self) -> np.ndarray | None:
-        """Slip minus the slip that the controller follows, else minus the best one."""
-        slip, wanted = self.get("slip"), self.get("reference")
+        """Slip minus the slip that the controller follows, else minus the best one.
+
+        At each tick that of the axle where it is largest.
+        """
+        slip, wanted = self.each("slip"), self.each("reference")
         if wanted is None:
-            wanted = self.get("best_slip")
-        return None if slip is None or wanted is None else slip - wanted
+            wanted = self.each("best_slip")
+        return None if slip is None or wanted is None else worst(slip - wanted)
 
     @cached_property
     def stop(self) -> int | None:
@@ -196,8 +204,14 @@ def settling(
 
 
 def ripple(values: np.ndarray) -> float:
-    """Peak-to-peak value."""
-    return float(np.ptp(values)) if len(values) else 0.0
+    """Peak-to-peak value, of the worst column."""
+    return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
+
+
+def worst(values: np.ndarray) -> np.ndarray:
+    """Of each row the value furthest from zero."""
+    at = np.abs(values).argmax(axis=1)
+    return np.take_along_axis(values, at[:, None], axis=1)[:, 0]
 
 
 def rms(values: np.ndarray) -> float:
@@ -243,17 +257,17 @@ def _slip_error_rms(run: Run) -> Metric | None:
 
 
 def _slip_max(run: Run) -> Metric | None:
-    slip = run.get("slip")
+    slip = run.each("slip")
     return None if slip is None else Metric(float(slip.max()), run.unit("slip"))
 
 
 def _slip_min(run: Run) -> Metric | None:
-    slip = run.get("slip")
+    slip = run.each("slip")
     return None if slip is None else Metric(float(slip.min()), run.unit("slip"))
 
 
 def _torque_ripple(run: Run) -> Metric | None:
-    torque = run.get("torque")
+    torque = run.each("torque")
     if torque is None:
         return None
     ends = [*run.changes, run.duration]
@@ -263,14 +277,15 @@ def _torque_ripple(run: Run) -> Metric | None:
 
 
 def _torque_variation(run: Run) -> Metric | None:
-    torque = run.get("torque")
+    torque = run.each("torque")
     if torque is None:
         return None
-    return Metric(float(np.abs(np.diff(torque)).sum()) / run.duration, f"{run.unit('torque')}/s")
+    variation = float(np.abs(np.diff(torque, axis=0)).sum(axis=0).max())
+    return Metric(variation / run.duration, f"{run.unit('torque')}/s")
 
 
 def _adhesion_use(run: Run) -> Metric | None:
-    mu, best = run.get("adhesion"), run.get("best_adhesion")
+    mu, best = run.each("adhesion"), run.each("best_adhesion")
     if mu is None or best is None or not run.moving.any():
         return None
     return Metric(float(np.mean(np.abs(mu[run.moving]) / np.abs(best[run.moving]))), "1")
@@ -333,19 +348,19 @@ def _position_error_max(run: Run) -> Metric | None:
 
 
 def _lock_time(run: Run) -> Metric | None:
-    v, slip = run.get("speed"), run.get("slip")
+    v, slip = run.each("speed"), run.each("slip")
     if v is None:
         return None
     if slip is not None:
         s = slip * run.slip_sign
         rim = v - s if run.unit("slip") == "m/s" else v * (1 - s)
     elif run.unit("wheel_speed") == "m/s":
-        rim = run.get("wheel_speed")
+        rim = run.each("wheel_speed")
     else:
         return None
     if rim is None:
         return None
-    locked = run.moving & (np.abs(rim) < LOCKED * np.abs(v))
+    locked = run.moving & (np.abs(rim) < LOCKED * np.abs(v)).any(axis=1)
     return Metric(float(np.count_nonzero(locked)) * run.tick, "s")
 
 

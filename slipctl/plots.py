@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 
 from slipctl import store
 from slipctl.errors import BadInput, nearest
+from slipctl.metrics import worst
 from slipctl.studying import NotRun
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ def traces(
                     continue
                 text = text or _meaning(log[name], name)
                 unit = str(log[name].attrs.get("units", "1"))
-                rough[loop] = float(np.abs(np.diff(log[name].values)).sum())
+                rough[loop] = float(np.abs(np.diff(log[name].values, axis=0)).sum())
             if text is None:
                 known = [str(n) for log in logs.values() for n in log]
                 raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
@@ -241,6 +242,8 @@ def _trace(
     axis: Axes, log: Any, name: str, span: tuple[float, float] | None, **options: Any
 ) -> Any:
     t, y = log["time"].values, np.asarray(log[name].values)
+    if y.ndim > 1:
+        y = worst(y.reshape(len(t), -1))
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]

@@ -359,7 +359,7 @@ def _parameters(results: Results) -> str:
     rows = []
     for name, s in signals.items():
         found = {loop: v[name] for loop, v in values.items() if name in v}
-        numbers = {loop: number(np.asarray(v).tolist(), 6) for loop, v in found.items()}
+        numbers = {loop: number(_alike(v), 6) for loop, v in found.items()}
         distinct = list(dict.fromkeys(numbers.values()))
         if len(distinct) == 1:
             text = distinct[0]
@@ -374,6 +374,12 @@ def _parameters(results: Results) -> str:
         rows.append([name, text, "" if s.unit == "1" else pretty(s.unit), s.doc, s.source])
     main = table(["Parameter", "Value", "Unit", "Meaning", "Source"], rows)
     return main + _conditions(results, loops)
+
+
+def _alike(value: Any) -> Any:
+    """One number where all axles have the same, else the list of them."""
+    values = np.asarray(value)
+    return values.tolist() if np.ptp(values) else float(values.flat[0])
 
 
 def _conditions(results: Results, loops: Mapping[str, Block]) -> str:

@@ -32,6 +32,26 @@ def metric(name: str, signals: Signals, changes=(2.0, 4.0), ideal=None, **values
     return found[name].value if name in found else "absent"
 
 
+def test_worst_axle_counts_and_the_mean_does_not():
+    """Three axles: one rolls, one slips to 2 m/s, one locks for 1 s."""
+    v, rolls = 10 + 0 * T, 0 * T
+    slips = np.where((T >= 1) & (T < 2), -2.0, 0.0)
+    locks = np.where((T >= 3) & (T < 4), 10.0, 0.0)
+    jumps = np.where(T > 5.8, 5.0, 0.0)
+    data = log(v=v, ref=0 * T)
+    data["s"] = (("time", "axle"), np.stack([rolls, slips, locks], 1), {"units": "m/s"})
+    data["T"] = (("time", "driven"), np.stack([rolls, jumps], 1), {"units": "N m"})
+    roles = Signals(speed="v", slip="s", reference="ref", torque="T", barrier=("s", -1, 20))
+    found = {k: m.value for k, m in measure(Run(data, roles, (2.0, 4.0))).items()}
+    assert (found["slip_max"], found["slip_min"]) == (10, -2)
+    assert found["slip_error_rms"] == pytest.approx(np.sqrt((100 + 4) / 6))
+    assert found["settling_time"] == [None, 0.0]
+    assert found["torque_ripple"] == 5
+    assert found["torque_variation"] == pytest.approx(5 / 6)
+    assert found["lock_time"] == pytest.approx(1.0)
+    assert found["barrier_exits"] == 1
+
+
 # ---- distance -----------------------------------------------------------------------------------
 
 
