@@ -77,7 +77,7 @@ class Run:
         return len(self.time) * self.tick
 
     def get(self, role: str) -> np.ndarray | None:
-        """Values of the signal that plays ``role``, the mean where there is one per axle, or None."""
+        """Values of the signal that plays ``role``, of several axles the mean, or None."""
         each = self.each(role)
         return None if each is None else each.mean(axis=1) if each.shape[1] > 1 else each[:, 0]
 

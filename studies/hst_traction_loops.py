@@ -26,7 +26,6 @@ from slipctl.models import hst_traction_adhesion as adhesion
 from slipctl.models import hst_traction_control as control
 from slipctl.models.contact import peak, polach
 from slipctl.models.hst_traction import (
-    DISTINCT,
     GROUPED,
     motor,
     plant,
@@ -60,7 +59,8 @@ MODELS: dict[str, Any] = {"adh": polach, "observer": adhesion.adhesion_observer(
 
 class Target(NamedTuple):
     """Target over time, one value per tick: times in s, position in m, speed in m/s, acceleration
-    in m/s^2."""
+    in m/s^2.
+    """
 
     t: np.ndarray
     x: np.ndarray
