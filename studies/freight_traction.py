@@ -229,6 +229,8 @@ def regimes(r: Results) -> Any:
         log = r.log("base", loop)
         t = log["time"].values
         k = t <= upto
+        if "ctl.seek.mode" in log:
+            k &= log["ctl.seek.mode"].values == 1
         for axis, signal, name in zip(
             axes[:, column], ("ctl.seek.delta", "ctl.seek.v"), ("delta", "creep tried"), strict=True
         ):
@@ -250,11 +252,9 @@ def switch(r: Results) -> Any:
     plots.lines({"improved_robust": (t[k][sliding], delta[sliding] / beta)}, ("time", "s"),
                 ("delta/beta", "1"), axis=axes[0, 0])  # fmt: skip
     axes[0, 0].axhline(-3.0, color=plots.GREY, lw=0.8, ls="--")
-    plots.lines(
-        {"improved_robust": (t[k], log["ctl.seek.v"].values[k]),
-         "best creep": (t[k], log["truth.v_best"].values[k])},
-        ("time", "s"), ("creep tried", "m/s"), axis=axes[1, 0],
-    )  # fmt: skip
+    plots.lines({"improved_robust": (t[k], log["ctl.seek.v"].values[k])}, ("time", "s"),
+                ("creep tried", "m/s"), axis=axes[1, 0])  # fmt: skip
+    axes[1, 0].axhline(float(log["truth.v_best"][0]), color=plots.GREY, lw=0.8, ls="--")
     return fig
 
 
@@ -295,7 +295,7 @@ def moving(r: Results) -> Any:
     """Best creep that moves: only the improved seeker finds each."""
     return plots.traces(
         r, "moving_optimum", [f"{k}_robust" for k in SEEKERS],
-        [("slip", "best_slip"), ("adhesion", "best_adhesion")], limits={"slip": (-0.2, 2.5)},
+        [("slip", "best_slip"), "adhesion"], limits={"slip": (-0.2, 2.5)},
         labels={"slip": "creep", "adhesion": "adhesion"},
     )  # fmt: skip
 
@@ -310,14 +310,16 @@ def real(r: Results) -> Any:
 
 def laws(r: Results) -> Any:
     """The three laws under the improved seeker: creep error."""
-    names = [f"improved_{k}" for k in ("corrected", "printed", "robust")]
+    names = {"corrected": "corrected", "printed": "as printed", "robust": "robust"}
     fig, axes = plots.panels(1, 2, height=2.6)
-    for axis, upto, high in zip(axes[0], (25.0, 0.5), (0.1, 0.03), strict=True):
+    for axis, (start, stop), high in zip(
+        axes[0], ((0.0, 25.0), (9.98, 10.4)), (0.1, 0.05), strict=True
+    ):
         curves = {}
-        for name in names:
-            log = r.log("base", name)
+        for ending, name in names.items():
+            log = r.log("base", f"improved_{ending}")
             t = log["time"].values
-            k = t <= upto
+            k = (t >= start) & (t <= stop)
             curves[name] = (t[k], np.clip(log["ctl.barrier.e"].values[k], -high, 1.2 * high))
         plots.lines(curves, ("time", "s"), ("creep error", "m/s"), axis=axis)
         axis.axhline(K_S, color=plots.GREY, lw=0.8, ls="--")
@@ -336,10 +338,13 @@ def escape(r: Results) -> Any:
         ) if a is not None and b is not None
     ]  # fmt: skip
     share, told, found = zip(*rows, strict=True)
-    return plots.lines(
-        {"predicted": (share, told), "measured": (share, found)},
-        ("disturbance / its bound", "1"), ("time to the barrier", "s"), log="xy", points=True,
+    fig = plots.lines(
+        {"predicted": (share, told)}, ("disturbance / its bound", "1"),
+        ("time to the barrier", "s"), log="xy",
     )  # fmt: skip
+    fig.axes[0].plot(share, found, "o", color=plots.BLACK, ms=4, label="measured")
+    fig.axes[0].legend(["predicted", "measured"])
+    return fig
 
 
 def lagged(r: Results) -> Any:
@@ -357,10 +362,12 @@ def lagged(r: Results) -> Any:
             ]  # fmt: skip
             curves[name] = tuple(zip(*rows, strict=True))
         inner = curves["with lead"][0]
-        for name in ("jump times lag", "bound with the torque there is"):
-            curves[name] = (inner, [summary.where(name, lag=1e3 * lag)] * len(inner))
+        for name, column in (("jump times lag", "jump times lag"),
+                             ("least with 12 kN m", "bound with the torque there is")):  # fmt: skip
+            curves[name] = (inner, [summary.where(column, lag=1e3 * lag)] * len(inner))
         plots.lines(curves, ("inner barrier", "m/s"), ("largest creep error", "m/s"), axis=axis,
                     log="xy", title=f"lag {1e3 * lag:g} ms", legend=lag == LAGS[0])  # fmt: skip
+        axis.set_ylim(1e-3, 0.6)
     return fig
 
 
@@ -390,7 +397,8 @@ FIGURES: Mapping[str, Figure] = {
     "moving_optimum": Figure("Rails whose best creep moves every 10 s.", moving),
     "real": Figure("Noise on the motor speed and 20 ms of lag.", real),
     "laws": Figure(
-        "Creep error of the three laws, cut off at the panel; dashed: the barrier.", laws
+        "Creep error of the three laws under the improved seeker, and at the change to wet;"
+        " dashed: the barrier.", laws
     ),
     "escape": Figure("When the printed shape leaves its barrier.", escape),
     "lagged": Figure("Change from dry to wet behind a lag.", lagged),
