@@ -11,6 +11,7 @@ from slipctl import Claim, Figure, Results, Signals, Study, plots
 from slipctl.certify import barrier as bounds
 from slipctl.models import freight_traction as freight
 from slipctl.studies import freight_traction_experiments as experiments
+from slipctl.studies import freight_traction_identification as identification
 from slipctl.studies.freight_traction_barrier import LAGS, K
 from slipctl.studies.freight_traction_loops import (
     K_A,
@@ -201,6 +202,7 @@ CLAIMS = (
         lambda r: max(r.table("lagged", "summary")["back inside 0.02 after"]), "ms",
         bound="at most",
     ),
+    *identification.CLAIMS,
 )  # fmt: skip
 
 
@@ -386,6 +388,7 @@ FIGURES: Mapping[str, Figure] = {
     "fig04_barrier": Figure(
         "Pull of the barrier laws: the printed shape lets go at the barrier.", barrier, "Fig. 4"
     ),
+    **identification.FIGURES,
     "fig07_improved": Figure("Improved seeking, robust law.", _result("improved"), "Fig. 7"),
     "fig08_smes": Figure(
         "Sliding-mode seeking with the printed numbers, robust law.", _result("smes"), "Fig. 8"
@@ -429,5 +432,5 @@ study = Study(
     ),
     claims=CLAIMS,
     figures=FIGURES,
-    experiments=experiments.EXPERIMENTS,
+    experiments={**experiments.EXPERIMENTS, **identification.EXPERIMENTS},
 )
