@@ -30,8 +30,9 @@ ITEMS = {
         "theorem 1",
     ],
     "004": [
-        *(f"eq {k}" for k in range(14, 22)),
-        "table 3",
+        *(f"eq {k}" for k in range(1, 49)),
+        *(f"table {k}" for k in range(1, 4)),
+        *(f"figure {k}" for k in range(1, 13)),
     ],
 }
 """Numbered items that each paper prints."""
