@@ -211,9 +211,7 @@ def loop(
         observer: of the adhesion, by default the study's.
     """
     n = len(axles.motors)
-    ctl = control.controller(
-        control_law, n, limited, observer or models["observer"], models["adh"]
-    )
+    ctl = control.controller(control_law, n, limited, observer or models["observer"], models["adh"])
     parts = {"plant": plant(models["adh"], axles, H, motors), "ctl": ctl, "worst": worst}
     wires = {f"ctl.{n}_d": f"{n}_d" for n in "xva"} | {
         "ctl.x": "plant.train.x",
