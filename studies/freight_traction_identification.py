@@ -22,18 +22,24 @@ from slipctl import (
     Figure,
     Input,
     Param,
+    Rail,
     Results,
     Scenario,
+    Section,
     State,
     Table,
     connect,
+    every,
     flow,
     identify,
     misfit_search,
+    opened,
     plots,
     sampled,
     simulate,
 )
+from slipctl.models import freight_traction as freight
+from slipctl.models import freight_traction_control as control
 from slipctl.models.freight_resistance import (
     BOX,
     ITERATIONS,
@@ -253,17 +259,73 @@ def convergence(quick: bool) -> Table:
     )
 
 
-def tables(quick: bool, progress: Callable[[float], None] = lambda share: None) -> dict[str, Table]:
+RUNS = {
+    "paper": (25.0, 5.0, [Section(0, "dry"), Section(10, "wet"), Section(15, "dry")]),
+    "long": (220.0, 0.1, [Section(0, "dry"), Section(60, "wet"), Section(100, "dry")]),
+}
+"""Duration in s, start speed in m/s and rail of each run of the closed loop."""
+
+H = 2e-4
+"""Period of the controller in s; the identification takes a sample every 0.1 s."""
+
+
+@cache
+def closed_loop() -> Block:
+    """Train at the peak under the robust barrier law, whose resistance is the one identified."""
+    ctl = control.seeking_controller(control.hold, "robust", H)
+    ctl = ctl.swap("resistance", opened(resistance, *BOX))
+    wires = {
+        "ctl.omega_m": "plant.train.omega_m",
+        "ctl.v_t": "plant.train.v_t",
+        "ctl.T_m": "plant.motor.T_m",
+        "plant.T_cmd": "ctl.T_cmd",
+        "ident.v_t": "plant.train.v_t",
+        "ident.mu_hat": "ctl.adhesion.mu_hat",
+    }
+    wires |= {f"ctl.resistance.{k}": f"ident.fit.{k}" for k in BOX}
+    plant = sampled(freight.plant(freight.adhesion, freight.motor()), H, "rk4")
+    ident = every(identification(0.1), round(0.1 / H))
+    return connect("loop", wires, plant=plant, ctl=ctl, ident=ident)
+
+
+def in_closed_loop(name: str, compile: bool = True) -> Table:
+    """Resistance, true and identified, over a run of the closed loop: observer, wheels, rail."""
+    seconds, start, rail = RUNS[name]
+    names = ("plant.train.v_t", "plant.res.F_Z", "ident.res.F_Z", "ident.fit.identified")
+    scenario = Scenario(name, seconds, Rail(rail), start={"plant.train.v_t": start})
+    log = simulate(closed_loop(), scenario, log=names, compile=compile)
+    every_n = round(seconds / 10 / H)
+    at = [*range(every_n, len(log["time"]), every_n), len(log["time"]) - 1]
+    v, true, found, told = (log[k].values[at] for k in names)
+    return Table(
+        f"Resistance identified in the closed loop, run `{name}`",
+        {
+            "time": ("s", log["time"].values[at].tolist()),
+            "speed": ("m/s", v.tolist()),
+            "F_Z": ("N", true.tolist()),
+            "error": ("1", (found / true - 1).tolist()),
+            "identified": ("", [bool(x) for x in told]),
+        },
+        "Recursive least squares of the observer's adhesion and the speed, no noise, no prior"
+        " but the box. Dry, wet and dry rail.",
+    )
+
+
+def tables(
+    quick: bool, progress: Callable[[float], None] = lambda share: None, compile: bool = True
+) -> dict[str, Table]:
     """All tables of the identification."""
     found = many_seeds(quick, progress)
     found["excitation"] = excitation()
     found["convergence"] = convergence(quick)
+    for name in RUNS:
+        found[f"loop_{name}"] = in_closed_loop(name, compile)
     progress(1.0)
     return found
 
 
 def _experiment(context: Context) -> Mapping[str, Table]:
-    return tables(context.quick, context.progress)
+    return tables(context.quick, context.progress, context.compile)
 
 
 EXPERIMENTS = {

@@ -45,6 +45,18 @@ def test_wide_run_identifies_from_speed_and_adhesion_only():
     assert all(good(a, 0, 20) for a in found)
 
 
+@pytest.mark.skipif(build.compiler() is None, reason="a million ticks")
+def test_closed_loop_identifies_on_a_long_run_and_not_on_that_of_the_paper():
+    """With observer, wheels and changes of the rail; the controller uses what is identified."""
+    table = study.in_closed_loop("long")
+    assert abs(table["error"][-1]) < 0.01
+    assert max(abs(e) for e in table["error"][2:]) < 0.02
+    assert table["identified"][-1]
+    table = study.in_closed_loop("paper")
+    assert not any(table["identified"])
+    assert max(abs(e) for e in table["error"][4:]) < 0.1
+
+
 def test_narrow_run_does_not_identify():
     found = [study.METHODS[study.SQUARES]("narrow", study.NOISE, s) for s in range(1, 31)]
     assert sum(good(a, 5, 8) for a in found) < 10
