@@ -33,6 +33,7 @@ _WHERE = {
     "optimum": ["argmax", "argmax_block"],
     "lookup": ["argmax_table"],
     "predictive": ["nmpc"],
+    "clairvoyant": ["trajectory", "Trajectory"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [
         "Study",
@@ -54,6 +55,7 @@ __all__ = ["__version__", *_HOME]
 if TYPE_CHECKING:
     from slipctl.adaptors import flip_sign, ratio_to_speed, speed_to_ratio
     from slipctl.block import Block, flow, law, make_block, step
+    from slipctl.clairvoyant import Trajectory, trajectory
     from slipctl.codegen import CModule, c_module
     from slipctl.connection import connect
     from slipctl.errors import BadInput, RunFailed

@@ -20,7 +20,7 @@ from slipctl.block import Block
 from slipctl.doors import blame, find_block, load_block, load_file
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.metrics import Run, measure, place, rail_changes
-from slipctl.simulation import _find, _rail_values, simulate
+from slipctl.simulation import _find, rail_values, simulate
 from slipctl.studying import OPEN, Case, Context, NotRun, Results, Study, Table, Verdict, judge
 from slipctl.texts import tolerance_text
 
@@ -175,7 +175,7 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
                 if s.loop not in ("", name):
                     continue
                 targets = s.matches(loop)
-                by_rail = {n for group in _rail_values(loop, case.scenario) for n in group}
+                by_rail = {n for group in rail_values(loop, case.scenario) for n in group}
                 free = [t for t in targets if t not in by_rail]
                 if len(free) < len(targets) and not overruled:
                     first = next(t for t in targets if t in by_rail)

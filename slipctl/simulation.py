@@ -74,7 +74,7 @@ def simulate(
     start = {_find(loop, "state", k): v for k, v in scenario.start.items()}
     if params:
         loop = loop.with_params(**params)
-    rail_inputs, rail_params = _rail_values(loop, scenario)
+    rail_inputs, rail_params = rail_values(loop, scenario)
     u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
 
@@ -121,7 +121,7 @@ def _find(loop: Block, role: str, name: str) -> str:
     return loop.find(name, role)
 
 
-def _rail_values(
+def rail_values(
     loop: Block, scenario: Scenario
 ) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
     """Values per section of the inputs and of the parameters that the rail sets."""
@@ -261,7 +261,7 @@ def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarr
     """
     rail: Rail = scenario.rail  # type: ignore[assignment]
     name = _find(loop, "state", "x" if rail.by == "position" else rail.by)
-    inputs, params = _rail_values(loop, scenario)
+    inputs, params = rail_values(loop, scenario)
     varying = {**inputs, **params}
     sym = symbol_maker(loop.sx)
     n, places = len(rail.sections), Block._sibling(name, "behind")
