@@ -7,6 +7,7 @@ block itself. What the folder holds is told in docs/c_interface.md.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import analysis, back_to_back, expected, files, fmu, targets
+from slipctl.ccode import analysis, back_to_back, expected, files, fmu, rounding, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.board import board_files
@@ -293,6 +294,8 @@ def _produce(
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     folders.check_folder(folder, [*made, *archives, "vectors.txt", folders.MANIFEST])
     used = cc.compilers() if replay else ()
+    if replay and real == "float":
+        rounding.compiler()
     values = block.param_values(**(params or {}))
     rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
     if not len(rows):
@@ -315,7 +318,9 @@ def _produce(
     run = expected.guarded(
         plan, rows, outputs, states, expected.start_state(block, used_params)
     )  # fmt: skip
-    run = expected.with_limits(plan, run, used_params)
+    run = expected.with_limits(
+        plan, run, used_params, _trials(plan, made, rows, used_params) if replay else None
+    )
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(run, KEPT))
@@ -336,6 +341,16 @@ def _produce(
     data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
     folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
     return Report(folder, data, CModule(folder, plan))
+
+
+def _trials(
+    plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any]
+) -> rounding.Trials | None:
+    """Runs of a float module with other roundings; none are needed in double."""
+    if plan.real == "double":
+        return None
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        return rounding.trials(plan, made, rows, params, Path(scratch))
 
 
 def _text_files(plan: Plan) -> dict[str, str]:

@@ -46,7 +46,7 @@ def compare(
             state_bytes = module.instance_bytes
             module.reset(**params)
             got = np.hstack(module.replay_rows(run.rows))
-            faults = int(np.count_nonzero((module.status & mask) != (run.status & mask)))
+            faults = run.faults(module.status, mask)
             for n, differs in differences(plan, run, got).items():
                 known = signals.setdefault(n, differs)
                 for k in ("absolute", "relative", "counted"):
@@ -93,6 +93,7 @@ def compare(
         "largest_relative": largest,
         "ticks_off_range": run.refused,
         "ticks_limited": run.limited,
+        "ticks_undecided": run.undecided,
         "passed": passed and all(s["counted"] <= s["limit"] for s in signals.values()),
     }
 

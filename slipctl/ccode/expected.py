@@ -18,23 +18,31 @@ from slipctl.ccode.header import bit
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.precision import epsilon, rounded
+from slipctl.ccode.rounding import Trials
 
 LIMIT = 1e-12
 """Largest allowed difference in double, relative to the largest value of the signal."""
 
-ROUNDINGS = 64
-"""Roundings of one step that may all fall to one side: the limit of a signal in float is as many
-times eps of its largest value, and what the rounding of states and inputs does to it besides."""
-
 AMPLIFIED = 16
-"""Times the spread that the roundings of states and inputs caused in the trials."""
+"""Times the spread of the trials: eight runs do not show the rarest decision."""
 
-TRIALS = 3
-"""Runs of the block in double with states and inputs moved at random by eps of float."""
+ROUNDINGS = 2
+"""Roundings that the limit of a signal in float has besides, of its largest value: of the input
+and of the result."""
+
+UNTRIED = 64
+"""The same where there were no trials of the compiled text, only of rounded states and inputs."""
+
+MOVED = 3
+"""Such trials: runs of the block in double with states and inputs moved at random by eps."""
 
 ENVELOPE = 0.1
-"""Where the limit is a larger part than this of what the signal swings over, it chatters: least and
-greatest value are compared instead, to this part."""
+"""Where the limit is a larger part than this of what the signal swings over, it depends on
+decisions or chatters: least and greatest value are compared instead, to this part, or to twice
+what those of the trials differ by where that is more."""
+
+UNDECIDED = -1
+"""Status of a tick in which arithmetic decides: trials have another one than the block."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,16 @@ class Expected:
     def refused(self) -> int:
         """Ticks with an input out of its range."""
         return int(np.count_nonzero(self.status == bit("OFF_RANGE")))
+
+    @property
+    def undecided(self) -> int:
+        """Ticks whose status depends on arithmetic."""
+        return int(np.count_nonzero(self.status == UNDECIDED))
+
+    def faults(self, status: np.ndarray, mask: int) -> int:
+        """Ticks in which another status was given, of those that are decided."""
+        differ = (status & mask) != (self.status & mask)
+        return int(np.count_nonzero(differ & (self.status != UNDECIDED)))
 
     @property
     def limited(self) -> int:
@@ -94,8 +112,10 @@ def guarded(
     )  # fmt: skip
 
 
-def with_limits(plan: Plan, run: Expected, params: Mapping[str, Any]) -> Expected:
-    """Say how much each signal of the C may differ."""
+def with_limits(
+    plan: Plan, run: Expected, params: Mapping[str, Any], trials: Trials | None = None
+) -> Expected:
+    """Say how much each signal of the C may differ, in float by what the trials differ."""
     members = [*plan.layout.outputs, *plan.layout.states]
     wanted = np.hstack([run.outputs, run.states])
     if plan.real == "double":
@@ -103,18 +123,28 @@ def with_limits(plan: Plan, run: Expected, params: Mapping[str, Any]) -> Expecte
             m.name: LIMIT * (_largest(w) or 1.0) for m, w in _parts(members, wanted)
         }  # fmt: skip
         return Expected(run.rows, run.outputs, run.states, run.status, limits, frozenset())
-    spread = _spread(plan, run, params)
-    limits, envelope = {}, set()
-    for (m, w), (_, s) in zip(_parts(members, wanted), _parts(members, spread), strict=True):
-        limits[m.name] = AMPLIFIED * _largest(s) + ROUNDINGS * epsilon("float") * (
-            _largest(w) or 1.0
+    eps, status = epsilon("float"), run.status
+    if trials is None:
+        spread, ends, eps = _spread(plan, run, params), 0 * wanted[:1], UNTRIED * eps
+    else:
+        spread = np.abs(trials.rows - wanted).max(axis=(0, 1))[np.newaxis]
+        low, high = (
+            np.abs(end(trials.rows, axis=1) - end(wanted, axis=0)).max(axis=0)
+            for end in (np.min, np.max)
         )
+        ends, eps = np.maximum(low, high)[np.newaxis], ROUNDINGS * eps
+        other = ((trials.status ^ status) & ~bit("LIMITED")).any(axis=0)
+        status = np.where(other, UNDECIDED, status)
+    limits, envelope = {}, set()
+    parts = (_parts(members, rows) for rows in (wanted, spread, ends))
+    for (m, w), (_, s), (_, e) in zip(*parts, strict=True):
+        limits[m.name] = AMPLIFIED * _largest(s) + eps * (_largest(w) or 1.0)
         swing = float(np.ptp(w, axis=0).max(initial=0.0))
-        varies = swing > ROUNDINGS * epsilon("float") * _largest(w)
+        varies = swing > eps * _largest(w)
         if varies and not limits[m.name] <= ENVELOPE * swing:
             envelope.add(m.name)
-            limits[m.name] = max(ENVELOPE * swing, ROUNDINGS * epsilon("float") * _largest(w))
-    return Expected(run.rows, run.outputs, run.states, run.status, limits, frozenset(envelope))
+            limits[m.name] = max(ENVELOPE * swing, 2 * _largest(e), eps * _largest(w))
+    return Expected(run.rows, run.outputs, run.states, status, limits, frozenset(envelope))
 
 
 def differences(plan: Plan, run: Expected, got: np.ndarray) -> dict[str, dict[str, Any]]:
@@ -172,12 +202,12 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
     wanted = np.hstack([run.outputs, run.states])[good]
     moved_x = (np.vstack([start, run.states]) % 1 != 0).any(axis=0)
     moved_u = (rows % 1 != 0).any(axis=0)
-    x = np.repeat(start[:, np.newaxis], TRIALS, axis=1)
+    x = np.repeat(start[:, np.newaxis], MOVED, axis=1)
     worst = np.zeros(wanted.shape[1])
-    many = block.f.map(TRIALS)
-    p = ca.repmat(p, 1, TRIALS)
+    many = block.f.map(MOVED)
+    p = ca.repmat(p, 1, MOVED)
     for k, row in enumerate(rows):
-        u = np.repeat(row[:, np.newaxis], TRIALS, axis=1)
+        u = np.repeat(row[:, np.newaxis], MOVED, axis=1)
         x = x * (1 + eps * moved_x[:, np.newaxis] * rng.uniform(-1, 1, x.shape))
         u = u * (1 + eps * moved_u[:, np.newaxis] * rng.uniform(-1, 1, u.shape))
         following, y = many(x, u, p)

@@ -132,21 +132,26 @@ def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> 
 def _state(plan: Plan) -> str:
     n, lay = plan.name, plan.layout
     _, _, sz_iw, sz_w = plan.equations.work
-    lines = [
+    lines = []
+    if lay.derived:
+        lines += [comment("Derived parameters, computed by init and tune.")]
+        lines += [f"struct {n}_derived {{"]
+        for m in lay.derived:
+            lines += [member_comment(m), f"    {m.declared()}"]
+        lines += ["};", ""]
+    if plan.next_in_state:
+        lines += ["/* State of the next tick. */", next_struct(plan) + ";", ""]
+    lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
         f"typedef struct {n}_state {{",
     ]
     for m in lay.states:
         lines += [member_comment(m), f"    {m.declared()}"]
     if lay.derived:
-        lines += [comment("Derived parameters, computed by init and tune.", "    ")]
-        lines += [f"    struct {n}_derived {{"]
-        for m in lay.derived:
-            lines += [member_comment(m, "        "), f"        {m.declared()}"]
-        lines.append("    } derived;")
+        lines.append(f"    struct {n}_derived derived;")
     lines.append(f"    {n}_out held; /* outputs of the last good step */")
     if plan.next_in_state:
-        lines.append(textwrap.indent(next_struct(plan), "    ") + " next; /* scratch of step */")
+        lines.append(f"    struct {n}_next next; /* scratch of step */")
     if plan.work_in_state:
         members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
         lines.append(f"    struct {n}_work {{ {' '.join(members)} }} work; /* scratch of step */")

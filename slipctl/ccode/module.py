@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode.back_to_back import packed
 from slipctl.ccode.compilers import compile_object, compilers, link
 from slipctl.ccode.layout import Member
-from slipctl.ccode.plan import Plan, matrix
+from slipctl.ccode.plan import Plan, matrix, packed
 from slipctl.ccode.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
 
@@ -89,18 +88,21 @@ class CModule:
         self._lib = None
         self._scratch = tempfile.TemporaryDirectory(prefix="slipctl_")
         scratch = Path(self._scratch.name)
-        keep = "(void)states;"
-        if self._plan.layout.states:
-            n = _size(self._plan.layout.states)
-            keep = f"memcpy(states + k * {n}, state, {n} * sizeof({self._plan.real}));"
-        (scratch / "bind.c").write_text(
-            _REPLAY.format(n=self.name, keep=keep, real=self._plan.real)
-        )
+        (scratch / "bind.c").write_text(self.binding)
         objects = [self.object_file, scratch / "bind.o"]
         compile_object(cc, source, objects[0], "-fPIC")
         compile_object(cc, scratch / "bind.c", objects[1], "-fPIC", f"-I{self.folder.resolve()}")
         link(cc, objects, scratch / f"{self.name}.so", "-shared")
         return self
+
+    @property
+    def binding(self) -> str:
+        """C text that replays ticks, for a library that is called from here."""
+        keep = "(void)states;"
+        if self._plan.layout.states:
+            n = _size(self._plan.layout.states)
+            keep = f"memcpy(states + k * {n}, state, {n} * sizeof({self._plan.real}));"
+        return _REPLAY.format(n=self.name, keep=keep, real=self._plan.real)
 
     @property
     def object_file(self) -> Path:
@@ -120,11 +122,16 @@ class CModule:
         self._need_load()
         return int(self._lib.bind_sizes(2))
 
-    def load(self) -> CModule:
-        """Load the compiled module (compiling it first if need be) and reset it."""
-        if self._scratch is None:
-            self.compile()
-        self._lib = ctypes.CDLL(str(self.object_file.with_suffix(".so")))
+    def load(self, library: Path | None = None) -> CModule:
+        """Load the compiled module (compiling it first if need be) and reset it.
+
+        With ``library``, load that one, made of the source and of ``binding``.
+        """
+        if library is None:
+            if self._scratch is None:
+                self.compile()
+            library = self.object_file.with_suffix(".so")
+        self._lib = ctypes.CDLL(str(library))
         lay = self._plan.layout
         groups = (lay.inputs, lay.params, lay.states, lay.outputs)
         width, kind = size(self._plan.real), self._kind

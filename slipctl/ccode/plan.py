@@ -228,6 +228,11 @@ def constant(signal: Signal, value: Any) -> np.ndarray:
     return np.broadcast_to(np.asarray(value, dtype=float), signal.shape).reshape(matrix(signal))
 
 
+def packed(m: Member, value: Any) -> np.ndarray:
+    """Elements of one value in the order of C: column by column."""
+    return constant(m.signal, value).ravel(order="F")
+
+
 def first_sentence(doc: str) -> str:
     """First paragraph of a text, on one line."""
     return " ".join(doc.strip().partition("\n\n")[0].split())
