@@ -58,9 +58,7 @@ MODELS: dict[str, Any] = {"adh": polach, "observer": adhesion.adhesion_observer(
 
 
 class Target(NamedTuple):
-    """Target over time, one value per tick: times in s, position in m, speed in m/s, acceleration
-    in m/s^2.
-    """
+    """Target over time: times in s, position in m, speed in m/s, acceleration in m/s^2."""
 
     t: np.ndarray
     x: np.ndarray
