@@ -15,12 +15,10 @@ observed adhesion, then the peak of the next poorer one, ordered at the present 
 Each block is of one axle; ``replicate`` makes them of all.
 """
 
-from collections.abc import Callable, Sequence
+import math
 from functools import lru_cache
-from typing import Any
 
-import numpy as np
-from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sign, sqrt, vertcat
+from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sign, sqrt
 
 from slipctl import (
     BadInput,
@@ -32,28 +30,18 @@ from slipctl import (
     connect,
     law,
     make_block,
-    one,
     replicate,
     step,
 )
 from slipctl.certify import adhesion_observer as bounds
-from slipctl.models.contact import peak, polach
+from slipctl.models.contact import peak_table, polach
+from slipctl.models.freight_traction import known
 from slipctl.models.hst_traction import tractive_effort
-from slipctl.optimum import Peak
 
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
 SLOPE = 2000.0
 """Largest |f'| in rad/s^3 that the default gains are made for: mu by 2.75 per s."""
-
-NODES = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 55.0, 70.0, 90.0)
-"""Speeds in m/s of the table of peaks."""
-
-
-def known(what: str, choice: str, choices: tuple[str, ...]) -> None:
-    """Refuse a choice that a block does not have."""
-    if choice not in choices:
-        raise BadInput(f"{what} has no {choice!r}; it has {', '.join(choices)}")
 
 
 # ---- observers -----------------------------------------------------------------------------------
@@ -76,7 +64,7 @@ def adhesion_observer(
     K1_0, K2_0, K3_0 = gains or (1.05 * (2 * 2.2 * SLOPE) ** 0.5, 2.2 * SLOPE, 0.5)
     if not bounds.exact(K1_0, K2_0, SLOPE):
         least = bounds.smallest_K1(K2_0, SLOPE)
-        say = f"K2 above {2 * SLOPE:g}" if np.isinf(least) else f"K1 above {least:.4g}"
+        say = f"K2 above {2 * SLOPE:g}" if math.isinf(least) else f"K1 above {least:.4g}"
         raise BadInput(
             f"adhesion_observer: K1 = {K1_0:g}, K2 = {K2_0:g} do not hold |f'| = {SLOPE:g} rad/s^3;"
             f" {say} would"
@@ -163,32 +151,15 @@ def linear_observer(
 # ---- anti-slip limit -----------------------------------------------------------------------------
 
 
-def table(values: Sequence[float], unit: str) -> Callable[[Any], Any]:
-    """Function of the speed: straight lines through values at ``NODES``, continued flat.
+peaks = lru_cache(maxsize=8)(peak_table)
+"""Best creep and largest adhesion of the typical surfaces by the speed, computed once per law."""
+
+
+def typical_surfaces(creep_law: Block = polach) -> Block:
+    """Make the curves of the typical surfaces: from ``v_s`` and ``v`` to ``mu``, one per surface.
 
     Args:
-        values: one per node. unit: of the values, as text.
-    """
-    slopes = [0.0, *np.diff(values) / np.diff(NODES), 0.0]
-    bend = one(f"({unit}) s/m")
-
-    def value(v: Any) -> Any:
-        corners = (float(b) * bend * fmax(v - at * one("m/s"), 0)
-                   for b, at in zip(np.diff(slopes), NODES, strict=True))  # fmt: skip
-        return float(values[0]) * one(unit) + sum(corners)
-
-    return value
-
-
-def typical_surfaces(creep_law: Block = polach) -> tuple[Block, Block]:
-    """Make the curves of the typical surfaces, and a table of their peaks over the speed.
-
-    Args:
-        creep_law: law from ``v_s`` and ``v`` to ``mu`` whose conditions are the typical surfaces.
-
-    Returns:
-        Copies of the law, one per surface, and a law from ``v`` to the peaks' adhesion ``mu_max``
-        and creep ``v_best``.
+        creep_law: law whose conditions are the typical surfaces.
 
     Raises:
         BadInput: a law with fewer than two surfaces.
@@ -196,36 +167,16 @@ def typical_surfaces(creep_law: Block = polach) -> tuple[Block, Block]:
     surfaces = creep_law.conditions
     if len(surfaces) < 2:
         raise BadInput(f"typical_surfaces: {creep_law.name} has {len(surfaces)}, it takes 2")
-    n = len(surfaces)
     distinct = list(dict.fromkeys(k for values in surfaces.values() for k in values))
     bare = make_block(  # without conditions: what the rail is, is not told to the controller
         "curves", "law", creep_law.expr, inputs=creep_law.inputs.values(),
         params=creep_law.params.values(), outputs=creep_law.outputs.values(), doc=creep_law.doc,
     )  # fmt: skip
-    copies = replicate(bare, n, ["v_s", "v"], distinct, axis="surface")
-    copies = copies.with_params(
+    copies = replicate(bare, len(surfaces), ["v_s", "v"], distinct, axis="surface")
+    return copies.with_params(
         **{k: [row.get(k, creep_law.params[k].value) for row in surfaces.values()]
            for k in distinct}
     )  # fmt: skip
-    tops = _peaks(creep_law)
-
-    @law(
-        mu_max=Output("1", "adhesion of the peak of each surface", shape=(n,)),
-        v_best=Output("m/s", "creep of the peak of each surface", shape=(n,)),
-        name="peaks", choices={"law": creep_law.name, "surfaces": ", ".join(surfaces)},
-    )  # fmt: skip
-    def peaks(v=Input("m/s", "train speed")):
-        """Peaks of the typical surfaces, tabulated over the speed."""
-        heights = [table([top.value for top in row], "1")(v) for row in tops]
-        places = [table([top.location for top in row], "m/s")(v) for row in tops]
-        return dict(mu_max=vertcat(*heights), v_best=vertcat(*places))
-
-    return copies, peaks
-
-
-@lru_cache(maxsize=8)
-def _peaks(creep_law: Block) -> list[list[Peak]]:
-    return [[peak(max(v, 0.1), k, creep_law) for v in NODES] for k in creep_law.conditions]
 
 
 def classification(surfaces: int = 5) -> Block:
@@ -289,7 +240,7 @@ def usable_adhesion(axles: int, creep_law: Block = polach) -> Block:
     Returns:
         Step from ``omega`` and ``mu_hat`` of the axles and ``v`` to ``mu_lim`` and ``surface``.
     """
-    curves, peaks = typical_surfaces(creep_law)
+    curves = typical_surfaces(creep_law)
     wires = {
         "creep.omega": "omega",
         "creep.v": "v",
@@ -306,9 +257,9 @@ def usable_adhesion(axles: int, creep_law: Block = polach) -> Block:
     parts = {"creep": creep, "curves": curves, "class": classification(len(creep_law.conditions))}
     axle = replicate(connect("axle", wires, **parts), axles, ["v", "mu_max", "v_best"])
     wires = {f"axle.{n}": n for n in ("omega", "mu_hat", "v")} | {"peaks.v": "v"}
-    wires |= {f"axle.{n}": f"peaks.{n}" for n in ("mu_max", "v_best")}
+    wires |= {"axle.mu_max": "peaks.value", "axle.v_best": "peaks.best"}
     wires |= {n: f"axle.{n}" for n in ("mu_lim", "surface")}
-    return connect("usable", wires, peaks=peaks, axle=axle)
+    return connect("usable", wires, peaks=peaks(creep_law), axle=axle)
 
 
 @law(v_s=Output("m/s", "creep, rim minus train", positive="traction", per="speed"))

@@ -39,6 +39,7 @@ from slipctl import (
 )
 from slipctl.certify import higher_order as bounds
 from slipctl.models.contact import polach
+from slipctl.models.freight_traction import known
 from slipctl.models.hst_traction import resistance
 from slipctl.models.hst_traction_adhesion import (
     GUESS,
@@ -46,7 +47,6 @@ from slipctl.models.hst_traction_adhesion import (
     adhesion_observer,
     antislip_limit,
     characteristic,
-    known,
     usable_adhesion,
 )
 from slipctl.quadratic import qp_kernel

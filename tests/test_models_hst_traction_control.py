@@ -299,5 +299,5 @@ def test_first_move_of_predictive_control_keeps_the_jerk():
 def test_bad_input():
     with pytest.raises(BadInput, match="axles = 0"):
         control.controller(control.pid, axles=0)
-    with pytest.raises(BadInput, match="surfaces"):
+    with pytest.raises(BadInput, match="typical_surfaces"):
         adhesion.typical_surfaces(control.pid)
