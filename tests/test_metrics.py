@@ -216,6 +216,14 @@ def test_tracking_errors() -> None:
     assert metric("position_error_rms", s, **values) == pytest.approx(4)
 
 
+def test_a_slip_of_traction_counts_from_the_rim() -> None:
+    """Rim at 1.95 of the vehicle is no lock; rim at rest has a slip of -v."""
+    data = log(v=2.0, s=np.where(T < 1 - 1e-9, -2.0, 1.9))
+    data["s"].attrs["positive"] = "traction"
+    found = measure(Run(data, Signals(speed="v", slip="s"), ()))
+    assert found["lock_time"].value == pytest.approx(1.0)
+
+
 def test_lock_time_from_slip_speed_ratio_or_rim_speed() -> None:
     locked = (T >= 1 - 1e-9) & (T < 1.4 - 1e-9)
     v = 10 + 0 * T
