@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Context
+from slipctl import BadInput, Context, build, codegen, simulate
 from slipctl.certify import barrier as bounds
 from slipctl.running import prepare
 from slipctl.studies import freight_traction as module
@@ -144,6 +144,19 @@ def test_literal_law_rests_below():
 def test_authority_of_the_motor():
     assert barrier.torque_gain() == pytest.approx(0.625 / (40 * 6.294))
     assert bounds.lag_excursion(5.84, 0.02, 50.6) == pytest.approx(0.0070, abs=5e-5)
+
+
+@pytest.mark.skipif(build.compiler() is None, reason="no C compiler on this machine")
+@pytest.mark.parametrize(
+    ("scenario", "name"),
+    [("real", "improved_robust"), ("base", "smes_corrected"), ("base", "esa_printed")],
+)
+def test_controller_in_c_repeats_the_run(scenario, name, tmp_path):
+    """Observer, seeker, reference, law and lead as one step."""
+    loop, where = context().loop(scenario, name)
+    log = simulate(loop, where.but(duration=0.4))
+    inputs = codegen.logged_inputs(loop, "ctl", log)
+    assert codegen.check(loop["ctl"], inputs, tmp_path)["passed"]
 
 
 # ---- what is refused before the run --------------------------------------------------------------

@@ -248,12 +248,14 @@ class Writer:
         if node.op == ca.OP_INPUT:
             self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
             return
+        called = set(self.helpers)
         made = self._compose(node, self.signed[k])
         while len(made.text) > WIDTH:
             long = max(node.args, key=lambda a: len(self.texts[a].text))
             if self.texts[long].rank == _ATOM and "(" not in self.texts[long].text:
                 break
             self._line(long)
+            self.helpers = set(called)  # without those of the text thrown away
             made = self._compose(node, self.signed[k])
         self.texts[k] = made
         if k in self.names or self.uses[k] > 1:
