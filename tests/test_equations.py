@@ -29,6 +29,12 @@ ITEMS = {
         "lemma 2",
         "theorem 1",
     ],
+    "003": [
+        *(f"eq {k}" for k in range(5, 9)),
+        "table 3",
+        "figure 2",
+        "figure 3",
+    ],
     "004": [
         *(f"eq {k}" for k in range(1, 49)),
         *(f"table {k}" for k in range(1, 4)),
