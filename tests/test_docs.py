@@ -22,7 +22,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 RUNNER = Path(__file__).parent / "pages.py"
 PAGES = (
-    "concepts.md", "architecture.md", "certify.md", "nmpc.md", "c_interface.md", "fmu.md",
+    "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
+    "fmu.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
