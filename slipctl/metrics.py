@@ -112,7 +112,7 @@ class Run:
         )
         if error is None or lower is None or upper is None:
             return None
-        outside = ((error < lower) | (error > upper)).any(axis=1)
+        outside = np.atleast_1d(((error < lower) | (error > upper)).any(axis=1))
         return int(outside[0]) + int(np.count_nonzero(outside[1:] & ~outside[:-1]))
 
     def span(self, start: float, stop: float) -> slice:

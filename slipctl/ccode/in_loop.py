@@ -86,7 +86,7 @@ def run_in_loop(
     rest = rest.with_params(**{simulation._find(rest, "param", k): v for k, v in kept.items()})
     assert rest.period is not None
     ticks = round(scenario.duration / rest.period)
-    rail_inputs, rail_params = simulation._rail_values(rest, scenario)
+    rail_inputs, rail_params = simulation.rail_values(rest, scenario)
     u = simulation._feed(rest, scenario, ticks, rest.period, rail_inputs)
     f, pieces = simulation._pieces(rest, scenario, ticks, rest.period, rail_params)
     start = {simulation._find(rest, "state", k): v for k, v in scenario.start.items()}
