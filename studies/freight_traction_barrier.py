@@ -26,7 +26,7 @@ CHANGES = (0.0, 2.0, 4.0)
 """Start of each section in s where only the barrier is looked at."""
 
 LAGS = (0.005, LAG)
-INNER = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+TRIED = (0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 """Inner barriers that are tried, in m/s."""
 
 K = 1200.0
@@ -99,7 +99,7 @@ def lagged(context: Context) -> dict[str, Table]:
     for lag in LAGS:
         for lead in (False, True):
             most, back, jump, before = [], [], 0.0, 0.0
-            for inner in INNER:
+            for inner in TRIED:
                 loop = holding(law, "robust", lag, lead, k_s=inner)
                 e, D = held(context, loop, ("dry", "wet"), True)
                 k = round(CHANGES[1] / H)
@@ -119,10 +119,10 @@ def lagged(context: Context) -> dict[str, Table]:
             summary["jump"].append(jump)
             summary["balance"].append(bounds.lag_excursion(jump, lag))
             summary["bound"].append(bounds.lag_excursion(jump, lag, authority))
-            summary["inner"].append(INNER[least])
+            summary["inner"].append(TRIED[least])
             summary["least"].append(most[least])
-            summary["at"].append(most[INNER.index(K_S)])
-            summary["back"].append(1e3 * back[INNER.index(K_S)])
+            summary["at"].append(most[TRIED.index(K_S)])
+            summary["back"].append(1e3 * back[TRIED.index(K_S)])
     return {
         "summary": Table(
             "Change from dry to wet behind a lag",
