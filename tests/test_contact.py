@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ellipe, ellipk
 
-from slipctl import BadInput, argmax
+from slipctl import BadInput, argmax, c_module
 from slipctl.models import contact, hertz
 from slipctl.models.contact import SURFACES, polach
 
@@ -253,6 +253,17 @@ def test_table_of_peaks():
             assert got["best"][k] == pytest.approx(true.location, rel=1e-3)
             assert got["value"][k] == pytest.approx(true.value, rel=1e-3)
     assert (table(v=200.0)["value"] == table(v=90.0)["value"]).all()
+
+
+@pytest.mark.parametrize(("real", "error"), [("double", 0.0), ("float", 1e-6)])
+def test_table_of_peaks_in_c(real, error, needs_compiler, tmp_path):
+    # float: a sum of some 30 ramps, each rounded to 2^-24
+    table = contact.peak_table(error=0.01)
+    module = c_module(table, tmp_path, real=real).compile().load()
+    for v in np.linspace(-5.0, 120.0, 101):
+        ours, there = table(v=float(v)), module.step(v=float(v))
+        for name in ours:
+            assert there[name] == pytest.approx(ours[name], rel=error, abs=0)
 
 
 def test_printed_forms():
