@@ -389,7 +389,8 @@ def _judged(
     from scipy.stats import t
 
     names = [n for n, end in zip(scale.names, ends, strict=True) if not end]
-    lost = [n for n, end, log in zip(scale.names, ends, scale.log, strict=True) if end and log]
+    runaways = [n for n, end, k in zip(scale.names, ends, scale.log, strict=True) if end and k]
+    lost = list(runaways)
     freedom = curve.measured.size - len(names)
     spread = math.sqrt(float(residuals @ residuals) / freedom)
     scaled = (J * scale.size)[:, ~ends]
@@ -400,9 +401,12 @@ def _judged(
             lost += [n for n, p in zip(names, part, strict=True) if p > 0.2 * part.max()]
     if lost:
         which = [n for n in unknown if n in lost]
+        said = [f"{n} runs to the end of its range, {values[n]:.4g}" for n in runaways]
         raise BadInput(
-            f"{curve.source} does not identify {', '.join(which)}: other values fit as well;"
+            f"{curve.source} does not identify {', '.join(which)}:"
+            f" {'; '.join(said) or 'other values fit as well'};"
             f" fix {'one of them' if len(which) > 1 else 'it'}, or measure more of the curve"
+            f"{', or check columns, units and known values' if said else ''}"
         )
     covariance = spread**2 * np.linalg.inv(scaled.T @ scaled)
     deviation = np.sqrt(np.diag(covariance)) * scale.size[~ends]
