@@ -138,6 +138,10 @@ def parser() -> Parser:
         "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
     )
 
+    p.add_argument(
+        "--fuzz", metavar="SECONDS", type=int, default=0,
+        help="feed it any bytes for so long, by libFuzzer with sanitizers",
+    )  # fmt: skip
     p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
     p.add_argument(
         "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
@@ -461,6 +465,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
         report = codegen.export(
             block, out, check=options.check, real=options.real, target=options.target,
             misra=options.misra, fmus=options.fmu,
+            fuzz_seconds=options.fuzz,
         )  # fmt: skip
     else:
         from slipctl.simulation import simulate
@@ -482,6 +487,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
             inputs=codegen.logged_inputs(loop, part, data), check=options.check,
             params=codegen.logged_params(loop, part, data), period=loop.period,
             real=options.real, target=options.target, misra=options.misra, fmus=options.fmu,
+            fuzz_seconds=options.fuzz,
         )  # fmt: skip
     print(report)
     if not report.passed:

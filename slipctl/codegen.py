@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import analysis, back_to_back, expected, files, fmu, rounding, targets
+from slipctl.ccode import analysis, back_to_back, expected, files, fmu, fuzz, rounding, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.board import board_files
@@ -56,7 +56,7 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        parts = [*self.data["targets"], self.data.get("analysis", {})]
+        parts = [*self.data["targets"], self.data.get("analysis", {}), self.data.get("fuzz", {})]
         return all(p.get("passed", True) for p in (self.data, *parts))
 
     def __str__(self) -> str:
@@ -93,6 +93,9 @@ class Report:
                 )
         if "analysis" in d:
             lines.append(f"  {analysis.summary(d['analysis'])}")
+        if "fuzz" in d:
+            f = d["fuzz"]
+            lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
         if not self.passed:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
@@ -178,6 +181,7 @@ def export(
     target: str = "host",
     misra: bool = False,
     fmus: bool = False,
+    fuzz_seconds: int = 0,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -194,6 +198,7 @@ def export(
             stack, what of double is linked; with ``check`` the same replay on a board of QEMU,
             with the instructions of a step counted.
         misra: count the findings of cppcheck and of its MISRA C:2012 addon.
+        fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
 
     Returns:
@@ -205,6 +210,7 @@ def export(
     return _produce(
         block, Path(out), name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
+        fuzz_seconds=fuzz_seconds,
     )  # fmt: skip
 
 
@@ -282,6 +288,7 @@ def _produce(
     target: str = "host",
     misra: bool = False,
     fmus: bool = False,
+    fuzz_seconds: int = 0,
 ) -> Report:
     if target != "host":
         targets.tool(target)
@@ -289,8 +296,10 @@ def _produce(
             targets.emulator(target)
     if misra:
         analysis.tool()
+    if fuzz_seconds:
+        fuzz.tool()
     plan = Plan(block, name, period, real)
-    made = _text_files(plan)
+    made = texts(plan)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     folders.check_folder(folder, [*made, *archives, "vectors.txt", folders.MANIFEST])
     used = cc.compilers() if replay else ()
@@ -335,6 +344,8 @@ def _produce(
         data["targets"] = [found]
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
+    if fuzz_seconds:
+        data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
     written: dict[str, str | bytes] = dict(made)
     if fmus:
         written |= fmu.fmus(plan, made, content, cc.found())
@@ -353,7 +364,8 @@ def _trials(
         return rounding.trials(plan, made, rows, params, Path(scratch))
 
 
-def _text_files(plan: Plan) -> dict[str, str]:
+def texts(plan: Plan) -> dict[str, str]:
+    """Text of each file of a module by its name; the content hash is not in them yet."""
     n = plan.name
     return {
         f"{n}.h": header(plan),
