@@ -186,7 +186,7 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
         assert report["signals"]["T_b"]["limit"] < 0.2
         # a module that is wrong by a millionth of the torque in one part is found out
         source = (tmp_path / "ctl.c").read_text()
-        honest = codegen._text_files
+        honest = codegen.texts
 
         def wrong(plan: Any) -> dict[str, str]:
             made = honest(plan)
@@ -196,7 +196,7 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
 
         assert "param->law_k1 *" in source
         monkey = pytest.MonkeyPatch()
-        monkey.setattr(codegen, "_text_files", wrong)
+        monkey.setattr(codegen, "texts", wrong)
         try:
             trials = codegen._trials
             monkey.setattr(
@@ -220,7 +220,7 @@ def test_roundings_of_trials_are_those_of_float(tmp_path: Path) -> None:
         return dict(s=s + u, k=k + 1), dict(y=s, n=k)
 
     plan = codegen.Plan(sums, real="float")
-    made, rows = codegen._text_files(plan), np.full((1000, 1), np.float32(0.1), dtype=float)
+    made, rows = codegen.texts(plan), np.full((1000, 1), np.float32(0.1), dtype=float)
     found = []
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
