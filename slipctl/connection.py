@@ -279,13 +279,19 @@ def _inputs(
 
 
 def _part(block: Block, outputs: list[str]) -> ca.Function:
-    """Function of the part that gives only these outputs (and no next state)."""
+    """Function of the part that gives only these outputs (and no next state).
+
+    It is made from the equations and not from the part's Function: what the outputs do not need, an
+    iteration say, is not computed for them.
+    """
     full = block.f
     sym = symbol_maker(block.sx)
     args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
-    outputs_now: Any = full(*args)
-    y = block.unpack("output", outputs_now[1])
-    column = ca.vertcat(*[ca.reshape(y[k], block.outputs[k].size, 1) for k in outputs])
+    roles = ("state", "input", "param")
+    _, y = block.expr(*[block.unpack(role, a) for role, a in zip(roles, args, strict=True)])
+    wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
+    found = block.unpack("output", wanted)
+    column = ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
     name = f"{full.name()}_part{len(outputs)}"
     return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})
 

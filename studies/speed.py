@@ -169,6 +169,13 @@ def creep() -> dict[str, Any]:
     return found
 
 
+def train() -> dict[str, Any]:
+    """Train of hst_traction over 533 s: against real time, numpy arrays, and grouped axles."""
+    from slipctl.studies.peers.train_loop import bench
+
+    return bench()
+
+
 def start() -> dict[str, Any]:
     """``slipctl --help`` against an empty Python start, as whole processes."""
 
@@ -184,6 +191,7 @@ BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "filtered": filtered,
     "identified": identified,
     "creep": creep,
+    "train": train,
     "start": start,
 }
 

@@ -29,6 +29,7 @@ from slipctl import (
     step,
     unit_delay,
 )
+from slipctl.connection import _part
 from slipctl.models import subway_braking as subway
 from slipctl.models.brakes import brake
 
@@ -382,3 +383,20 @@ def test_rail_conditions_come_through_by_full_name():
         "plant.adh.a": 0.54,
         "plant.adh.b": 1.2,
     }
+
+
+def test_a_part_called_in_pieces_is_not_computed_twice():
+    """What is known early costs its own equations only: here one step of a thousand."""
+
+    def body(x, u, p):
+        big = ca.Function("big", [a := ca.SX.sym("a")], [ca.sin(a)]).fold(1000)
+        return {"s": big(x["s"]) + u["F"]}, {"early": 2 * x["s"], "late": big(x["s"]) + u["F"]}
+
+    slow = make_block(
+        "slow", "step", body, states=[State("1").named("s")], inputs=[Input("1").named("F")],
+        outputs=[Output("1").named("early"), Output("1").named("late")], sx=False, period=1.0,
+    )  # fmt: skip
+
+    early = _part(slow, ["early"])
+    assert float(early(3.0, 0.0, [])[1]) == 6
+    assert not [k for k in range(early.n_instructions()) if early.instruction_MX(k).is_call()]

@@ -262,3 +262,14 @@ def test_linearly_implicit_steps_do_chatter():
         w, v = w + h * (u[2] - r * F) / J, v + h * 32 * F / M
         found.append(F / N)
     assert flips(np.array(found), u) > 100
+
+
+# ---- speed ---------------------------------------------------------------------------------------
+
+
+def test_numpy_peer_does_the_same(needs_compiler):
+    """What the benchmark times is the same work: speeds of 0.3 s agree to rounding."""
+    from slipctl.studies.peers import train_loop
+
+    ours = train_loop._rolling(hst.DISTINCT)(300)
+    np.testing.assert_allclose(train_loop.Peer().run(300), ours, rtol=1e-12, atol=1e-15)
