@@ -189,6 +189,11 @@ NOISY = 3e6 * LOW * (1 + 1e-3 * np.random.default_rng(3).normal(size=20))
             {"data": {"creep": LOW[::-1], "force": NOISY}, "at": {"v": 10.0}},
             "is not sorted: v_s falls",
         ),
+        (
+            {"data": {"creep": LOW, "force": NOISY}, "at": {"v": 10.0}, "unknown": ["k_A", "k_S"]},
+            "does not identify k_A, k_S: other values fit as well; fix one of them",
+        ),
+        ({"at": {"Q": 20e3}}, "mu_0 runs to the end of its range, 1;"),
         ({"data": {"creep": LOW}, "at": {"v": 10.0}}, "lacks mu; give a column mu [1], or force"),
         ({"data": {"creep": LOW[:5], "force": NOISY[:5]}, "at": {"v": 10.0}}, "has 5 points for 5"),
         ({"data": {"creep": LOW, "force": NOISY}}, "v_s is read as creep * v; give v"),
