@@ -153,7 +153,12 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     if solver == "fatrop":
         options |= {"structure_detection": "auto", "equality": equal, "fatrop.print_level": 0}
     else:
-        options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-8}
+        options |= {
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.tol": 1e-8,
+            "ipopt.mu_init": 1e-4,
+        }
     unlimited = ca.MX.ones(nx) * ca.inf
     lbx = ca.vertcat(*[m for _ in range(N) for m in (-unlimited, bounds[:nu])], -unlimited)
     ubx = ca.vertcat(*[m for _ in range(N) for m in (unlimited, bounds[nu : 2 * nu])], unlimited)

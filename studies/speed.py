@@ -176,6 +176,13 @@ def train() -> dict[str, Any]:
     return bench()
 
 
+def predictive() -> dict[str, Any]:
+    """One real-time iteration of nmpc in generated C: IPOPT, FATROP, OSQP, do-mpc."""
+    from slipctl.studies.peers.slip_nmpc import bench
+
+    return bench()
+
+
 def start() -> dict[str, Any]:
     """``slipctl --help`` against an empty Python start, as whole processes."""
 
@@ -192,6 +199,7 @@ BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "identified": identified,
     "creep": creep,
     "train": train,
+    "predictive": predictive,
     "start": start,
 }
 
