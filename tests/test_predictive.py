@@ -8,7 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slipctl import BadInput, Input, Output, Param, State, connect, every, flow, law, nmpc, sampled
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    every,
+    feasibility,
+    flow,
+    law,
+    nmpc,
+    sampled,
+)
 from slipctl.studies.peers.slip_nmpc import Driver, axle, closed_loop, cost, make
 
 
@@ -97,6 +110,35 @@ def test_a_broken_problem_holds_the_plan_and_recovers():
     u, status, _ = tick(10, 10.15, 2, 0, 0.3, 0.02)
     assert status == 0
     assert u == pytest.approx(Driver(make())(10, 10.15, 2, 0, 0.3, 0.02)[0], rel=0.05)
+
+
+def test_limits_are_kept_from_many_starts_in_closed_loop():
+    """Recursive feasibility of bounds and rates, tried; a block that lies is caught."""
+    block = make(rates={"u": 60.0})
+    ranges = {
+        "v": (1, 40), "q": (1, 41), "T": (0, 8), "xi": (-0.1, 0.1), "mu_p": (0.05, 0.4),
+    }  # fmt: skip
+    seen = feasibility(block, axle, ranges, starts=20, ticks=30)
+    assert seen.kept
+    assert seen.broken == 0
+    assert 0.5 < seen.settled <= 1
+
+    @step(period=0.02, u=Output("kN m"), status=Output("1"), passes=Output("1"), name="liar")
+    def liar(
+        v=Input("m/s", "vehicle speed"), q=Input("m/s", "rim speed"), T=Input("kN m", "torque"),
+        xi=Input("s", ""), mu_p=Input("1", "peak", value=0.3), u_hi=Param("kN m", 1.0, "limit"),
+    ):  # fmt: skip
+        """Claims a limit and commands twice as much."""
+        return {}, dict(u=2 * u_hi, status=0 * v, passes=0 * v)
+
+    caught = feasibility(liar, axle, {n: ranges[n] for n in ("v", "q", "T", "xi")}, starts=2)
+    assert not caught.kept
+    assert caught.largest_excess == (pytest.approx(1.0), "u")
+    assert set(caught.witness) >= {"v", "q"}
+    with pytest.raises(BadInput, match="'w' is no input"):
+        feasibility(block, axle, {"w": (0, 1)})
+    with pytest.raises(BadInput, match="give ranges"):
+        feasibility(block, axle, {"v": (1, 40)})
 
 
 def test_two_controls_and_bounds_that_are_inputs():
