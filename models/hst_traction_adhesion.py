@@ -207,14 +207,15 @@ def classification(surfaces: int = 5) -> Block:
 
         Wang 2025 section 3.2, Fig. 4. Added here: the order is that of the peaks at the present
         speed; the poorest surface has no next one and gives ``margin`` of its own peak; where all
-        curves lie close together (at little creep) the class is kept; beyond its peak the adhesion
-        falls, so only ``cut`` of what is left is allowed, which brings the wheel back.
+        curves lie close together (at little creep), or the observed adhesion has not the sign of
+        the creep, the class is kept; beyond its peak the adhesion falls, so only ``cut`` of what is
+        left is allowed, which brings the wheel back.
         """
         surface, off = 0, fabs(mu_hat - mu[0])
         for i in range(1, surfaces):
             nearer = fabs(mu_hat - mu[i])
             surface, off = if_else(nearer < off, i, surface), fmin(nearer, off)
-        tell = mmax(mu) - mmin(mu) >= blind
+        tell = logic_and(mmax(mu) - mmin(mu) >= blind, v_s * mu_hat > 0)
         surface = if_else(tell, surface, last)
         top, at = mu_max[0], v_best[0]
         for i in range(1, surfaces):

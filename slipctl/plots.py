@@ -42,6 +42,10 @@ COLOURS = {
     "sta": BLUE,
     "sta_online": GREEN,
     "pid": AMBER,
+    "hosm": BLUE,
+    "asmc": PURPLE,
+    "mpc": GREEN,
+    "robust": SKY,
     "fixed": PURPLE,
     "eppfc": BLUE,
     "efc": ORANGE,
@@ -87,7 +91,7 @@ WIDTH, HEIGHT = 7.0, 1.9
 def colour(name: str) -> str:
     """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
     stem = re.sub(
-        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit).*$", "", name
+        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
     )
     for known in (name, stem):
         if known in COLOURS:

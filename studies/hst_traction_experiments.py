@@ -19,9 +19,9 @@ from slipctl.models.hst_traction import DISTINCT
 from slipctl.studies.hst_traction_loops import (
     NAMES,
     H,
-    braking_target,
     loop,
     rail_by_time,
+    shaped_target,
     target,
 )
 
@@ -254,11 +254,10 @@ def response(context: Context) -> Table:
         F = log["ctl.F_contr"].values
         k = round(5.0 / H)
         before, end = F[k], float(np.mean(F[k + 300 : k + 500]))
-        usual = np.abs(np.diff(F[k - 1000 : k])).max()
-        first = np.flatnonzero(np.abs(np.diff(F[k:])) > 2 * usual + 500.0)
+        first = np.flatnonzero(F[k:] < F[k - 1000 : k].min() - 500.0)
         most = np.flatnonzero(np.abs(F[k:] - before) >= 0.9 * abs(end - before))
         creep = log["worst.highest"].values
-        values = (name, _ms(first, 1), _ms(most, 0), 3.6 * float(creep[k : k + 2900].max()),
+        values = (name, _ms(first), _ms(most), 3.6 * float(creep[k : k + 2900].max()),
                   float((before - end) / 1e3))  # fmt: skip
         for key, value in zip(rows, values, strict=True):
             rows[key].append(value)
@@ -277,8 +276,8 @@ def response(context: Context) -> Table:
     )
 
 
-def _ms(ticks: np.ndarray, more: int) -> float | None:
-    return float((ticks[0] + more) * H * 1e3) if len(ticks) else None
+def _ms(ticks: np.ndarray) -> float | None:
+    return float(ticks[0] * H * 1e3) if len(ticks) else None
 
 
 # ---- adhesion lost and regained by place ---------------------------------------------------------
@@ -302,7 +301,7 @@ def braked(
         law: control law, by default the robust one.
     """
     duration = 14.0
-    wanted = braking_target(v, a, 0.0, duration)
+    wanted = shaped_target(v, ((0.0, -a),), duration)
     rail = patch(begin=v * 4.0)
     scenario = Scenario("braked", duration, rail, inputs=wanted.feeds(), start={"plant.train.v": v})
     block = loop(context.models, law or control.robust, limited, axles=DISTINCT)

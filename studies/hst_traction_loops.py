@@ -20,12 +20,15 @@ from slipctl import (
     State,
     connect,
     law,
+    replicate,
     step,
 )
+from slipctl.models import converters
 from slipctl.models import hst_traction_adhesion as adhesion
 from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import peak, polach
+from slipctl.models.contact import polach
 from slipctl.models.hst_traction import (
+    DISTINCT,
     GROUPED,
     motor,
     plant,
@@ -45,6 +48,12 @@ DURATION = 533.0
 
 RAIL = (("dry", 0.0), ("ice", 115.0), ("oily", 120.0), ("wet", 170.0), ("damp", 320.0))
 """Surfaces and when each begins in s; Wang 2025, Table 2."""
+
+POSITION = ((0.0, 0.2), (14.0, -0.6))
+"""Times in s and accelerations in m/s^2 of the scenario ``position``."""
+
+PATCHES = (("dry", 0.0), ("ice", 150.0), ("dry", 300.0), ("ice", 600.0), ("dry", 800.0))
+"""Surfaces of the scenario ``position`` and where each begins in m."""
 
 BAND = (-0.2, 0.8)
 """Creep in m/s that the paper gives for its controller: -0.72 to 2.88 km/h."""
@@ -114,19 +123,23 @@ def target(kappa: float) -> Target:
     return Target(t, x, smooth, np.gradient(smooth, dt))
 
 
-def braking_target(v: float, a: float, begin: float, duration: float) -> Target:
-    """Constant speed, and from ``begin`` in s on a deceleration to standstill, rounded over 2 s.
+def shaped_target(v: float, pieces: tuple[tuple[float, float], ...], duration: float) -> Target:
+    """Accelerations that hold from given times on, each change spread over 2 s, not below 0 m/s.
 
     Args:
-        v: speed in m/s. a: deceleration in m/s^2. begin, duration: in s.
+        v: speed at the start in m/s.
+        pieces: times in s, and accelerations in m/s^2 from then on.
+        duration: in s.
     """
-    t = np.arange(round(duration / 0.01) + 1) * 0.01
-    rate = a * np.clip((t - begin) / 2.0, 0.0, 1.0)
-    speed = v - np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * 0.01)])
-    moving = speed > 0
-    speed = np.maximum(speed, 0.0)
-    x = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.01)])
-    return Target(t, x, speed, np.where(moving, -rate, 0.0))
+    dt = 0.01
+    t = np.arange(round(duration / dt) + 1) * dt
+    a, before = np.zeros(t.size), 0.0
+    for begin, rate in pieces:
+        a += (rate - before) * np.clip((t - begin) / 2.0, 0.0, 1.0)
+        before = rate
+    speed = np.maximum(v + np.concatenate([[0.0], np.cumsum((a[1:] + a[:-1]) / 2 * dt)]), 0.0)
+    x = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * dt)])
+    return Target(t, x, speed, np.where(speed > 0, a, 0.0))
 
 
 def rail_by_time(start: float = 0.0) -> Rail:
@@ -197,6 +210,7 @@ def loop(
     axles: Axles = GROUPED,
     motors: Block | None = None,
     observer: Block | None = None,
+    rig: bool = False,
 ) -> Block:
     """Closed loop: train, observers, limit and law.
 
@@ -207,6 +221,7 @@ def loop(
         axles: ``GROUPED``, or ``DISTINCT`` for a rail by position.
         motors: of the train, by default the lag.
         observer: of the adhesion, by default the study's.
+        rig: converters of 12 bit and noise between controller and train; the position is exact.
     """
     n = len(axles.motors)
     ctl = control.controller(control_law, n, limited, observer or models["observer"], models["adh"])
@@ -225,6 +240,23 @@ def loop(
             "net.T_b": "plant.brake.T_b",
             "ctl.omega": "plant.train.omega_d",
             "ctl.T": "net.T",
+        }
+    if rig:
+        parts["out"], parts["v_in"] = converters.force_output, converters.speed_input
+        wires |= {
+            "out.u": "ctl.F_contr",
+            "plant.F_contr": "out.y",
+            "v_in.u": "plant.train.v",
+            "ctl.v": "v_in.y",
+        }
+    if rig and limited:
+        parts["omega_in"] = replicate(converters.wheel_input, n)
+        parts["T_in"] = replicate(converters.torque_input, n)
+        wires |= {
+            "omega_in.u": "plant.train.omega_d",
+            "ctl.omega": "omega_in.y",
+            "T_in.u": "net.T",
+            "ctl.T": "T_in.y",
         }
     return connect("loop", wires, **parts)
 
@@ -273,12 +305,20 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
 
     base = scenario("base", 0.5, "target at half of the tractive effort")
     stress = scenario("stress", 0.85, "target at 0.85 of the tractive effort")
+    real = scenario("real", 0.85, "stress, with converters of 12 bit and noise")
+    some = ("hosm", "pid") if quick else NAMES
+    rig = {f"{n}_limited": loop(models, models[n], rig=True) for n in some}
+    wanted = shaped_target(30.0, POSITION, 40.0)
+    position = Scenario(
+        "position", 20.0 if quick else 40.0, Rail([Section(x, n) for n, x in PATCHES], "position"),
+        inputs=wanted.feeds(), start={"plant.train.v": 30.0},
+        doc="32 axles, ice by place: under traction, and under the brake",
+    )  # fmt: skip
+    placed = both(models, ("hosm",) if quick else ("hosm", "pid"), axles=DISTINCT)
     return [
-        Case(base, pairs, log=LOGGED, every=ROW),
+        Case(base, {k: b for k, b in pairs.items() if not quick or "hosm" in k}, log=LOGGED,
+             every=ROW),
         Case(stress, pairs | variants(models), log=LOGGED, every=ROW),
-    ]
-
-
-def peak_creep(v: float, surface: str) -> float:
-    """Creep in m/s of the largest adhesion of a surface at a speed in m/s."""
-    return peak(v, surface).location
+        Case(position, placed, log=LOGGED, every=ROW),
+        Case(real, rig, log=LOGGED, every=ROW),
+    ]  # fmt: skip
