@@ -244,15 +244,17 @@ def plant(
         adhesion: law from ``v_s`` and ``v`` to ``mu``.
         axles: ``GROUPED`` for a rail by time, ``DISTINCT`` for a rail by position.
         h: tick in s.
-        motor: flow from ``F_cmd``, ``omega`` and ``v`` to ``T``; by default the consistent lag.
+        motor: flow from ``F_cmd`` and ``omega`` (and ``v``) to ``T``: the lag, or
+            ``motors.vector_drive()`` at h = 0.1 ms.
         brake: flow from ``F_cmd`` to ``T_b``.
         distinct: parameters of the law, beside those of its rail conditions, of which each axle
             has its own.
     """
     drive = sampled(_lagging if motor is None else motor, h, "rk4")
+    shared = [k for k in ("F_cmd", "v") if k in drive.inputs]
     parts = {
         "share": distribution,
-        "motor": replicate(drive, len(axles.motors), ("F_cmd", "v"), axis="driven"),
+        "motor": replicate(drive, len(axles.motors), shared, axis="driven"),
         "brake": sampled(brake, h, "rk4"),
         "res": resistance,
         "train": rolling(adhesion, axles, h, distinct),
@@ -261,13 +263,14 @@ def plant(
         "share.F_contr": "F_contr",
         "motor.F_cmd": "share.F_m",
         "motor.omega": "train.omega_d",
-        "motor.v": "train.v",
         "brake.F_cmd": "share.F_b",
         "res.v": "train.v",
         "train.T": "motor.T",
         "train.T_b": "brake.T_b",
         "train.F_d": "res.F_d",
     }
+    if "v" in shared:
+        wires["motor.v"] = "train.v"
     return connect("plant", wires, **parts)
 
 
