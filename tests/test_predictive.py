@@ -21,6 +21,7 @@ from slipctl import (
     law,
     nmpc,
     sampled,
+    step,
 )
 from slipctl.studies.peers.slip_nmpc import Driver, axle, closed_loop, cost, make
 
