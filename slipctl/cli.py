@@ -131,8 +131,8 @@ def parser() -> Parser:
         "--real", choices=("double", "float"), default="double", help="type of every number in C"
     )
     p.add_argument(
-        "--target", choices=("host", "cortex-m4", "cortex-m7"), default="host",
-        help="compile it for this processor too: bytes, stack, functions of double",
+        "--target", metavar="host|cortex-m4|cortex-m7", default="host",
+        help="compile it for this processor too, and with --check run it there; two with a comma",
     )  # fmt: skip
     p.add_argument(
         "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
@@ -468,8 +468,6 @@ def _c(options: argparse.Namespace, command: str) -> int:
             fuzz_seconds=options.fuzz,
         )  # fmt: skip
     else:
-        from slipctl.simulation import simulate
-
         study = doors.load_study(left)
         loop, case = doors.find_loop(study, loop_name)
         part = options.part or study.controller
@@ -480,12 +478,10 @@ def _c(options: argparse.Namespace, command: str) -> int:
             what = "part" if options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         log.info("running %s for its inputs", name)
-        wanted = [*loop.inputs, *loop.outputs, *loop.states]
-        data = simulate(loop, case.scenario, log=wanted)
+        inputs, params = codegen.recorded(loop, part, case.scenario)
         report = codegen.export(
             control, out, "_".join([study.name, loop_name.partition("@")[0], *words]),
-            inputs=codegen.logged_inputs(loop, part, data), check=options.check,
-            params=codegen.logged_params(loop, part, data), period=loop.period,
+            inputs=inputs, check=options.check, params=params, period=loop.period,
             real=options.real, target=options.target, misra=options.misra, fmus=options.fmu,
             fuzz_seconds=options.fuzz,
         )  # fmt: skip

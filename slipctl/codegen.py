@@ -32,6 +32,8 @@ from slipctl.errors import BadInput
 if TYPE_CHECKING:
     import xarray
 
+    from slipctl.rail import Scenario
+
 LIMIT = expected.LIMIT
 """Largest difference allowed between C in double and Python, relative to the largest value."""
 
@@ -194,9 +196,9 @@ def export(
         params: parameters of the run.
         period: tick in s for the comments.
         real: type of every number in C, ``"double"`` or ``"float"``.
-        target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``: bytes,
-            stack, what of double is linked; with ``check`` the same replay on a board of QEMU,
-            with the instructions of a step counted.
+        target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``, or for
+            several, ``"cortex-m4,cortex-m7"``: bytes, stack, what of double is linked; with
+            ``check`` the same replay on a board of QEMU, with the instructions of a step counted.
         misra: count the findings of cppcheck and of its MISRA C:2012 addon.
         fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
@@ -240,6 +242,21 @@ def logged_inputs(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, 
                 f" with log=[..., {source_name!r}]"
             )
     return found
+
+
+def recorded(
+    loop: Block, part: str, scenario: Scenario
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Run a loop for the inputs and parameters that a part of it has there.
+
+    Args:
+        loop, part: as in :func:`logged_inputs`.
+        scenario: as of :func:`slipctl.simulate`.
+    """
+    from slipctl.simulation import simulate
+
+    data = simulate(loop, scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
+    return logged_inputs(loop, part, data), logged_params(loop, part, data)
 
 
 def logged_params(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, np.ndarray]:
@@ -290,10 +307,11 @@ def _produce(
     fmus: bool = False,
     fuzz_seconds: int = 0,
 ) -> Report:
-    if target != "host":
-        targets.tool(target)
+    boards = [t for t in target.split(",") if t != "host"]
+    for t in boards:
+        targets.tool(t)
         if replay:
-            targets.emulator(target)
+            targets.emulator(t)
     if misra:
         analysis.tool()
     if fuzz_seconds:
@@ -303,7 +321,7 @@ def _produce(
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     folders.check_folder(folder, [*made, *archives, "vectors.txt", folders.MANIFEST])
     used = cc.compilers() if replay else ()
-    if replay and real == "float":
+    if replay and (real == "float" or boards):
         rounding.compiler()
     values = block.param_values(**(params or {}))
     rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
@@ -327,21 +345,23 @@ def _produce(
     run = expected.guarded(
         plan, rows, outputs, states, expected.start_state(block, used_params)
     )  # fmt: skip
-    run = expected.with_limits(
-        plan, run, used_params, _trials(plan, made, rows, used_params) if replay else None
+    trials = (
+        _trials(plan, made, rows, used_params) if replay and (real == "float" or boards) else None
     )
+    anywhere = expected.with_limits(plan, run, used_params, trials)
+    run = anywhere if real == "float" else expected.with_limits(plan, run, used_params)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
-    made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(run, KEPT))
+    made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(anywhere, KEPT))
     data = _facts(plan, content, made, values, len(rows))
     if replay:
         data |= compare(plan, made, used, run, dict(params or {}))
-    if target != "host":
-        found = targets.compiled_for(target, plan, made)
+    for t in boards:
+        found = targets.compiled_for(t, plan, made)
         if replay:
-            ran = targets.replayed_on(target, plan, made)
+            ran = targets.replayed_on(t, plan, made)
             found |= ran | {"passed": found["passed"] and ran["passed"]}
-        data["targets"] = [found]
+        data["targets"].append(found)
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:
@@ -357,8 +377,8 @@ def _produce(
 def _trials(
     plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any]
 ) -> rounding.Trials | None:
-    """Runs of a float module with other roundings; none are needed in double."""
-    if plan.real == "double":
+    """Runs of a module with other roundings; none are needed where every machine gives the same."""
+    if plan.real == "double" and not rounding.inexact(made[f"{plan.name}.c"]):
         return None
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         return rounding.trials(plan, made, rows, params, Path(scratch))

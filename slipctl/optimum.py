@@ -258,7 +258,7 @@ def argmax_several(
 
 def argmax_block(
     law: Block, over: str, maximise: str | None = None, *, lo: float, hi: float, points: int = 32,
-    newton: int = 6,
+    newton: int = 6, closed_form: bool = False,
 ) -> Block:  # fmt: skip
     """Make a law that finds the peak online: a grid, then safeguarded Newton steps.
 
@@ -269,6 +269,8 @@ def argmax_block(
         lo, hi: range of the input, in its unit.
         points: points of the grid, the ends included.
         newton: Newton steps, each replaced by bisection where it would leave the bracket.
+        closed_form: take the closed form of the peak that the law declares, put into the range;
+            there is no output ``value`` then, which would cost more than the place.
 
     Returns:
         A law. Inputs: the law's parameters and its other inputs. Outputs: ``best`` and ``value``.
@@ -292,8 +294,16 @@ def argmax_block(
     slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
     x = law.inputs[over]
 
+    if closed_form and law.closed_form is None:
+        raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
+    form = law.closed_form if closed_form else None
+
     def body(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = ca.vertcat(*[u[s.name] for s in given])
+        if form is not None:
+            free = {n: u[n] for n, s in law.params.items() if not s.derived}
+            best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**free)))
+            return {}, {"best": best}
         step = (p["hi"] - p["lo"]) / (points - 1)
         place, height = p["lo"], value_of(p["lo"], at)
         for k in range(1, int(points)):
@@ -318,9 +328,11 @@ def argmax_block(
         ],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
-            law.outputs[maximise].as_role("output", doc="value there").named("value"),
+            *([] if closed_form else
+              [law.outputs[maximise].as_role("output", doc="value there").named("value")]),
         ],
-        choices={"law": law.name, "over": over, "points": int(points), "newton": int(newton)},
+        choices={"law": law.name, "over": over}
+        | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
         doc=argmax_block.__doc__ or "",
     )  # fmt: skip
 

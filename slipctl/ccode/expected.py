@@ -41,6 +41,10 @@ ENVELOPE = 0.1
 decisions or chatters: least and greatest value are compared instead, to this part, or to twice
 what those of the trials differ by where that is more."""
 
+UNKNOWN = float(np.finfo(float).max)
+"""Limit of a signal whose ends differ among the trials by half of what it swings over, as the
+damping of an iteration that has converged does: arithmetic alone decides it."""
+
 UNDECIDED = -1
 """Status of a tick in which arithmetic decides: trials have another one than the block."""
 
@@ -115,10 +119,10 @@ def guarded(
 def with_limits(
     plan: Plan, run: Expected, params: Mapping[str, Any], trials: Trials | None = None
 ) -> Expected:
-    """Say how much each signal of the C may differ, in float by what the trials differ."""
+    """Say how much each signal of the C may differ, with trials by what they differ."""
     members = [*plan.layout.outputs, *plan.layout.states]
     wanted = np.hstack([run.outputs, run.states])
-    if plan.real == "double":
+    if plan.real == "double" and trials is None:
         limits = {
             m.name: LIMIT * (_largest(w) or 1.0) for m, w in _parts(members, wanted)
         }  # fmt: skip
@@ -132,10 +136,12 @@ def with_limits(
             np.abs(end(trials.rows, axis=1) - end(wanted, axis=0)).max(axis=0)
             for end in (np.min, np.max)
         )
-        ends, eps = np.maximum(low, high)[np.newaxis], ROUNDINGS * eps
+        ends = np.maximum(low, high)[np.newaxis]
+        eps = LIMIT if plan.real == "double" else ROUNDINGS * eps
         other = ((trials.status ^ status) & ~bit("LIMITED")).any(axis=0)
         status = np.where(other, UNDECIDED, status)
-    limits, envelope = {}, set()
+    limits: dict[str, float] = {}
+    envelope = set()
     parts = (_parts(members, rows) for rows in (wanted, spread, ends))
     for (m, w), (_, s), (_, e) in zip(*parts, strict=True):
         limits[m.name] = AMPLIFIED * _largest(s) + eps * (_largest(w) or 1.0)
@@ -144,6 +150,8 @@ def with_limits(
         if varies and not limits[m.name] <= ENVELOPE * swing:
             envelope.add(m.name)
             limits[m.name] = max(ENVELOPE * swing, 2 * _largest(e), eps * _largest(w))
+            if 2 * _largest(e) > swing:
+                limits[m.name] = UNKNOWN
     return Expected(run.rows, run.outputs, run.states, status, limits, frozenset(envelope))
 
 
@@ -167,7 +175,8 @@ def differences(plan: Plan, run: Expected, got: np.ndarray) -> dict[str, dict[st
         largest = _largest(w)
         found[m.name] = {
             "absolute": absolute, "relative": absolute / largest if largest > 0 else absolute,
-            "compared": "envelope" if m.name in run.envelope else "every tick",
+            "compared": "nothing" if run.limits[m.name] == UNKNOWN
+            else "envelope" if m.name in run.envelope else "every tick",
             "counted": counted, "limit": run.limits[m.name],
         }  # fmt: skip
     return found

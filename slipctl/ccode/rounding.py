@@ -6,11 +6,16 @@ is Monte Carlo arithmetic (Parker, Pierce, Eggert 2000) with random rounding; ro
 side adds what random rounding would average out, the drift of sums. The compiled float module is
 one more such run, with roundings half as large. So what the runs differ by is what it may differ
 by, through every cancellation, decision and iteration in between.
+
+In double every processor gives the same bits, but for exp, log and the like: mathematics libraries
+differ there by a unit in the last place. So a module in double is run with its calls of them moved
+by one, up, down, to zero, at random: what it may give with another library.
 """
 
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping
@@ -23,12 +28,59 @@ import numpy as np
 
 from slipctl.ccode.module import CModule
 from slipctl.ccode.plan import Plan
+from slipctl.ccode.precision import MATH
 from slipctl.errors import BadInput, RunFailed
 
 UP, DOWN, TO_ZERO, AT_RANDOM = range(4)
 
 RUNS = ((UP, 0), (DOWN, 0), (TO_ZERO, 0), *((AT_RANDOM, seed) for seed in range(1, 6)))
 """Rounding and seed of each run."""
+
+
+_ARITHMETIC = Path(__file__).with_suffix(".hpp")
+
+INEXACT = sorted(
+    MATH - {"ceil", "copysign", "fabs", "fdim", "floor", "fma", "fmax", "fmin", "fmod", "frexp",
+            "ldexp", "logb", "modf", "nearbyint", "nextafter", "remainder", "rint", "round",
+            "scalbn", "sqrt", "trunc"}
+)  # fmt: skip
+"""Functions that a mathematics library need not round correctly."""
+
+_LIBRARY = """#include <float.h>
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+static int rounding_mode;
+static unsigned rounding_state;
+
+extern "C" void rounding_choose(int mode, int seed)
+{
+    rounding_mode = mode;
+    rounding_state = 2463534242u + (unsigned)seed;
+}
+
+static double rounding_beside(double y)
+{
+    int side = 0;
+    switch (rounding_mode) {
+    case 0: side = 1; break;
+    case 1: side = -1; break;
+    case 2: side = (y > 0.0) ? -1 : 1; break;
+    default:
+        rounding_state ^= rounding_state << 13;
+        rounding_state ^= rounding_state >> 17;
+        rounding_state ^= rounding_state << 5;
+        side = (int)(rounding_state % 3u) - 1;
+    }
+    return (side == 0) ? y : nextafter(y, (side > 0) ? HUGE_VAL : -HUGE_VAL);
+}
+""" + "".join(f"#define {f}(...) rounding_beside({f}(__VA_ARGS__))\n" for f in INEXACT)
+
+
+def inexact(text: str) -> list[str]:
+    """Functions that C in double calls and that another mathematics library rounds otherwise."""
+    return [f for f in INEXACT if re.search(rf"\b{f}\(", text)]
 
 
 @dataclass(frozen=True)
@@ -50,15 +102,15 @@ def compiler() -> str:
         if found := shutil.which(name):
             return found
     raise BadInput(
-        "--real float --check needs a C++ compiler for its limits; install one (Debian, Ubuntu: apt"
-        " install g++)"
+        "--check of float or on a target needs a C++ compiler for its limits; install one (Debian,"
+        " Ubuntu: apt install g++)"
     )
 
 
 def trials(
     plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any], folder: Path
 ) -> Trials:
-    """Run a float module with other roundings.
+    """Run a float module with other roundings, a module in double with another libm.
 
     Args:
         plan: the module, in float.
@@ -75,7 +127,7 @@ def trials(
     for name in (f"{n}.h", f"{n}.c"):
         (folder / name).write_text(made[name], encoding="utf-8")
     module = CModule(folder, plan)
-    arithmetic = Path(__file__).with_suffix(".hpp").read_text(encoding="utf-8")
+    arithmetic = _LIBRARY if plan.real == "double" else _ARITHMETIC.read_text(encoding="utf-8")
     text = f'{arithmetic}\nextern "C" {{\n#include "{n}.c"\n{module.binding}}}\n'
     source, library = folder / "rounded.cpp", folder / f"{n}.so"
     source.write_text(text, encoding="utf-8")
