@@ -210,12 +210,17 @@ def test_refused_in_one_line(call, words):
 
 
 def test_block_of_the_closed_form() -> None:
-    law = subway_braking.double_exponential
-    block = argmax_block(law, "v_s", lo=0.01, hi=10.0, closed_form=True)
-    searched = argmax_block(law, "v_s", lo=0.01, hi=10.0)
-    for rail in law.conditions.values():
-        best = block(**rail)["best"]
-        assert best == pytest.approx(searched(**rail)["best"], rel=1e-9)
-    assert block(c=1.0, a=1e-4, b=2e-4)["best"] == 10.0  # in the range, where the peak is beyond it
+    block = argmax_block(double_exponential, "v_s", **RANGE, closed_form=True)
+    searched = argmax_block(double_exponential, "v_s", **RANGE)
+    for rail in double_exponential.conditions.values():
+        assert block(**rail)["best"] == pytest.approx(searched(**rail)["best"], rel=1e-9)
+    # in the range, where the peak is beyond it
+    assert block(c=1.0, a=1e-4, b=2e-4)["best"] == RANGE["hi"]
     with pytest.raises(BadInput, match="declares no closed form of its peak"):
-        argmax_block(hst_braking.burckhardt, "lam", lo=0.01, hi=0.9, closed_form=True)
+        argmax_block(open_ended, "u", lo=0.0, hi=1.0, closed_form=True)
+
+
+@law(y=Output("1"))
+def open_ended(u=Input("1")):
+    """No closed form."""
+    return -((u - 0.5) ** 2)

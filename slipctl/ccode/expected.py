@@ -140,8 +140,7 @@ def with_limits(
         eps = LIMIT if plan.real == "double" else ROUNDINGS * eps
         other = ((trials.status ^ status) & ~bit("LIMITED")).any(axis=0)
         status = np.where(other, UNDECIDED, status)
-    limits: dict[str, float] = {}
-    envelope = set()
+    limits, envelope = {}, set()
     parts = (_parts(members, rows) for rows in (wanted, spread, ends))
     for (m, w), (_, s), (_, e) in zip(*parts, strict=True):
         limits[m.name] = AMPLIFIED * _largest(s) + eps * (_largest(w) or 1.0)
