@@ -64,11 +64,9 @@ def sections(scenario: Scenario) -> list[tuple[str, slice]]:
 
 
 def from_when(good: np.ndarray) -> float | None:
-    """Time in s from which all ticks are good; None if the last one is not."""
-    wrong = np.flatnonzero(~good)
-    if not wrong.size:
-        return 0.0
-    return None if wrong[-1] == good.size - 1 else float(wrong[-1] + 1) * H
+    """Time in s from which all ticks are good; None if they are not so for 0.5 s at least."""
+    first = int(np.flatnonzero(~good)[-1]) + 1 if not good.all() else 0
+    return None if (good.size - first) * H < 0.5 else first * H
 
 
 def outcome(log: Any, span: slice, place: float, height: float) -> dict[str, Any]:
@@ -114,8 +112,8 @@ def reached(context: Context) -> Table:
             "creep ripple": ("m/s", rows["creep"]),
             "torque ripple": ("N m", rows["torque"]),
         },
-        "Times count from the start of the section, ripples are peak to peak over its last 0.5 s,"
-        " each tick counted.",
+        "Times count from the start of the section; for good: for its last 0.5 s at least. Ripples"
+        " are peak to peak over its last 0.5 s, each tick counted.",
     )
 
 

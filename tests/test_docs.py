@@ -241,9 +241,10 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
             assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
 
 
-def test_page_of_the_study_has_every_claim_and_scenario():
-    page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
-    study = load_study("subway_braking")
+@pytest.mark.parametrize("name", ["subway_braking", "freight_traction"])
+def test_page_of_the_study_has_every_claim_and_scenario(name):
+    page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    study = load_study(name)
     for claim in study.claims:
         assert claim.claim in page, f"{claim.id}: run docs/make_tables.py"
     named = set(re.findall(r"`(\w+)`", page))

@@ -13,7 +13,18 @@ from slipctl.certify import barrier as bounds
 from slipctl.certify import extremum
 from slipctl.models import freight_traction as freight
 from slipctl.studies.freight_traction_experiments import dry_map
-from slipctl.studies.freight_traction_loops import MODELS, SPEED, H, best, cases, knowing
+from slipctl.studies.freight_traction_loops import (
+    CHANGES,
+    FORMS,
+    MODELS,
+    SPEED,
+    TABLE_1,
+    H,
+    best,
+    knowing,
+    rail_of,
+    seeking,
+)
 
 R, GEAR, J, M, W, G = 0.625, 6.294, 40.0, 6e6, 30e3, 9.8
 GAMMA = R / (J * GEAR)
@@ -26,11 +37,11 @@ K_A = K_S + PEAK
 @cache
 def in_base(name: str):
     """Creep error, and creep less the best one, of a loop in ``base``."""
-    case = cases(MODELS, True)[0]
-    log = simulate(
-        case.loops[name], case.scenario,
-        log=["ctl.barrier.e", "plant.train.v_s", "truth.v_best"],
-    )  # fmt: skip
+    seek, _, ending = name.partition("_")
+    law = MODELS["adh"]
+    loop = seeking(law, MODELS[seek], FORMS[ending])
+    scenario = Scenario("base", 25.0, rail_of(law, TABLE_1, CHANGES))
+    log = simulate(loop, scenario, log=["ctl.barrier.e", "plant.train.v_s", "truth.v_best"])
     creep = log["plant.train.v_s"].values - log["truth.v_best"].values
     return log["ctl.barrier.e"].values, creep
 
