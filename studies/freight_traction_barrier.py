@@ -166,19 +166,16 @@ def escape(context: Context) -> dict[str, Table]:
     law = context.models["adh"]
     place, _ = best(law, "dry")
     bound = bounds.largest_disturbance(K, K_S)
-    motor = (SPEED + place) * 6.294 / 0.625
-    base = Scenario(
-        "escape", 20.0,
-        inputs={"v_ref": place, "rate": 0.0}, start={"plant.train.omega_m": motor},
-    )  # fmt: skip
+    motor = {k: v for k, v in at_the_peak(law).items() if k == "plant.train.omega_m"}
+    base = Scenario("escape", 20.0, inputs={"v_ref": place, "rate": 0.0}, start=motor)
     loop = knowing(law, "consistent")
+    rolling = freight.resistance(v=SPEED)["F_Z"] / float(freight.resistance.params["M"].value)  # type: ignore[arg-type]
     rows: dict[str, list[Any]] = {k: [] for k in ("error", "W", "share", "told", "measured")}
     for error in (1e-4, 3e-4, 4e-4, 5e-4, 1e-3, 3e-3, 0.01, 0.05):
         where = base.but(params={"ctl.disturbance.W": 30e3 * (1 + error)})
         log = simulate(loop, where, compile=context.compile, log=["ctl.barrier.e", "plant.train.D"])
-
         e = log["ctl.barrier.e"].values
-        W = error * (float(log["plant.train.D"][0]) + 45.0e3 / 6e6)
+        W = error * (float(log["plant.train.D"][0]) + rolling)
         told = bounds.escape_time(W, K, K_S)
         rows["error"].append(100 * error)
         rows["W"].append(W)

@@ -24,12 +24,14 @@ from slipctl import (
     sliding_seek,
 )
 from slipctl.certify import extremum as bounds
+from slipctl.extremum_lock import LOCK, WAIT
 from slipctl.models import freight_traction as freight
 from slipctl.studies import freight_traction_barrier as barrier
 from slipctl.studies.freight_traction_loops import (
     NOISE,
     SEEKERS,
     H,
+    at_rest,
     best,
     seeking,
     steepest,
@@ -145,10 +147,10 @@ def seeds(context: Context) -> Table:
             for rail, span in sections(where):
                 place, height = best(context.models["adh"], rail)
                 found.append(outcome(log, span, place, height))
-                locked = mode[span][-1] == 2
+                locked = mode[span][-1] == LOCK
                 unlocked += not locked
                 false += bool(locked and found[-1]["use"] < 100 * LOCKED)
-                opened = np.flatnonzero((mode[span][1:] == 0) & (mode[span][:-1] == 2)) * H
+                opened = np.flatnonzero((mode[span][1:] == WAIT) & (mode[span][:-1] == LOCK)) * H
                 reopened += int((opened > 0.2).sum())
             context.progress((k + (seed + 1) / count) / len(runs))
         locks = [f["lock"] for f in found]
@@ -191,7 +193,7 @@ def reopen(context: Context) -> Table:
         mode = log["ctl.seek.mode"].values
         rows["place"].append(v)
         rows["height"].append(100 * mu / height)
-        rows["open"].append(float(np.argmax(mode == 0)) * H if (mode == 0).any() else None)
+        rows["open"].append(float(np.argmax(mode == WAIT)) * H if (mode == WAIT).any() else None)
         rows["lock"].append(from_when(log["plant.adh.mu"].values >= LOCKED * height))
     return Table(
         "A lock put off the peak, dry rail",
@@ -207,15 +209,8 @@ def reopen(context: Context) -> Table:
 
 def _locked_at(v: float, mu: float) -> dict[str, float]:
     """Start values of a loop that has locked a creep in m/s with an adhesion."""
-    motor = (5.0 + v) * 6.294 / 0.625
-    seek = {"mode": 2.0, "v": v, "turn": v, "a": 0.06, "kept": mu, "eta": mu}
-    return {
-        "plant.train.omega_m": motor,
-        "ctl.observer.omega_m": motor,
-        "ctl.observer.T_L": mu * 30e3 * 9.8 * 0.625 / 6.294,
-        "ctl.reference.x": v,
-        **{f"ctl.seek.{k}": s for k, s in seek.items()},
-    }
+    seek = {"mode": float(LOCK), "v": v, "turn": v, "a": 0.06, "kept": mu, "eta": mu}
+    return at_rest(v, mu) | {f"ctl.seek.{k}": s for k, s in seek.items()}
 
 
 # ---- against the formulas ------------------------------------------------------------------------
@@ -339,7 +334,7 @@ def printed(context: Context) -> Table:
     for seek in (locking_seek(H), locking_seek(H, k=1.0, rho=1.0, beta=0.1, reach=0.5, wait=H)):
         loop, where = seeking(context.models["adh"], seek), context.loop("base", "smes_robust")[1]
         log = log_of(loop, where.but(duration=6.0), context.compile)
-        k = int(np.argmax(log["ctl.seek.mode"].values == 2))
+        k = int(np.argmax(log["ctl.seek.mode"].values == LOCK))
         fired.append((k * H, float(log["plant.adh.mu"].values[k])))
     height = best(context.models["adh"], "dry")[1]
     row("threshold", "time of the switch", fired[0][0], fired[1][0], "s")

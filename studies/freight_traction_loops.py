@@ -122,7 +122,7 @@ def holding(
     return seeking(law, control.hold, form, lag, lead, **values)
 
 
-def knowing(law: Block, form: str, motor: Block | None = None, **values: float) -> Block:
+def knowing(law: Block, form: str, **values: float) -> Block:
     """Loop that holds a creep ``v_ref`` and knows adhesion and resistance, without an observer.
 
     An adhesion error is one of the load that the controller believes in,
@@ -136,20 +136,24 @@ def knowing(law: Block, form: str, motor: Block | None = None, **values: float) 
         "ctl.rate": "rate",
         "plant.T_cmd": "ctl.T_cmd",
     }
-    plant = sampled(freight.plant(law, motor or freight.motor()), H, "rk4")
+    plant = sampled(freight.plant(law, freight.motor()), H, "rk4")
     return connect("loop", wires, plant=plant, ctl=control.controller(form, H, **values))
 
 
 def at_the_peak(law: Block, condition: str = "dry") -> dict[str, float]:
     """Start values of a loop that is at rest at the peak of a condition, at 5 m/s."""
-    place, height = best(law, condition)
-    motor = (SPEED + place) * 6.294 / 0.625
-    torque = height * 30e3 * 9.8 * 0.625 / 6.294
+    return at_rest(*best(law, condition))
+
+
+def at_rest(creep: float, mu: float) -> dict[str, float]:
+    """Start values of a loop that holds a creep in m/s where the adhesion is mu, at 5 m/s."""
+    p = {n: float(v) for n, v in freight.train.param_values().items()}
+    motor = (SPEED + creep) * p["R_g"] / p["r"]
     return {
         "plant.train.omega_m": motor,
         "ctl.observer.omega_m": motor,
-        "ctl.observer.T_L": torque,
-        "ctl.reference.x": place,
+        "ctl.observer.T_L": mu * p["W"] * p["g"] * p["r"] / p["R_g"],
+        "ctl.reference.x": creep,
     }
 
 
