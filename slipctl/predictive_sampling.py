@@ -108,10 +108,8 @@ def feasibility(
             if worst[0] > excess[0]:
                 excess, witness = worst, first
             before = {n: out[n] for n in names}
-            u: Any = [
-                out.get(n, out.get(short[n], given.get(n, given.get(short[n]))))
-                for n in plant.inputs
-            ]
+            known = {n: s.value for n, s in plant.inputs.items()} | given | out
+            u: Any = [known.get(short[n], known[n]) for n in plant.inputs]
             x = ca.DM([given[n] for n in plant.states])
             following = _column(step(x, ca.DM(u), plant_p)[0])
             given |= dict(zip(plant.states, map(float, following), strict=True))
