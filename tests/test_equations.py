@@ -30,7 +30,8 @@ ITEMS = {
         "theorem 1",
     ],
     "003": [
-        *(f"eq {k}" for k in range(5, 9)),
+        *(f"eq {k}" for k in (*range(1, 15), 33)),
+        "table 1",
         "table 3",
         "figure 2",
         "figure 3",
