@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from slipctl import __version__, store
 from slipctl.certify import catalogue, certificate, proofs, systems
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.studying import Gains, Study
 from slipctl.units import unit
 
 NUMBER = re.compile(
@@ -27,6 +30,15 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
+    from slipctl import doors
+
+    if system.endswith(".py") or (system in doors.studies() and system not in catalogue.SYSTEMS):
+        if settings or out is not None:
+            raise BadInput(f"{system} is a study; certify it without --set and --out")
+        return certify_study(system, as_json, command)
+    if system not in catalogue.SYSTEMS:
+        names = (*catalogue.SYSTEMS, *doors.studies())
+        raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
     chosen = catalogue.system(system)
     numbers = read_numbers(chosen, settings)
     report = systems.report(chosen, numbers)
@@ -36,7 +48,8 @@ def certify(
             raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
         store.check_folder(path.parent)
         if system == "super_twisting":
-            payload = certificate.certify_super_twisting(**numbers).payload()
+            gains = {k: numbers[k] for k in ("k1", "k2", "L", "delta") if k in numbers}
+            payload = certificate.certify_super_twisting(**gains).payload()
         else:
             payload = proofs.write(chosen, numbers)
         store.write_json(path, payload)
@@ -47,10 +60,117 @@ def certify(
     return table(report) + written
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What a study's gains are worth.
+
+    Attributes:
+        gains: what was asked.
+        report: verdicts and margins.
+        condition: whether the paper's own condition holds; None if it states none.
+        needs: what would make it hold, or how much is in reserve.
+    """
+
+    gains: Gains
+    report: Report
+    condition: bool | None
+    needs: str
+
+
+def answers(study: Study) -> list[Answer]:
+    """Certify every controller of a study with the numbers that its loops use.
+
+    Raises:
+        BadInput: the study declares none, or a loop that it does not have.
+    """
+    from slipctl import doors
+
+    if not study.gains:
+        raise BadInput(f"{study.name} declares no gains to certify; see slipctl certify")
+    found, cases = [], doors.build_cases(study)
+    for gains in study.gains:
+        loop, _ = doors.pick_loop(study, cases, gains.loop)
+        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
+        report = systems.report(catalogue.system(gains.system), numbers)
+        own = report.criteria.get(gains.condition)
+        found.append(Answer(gains, report, own.holds if own else None, needs(report)))
+    return found
+
+
+def needs(report: Report) -> str:
+    """What would make each refuted criterion hold; if none is, the margin that is used up most."""
+    missing = []
+    closest = (math.inf, "")
+    for name, f in report.criteria.items():
+        ends = [(m, v) for m, v in f.margins.items() if v is not None and math.isfinite(v)]
+        if f.verdict == systems.REFUTED:
+            wants = [
+                f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})" for m, v in ends
+            ]
+            missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
+        elif f.verdict == systems.CERTIFIED and _hard(report.system, name):
+            for m, v in ends:
+                now = report.gains[m.partition("_")[2]]
+                if now and v and max(v / now, now / v) < closest[0]:
+                    closest = max(v / now, now / v), f"{name}: {_bound(m, v)} (is {now:.4g})"
+    if missing:
+        return "needs " + "; ".join(missing)
+    return f"nearest limit {closest[1]}" if closest[1] else "no limit near"
+
+
+def _hard(system: str, name: str) -> bool:
+    criterion = catalogue.SYSTEMS[system].criteria.get(name)
+    return criterion is None or criterion.kind in (systems.EXACT, systems.NECESSARY)
+
+
+def _bound(margin: str, value: float) -> str:
+    side, _, name = margin.partition("_")
+    return f"{name} {'<=' if side == 'largest' else '>='} {value:.4g}"
+
+
+def certify_study(name: str, as_json: bool, command: str) -> str:
+    """Answer of ``slipctl certify STUDY``.
+
+    Raises:
+        BadInput: no such study, or it declares no gains.
+    """
+    from slipctl import doors
+
+    study = doors.load_study(name)
+    found = answers(study)
+    if as_json:
+        entries = {
+            a.gains.name: {
+                "loop": a.gains.loop, "condition": a.gains.condition or None,
+                "condition_holds": a.condition, "needs": a.needs, "bounds": a.gains.bounds,
+                **a.report.payload(),
+            }
+            for a in found
+        }  # fmt: skip
+        said = {"format": store.FORMAT, "study": study.name, "gains": entries}
+        return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
+    rows = [f"{study.name}: {study.title}"]
+    for a in found:
+        g, r = a.gains, a.report
+        rows += ["", f"{g.name} (loop {g.loop}), {g.system}: {r.verdict}"]
+        used = {k: v for k, v in r.gains.items() if k in SHOWN or v}
+        rows += textwrap.wrap(told(used, r.units), 96, initial_indent="  ", subsequent_indent="  ")
+        if a.condition is not None:
+            holds = "holds" if a.condition else "is violated"
+            rows.append(f"  the paper's own condition, {g.condition}, {holds}")
+        rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
+        if g.bounds:
+            rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
+                                  subsequent_indent="    ")  # fmt: skip
+    return "\n".join(rows)
+
+
+SHOWN = ("L", "W", "eta", "D")
+"""Bounds that are shown even when they are zero."""
+
+
 def listed() -> str:
     """All systems, their question and their numbers."""
-    import textwrap
-
     rows = []
     for system in catalogue.SYSTEMS.values():
         rows.append(system.name)

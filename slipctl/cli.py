@@ -148,7 +148,9 @@ def parser() -> Parser:
     )
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
-    p.add_argument("system", metavar="SYSTEM", nargs="?", help="super_twisting; none: a list")
+    p.add_argument(
+        "system", metavar="SYSTEM|STUDY", nargs="?", help="super_twisting, or a study; none: a list"
+    )
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="gains and bounds, k1=1.5 k2=1.1 L=1 in SI, or each with its unit",

@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -276,8 +276,16 @@ def find_loop(study: Study, name: str, quick: bool = False) -> tuple[Block, Case
     Raises:
         BadInput: no such loop or scenario.
     """
+    return pick_loop(study, build_cases(study, quick), name)
+
+
+def pick_loop(study: Study, cases: Sequence[Case], name: str) -> tuple[Block, Case]:
+    """Find a loop as ``find_loop`` does, in cases that are built already.
+
+    Raises:
+        BadInput: no such loop or scenario.
+    """
     loop, at, scenario = name.partition("@")
-    cases = build_cases(study, quick)
     if at and scenario not in [c.scenario.name for c in cases]:
         known = [c.scenario.name for c in cases]
         raise BadInput(f"{study.name} has no scenario {scenario!r}{nearest(scenario, known)}")

@@ -323,6 +323,30 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Gains:
+    """A controller or estimator of the study, and what ``slipctl certify STUDY`` asks about it.
+
+    Args:
+        name: short name, unique in the study.
+        loop: loop in whose first case it runs; its parameters are what is asked about.
+        system: what it is certified as, ``"super_twisting"``; see ``slipctl certify``.
+        numbers: function of the loop that gives the system's numbers: gains as they are, bounds
+            from the model.
+        bounds: where the bounds come from, in words.
+        condition: criterion that the paper itself states for its gains, ``"printed_48"``.
+        source: of the gains.
+    """
+
+    name: str
+    loop: str
+    system: str
+    numbers: Callable[[Block], Mapping[str, float]]
+    bounds: str = ""
+    condition: str = ""
+    source: str = ""
+
+
+@dataclass(frozen=True)
 class Study:
     """A question, its loops and scenarios, the paper's answers beside ours; see the module text.
 
@@ -341,6 +365,7 @@ class Study:
         experiments: further computations by name.
         claims: the paper's claims.
         figures: figures by file stem.
+        gains: what ``slipctl certify STUDY`` asks about.
     """
 
     name: str
@@ -355,6 +380,7 @@ class Study:
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     claims: Sequence[Claim] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    gains: Sequence[Gains] = ()
 
     def __post_init__(self) -> None:
         seen: set[str] = set()

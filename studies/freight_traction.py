@@ -13,6 +13,7 @@ from slipctl.models import freight_traction as freight
 from slipctl.studies import freight_traction_experiments as experiments
 from slipctl.studies import freight_traction_identification as identification
 from slipctl.studies.freight_traction_barrier import LAGS, K
+from slipctl.studies.freight_traction_gains import GAINS
 from slipctl.studies.freight_traction_loops import (
     K_A,
     K_S,
@@ -449,4 +450,5 @@ study = Study(
     claims=CLAIMS,
     figures=FIGURES,
     experiments={**experiments.EXPERIMENTS, **identification.EXPERIMENTS},
+    gains=GAINS,
 )

@@ -12,6 +12,7 @@ from slipctl import Claim, Figure, Results, Signals, Study, plots
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.models.hst_braking import adhesion
 from slipctl.studies import hst_braking_experiments as experiments
+from slipctl.studies.hst_braking_gains import GAINS
 from slipctl.studies.hst_braking_loops import MODELS, NAMES, best, cases
 
 FOUR = ("fixed_slip", "pid", "efc", "eppfc")
@@ -455,4 +456,5 @@ study = Study(
     claims=CLAIMS,
     figures=FIGURES,
     experiments=experiments.EXPERIMENTS,
+    gains=GAINS,
 )

@@ -10,6 +10,7 @@ import numpy as np
 from slipctl import Claim, Figure, Results, Signals, Study, plots
 from slipctl.certify import super_twisting
 from slipctl.studies import subway_braking_experiments as experiments
+from slipctl.studies.subway_braking_gains import GAINS
 from slipctl.studies.subway_braking_loops import MODELS, MOVING, TABLE_1, best, cases
 
 RAILS = ("dry", "wet", "ice")
@@ -307,4 +308,5 @@ study = Study(
     claims=CLAIMS,
     figures=FIGURES,
     experiments=experiments.EXPERIMENTS,
+    gains=GAINS,
 )

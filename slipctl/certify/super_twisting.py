@@ -269,6 +269,13 @@ def explicit_amplitude(k1: float, k2: float, T: float) -> float:
     return T**2 * ((k1 + math.sqrt(max(k1**2 - 4 * k2, 0.0))) / 4) ** 2
 
 
+def explicit_amplitude_map(k1: Any, k2: Any, T: float) -> Any:
+    """Give ``explicit_amplitude`` over arrays of gains."""
+    import numpy as np
+
+    return T**2 * ((k1 + np.sqrt(np.maximum(k1**2 - 4 * k2, 0.0))) / 4) ** 2
+
+
 def proper_implicit_amplitude(L: float, T: float) -> float:
     """Largest |x1| in m/s while sliding, of the proper implicit form: L T^2."""
     return L * T**2

@@ -291,12 +291,14 @@ def super_twisting_report(
     n = {name: float(value) for name, value in gains.items()}
     criteria = {}
     for name, test in TESTS.items():
-        said = verdict
+        said, holds = verdict, verdict == CERTIFIED
         if name != "exact":
             holds = bool(test(n["k1"] - n["delta"], n["k2"], n["L"]))
             # rounding may put gains on the wrong side of a bound, but never beyond the exact one
             said = CERTIFIED if holds and verdict == CERTIFIED else SILENT
-        criteria[name] = Finding(said, margins(name, **n), unit_dependent(name), TITLES[name])
+        criteria[name] = Finding(
+            said, margins(name, **n), unit_dependent(name), TITLES[name], holds
+        )
     least, most = sta.reaching_time_bounds(n["k1"], n["k2"], n["L"], 1.0, n["delta"])
     values = {
         "ln_q": (sta.log_ratio(**n), "1"),

@@ -1,0 +1,56 @@
+"""What ``slipctl certify hst_traction`` asks: gains of Wang 2025, bounds from the model."""
+
+from __future__ import annotations
+
+from slipctl import Block, Gains
+from slipctl.models.contact import peak
+from slipctl.models.hst_traction import resistance
+from slipctl.models.hst_traction_adhesion import SLOPE
+
+MEASURED = 0.014
+"""Median of |delta'|/M in m/s^3 that the law itself makes through the lag of the motors."""
+
+SPEED = 40.0
+"""Train speed at the jump to ice in m/s."""
+
+RESERVE = 0.9
+"""Share of the ice's own peak that the limit uses."""
+
+
+def number(loop: Block, name: str) -> float:
+    """Parameter of a loop."""
+    return float(loop.param_values()[name])
+
+
+def _observer(loop: Block) -> dict[str, float]:
+    gains = {f"K{i}": number(loop, f"ctl.observer.K_{i}") for i in (1, 2, 3)}
+    return {**gains, "L": SLOPE}
+
+
+def _higher(loop: Block) -> dict[str, float]:
+    law = {k: number(loop, f"ctl.strategy.law.{k}") for k in ("alpha", "beta")}
+    return {**law, "k4": number(loop, "ctl.strategy.law.k_4"), "eta": MEASURED}
+
+
+def _saturated(loop: Block) -> dict[str, float]:
+    """Force to hold the speed on ice, and what ten axles of ice carry."""
+    M, W, g = (number(loop, n) for n in ("ctl.strategy.law.M", "ctl.observer.W", "ctl.observer.g"))
+    need = float(resistance(v=SPEED)["F_d"])
+    most = RESERVE * peak(SPEED, "ice").value * 10 * W * g
+    return {
+        "k1": number(loop, "ctl.strategy.law.k_1"), "k3": number(loop, "ctl.strategy.law.k_3"),
+        "M": M, "F_min": -32 / 10 * most, "F_max": most, "F_low": 0.0, "F_high": need,
+    }  # fmt: skip
+
+
+WHY = "median of what the law itself makes through the lag of its motors"
+
+GAINS = (
+    Gains("observer", "hosm_limited", "adhesion_observer", _observer,
+          "what the observer is laid out for", "theorem_1", "chosen"),
+    Gains("hosm", "hosm_limited", "higher_order", _higher, WHY, "printed_49", "chosen"),
+    Gains("hosm_printed", "hosm_limited_printed@stress", "higher_order", _higher, WHY,
+          "printed_49", "Wang 2025, Table 1"),
+    Gains("compensation", "hosm_limited", "saturation_compensation", _saturated,
+          f"speed held at {SPEED:g} m/s on ice, ten axles", "", "Wang 2025, Table 1"),
+)  # fmt: skip
