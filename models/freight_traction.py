@@ -1,4 +1,4 @@
-"""Driven freight train on two-exponential adhesion; Cheng, Wei et al., JESA 55(2), 2022.
+"""Driven freight train on two-exponential adhesion; Cheng, He et al., JESA 55(2), 2022.
 
 Signs: T_m >= 0 drives, v_s = v_d - v_t, v_d = r omega_m/R_g, and F_a >= 0 pulls (``"traction"``).
 
