@@ -17,9 +17,14 @@ step is in models/rolling.py, the motor with its currents in models/motors.py. W
 print is told in docs/errata.md. Valid for v >= 0; F_d for 0 <= v <= 90 m/s.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 from casadi import fmax, fmin, pi
 
 from slipctl import (
+    BadInput,
     Block,
     Input,
     Output,
@@ -39,6 +44,9 @@ from slipctl.models.rolling import Axles, rolling
 SOURCE = "Wang 2025"
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
+
+M_EFF = 500e3 + 32 * 93.75 / 0.445**2
+"""Mass of the train with its rotating axles in kg."""
 
 MOTOR_CARS = (True, True, False, True, False, False, True, True)
 """Eight cars, 5 of them with motors; their order is a guess, as of the CRH5 (paper ref 17)."""
@@ -144,6 +152,42 @@ def tractive_effort(v: float, F_top: float = 302e3, P_top: float = 5.5e6) -> flo
     The corner is at 18.212 m/s; the two printed cases meet at 18 m/s with a step.
     """
     return P_top / fmax(v, P_top / F_top)
+
+
+def check_target(t: Sequence[float], v: Sequence[float], a: Sequence[float], name: str) -> None:
+    """Refuse a target that motors and brakes cannot follow on any rail.
+
+    Args:
+        t: times in s.
+        v: wanted speeds in m/s.
+        a: wanted accelerations in m/s^2.
+        name: of the target, for the message.
+
+    Raises:
+        BadInput: a negative speed, or a force beyond (33) or the brakes; says when.
+    """
+    t, v, a = (np.asarray(y, dtype=float) for y in (t, v, a))
+    if v.min() < 0:
+        k = int(np.argmin(v))
+        raise BadInput(f"{name}: wanted speed {v[k]:g} m/s at {t[k]:g} s; it must not be negative")
+    F_d = np.array(resistance.f.map(v.size)([], v[None], _packed(resistance))[1].full()).ravel()
+    wanted = M_EFF * a + F_d
+    top = 5.5e6 / np.maximum(v, 5.5e6 / 302e3)
+    for excess, limit, what in ((wanted - top, top, "motors"), (-wanted - 480e3, 480e3, "brakes")):
+        k = int(np.argmax(excess))
+        if excess[k] > 0:
+            has = float(np.broadcast_to(limit, v.shape)[k])
+            best = ((has if what == "motors" else -has) - F_d[k]) / M_EFF
+            raise BadInput(
+                f"{name}: at {t[k]:.4g} s and {v[k]:.4g} m/s it wants {abs(wanted[k]) / 1e3:.4g} kN"
+                f" of the {what}, which have {has / 1e3:.4g} kN; want {best:.3g} m/s^2 there,"
+                f" not {a[k]:.3g}"
+            )
+
+
+def _packed(block: Block) -> Any:
+    """Parameters of a block as its packed Function takes them."""
+    return block.pack("param", block.param_values())
 
 
 def motor(form: str = "consistent") -> Block:

@@ -30,6 +30,8 @@ from slipctl.models.contact import polach
 from slipctl.models.hst_traction import (
     DISTINCT,
     GROUPED,
+    M_EFF,
+    check_target,
     motor,
     plant,
     resistance,
@@ -99,17 +101,16 @@ def target(kappa: float) -> Target:
     Args:
         kappa: share of the tractive effort.
     """
-    dt, M, M_eff = 0.05, 500e3, 500e3 + 32 * 93.75 / 0.445**2
-    drag = resistance.with_params(M=M)
+    dt = 0.05
     t = np.arange(round(DURATION / dt) + 1) * dt
     v, held = np.zeros(t.size), 0.0
     for k in range(t.size - 1):
         now = float(v[k])
-        F_d = float(drag(v=now)["F_d"])
+        F_d = float(resistance(v=now)["F_d"])
         if t[k] < 195:
-            a = min(0.5, (kappa * float(tractive_effort(now)) - F_d) / M_eff)
+            a = min(0.5, (kappa * float(tractive_effort(now)) - F_d) / M_EFF)
         elif t[k] < 250:
-            a = -F_d / M_eff
+            a = -F_d / M_EFF
         elif t[k] < 370:
             a, held = 0.0, now
         else:
@@ -120,7 +121,9 @@ def target(kappa: float) -> Target:
     padded = np.pad(v, n)
     smooth = np.convolve(np.convolve(padded, mean, "same"), mean, "same")[n:-n]
     x = np.concatenate([[0.0], np.cumsum((smooth[1:] + smooth[:-1]) / 2 * dt)])
-    return Target(t, x, smooth, np.gradient(smooth, dt))
+    wanted = np.gradient(smooth, dt)
+    check_target(t, smooth, wanted, f"target({kappa:g})")
+    return Target(t, x, smooth, wanted)
 
 
 def shaped_target(v: float, pieces: tuple[tuple[float, float], ...], duration: float) -> Target:
@@ -139,7 +142,9 @@ def shaped_target(v: float, pieces: tuple[tuple[float, float], ...], duration: f
         before = rate
     speed = np.maximum(v + np.concatenate([[0.0], np.cumsum((a[1:] + a[:-1]) / 2 * dt)]), 0.0)
     x = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * dt)])
-    return Target(t, x, speed, np.where(speed > 0, a, 0.0))
+    wanted = np.where(speed > 0, a, 0.0)
+    check_target(t, speed, wanted, "shaped_target")
+    return Target(t, x, speed, wanted)
 
 
 def rail_by_time(start: float = 0.0) -> Rail:

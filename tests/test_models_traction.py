@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from slipctl import Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
+from slipctl import BadInput, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
 from slipctl.models import hst_traction as hst
 from slipctl.models.contact import SURFACES, polach
 from slipctl.models.rolling import Axles, rolling
@@ -273,3 +273,24 @@ def test_numpy_peer_does_the_same(needs_compiler):
 
     ours = train_loop._rolling(hst.DISTINCT)(300)
     np.testing.assert_allclose(train_loop.Peer().run(300), ours, rtol=1e-12, atol=1e-15)
+
+
+# ---- target --------------------------------------------------------------------------------------
+
+
+def test_target_that_motors_and_brakes_cannot_follow_is_refused():
+    t, v = np.arange(4.0), np.array([0.0, 10.0, 30.0, 30.0])
+    hst.check_target(t, v, [0.5, 0.5, 0.3, -0.8], "slow")
+    with pytest.raises(BadInput) as told:
+        hst.check_target(t, v, [0.5, 0.5, 0.5, 0.0], "fast")
+    at_30 = hst.resistance(v=30.0)["F_d"]
+    best = (5.5e6 / 30 - at_30) / hst.M_EFF
+    assert str(told.value) == (
+        f"fast: at 2 s and 30 m/s it wants {(0.5 * hst.M_EFF + at_30) / 1e3:.4g} kN of the motors,"
+        f" which have 183.3 kN; want {best:.3g} m/s^2 there, not 0.5"
+    )
+    hst.check_target(t, v, [0, 0, best, 0], "just")
+    with pytest.raises(BadInput, match=r"hard: at 1 s and 10 m/s it wants .* of the brakes"):
+        hst.check_target(t, v, [0.0, -1.0, 0.0, 0.0], "hard")
+    with pytest.raises(BadInput, match="must not be negative"):
+        hst.check_target(t, v - 1, t, "back")
