@@ -368,8 +368,8 @@ def position(context: Context) -> dict[str, Table]:
             "deceleration": ("m/s^2", edges),
             "share of what ice carries": ("1", [a / carried for a in edges]),
         },
-        f"Ice carries {carried:.3f} m/s^2 at 30 m/s. By bisection between 0.2 and 0.9 m/s^2; the brakes"
-        " give no more than 0.93.",
+        f"Ice carries {carried:.3f} m/s^2 at 30 m/s. By bisection between 0.2 and 0.9 m/s^2; the"
+        " brakes give no more than 0.93.",
     )
     return {"sweep": sweep, "edge": edge}
 
