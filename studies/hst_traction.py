@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from slipctl import Claim, Figure, Results, Signals, Study, plots
-from slipctl.models.contact import SURFACES, peak, polach
+from slipctl.models.contact import peak
 from slipctl.models.hst_traction import tractive_effort
+from slipctl.studies import hst_traction_contact as contact
 from slipctl.studies import hst_traction_experiments as experiments
 from slipctl.studies.hst_traction_loops import BAND, MODELS, NAMES, RAIL, cases
 from slipctl.studying import NotRun
@@ -216,42 +217,6 @@ CLAIMS = (
 # ---- figures -------------------------------------------------------------------------------------
 
 
-def adhesion_by_speed(r: Results) -> Any:
-    """Adhesion over creep on dry rail at several speeds, with the peaks."""
-    v_s = np.linspace(0, 5, 301)
-    curves, marks = {}, {}
-    for v in (10, 20, 40, 80):
-        mu = [polach(v_s=float(s), v=float(v), **SURFACES["dry"])["mu"] for s in v_s]
-        top = peak(float(v), "dry")
-        curves[f"{v} m/s"] = (v_s, mu)
-        marks[f"{v} m/s"] = (top.location, top.value)
-    return plots.lines(
-        curves, ("creep", "m/s"), ("adhesion coefficient", "1"), marks=marks, title="dry rail"
-    )
-
-
-def adhesion_by_surface(r: Results) -> Any:
-    """Five surfaces at 40 m/s, and their peaks over the speed."""
-    fig, axes = plots.panels(1, 2, height=3.2)
-    v_s = np.linspace(0, 5, 301)
-    curves = {
-        n: (v_s, [polach(v_s=float(s), v=40.0, **values)["mu"] for s in v_s])
-        for n, values in SURFACES.items()
-    }
-    marks = {n: (peak(40.0, n).location, peak(40.0, n).value) for n in SURFACES}
-    plots.lines(
-        curves, ("creep", "m/s"), ("adhesion coefficient", "1"), axis=axes[0, 0], marks=marks,
-        title="at 40 m/s",
-    )  # fmt: skip
-    speeds = np.linspace(0.5, 80, 60)
-    heights = {n: (speeds, [peak(float(v), n).value for v in speeds]) for n in SURFACES}
-    plots.lines(
-        heights, ("train speed", "m/s"), ("largest adhesion coefficient", "1"), axis=axes[0, 1],
-        title="peaks: wet and oily swap", log="y", legend=False,
-    )  # fmt: skip
-    return fig
-
-
 def clock(r: Results, scenario: str, loop: str) -> tuple[Any, np.ndarray]:
     """Log of a run and its times in s of the paper's run."""
     log = r.log(scenario, loop)
@@ -368,8 +333,8 @@ def compensation(r: Results) -> Any:
 
 
 FIGURES = {
-    "fig02": Figure("Adhesion on dry rail at four speeds.", adhesion_by_speed, "Fig. 2"),
-    "fig03": Figure("Typical surfaces, and their peaks.", adhesion_by_surface, "Fig. 3"),
+    "fig02": Figure("Adhesion on dry rail at several speeds.", contact.dry_curves, "Fig. 2"),
+    "fig03": Figure("Typical surfaces, and their peaks.", contact.surface_curves, "Fig. 3"),
     "fig04": Figure(
         "The limit at work: it follows the next poorer surface, on ice 0.9 of its own peak.",
         limit_at_work, "Fig. 4",
@@ -380,6 +345,10 @@ FIGURES = {
     "fig10": Figure("Commanded force, stress.", outputs, "Fig. 10"),
     "position": Figure("Ice by place: creep (cut off), speed, command.", by_place),
     "compensation": Figure("What the saturation compensation does.", compensation),
+    "fit": Figure(
+        "Polach's law fitted to a curve of CONTACT, with and without k_A >= k_S.",
+        contact.fitted_curves,
+    ),
 }  # fmt: skip
 
 study = Study(
@@ -396,7 +365,7 @@ study = Study(
         torque="ctl.F_contr", deceleration="plant.train.a",
         wanted_speed="v_d", wanted_position="x_d",
     ),
-    experiments=experiments.EXPERIMENTS,
+    experiments=experiments.EXPERIMENTS | contact.EXPERIMENTS,
     claims=CLAIMS,
     figures=FIGURES,
 )  # fmt: skip

@@ -30,11 +30,11 @@ ITEMS = {
         "theorem 1",
     ],
     "003": [
-        *(f"eq {k}" for k in (*range(1, 15), 33)),
-        "table 1",
-        "table 3",
-        "figure 2",
-        "figure 3",
+        *(f"eq {k}" for k in range(1, 55)),
+        *(f"table {k}" for k in range(1, 6)),
+        *(f"figure {k}" for k in range(1, 11)),
+        "theorem 1",
+        "theorem 2",
     ],
     "004": [
         *(f"eq {k}" for k in range(1, 49)),
