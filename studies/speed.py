@@ -183,6 +183,13 @@ def predictive() -> dict[str, Any]:
     return bench()
 
 
+def reach() -> dict[str, Any]:
+    """Map of the super-twisting criteria and one exact verdict, against LMIs in cvxpy, Clarabel."""
+    from slipctl.studies.peers.twisting_lmi import bench
+
+    return bench()
+
+
 def start() -> dict[str, Any]:
     """``slipctl --help`` against an empty Python start, as whole processes."""
 
@@ -200,6 +207,7 @@ BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "creep": creep,
     "train": train,
     "predictive": predictive,
+    "reach": reach,
     "start": start,
 }
 

@@ -416,3 +416,75 @@ def test_gains_near_and_on_the_boundary():
 def test_numbers_that_mean_nothing(gains, said):
     with pytest.raises(BadInput, match=said.replace("^", r"\^")):
         report.super_twisting_report(*gains)
+
+
+# ---- generated C, and one LMI --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("T", [1e-3, 16e-3])
+def test_sliding_error_of_the_proper_implicit_form_in_c(T, tmp_path, needs_compiler):
+    """At most 1.001 L T^2 in generated C, under the worst slope L and under random ones.
+
+    The plant s' = (r/J)(T_b - T_eq) + phi is exact from tick to tick: only the mean of phi over the
+    tick enters, which moves by at most L T, and by that much where the slope is constant.
+    """
+    from slipctl import c_module
+    from slipctl.models.subway_braking_control import super_twisting
+
+    block = super_twisting(discretisation="proper_implicit").with_params(T=T)
+    c, L, ratio, T_eq = c_module(block, tmp_path).compile().load(), 8.0, 0.5 / 240.0, 10e3
+    rng, rows = np.random.default_rng(4), []
+    for hold in (10**6, 37):  # one slope for ever, then slopes that jump
+        c.reset()
+        s, phi, slope, seen = 0.0, 0.0, L, []
+        for k in range(1500):
+            if k % hold == hold - 1 or abs(phi) > 15:
+                slope = -math.copysign(L, phi) if abs(phi) > 15 else rng.choice([-L, L])
+            out = c.step(v_s=s, v_ref=0.0, T_eq=T_eq, T_top=20e3)
+            assert c.status == 0
+            s += T * (ratio * (float(out["T_wanted"]) - T_eq) + phi + slope * T / 2)
+            phi += slope * T
+            seen.append(abs(s))
+        rows.append(max(seen[200:]))
+    assert max(rows) <= 1.001 * L * T**2
+    assert rows[0] >= 0.999 * L * T**2  # and no better: the bound is sharp
+
+
+def test_quadratic_is_what_the_lmi_says():
+    cp = pytest.importorskip("cvxpy")
+    if "CLARABEL" not in cp.installed_solvers():
+        pytest.skip("clarabel is not installed")
+    from slipctl.studies.peers.twisting_lmi import margin
+
+    rng, said = np.random.default_rng(8), []
+    for _ in range(12):
+        k1, k2 = 10 ** rng.uniform(-0.3, 0.7), 10 ** rng.uniform(0, 1)
+        L = k2 * rng.uniform(0.3, 1.05)
+        edge = report.largest_L("quadratic", k1, k2) or 0.0
+        if abs(L / max(edge, 1e-9) - 1) > 0.02:  # within that a solver of 1e-8 cannot tell
+            said.append(sta.quadratic(k1, k2, L))
+            assert (margin(k1, k2, L) > 1e-7) == said[-1]
+    assert 3 <= sum(said) <= len(said) - 3
+
+
+def test_map_and_verdict_are_fast_beside_one_lmi():
+    """A 200 x 200 map within 20 LMIs, one exact verdict within a thousandth of one."""
+    pytest.importorskip("clarabel")
+    pytest.importorskip("cvxpy")
+    from time import perf_counter
+
+    from slipctl.studies.peers.twisting_lmi import GAINS, SIDE, margin
+
+    def fastest(call, times):
+        seen = []
+        for _ in range(times):
+            start = perf_counter()
+            call()
+            seen.append(perf_counter() - start)
+        return min(seen)
+
+    margin(*GAINS)
+    one = fastest(lambda: margin(*GAINS), 3)
+    k1, k2 = np.meshgrid(np.geomspace(0.1, 30, SIDE), np.geomspace(1.001, 100, SIDE))
+    assert fastest(lambda: sta.regions(k1, k2, 1.0), 3) <= 20 * one
+    assert fastest(lambda: [sta.exact(*GAINS) for _ in range(100)], 3) / 100 <= one / 1000

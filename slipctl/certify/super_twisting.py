@@ -144,7 +144,7 @@ def printed_48(k1: Any, k2: Any, L: Any) -> Any:
 
     k1 > 2 and k2 > (k1^3 + L^2 (4 k1 - 8)) / (k1 (4 k1 - 8)).
 
-    Proof note: the matrix of Moreno and Osorio and Young's inequality with the fixed weight 1.
+    Proof note: the matrix (46), after Moreno and Osorio, and Young's inequality with the fixed weight 1.
     """
     return (k1 > 2) & (k2 * k1 * (4 * k1 - 8) > k1**3 + L**2 * (4 * k1 - 8))
 
@@ -153,13 +153,13 @@ def homogenised_48(k1: Any, k2: Any, L: Any) -> Any:
     """Same Lyapunov matrix as (48) with the best weight: k2 > L + 2 L^2/k1^2; unit-free.
 
     Proof note: weight w gives k2 > w L^2/k1 + k1^2/(4 (w k1 - 2)), least at w k1 = 2 +
-    k1^2/(2 L). The matrix is that of Moreno and Osorio, P = [[4 k2 + k1^2, -k1], [-k1, 2]]/2.
+    k1^2/(2 L). The matrix (after Moreno and Osorio) is P = [[4 k2 + k1^2, -k1], [-k1, 2]]/2.
     """
     return (k1 > 0) & ((k2 - L) * k1**2 > 2 * L**2)
 
 
 def drift(k1: Any, k2: Any, delta: Any) -> Any:
-    """Matrix of Moreno and Osorio against r1 alone (d = 0).
+    """Matrix (46), after Moreno and Osorio, against r1 alone (d = 0).
 
     k1 > 2 delta and k2 > k1 delta^2/(8 (k1 - 2 delta)); the exact bound is k1 > delta, k2 > 0.
 

@@ -24,7 +24,7 @@ TITLES = {
     "exact": "necessary and sufficient",
     "quadratic": "any quadratic Lyapunov function",
     "seeber_horn": "after Seeber and Horn 2017",
-    "homogenised_48": "Moreno-Osorio matrix, best weight; (48) made unit-free",
+    "homogenised_48": "matrix of (46), best weight; (48) made unit-free",
     "levant": "after Levant 1993, 1998",
     "printed_48": "Huang 2020, (48) as printed",
     "polyakov_poznyak": "after Polyakov and Poznyak 2009",
