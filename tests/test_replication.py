@@ -13,6 +13,7 @@ from slipctl import (
     Param,
     Scenario,
     State,
+    c_module,
     connect,
     flow,
     replicate,
@@ -58,6 +59,19 @@ def test_values_of_copies_outlive_a_connection_and_a_swap():
     assert list(loop.param_values()["a.gain"]) == [1, 1 / 3]
     assert list(loop.swap("a", many).param_values()["a.tau"]) == [2, 2]
     assert list(loop.start()["a.x"]) == [1, 1]
+
+
+def test_copies_in_c_are_those_of_the_block(tmp_path, needs_compiler):
+    many = sampled(replicate(lag, 3, ("wind",), ("tau",)), 0.1, "rk4")
+    many = many.with_params(tau=[1.0, 2.0, 4.0])
+    c = c_module(many, tmp_path).compile().load()
+    x = many.start()
+    for k in range(5):
+        u = {"u": np.array([k, 1.0, -k]), "wind": 0.1 * k}
+        x, wanted = many(**x, **u)
+        found = c.step(**u)
+        for name, value in wanted.items():
+            np.testing.assert_array_equal(found[name], value)
 
 
 @pytest.mark.parametrize("compile", [True, False])
