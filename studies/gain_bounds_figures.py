@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -178,7 +178,7 @@ def barrier_map(r: Results) -> Any:
     """Periods and disturbances that the printed barrier law stands, and one step of its map."""
     fig, axes = plots.panels(1, 2, height=3.4)
     numbers = {"k": 1200.0, "k_a": 1.22986, "k_s": 0.02}
-    T, W = np.linspace(5e-6, 7e-4, 160), np.linspace(1e-5, 9e-3, 100)
+    T, W = np.linspace(5e-6, 7e-4, 160), np.linspace(1e-5, 3e-2, 200)
     chosen = {
         "small errors die out": _grid("barrier_lyapunov", numbers, "dies_out", ("T", T), ("W", W)),
         "w held, T -> 0": _grid("barrier_lyapunov", numbers, "disturbance", ("T", T), ("W", W)),
@@ -226,7 +226,7 @@ def seeker_map(r: Results) -> Any:
 
 def lyapunov(r: Results) -> Any:
     """V of each proof along a disturbed run, and V' where it claims to be negative."""
-    found: Sequence[gain_bounds_runs.Run] = gain_bounds_runs.runs(True)
+    found = [*gain_bounds_runs.runs(True), gain_bounds_runs.in_the_loop(r.log("base", "sta"))]
     fig, axes = plots.panels(4, 2, height=1.7)
     for axis, run in zip(axes.flat, found, strict=False):
         with plots.style():
@@ -238,12 +238,11 @@ def lyapunov(r: Results) -> Any:
             axis.set_ylabel("V")
     with plots.style():
         last = axes.flat[7]
-        last.axis("off")
         last.plot([], [], color=plots.BLUE, label="V")
         last.plot(
             [], [], color=plots.ORANGE, lw=2.2, alpha=0.6, label="where the proof claims V' < 0"
         )
-        last.legend(loc="center")
+        last.legend()
     return fig
 
 

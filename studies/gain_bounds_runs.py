@@ -191,6 +191,25 @@ ALL: tuple[Callable[[int], Run], ...] = (
 )  # fmt: skip
 
 
+def in_the_loop(log: Any, k1: float = 20.0, k2: float = 10.0) -> Run:
+    """Super-twisting in the loop of subway_braking, from its log: x2 = s' + k1 |s|^.5 sgn s.
+
+    Its V' is the slope of V from tick to tick: what the tick does not know (adhesion that moves
+    within it, the torque's limits) is in it.
+    """
+    t, s = log["time"].values, log["ctl.law.s"].values
+    T = float(t[1] - t[0])
+    x2 = np.diff(s) / T + k1 * np.sqrt(np.abs(s[:-1])) * np.sign(s[:-1])
+    s, d = s[:-1], np.zeros(len(x2))
+    V, _ = lyapunov.super_twisting(np.where(s == 0, 1e-12, s), x2, d, k1, k2)
+    rate = np.append(np.diff(V) / T, 0.0)
+    outside = np.abs(s) > (k1 * T) ** 2  # a tick that takes k1 |s|^.5 T does not cross zero there
+    return Run(
+        "super-twisting, loop of subway_braking", "Huang 2020 (45)-(47)", t[:-1], V, rate, outside,
+        "V falls for |s| > (k1 T)^2, where no tick crosses zero", d,
+    )  # fmt: skip
+
+
 def runs(quick: bool = False) -> list[Run]:
     """All of them."""
     return [make(4_000 if quick else 16_000) for make in ALL]

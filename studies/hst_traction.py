@@ -11,6 +11,7 @@ from slipctl.models.contact import peak
 from slipctl.models.hst_traction import tractive_effort
 from slipctl.studies import hst_traction_contact as contact
 from slipctl.studies import hst_traction_experiments as experiments
+from slipctl.studies.hst_traction_gains import GAINS
 from slipctl.studies.hst_traction_loops import BAND, MODELS, NAMES, RAIL, cases
 from slipctl.studying import NotRun
 
@@ -368,4 +369,5 @@ study = Study(
     experiments=experiments.EXPERIMENTS | contact.EXPERIMENTS,
     claims=CLAIMS,
     figures=FIGURES,
+    gains=GAINS,
 )  # fmt: skip

@@ -251,3 +251,51 @@ def test_a_study_that_cannot_be_certified(toy, capsys, change, argv, said):
     found = capsys.readouterr()
     assert said in found.err
     assert found.err.count("\n") == 1
+
+
+# ---- the study gain_bounds -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Results of the study's one scenario, and of its quick experiment."""
+    from slipctl import Results, simulate
+    from slipctl.studies.gain_bounds import study
+
+    case = study.cases(study.models, True)[0]
+    data = {"base": {k: simulate(v, case.scenario) for k, v in case.loops.items()}}
+    tables = {"amplitudes": gain_bounds_experiments.amplitudes(None)}
+    return Results(study, [case], True, data, tables=tables)
+
+
+def test_figures_of_the_study(drawn):
+    from slipctl.studies.gain_bounds_figures import DRAWN
+
+    assert {"twisting_map", "traction_map", "funnel_map", "barrier_map"} <= set(DRAWN)  # one each
+    for name, (caption, draw) in DRAWN.items():
+        axes = draw(drawn).axes
+        assert caption.endswith(".")
+        assert axes, name
+        for axis in axes:
+            assert axis.get_xlabel(), name
+            assert axis.get_ylabel(), name
+
+
+def test_function_of_the_proof_falls_in_the_loop(drawn):
+    run = gain_bounds_runs.in_the_loop(drawn.log("base", "sta"))
+    assert run.where.sum() > 90
+    assert run.falls() == 1.0
+    assert run.V[0] > 200
+    # the printed pair crosses zero with every tick: (k1 T)^2 is 4 m/s, beyond any slip of the run
+    printed = gain_bounds_runs.in_the_loop(drawn.log("base", "sta_printed"), 2000.0, 1.5)
+    assert printed.where.sum() == 0
+    assert (printed.rate > 0).mean() > 0.3
+
+
+def test_maps_are_nested():
+    """Each sufficient region lies in the exact one, on the grid that is drawn."""
+    k2, k1 = np.geomspace(1.0005, 100, 240), np.geomspace(0.08, 40, 240)
+    found = sta.regions(*np.meshgrid(k1, k2, indexing="ij"), 1.0)
+    assert not (found["homogenised_48"] & ~found["quadratic"]).any()
+    for name in sta.SUFFICIENT:
+        assert not (found[name] & ~found["exact"]).any()

@@ -144,7 +144,8 @@ def printed_48(k1: Any, k2: Any, L: Any) -> Any:
 
     k1 > 2 and k2 > (k1^3 + L^2 (4 k1 - 8)) / (k1 (4 k1 - 8)).
 
-    Proof note: the matrix (46), after Moreno and Osorio, and Young's inequality with the fixed weight 1.
+    Proof note: the matrix (46), after Moreno and Osorio, and Young's inequality with the fixed
+    weight 1.
     """
     return (k1 > 2) & (k2 * k1 * (4 * k1 - 8) > k1**3 + L**2 * (4 * k1 - 8))
 
