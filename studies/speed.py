@@ -199,10 +199,18 @@ def start() -> dict[str, Any]:
     return {"help_vs_empty": ratio(run("-m", "slipctl", "--help"), run("-c", "pass"), 11)}
 
 
+def steps() -> dict[str, Any]:
+    """A controller's step in generated C, guards and status included, against hand-written C."""
+    from slipctl.studies.peers.steps import bench
+
+    return bench(101)
+
+
 BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "loop": loop,
     "search": search,
     "filtered": filtered,
+    "steps": steps,
     "identified": identified,
     "creep": creep,
     "train": train,

@@ -198,7 +198,7 @@ def endured(
     }
 
 
-def drifting(found: Mapping[str, Any], share: float = 0.1) -> list[str]:
+def drifting(found: Mapping[str, Any], share: float = 0.3) -> list[str]:
     """Names of the signals that grow.
 
     The largest absolute value of the second half of the run is beyond that of parts 2 to 5 by more
