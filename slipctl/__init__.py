@@ -17,7 +17,7 @@ _WHERE = {
     "connection": ["connect"],
     "timing": ["sampled", "every", "unit_delay"],
     "replication": ["replicate"],
-    "adaptors": ["flip_sign", "speed_to_ratio", "ratio_to_speed"],
+    "adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
     "units": ["one"],
     "rail": ["Section", "Rail", "Scenario"],
     "simulation": ["simulate"],
@@ -55,7 +55,7 @@ _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
-    from slipctl.adaptors import flip_sign, ratio_to_speed, speed_to_ratio
+    from slipctl.adaptors import flip_sign, mirror, ratio_to_speed, speed_to_ratio
     from slipctl.block import Block, flow, law, make_block, step
     from slipctl.clairvoyant import Trajectory, trajectory
     from slipctl.codegen import CModule, c_module

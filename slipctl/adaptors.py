@@ -52,3 +52,24 @@ def ratio_to_speed() -> Block:
         outputs=[Output("m/s", "slip speed", per="speed").named("y")],
         doc="y = u max(|v|, v_min).",
     )  # fmt: skip
+
+
+def mirror(unit: str, to: str = "braking", per: str | None = None) -> Block:
+    """Read a signal of a driven wheel as that of a braked one or back: the number stays.
+
+    Seen in a mirror that turns every velocity relative to the vehicle, a driven wheel is a braked
+    one: creep becomes slip, the motor's torque the brake's. So a law made for one works for the
+    other, where ``flip_sign`` would only say in other words that the wheel is driven.
+
+    Args:
+        unit: unit of the signal.
+        to: convention of the output, ``"braking"`` or ``"traction"``.
+        per: ``"speed"`` or ``"ratio"`` for a slip.
+    """
+    other = "traction" if to == "braking" else "braking"
+    return make_block(
+        "mirror", "law", lambda x, u, p: ({}, {"y": u["u"]}),
+        inputs=[Input(unit, "signal", positive=other, per=per).named("u")],
+        outputs=[Output(unit, "the same in the mirror", positive=to, per=per).named("y")],
+        doc=f"y = u: a wheel seen in a mirror, positive for {to}.",
+    )  # fmt: skip

@@ -112,6 +112,7 @@ def trajectory(
     """
     where = f"trajectory({plant.name})"
     problem = _Problem(where, plant, scenario, control, minimise, bounds, limits, end)
+    problem.scale_by(guesses)
     starts: list[float] = []
     best: tuple[float, dict[str, Any]] | None = None
     for guess in guesses or (None,):
@@ -232,6 +233,13 @@ class _Problem:
         return phases
 
     # ---- guesses --------------------------------------------------------------------------------
+
+    def scale_by(self, logs: Sequence[xarray.Dataset]) -> None:
+        """Scale the states by the largest that the runs show: a torque starts at zero."""
+        for log in logs:
+            for k, name in enumerate(self.states):
+                seen = np.abs(_logged(log, name, self.x0[k : k + 1])).max()
+                self.scale[k] = max(self.scale[k], seen)
 
     def guess(self, log: xarray.Dataset | None) -> dict[str, Any]:
         """Functions of (phase, share of it) for states and controls, from a log or from rest."""

@@ -401,6 +401,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
         running.run(
             study, cases, models, quick=options.quick, compile=not options.no_compile,
             experiments=everything, report=progress, results=results, finished=save_log,
+            folder=out / "parts",
         )  # fmt: skip
     except KeyboardInterrupt:
         save_numbers()

@@ -265,6 +265,7 @@ def run(
     report: Report | None = None,
     finished: Callable[[Results, str, str], None] | None = None,
     results: Results | None = None,
+    folder: Path | None = None,
 ) -> Results:
     """Run the cases, then the experiments.
 
@@ -280,6 +281,7 @@ def run(
         report: told how far each run is.
         finished: called after each run, to save it.
         results: filled as the runs finish, so that an interrupted call leaves what was done.
+        folder: where experiments keep what is finished, to be read on the next start.
     """
     results = new_results(study, cases, quick) if results is None else results
     tell = report or (lambda what, share: None)
@@ -301,7 +303,7 @@ def run(
             tell(name, 0.0)
             context = Context(
                 quick=quick, models=study.models if models is None else models, cases=cases,
-                seed=EXPERIMENT_SEED, compile=compile, progress=_part(tell, name),
+                seed=EXPERIMENT_SEED, compile=compile, progress=_part(tell, name), folder=folder,
             )  # fmt: skip
             with noted(results, name):
                 found = experiment.run(context)

@@ -22,13 +22,16 @@ was run. This module imports nothing heavy.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput, nearest
-from slipctl.store import plain
+from slipctl.store import plain, read_json, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -187,6 +190,7 @@ class Context:
         seed: of the experiment; draw from ``numpy.random.default_rng([seed, ...])`` only.
         compile: whether loops may be compiled; pass it to ``simulate``.
         progress: call it with the share done, 0 to 1.
+        folder: where :meth:`kept` keeps what is finished; None keeps nothing.
     """
 
     quick: bool
@@ -195,6 +199,36 @@ class Context:
     seed: int = 1
     compile: bool = True
     progress: Callable[[float], None] = lambda share: None
+    folder: Path | None = None
+
+    def kept(
+        self, what: Mapping[str, Any], compute: Callable[[], Mapping[str, Any]]
+    ) -> dict[str, Any]:
+        """Result of ``compute``, or the one that an interrupted or earlier run kept.
+
+        Args:
+            what: everything that the result depends on, as plain values; the file is named by its
+                hash, so that a changed parameter computes anew.
+            compute: gives plain values.
+
+        Returns:
+            The result as JSON has it (NaN is None), the same bits from the file as computed.
+        """
+        wanted = plain(what)
+        if self.folder is None:
+            return dict(plain(compute()))
+        key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
+        path = self.folder / f"{key[:32]}.json"
+        if path.exists():
+            try:
+                payload = read_json(path)
+                if payload["what"] == wanted:
+                    return dict(payload["found"])
+            except (BadInput, KeyError):
+                pass  # damaged or of another version: computed anew
+        found = plain(compute())
+        write_json(path, {"what": wanted, "found": found})
+        return dict(found)
 
     def loop(self, scenario: str, loop: str) -> tuple[Block, Scenario]:
         """Loop of a case and its scenario.

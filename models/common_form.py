@@ -1,0 +1,305 @@
+"""The slip laws of the four papers on one form, so that each may drive any of the wheels.
+
+Every wheel of the papers, braked or driven, is
+
+    s' = (r/J) T - D,   D = (r^2/J + 1/m) F + a_R
+
+with s >= 0 the slip speed, T >= 0 the torque at the wheel, F the adhesion force and m the mass that
+a wheel carries along; a driven wheel is a braked one seen in a mirror (``slipctl.mirror``). So each
+law is a wanted s' = nu(e) of the slip error and T = (J/r)(D + nu). What differs is nu, and how the
+reference is prepared. Here: braking positive, slip as speed.
+
+A law takes from ``v`` (vehicle), ``v_s`` (slip), ``v_best`` (slip to go to), ``F`` and ``D`` what
+it needs, and gives ``T_wanted``. What a paper has for another wheel gets the numbers of this one:
+inertia, radius and mass, and barriers that scale with the slip. Gains stay, but where a paper has
+them for another quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from casadi import fmax, fmin
+
+from slipctl import (
+    Block,
+    Input,
+    Output,
+    Param,
+    connect,
+    flip_sign,
+    law,
+    mirror,
+    one,
+    sampled,
+    speed_to_ratio,
+)
+from slipctl.models import freight_traction_control as cheng
+from slipctl.models import hst_braking_control as zhang
+from slipctl.models import hst_traction_control as wang
+from slipctl.models import subway_braking_control as huang
+
+T_S = 1e-3
+"""Tick of all laws in s."""
+
+ADDED = "of the wheel that it drives"
+
+
+class Wheel(NamedTuple):
+    """A wheel and what moves with it.
+
+    Attributes:
+        J: inertia at the wheel in kg m^2.
+        r: radius in m.
+        W: load on the rail in kg.
+        m: mass of the vehicle per such wheel in kg.
+        g: gravity in m/s^2.
+        T_max: largest torque at the wheel in N m.
+        tau: time constant of the actuator in s, as the controller knows it.
+        v_best: typical best slip in m/s.
+        v: speed at the start in m/s.
+    """
+
+    J: float
+    r: float
+    W: float
+    m: float
+    g: float
+    T_max: float
+    tau: float
+    v_best: float
+    v: float
+
+
+# ---- the form itself -----------------------------------------------------------------------------
+
+
+@law(
+    D=Output("m/s^2", "what the slip falls by without torque", positive="braking"),
+)
+def fall(
+    F=Input("N", "adhesion force", positive="braking"),
+    a_R=Input("m/s^2", "deceleration by resistance", value=0.0, positive="braking"),
+    J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
+    r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
+    m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
+):
+    """D = (r^2/J + 1/m) F + a_R."""
+    return (r**2 / J + 1 / m) * F + a_R
+
+
+@law(T_eq=Output("N m", "torque that keeps the slip", positive="braking"))
+def keeping(
+    D=Input("m/s^2", "what the slip falls by without torque", positive="braking"),
+    J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
+    r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
+):
+    """T = (J/r) D, for s' = 0."""
+    return J / r * D
+
+
+@law(T_cmd=Output("N m", "commanded torque", positive="braking"))
+def limits(
+    T_wanted=Input("N m", "wanted torque", positive="braking"),
+    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
+):
+    """Command behind a lag: shortened by ``lead`` as in freight_traction, then limited."""
+    return fmin(T_max, fmax(0, T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)))
+
+
+# ---- the laws ------------------------------------------------------------------------------------
+
+
+def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
+    """A law of ``subway_braking_control``: it is in this form already."""
+
+    def make(w: Wheel) -> Block:
+        wires = {
+            "reference.v": "v",
+            "reference.v_opt": "v_best",
+            "keeping.D": "D",
+            "law.v_s": "v_s",
+            "law.v_ref": "reference.v_ref",
+            "law.T_eq": "keeping.T_eq",
+            "T_wanted": "law.T_wanted",
+        }
+        block = control_law.with_params(J=w.J, r=w.r)
+        return connect(
+            "law", wires, reference=huang.slip_reference,
+            keeping=keeping.with_params(J=w.J, r=w.r), law=block,
+        )  # fmt: skip
+
+    return make
+
+
+def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
+    """A law of ``hst_braking_control``: slip as ratio, braking torques and forces negative.
+
+    Its term of the vehicle's motion is that of a braked one, whose speed falls; on a driven wheel
+    it has the other sign and is left out.
+    """
+
+    def make(w: Wheel) -> Block:
+        p = {"I_w": w.J, "r": w.r, "T_max": w.T_max}
+        if control_law.choices.get("motion"):
+            p |= {"n": 1.0, "m": w.m}
+        block = control_law.with_params(**{k: x for k, x in p.items() if k in control_law.params})
+        first = min(w.v_best / w.v, 0.1)
+        wires = {
+            "ratio.u": "v_s",
+            "ratio.v": "v",
+            "best.u": "v_best",
+            "best.v": "v",
+            "force.u": "F",
+            "reference.best": "best.y",
+            "reference.lam": "ratio.y",
+            "reference.F_a": "force.y",
+            "reference.v": "v",
+            "torque.u": "law.T_wanted",
+            "T_wanted": "torque.y",
+        }
+        ports = {"v": "v", "lam": "ratio.y", "F_a": "force.y", "lam_ref": "reference.lam_ref",
+                 "rate": "reference.rate"}  # fmt: skip
+        wires |= {f"law.{n}": ports[n] for n in block.inputs}
+        shape = zhang.shaper.with_params(I_w=w.J, r=w.r)
+        shape = shape.with_params(limited=first, smooth=first)
+        return connect(
+            "law", wires, ratio=speed_to_ratio(), best=speed_to_ratio(),
+            force=flip_sign("N", "traction"), reference=shape, law=block,
+            torque=flip_sign("N m", "braking"),
+        )  # fmt: skip
+
+    return make
+
+
+def of_cheng(form: str = "robust") -> Callable[[Wheel], Block]:
+    """The barrier law of ``freight_traction_control``: made for a driven wheel, so in the mirror.
+
+    Its barrier of 0.02 m/s stands at a best creep of 1.21 m/s and keeps that share elsewhere.
+    """
+
+    def make(w: Wheel) -> Block:
+        share = w.v_best / 1.2098601
+        block = cheng.barrier_law(form).with_params(
+            k_s=cheng_barrier(w), v_sopt=w.v_best, J=w.J, r=w.r, R_g=1.0, T_max=w.T_max
+        )
+        wires = {
+            "slip.u": "v_s",
+            "best.u": "v_best",
+            "fall.u": "D",
+            "reference.v": "best.y",
+            "barrier.v_s": "slip.y",
+            "barrier.v_ref": "reference.v_ref",
+            "barrier.rate": "reference.rate",
+            "barrier.D_hat": "fall.y",
+            "torque.u": "barrier.T_cmd",
+            "T_wanted": "torque.y",
+        }
+        reference = cheng.reference(T_S)
+        reference = reference.with_params(most=10.0 * share)
+        speed = ("m/s", "traction", "speed")
+        return connect(
+            "law", wires, slip=mirror(*speed), best=mirror("m/s", "traction"),
+            fall=mirror("m/s^2", "traction"), reference=reference, barrier=block,
+            torque=mirror("N m", "braking"),
+        )  # fmt: skip
+
+    return make
+
+
+def cheng_barrier(w: Wheel) -> float:
+    """Barrier above the reference in m/s."""
+    return 0.02 * w.v_best / 1.2098601
+
+
+def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
+    """A law of ``hst_traction_control``: with v - v_d the slip error and M = J/r it is a slip law.
+
+    It tracks speed and position; a slip has no position, so e1 = 0. Its gains are made for a
+    disturbance of 0.05 m/s^3; the caller gives gains for one of a slip.
+    """
+
+    def make(w: Wheel) -> Block:
+        block = sampled(control_law, T_S, "euler") if control_law.kind == "flow" else control_law
+        scale = block.params["M"].value
+        wires = {
+            "slip.u": "v_s",
+            "best.u": "v_best",
+            "error.v_s": "slip.y",
+            "error.v_ref": "best.y",
+            "fall.u": "D",
+            "law.e1": "error.e1",
+            "law.e2": "error.e2",
+            "law.a_ff": "fall.y",
+            "law.F_hi": "scale.F_hi",
+            "law.F_lo": "scale.F_lo",
+            "torque.F": "law.F_wanted",
+            "mirror.u": "torque.T",
+            "T_wanted": "mirror.y",
+        }
+        return connect(
+            "law", wires, slip=mirror("m/s", "traction", "speed"), best=mirror("m/s", "traction"),
+            fall=mirror("m/s^2", "traction"), error=slip_error,
+            scale=force_limits.with_params(M=scale, J=w.J, r=w.r, T_max=w.T_max),
+            law=block, torque=torque_of.with_params(M=scale, J=w.J, r=w.r),
+            mirror=mirror("N m", "braking"),
+        )  # fmt: skip
+
+    return make
+
+
+@law(e1=Output("m", "none: a slip has no position"), e2=Output("m/s", "creep less reference"))
+def slip_error(
+    v_s=Input("m/s", "creep", positive="traction", per="speed"),
+    v_ref=Input("m/s", "its reference", positive="traction"),
+):
+    """Slip error in the place of a speed error."""
+    return dict(e1=0 * one("s") * v_s, e2=v_s - v_ref)
+
+
+SCALE = dict(
+    M=Param("kg", 500e3, "mass that the law has", ADDED, lo=1),
+    J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
+    r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
+)
+
+
+@law(F_hi=Output("N", "largest force", positive="traction"),
+     F_lo=Output("N", "smallest force", positive="traction"))  # fmt: skip
+def force_limits(
+    M=SCALE["M"], J=SCALE["J"], r=SCALE["r"],
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+):  # fmt: skip
+    """Limits of the torque as forces on the mass of the law, F = M (r/J) T."""
+    return dict(F_hi=M * r / J * T_max, F_lo=0 * M * r / J * T_max)
+
+
+@law(T=Output("N m", "torque at the wheel", positive="traction"))
+def torque_of(
+    F=Input("N", "force that the law wants", positive="traction"),
+    M=SCALE["M"], J=SCALE["J"], r=SCALE["r"],
+):  # fmt: skip
+    """T = (J/r) F/M."""
+    return J / r * F / M
+
+
+def laws(driven: bool = False) -> dict[str, Callable[[Wheel], Block]]:
+    """Makers of the laws by name, to be given a :class:`Wheel`.
+
+    Args:
+        driven: for a driven wheel.
+    """
+    motion = not driven
+    return {
+        "pid": of_zhang(zhang.pid()),
+        "smc": of_huang(huang.reaching_law()),
+        "sta": of_huang(huang.super_twisting()),
+        "efc": of_zhang(zhang.feedback_linearisation(motion)),
+        "eppfc": of_zhang(zhang.prescribed(motion=motion)),
+        "eppfc_barrier": of_zhang(zhang.prescribed(law="barrier", motion=motion)),
+        "barrier": of_cheng(),
+        "hosm": of_wang(wang.higher_order(eta=10.0)),
+    }
