@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run, fit, c, certify and check.
+"""The command line: list, show, copy, run, fit, c, pil, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
@@ -146,6 +146,16 @@ def parser() -> Parser:
     p.add_argument(
         "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
     )
+
+    p = command("pil", "Run a loop with its controller on an emulated processor, tick by tick.")
+    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
+    p.add_argument("--real", choices=("double", "float"), default="double")
+    p.add_argument(
+        "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
+        help="what happens to the frame of a tick on purpose: lost, late or broken",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument(
@@ -494,6 +504,19 @@ def _c(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
+def _pil(options: argparse.Namespace, command: str) -> int:
+    from slipctl import processor, store
+
+    out = Path(options.out) if options.out else None
+    if out is not None:
+        store.check_folder(out.parent)
+    found = processor.compare(options.name, options.target, options.real, options.faults, out)
+    print(found)
+    if not found.passed:
+        raise RunFailed(f"{options.name}: the loop differs with its controller on {options.target}")
+    return 0
+
+
 # ---- certify, check -----------------------------------------------------------------------------
 
 
@@ -516,7 +539,7 @@ def _check(options: argparse.Namespace, command: str) -> int:
 
 COMMANDS = {
     "list": _list, "show": _show, "copy": _copy, "run": _run, "fit": _fit, "c": _c,
-    "certify": _certify, "check": _check,
+    "pil": _pil, "certify": _certify, "check": _check,
 }  # fmt: skip
 
 if __name__ == "__main__":

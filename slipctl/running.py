@@ -346,7 +346,7 @@ def _run_one(
     data = simulate(
         loop, case.scenario, compile=compile, progress=progress, log=wanted, every=case.every
     )
-    data = _add_known(study, case, data)
+    data = add_known(study, case, data)
     changes = rail_changes(data, case.scenario, study.signals)
     data = data.assign_attrs(
         study=study.name, quick=int(results.quick), loop_name=name, rail_changes_s=changes
@@ -373,7 +373,7 @@ def _part(tell: Report, what: str) -> Callable[[float], None]:
     return lambda share: tell(what, share)
 
 
-def _add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
+def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
     """Add what the study knows beside the loop to a log."""
     rail = case.scenario.rail
     where = None if rail is None else place(data, rail, study.signals)

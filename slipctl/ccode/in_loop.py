@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import casadi as ca
 import numpy as np
 
 from slipctl import simulation
 from slipctl.block import Block, Exprs, make_block
-from slipctl.ccode.rig import BROKEN, LATE, LOST, Rig
+from slipctl.ccode.expected import start_state
+from slipctl.ccode.precision import rounded
+from slipctl.ccode.rig import BROKEN, LATE, LOST
 from slipctl.errors import BadInput
 from slipctl.rail import Scenario
 
@@ -32,6 +34,31 @@ class InLoop:
 
     data: xarray.Dataset
     status: np.ndarray
+
+
+class Board(Protocol):
+    """What answers in each tick; see :class:`slipctl.ccode.rig.Rig`."""
+
+    def step(
+        self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
+    ) -> tuple[int, np.ndarray]:
+        """Run one tick: status and output elements."""
+
+
+class Interface:
+    """The block itself, in double, behind an interface of float: what rounding that alone does."""
+
+    def __init__(self, block: Block, params: Mapping[str, Any]) -> None:
+        self._f, self._x = block.f, start_state(block, params)
+        self._p = ca.DM(block.pack("param", block.param_values(**params)))
+
+    def step(
+        self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
+    ) -> tuple[int, np.ndarray]:
+        """Run one tick."""
+        following, y = self._f(self._x, rounded(row, "float"), self._p)
+        self._x = np.array(following.full()).ravel()
+        return 0, rounded(np.array(y.full()).ravel(), "float")
 
 
 def place_holder(block: Block) -> Block:
@@ -58,7 +85,7 @@ def place_holder(block: Block) -> Block:
 
 
 def run_in_loop(
-    loop: Block, part: str, scenario: Scenario, rig: Rig, faults: Mapping[int, str] | None = None
+    loop: Block, part: str, scenario: Scenario, rig: Board, faults: Mapping[int, str] | None = None
 ) -> InLoop:
     """Simulate a loop whose part runs on a processor.
 

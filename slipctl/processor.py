@@ -1,0 +1,235 @@
+"""A study's loop with its controller on an emulated processor, compared with the run in Python."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipctl import codegen, doors, running, store
+from slipctl.block import Block
+from slipctl.ccode.header import bit
+from slipctl.ccode.in_loop import FAULTS, Interface, run_in_loop
+from slipctl.ccode.plan import Plan
+from slipctl.ccode.rig import Rig
+from slipctl.errors import BadInput
+from slipctl.metrics import Run, measure, rail_changes
+from slipctl.simulation import simulate
+from slipctl.studying import Case, Study
+
+TRAJECTORY = 1e-9
+"""Largest difference from Python in double, relative to the largest value of a signal."""
+
+METRIC = 0.01
+"""Largest relative difference of a metric in float; or twice what it moves by where the controller
+in double is fed through an interface of float. A limit cycle of a sliding mode lives in the last
+digits of the slip, and rounding the slip alone changes its height."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A run with the controller on a processor beside the one in Python; ``print`` says it.
+
+    Attributes:
+        data: what ``--out`` writes.
+    """
+
+    data: dict[str, Any]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run is as it must be."""
+        return bool(self.data["passed"])
+
+    def __str__(self) -> str:
+        d = self.data
+        worst = max(d["signals"], key=lambda n: d["signals"][n])
+        lines = [
+            f"{d['name']} with {d['part']} on {d['target']} in {d['real']}: {d['ticks']} ticks in"
+            f" {d['seconds']:.1f} s",
+            f"  largest difference from Python outside the controller {d['signals'][worst]:.3g} of"
+            f" the largest value ({worst})",
+        ]
+        for name, (python, target) in d["metrics"].items():
+            move = d["metrics_move"].get(name, 0.0)
+            said = f", moves by {move:.2g} with roundings" if move else ""
+            mark = "  DIFFERS" if name in d["metrics_differ"] else ""
+            lines.append(f"  {name}: {_said(python)} in Python, {_said(target)} here{said}{mark}")
+        lines.append(f"  status of other ticks than 0: {d['status'] or 'none'}")
+        if d["faults"]:
+            lines.append(f"  after the faults {d['difference_at_the_end']:.3g} of the largest slip")
+        lines.append(f"  {'passed' if self.passed else 'FAILED: ' + ', '.join(d['failed'])}")
+        return "\n".join(lines)
+
+
+def compare(
+    name: str, target: str, real: str, faults: Sequence[str] = (), out: Path | None = None
+) -> Comparison:
+    """Run a loop of a study with its controller on a processor, and compare.
+
+    In double the trajectory must be that of Python to 1e-9 of the largest value of each signal; in
+    float each metric to 1 %, or to twice what an interface of float moves it by. Every tick must
+    have the status that the guards of the C have by the run in Python. With faults each of them
+    must be told by the status, and the slip must be that of the undisturbed run to 1 % at the end.
+
+    Args:
+        name: ``"study:loop"`` or ``"study:loop@scenario"``.
+        target: ``"cortex-m4"`` or ``"cortex-m7"``.
+        real: ``"double"`` or ``"float"``.
+        faults: what happens on purpose, ``"1500=lost"``, ``late`` or ``broken``.
+        out: file for the numbers.
+
+    Raises:
+        BadInput: no such loop, target or fault; a tool is missing.
+        RunFailed: the board does not answer.
+    """
+    study_name, colon, loop_name = name.rpartition(":")
+    if not colon:
+        raise BadInput(f"{name} names no loop; write STUDY:LOOP")
+    study = doors.load_study(study_name)
+    loop, case = doors.find_loop(study, loop_name)
+    part = study.controller
+    wanted = _faults(faults)
+    python = simulate(loop, case.scenario)
+    plan = Plan(loop[part], part.replace(".", "_"), loop.period, real)
+    params = codegen.logged_params(loop, part, python)
+    began = time.perf_counter()
+    with Rig(plan, codegen.texts(plan), target, params) as rig:
+        got = run_in_loop(loop, part, case.scenario, rig, wanted)
+    seconds = time.perf_counter() - began
+    data: dict[str, Any] = {
+        "name": name, "part": part, "target": target, "real": real, "seconds": seconds,
+        **_judged(study, case, loop, part, python, got, wanted, real, params),
+    }  # fmt: skip
+    failed = []
+    if not wanted and real == "double" and max(data["signals"].values()) > TRAJECTORY:
+        failed.append("trajectory")
+    if not wanted and data["metrics_differ"]:
+        failed.append("metrics")
+    if data["wrong_status"]:
+        failed.append(f"status of {data['wrong_status']} ticks")
+    if wanted and data["difference_at_the_end"] > METRIC:
+        failed.append("no recovery")
+    data |= {"failed": failed, "passed": not failed}
+    if out is not None:
+        store.write_json(out, data)
+    return Comparison(data)
+
+
+def _faults(words: Sequence[str]) -> dict[int, str]:
+    found = {}
+    for word in words:
+        tick, _, what = word.partition("=")
+        if not tick.isdigit() or what not in FAULTS:
+            raise BadInput(
+                f"--fault {word}: write TICK=WHAT, such as 1500=lost; {', '.join(FAULTS)}"
+            )
+        found[int(tick)] = what
+    return found
+
+
+def _judged(
+    study: Study,
+    case: Case,
+    loop: Block,
+    part: str,
+    python: Any,
+    got: Any,
+    faults: dict[int, str],
+    real: str,
+    params: Mapping[str, Any],
+) -> dict[str, Any]:
+    outside = [
+        str(n)
+        for n in python
+        if n in got.data and (not str(n).startswith(f"{part}.") or n in loop.wires.values())
+    ]
+    differences = {n: _difference(python[n].values, got.data[n].values) for n in outside}
+    metrics = {k: _metrics(study, case, d) for k, d in (("python", python), ("here", got.data))}
+    pairs = {
+        n: (m.value, metrics["here"][n].value)
+        for n, m in metrics["python"].items() if n in metrics["here"] and n != "step_time"
+    }  # fmt: skip
+    moved = {}
+    if real == "float" and not faults:
+        moved = _moved(study, case, loop, part, params, metrics["python"])
+    differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
+    expected = _statuses(loop, part, python)
+    for tick, what in faults.items():
+        expected[tick] = {"lost": -1, "late": FAULTS["late"], "broken": FAULTS["broken"]}[what]
+        if what != "late" and tick + 1 < len(expected) and tick + 1 not in faults:
+            expected[tick + 1] |= FAULTS["lost"]
+    numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
+    slip = study.signals.slip
+    name = slip if isinstance(slip, str) else next((n for n in slip or () if n in python), None)
+    end = -len(python["time"]) // 10
+    at_end = float("nan")
+    if name is not None:
+        a, b = python[name].values, got.data[name].values
+        at_end = float(np.abs(a[end:] - b[end:]).max() / np.abs(a).max())
+    return {
+        "ticks": len(got.status),
+        "signals": differences,
+        "metrics": pairs,
+        "metrics_move": moved,
+        "metrics_differ": differ,
+        "status": {int(n): int(c) for n, c in zip(numbers, counts, strict=True)},
+        "wrong_status": int(np.count_nonzero(expected != got.status)),
+        "faults": {str(k): v for k, v in faults.items()},
+        "difference_at_the_end": at_end,
+    }
+
+
+def _difference(wanted: np.ndarray, got: np.ndarray) -> float:
+    largest = float(np.abs(wanted).max(initial=0.0))
+    return float(np.abs(wanted - got).max(initial=0.0)) / (largest or 1.0)
+
+
+def _metrics(study: Study, case: Case, data: Any) -> Mapping[str, Any]:
+    data = running.add_known(study, case, data)
+    return measure(Run(data, study.signals, rail_changes(data, case.scenario, study.signals), {}))
+
+
+def _moved(
+    study: Study, case: Case, loop: Block, part: str, params: Mapping[str, Any],
+    wanted: Mapping[str, Any],
+) -> dict[str, float]:  # fmt: skip
+    """Change of each metric where the controller in double is fed through an interface of float."""
+    interface = Interface(loop[part], params)
+    again = _metrics(study, case, run_in_loop(loop, part, case.scenario, interface).data)
+    found = {}
+    for n, m in wanted.items():
+        pairs = zip(np.atleast_1d(m.value), np.atleast_1d(again[n].value), strict=False)
+        found[n] = max((abs(float(x - y)) for x, y in pairs if None not in (x, y)), default=0.0)
+    return found
+
+
+def _close(a: Any, b: Any, moved: float) -> bool:
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(_close(x, y, moved) for x, y in zip(a, b, strict=True))
+    if a is None or b is None:
+        return a is b
+    return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved))
+
+
+def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
+    """Status that the guards of the C have in each tick, by the run in Python."""
+    block, status = loop[part], np.zeros(len(python["time"]), dtype=int)
+    for n, s in block.outputs.items():
+        if f"{part}.{n}" in python:
+            values = python[f"{part}.{n}"].values.reshape(len(status), -1)
+            status[((values < s.lo) | (values > s.hi)).any(axis=1)] = bit("LIMITED")
+    for n, values in codegen.logged_inputs(loop, part, python).items():
+        s, rows = block.inputs[n], values.reshape(len(status), -1)
+        status[((rows < s.lo) | (rows > s.hi)).any(axis=1)] = bit("OFF_RANGE")
+    return status
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return "(" + ", ".join(_said(v) for v in value) + ")"
+    return "none" if value is None else f"{value:.6g}"

@@ -1,0 +1,155 @@
+"""A controller on an emulated processor, its plant in Python, over the serial line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    Scenario,
+    State,
+    cli,
+    codegen,
+    connect,
+    flow,
+    processor,
+    sampled,
+    simulate,
+    step,
+)
+from slipctl.ccode import targets
+from slipctl.ccode.in_loop import Interface, run_in_loop
+from slipctl.ccode.plan import Plan
+from slipctl.ccode.rig import BROKEN, LATE, LOST, Rig, fletcher
+
+
+@pytest.fixture(scope="module")
+def board() -> None:
+    try:
+        targets.tool("cortex-m4")
+        targets.emulator("cortex-m4")
+    except BadInput as missing:
+        pytest.skip(str(missing))
+
+
+@flow(y=Output("m/s", "speed"))
+def mass(
+    v=State("m/s", 0.0, "speed"),
+    F=Input("N", "force"),
+    m=Param("kg", 2.0, "mass", lo=0.1),
+    w=Param("N", 0.3, "load"),
+):
+    """A mass with a load."""
+    return dict(v=(F - w) / m), dict(y=v)
+
+
+@step(period=0.01, F=Output("N", "force", lo=-2, hi=2))
+def pi(
+    i=State("N", 0.0, "integral"),
+    v=Input("m/s", "speed", lo=-1, hi=1),
+    goal=Input("m/s", "wanted speed", value=0.0),
+    k=Param("N s/m", 3.0, "gain", lo=0),
+):
+    """Proportional and integral."""
+    e = goal - v
+    return dict(i=i + 0.05 * k * e), dict(F=k * e + i)
+
+
+def loop() -> Block:
+    wires = {"ctl.v": "plant.y", "plant.F": "ctl.F", "ctl.goal": "goal"}
+    return connect("loop", wires, plant=sampled(mass, 0.01, "rk4"), ctl=pi)
+
+
+SCENARIO = Scenario("step", 6.0, inputs={"goal": [(0.0, 0.0), (0.5, 0.3)]}, params={"ctl.k": 3.3})
+
+
+def run(real: str, faults: Any = None) -> Any:
+    plan = Plan(pi, "ctl", 0.01, real)
+    with Rig(plan, codegen.texts(plan), "cortex-m4", {"k": 3.3}) as rig:
+        return run_in_loop(loop(), "ctl", SCENARIO, rig, faults)
+
+
+@pytest.mark.usefixtures("board")
+def test_trajectory_is_that_of_python() -> None:
+    wanted = simulate(loop(), SCENARIO)
+    got = run("double")
+    assert not got.status.any()
+    for n in ("plant.v", "ctl.F", "goal"):
+        np.testing.assert_array_equal(got.data[n].values, wanted[n].values)
+    single = run("float")
+    np.testing.assert_allclose(single.data["ctl.F"], wanted["ctl.F"], atol=3e-6)
+    assert np.abs(single.data["ctl.F"] - wanted["ctl.F"]).max() > 0
+
+
+@pytest.mark.usefixtures("board")
+def test_faults_are_told_and_the_loop_recovers() -> None:
+    calm = run("double")
+    got = run("double", {20: "lost", 40: "late", 60: "broken", 61: "lost"})
+    status = dict(enumerate(got.status))
+    assert [k for k, s in status.items() if s] == [20, 21, 40, 60, 61, 62]
+    assert [status[k] for k in (20, 21, 40, 60, 61, 62)] == [-1, LOST, LATE, BROKEN, -1, LOST]
+    force = got.data["ctl.F"].values
+    assert force[20] == force[19]  # the last command holds
+    assert force[40] == force[39]
+    # the missed ticks have moved the integral, and the loop has come back
+    worst = float(np.abs(got.data["plant.v"] - calm.data["plant.v"]).max())
+    assert worst > 0
+    assert float(np.abs(got.data["plant.v"] - calm.data["plant.v"])[-1]) < 0.2 * worst
+
+
+def test_interface_of_float_alone() -> None:
+    wanted = simulate(loop(), SCENARIO)
+    got = run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {"k": 3.3}))
+    force = got.data["ctl.F"].values
+    assert (force == force.astype(np.float32)).all()
+    np.testing.assert_allclose(force, wanted["ctl.F"], atol=3e-6)
+
+
+def test_what_is_seen_at_once_is_refused() -> None:
+    @flow(y=Output("m/s", "speed and force"))
+    def leaky(v=State("m/s", 0.0), F=Input("N"), b=Param("s m/(N s)", 0.1)):
+        """The force shows at once."""
+        return dict(v=F), dict(y=v + b * F)
+
+    @step(period=0.01, F=Output("N"))
+    def held(i=State("N", 0.0), v=Input("m/s")):
+        """Its output does not depend on its input, so the loop has no algebraic loop."""
+        return dict(i=0.5 * i - v), dict(F=i)
+
+    wires = {"ctl.v": "plant.y", "plant.F": "ctl.F"}
+    closed = connect("loop", wires, plant=sampled(leaky, 0.01, "rk4"), ctl=held)
+    with pytest.raises(BadInput, match="ctl sees at once what it gives; delay it by a tick"):
+        run_in_loop(closed, "ctl", Scenario("s", 0.1), Interface(held, {}))
+    with pytest.raises(BadInput, match="'gone' is no fault; write lost, late, broken"):
+        run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {}), {3: "gone"})
+
+
+def test_checksum_is_fletchers() -> None:
+    assert fletcher(b"abcde") == bytes((0xF0, 0xC8))  # 0xC8F0, the usual example
+
+
+def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, said in (
+        (["subway_braking"], "names no loop; write STUDY:LOOP"),
+        (["subway_braking:sta", "--fault", "7=gone"], "write TICK=WHAT, such as 1500=lost"),
+        (["subway_braking:sta", "--target", "cortex-m3"], "is not known; did you mean"),
+        (["subway_braking:stb"], "has no loop 'stb'; did you mean 'sta'"),
+    ):
+        assert cli.main(["pil", *words]) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+
+
+def test_lists_and_nothing_are_compared() -> None:
+    assert processor._close([1.0, None], [1.005, None], 0.0)
+    assert not processor._close([1.0, None], [1.0, 2.0], 0.0)
+    assert not processor._close(1.0, 1.02, 0.0)
+    assert processor._close(1.0, 1.02, 0.011)
