@@ -188,6 +188,7 @@ C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbe
 | `cortex_m.*` | start, timer and linker script for the test on a board, `make cortex-m4` |
 | `CMakeLists.txt` | a static library; alone also example and test, for `ctest` |
 | `report.json` | sizes, symbols, compilers, largest difference from Python per signal |
+| `{n}.a2l` | parameters and measurements for a calibration tool |
 | `LICENSE` | terms |
 
 Call in this order:
