@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
 from slipctl import Block, Gains
+from slipctl.bounding import Bound
+from slipctl.models import hst_traction_control as control
 from slipctl.models.contact import peak
 from slipctl.models.hst_traction import resistance
 from slipctl.models.hst_traction_adhesion import SLOPE
-
-MEASURED = 0.014
-"""Median of |delta'|/M in m/s^3 that the law itself makes through the lag of the motors."""
+from slipctl.studies.hst_traction_experiments import window
+from slipctl.studies.hst_traction_loops import MODELS
 
 SPEED = 40.0
 """Train speed at the jump to ice in m/s."""
@@ -27,9 +33,27 @@ def _observer(loop: Block) -> dict[str, float]:
     return {**gains, "L": SLOPE}
 
 
-def _higher(loop: Block) -> dict[str, float]:
-    law = {k: number(loop, f"ctl.strategy.law.{k}") for k in ("alpha", "beta")}
-    return {**law, "k4": number(loop, "ctl.strategy.law.k_4"), "eta": MEASURED}
+@cache
+def slope_met(form: str) -> Bound:
+    """|delta'|/M in m/s^3 that the law meets on dry rail, 105 s to 115 s: its 99.9 % quantile."""
+    law = control.higher_order(form)
+    log, _ = window(
+        MODELS, law, True, 100.0, 15.0, ("ctl.F_contr", "plant.train.F_all"), True, every=5
+    )
+    mass = float(law.param_values()["M"])
+    delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / mass
+    rates = np.abs(np.diff(delta))[1000:] / control.T_C
+    value = float(np.quantile(rates, 0.999))
+    return Bound(value, float(rates.max()), "99.9 % of the ticks of a run, no proof")
+
+
+def _higher(form: str) -> Callable[[Block], dict[str, float]]:
+    def numbers(loop: Block) -> dict[str, float]:
+        law = {k: number(loop, f"ctl.strategy.law.{k}") for k in ("alpha", "beta")}
+        k4 = number(loop, "ctl.strategy.law.k_4")
+        return {**law, "k4": k4, "eta": slope_met(form).value}
+
+    return numbers
 
 
 def _saturated(loop: Block) -> dict[str, float]:
@@ -43,13 +67,16 @@ def _saturated(loop: Block) -> dict[str, float]:
     }  # fmt: skip
 
 
-WHY = "median of what the law itself makes through the lag of its motors"
+WHY = (
+    "what a run on dry rail meets in 99.9 % of its ticks; the law makes it through its motors' lag"
+)
 
 GAINS = (
     Gains("observer", "hosm_limited", "adhesion_observer", _observer,
           "what the observer is laid out for", "theorem_1", "chosen"),
-    Gains("hosm", "hosm_limited", "higher_order", _higher, WHY, "printed_49", "chosen"),
-    Gains("hosm_printed", "hosm_limited_printed@stress", "higher_order", _higher, WHY,
+    Gains("hosm", "hosm_limited", "higher_order", _higher("optimum"), WHY,
+          "printed_49", "chosen"),
+    Gains("hosm_printed", "hosm_limited_printed@stress", "higher_order", _higher("printed"), WHY,
           "printed_49", "Wang 2025, Table 1"),
     Gains("compensation", "hosm_limited", "saturation_compensation", _saturated,
           f"speed held at {SPEED:g} m/s on ice, ten axles", "", "Wang 2025, Table 1"),
