@@ -31,7 +31,7 @@ from slipctl.replication import widened, with_derived
 from slipctl.rooting import bracketed_newton
 from slipctl.signals import Signal
 
-STAGES = ((0, 0), (0, 0), (2, 1, 1), (24, 12, 12, 12, 12, 12))
+STAGES = ((0, 0), (0, 0), (3, 3, 3), (24, 24, 24, 24, 24, 24))
 """Newton updates of each axle in each sweep over the axles, beside the one between two sweeps. A
 stage is computed only where the one before left a residual; the last one starts anew."""
 
@@ -212,37 +212,42 @@ def _scattered(T: Any, motors: Sequence[int], n: int) -> Any:
     return ca.sparsity_cast(T, ca.Sparsity.triplet(n, 1, list(motors), [0] * len(motors)))
 
 
-def _axle(adhesion: Block, names: Sequence[str], updates: int) -> ca.Function:
-    """Creep of one axle for a given speed of the train at the end of the step.
+def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
+    """Creep of one axle for a given speed of the train at the end of the step, by Newton updates.
 
     Results: contact force, whether the brake holds the wheel, residual; creep and force after one
     more Newton step, the share of a change of that speed by which the creep falls, and the force.
     """
-    s0, v_next, v, free, k, N, hold = (ca.SX.sym(name) for name in
-                                       ("s0", "v_next", "v", "free", "k", "N", "hold"))  # fmt: skip
-    values = [ca.SX.sym(name.replace(".", "_")) for name in names]
-    p = dict(zip(adhesion.params, values, strict=True))
     z = ca.SX.sym("z")
+    q = v_next, v, free, k, N, hold, *values = [
+        ca.SX.sym(n) for n in ("v_next", "v", "free", "k", "N", "hold", *names)
+    ]
+    p = dict(zip(adhesion.params, values, strict=True))
     mu = adhesion.expr({}, {"v_s": z, "v": v}, p)[1]["mu"]
-    curve = ca.Function("curve", [z, v, *values], [mu, ca.gradient(mu, z)], {"cse": True})
+    curve = ca.Function("curve", [z, *q], [mu, ca.gradient(mu, z)], {"cse": True})
     beta, reach = free - v_next, N / k
-
-    def residual(s: Any) -> tuple[Any, Any]:
-        height, slope = curve(s, v, *values)
-        return k * (s - beta) + N * height, k + N * slope
-
     lo, hi = beta - reach, beta + reach
-    s = bracketed_newton(residual, ca.fmin(ca.fmax(s0, lo), hi), lo, hi, updates)
+
+    start = ca.fmin(ca.fmax(z, lo), hi)
     # a wheel that stands has the creep -v+; the brake cannot push it beyond
-    locked = hold * s < -hold * v_next
-    s = ca.if_else(locked, -v_next, s)
-    height, slope = curve(s, v, *values)
+    locked = hold * start < -hold * v_next
+    s = ca.if_else(locked, -v_next, start)
+    height, slope = curve(s, *q)
     F, slope = N * height, N * ca.fmax(slope, 0)
     left = ca.if_else(locked, 0, k * (s - beta) + F)
     move, slide = -left / (k + slope), ca.if_else(locked, 1, k / (k + slope))
-    inputs = [s0, v_next, v, free, k, N, hold, *values]
     results = [F, locked, ca.fabs(left), s + move, F + slope * move, slide, slope * slide]
-    return ca.Function(f"axle_{updates}", inputs, results, {"cse": True})
+    found = {0: ca.Function("axle_0", [z, *q], results, {"cse": True})}
+    height, slope = curve(z, *q)
+    equation = [k * (z - beta) + N * height, k + N * slope]
+    residual = ca.Function("residual", [z, ca.vertcat(*q)], equation, {"cse": True})
+    numbers = sorted({m for stage in STAGES for m in stage} - {0})
+    inputs = s0, v_next, _, free, k, N, *_ = [ca.MX.sym(f"i{j}") for j in range(1 + len(q))]
+    lo, hi = free - v_next - N / k, free - v_next + N / k
+    for m, newton in zip(numbers, bracketed_newton(residual, *numbers), strict=True):
+        s = newton(ca.fmin(ca.fmax(s0, lo), hi), lo, hi, ca.vertcat(*inputs[1:]))
+        found[m] = ca.Function(f"axle_{m}", inputs, found[0].call([s, *inputs[1:]]))
+    return found
 
 
 def _settle(
@@ -256,8 +261,10 @@ def _settle(
     values = [ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params]
     given = [v_s, v, free, k, N, hold, count, by_mass, F_d, *values]
     once = [1, 2, *(7 + j for j, name in enumerate(names) if name not in own)]
-    axle = {m: _axle(adhesion, names, m) for stage in STAGES for m in stage}
-    axles = {m: f.map(f"{f.name()}_x{n}", "serial", n, once, []) for m, f in axle.items()}
+    axles = {
+        m: f.map(f"{f.name()}_x{n}", "serial", n, once, [])
+        for m, f in _axle(adhesion, names).items()
+    }
 
     def sweeps(updates: Sequence[int], s: Any, v_next: Any) -> list[Any]:
         F = locked = worst = None
