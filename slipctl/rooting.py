@@ -38,11 +38,12 @@ def bracketed_newton(residual: ca.Function, *updates: int) -> list[ca.Function]:
     update = ca.Function("newton_update", [z, q], [after], {"cse": True})
 
     names = ["x", "lo", "hi", "q"]
-    given = [*(ca.MX.sym(n) for n in names[:3]), ca.MX.sym("q", q.size1())]
-    x, lo, hi, q = given
-    start = ca.vertcat(x, lo, hi, hi - lo, SMALL * (hi - lo))
+    at, low, high = (ca.MX.sym(n) for n in names[:3])
+    params = ca.MX.sym("q", residual.size1_in(1))
+    start = ca.vertcat(at, low, high, high - low, SMALL * (high - low))
     found = []
     for n in updates:
-        end = update.fold(n)(start, ca.repmat(q, 1, n))
+        end = update.fold(n)(start, ca.repmat(params, 1, n))
+        given = [at, low, high, params]
         found.append(ca.Function(f"newton_{n}", given, [end[0]], names, ["root"]))
     return found
