@@ -12,7 +12,10 @@ from slipctl.certify import barrier, catalogue, higher_order
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as twisting
+from slipctl.models.freight_traction import SURFACES, steepest_slope
+from slipctl.models.hst_braking import RAILS, peak_height, peak_slip
 from slipctl.studies import gain_bounds_runs, hst_traction_gains
+from slipctl.studies.hst_braking_gains import G, change_of_rail
 from slipctl.studies.subway_braking_gains import BAND
 
 SHADES = ("#E4EEF6", "#BFD9EC", "#8FBDDD", "#5A9BC9")
@@ -161,13 +164,14 @@ def funnel_map(r: Results) -> Any:
     nested(axes[0, 0], ("K1 T", "1", kappa), ("W/(K1 eta d)", "1", load),
            {"invariant": region, "and errors die out": region & (kappa[None, :] <= 2)},
            {"used, W = 0.2 1/s": (0.1, 0.2 / 0.6),
-            "change dry to snow, 43.6 m/s": (0.1, 0.4595 / 0.6)},
+            "change dry to snow, 43.6 m/s": (0.1, change_of_rail(43.6) / 0.6)},
            log="", title="funnel law")  # fmt: skip
     axes[0, 0].set_ylim(0, 0.85)
     speed = np.linspace(1, 55, 100)
     W = ppc.largest_disturbance(100.0, 0.005, 1.2, 1.2)
     budget = np.array([ppc.adhesion_budget(v, W, 0.43, 60.35) for v in speed]) / 1e3
-    own = np.array([ppc.neglected_term(v, 3.2045, 0.181) for v in speed]) * 60.35 * speed / 0.43**2
+    a, slip = G * float(peak_height(**RAILS["dry"])), float(peak_slip(**RAILS["dry"]))
+    own = np.array([ppc.neglected_term(v, a, slip) for v in speed]) * 60.35 * speed / 0.43**2
     plots.lines({"held by the law": (speed, budget), "vehicle's motion, if left out":
                  (speed, own / 1e3)}, ("speed", "m/s"), ("error of the adhesion force", "kN"),
                 axis=axes[0, 1], title="budget over speed", marks={})  # fmt: skip
@@ -211,9 +215,10 @@ def seeker_map(r: Results) -> Any:
     """Where the sliding-mode seeker slides, and where only its average climbs."""
     fig, axes = plots.panels(1, 1, height=3.4)
     k, rho = np.geomspace(0.05, 5, 300), np.geomspace(0.01, 3, 300)
-    slides = rho[:, None] < 0.66 * k[None, :]
+    dry, wet = (steepest_slope(**SURFACES[n]) for n in ("dry", "wet"))
+    slides = rho[:, None] < dry * k[None, :]
     nested(axes[0, 0], ("k", "m/s^2", k), ("rho", "1/s", rho), {"slides on dry rail": slides,
-           "and on wet rail": rho[:, None] < 0.4752 * k[None, :]},
+           "and on wet rail": rho[:, None] < wet * k[None, :]},
            {"used: 1, 0.1": (1.0, 0.1), "printed: 1, 1": (1.0, 1.0)},
            title="sliding-mode seeker")  # fmt: skip
     with plots.style():

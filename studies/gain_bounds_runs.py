@@ -83,7 +83,7 @@ def reaching(n: int) -> Run:
     t, x = integrate(lambda s, d: -36 * s - 12 * np.sign(s) + d, [1.2], d, 0.4 / n)
     s = x[:, 0]
     V, rate = lyapunov.reaching(s, d, 36.0, 12.0)
-    return Run("reaching law", "Huang 2020 (26)-(28)", t, V, rate, np.abs(s) > 1e-4,
+    return Run("reaching law", "law (23), no proof printed", t, V, rate, np.abs(s) > 1e-4,
                "V' < 0 for s != 0, |d| < g2", d)  # fmt: skip
 
 
@@ -97,7 +97,7 @@ def twisting(n: int) -> Run:
 
     t, x = integrate(rates, [1.2, 0.0], d, 0.3 / n)
     V, rate = lyapunov.super_twisting(x[:, 0], x[:, 1], d, 20.0, 10.0)
-    return Run("super-twisting", "Huang 2020 (45)-(47)", t, V, rate, np.abs(x[:, 0]) > 1e-4,
+    return Run("super-twisting", "Huang 2020 (44)-(48)", t, V, rate, np.abs(x[:, 0]) > 1e-4,
                "V' < 0 for x1 != 0 where (48) holds", d)  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def observer(n: int) -> Run:
 
     t, x = integrate(rates, [4.0, 100.0], d, 0.15 / n)
     V, rate = lyapunov.observer(x[:, 0], x[:, 1], d, K1, K2, K3, P)
-    return Run("adhesion observer", "Wang 2025 (20)-(24)", t, V, rate, np.abs(x[:, 0]) > 1e-4,
+    return Run("adhesion observer", "Wang 2025, Theorem 1", t, V, rate, np.abs(x[:, 0]) > 1e-4,
                "V' < 0 for e != 0", d)  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def adaptive(n: int) -> Run:
     s, v, k = x.T
     k_rate = np.array([rates(a, b)[2] for a, b in zip(x, d, strict=True)])
     V, rate = lyapunov.higher_order(s, v, d, k, k_rate, wanted, alpha, beta)
-    return Run("adaptive higher order", "Wang 2025 (44)-(49)", t, V, rate, np.abs(s) > sigma,
+    return Run("adaptive higher order", "Wang 2025, Theorem 2", t, V, rate, np.abs(s) > sigma,
                "V' < 0 for |s| > sigma where (49) holds", d)  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def barrier(n: int) -> Run:
     e = x[:, 0]
     V, rate = lyapunov.barrier(e, w, k, k_a, k_s)
     inside = (e > bounds.settled(W, k, k_s)) & (e < bounds.recoverable(W, k, k_s))
-    return Run("barrier Lyapunov", "Cheng 2022 (40)-(48)", t, V, rate, inside,
+    return Run("barrier Lyapunov", "Cheng 2022 (43)-(48)", t, V, rate, inside,
                "V' = -2 k e^2 < 0 without w; with it beyond the settled error", w)  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def seeker(n: int) -> Run:
     # towards beta from below
     away = (np.abs(np.sin(np.pi * delta / beta)) > 0.05) & (delta / beta % 2 > 0.5)
     away &= delta / beta % 2 < 1.5
-    return Run("sliding-mode seeker", "Cheng 2022 (26)-(31)", t, V, rate, away,
+    return Run("sliding-mode seeker", "Cheng 2022 (25)-(28)", t, V, rate, away,
                "V' < 0 around (2n + 1) beta for k mu' > rho", np.zeros(n))  # fmt: skip
 
 
@@ -205,7 +205,7 @@ def in_the_loop(log: Any, k1: float = 20.0, k2: float = 10.0) -> Run:
     rate = np.append(np.diff(V) / T, 0.0)
     outside = np.abs(s) > (k1 * T) ** 2  # a tick that takes k1 |s|^.5 T does not cross zero there
     return Run(
-        "super-twisting, loop of subway_braking", "Huang 2020 (45)-(47)", t[:-1], V, rate, outside,
+        "super-twisting in the loop", "Huang 2020 (44)-(48)", t[:-1], V, rate, outside,
         "V falls for |s| > (k1 T)^2, where no tick crosses zero", d,
     )  # fmt: skip
 

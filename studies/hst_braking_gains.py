@@ -41,6 +41,16 @@ def disturbance(loop: Block) -> float:
     return r**2 / (I_w * SPEED) * tau * F_Z * slope_in_the_funnel(loop).value * rate
 
 
+def change_of_rail(v: float, r: float = 0.43, I_w: float = 60.35) -> float:
+    """Disturbance w in 1/s of a change from dry to snow at dry rail's best slip, at a speed.
+
+    w = r^2 F_z |mu_dry - mu_snow|/(I_w v), while the filter still has the old force.
+    """
+    slip = float(peak_slip(**RAILS["dry"]))
+    drop = burckhardt(lam=slip, **RAILS["dry"])["mu"] - burckhardt(lam=slip, **RAILS["snow"])["mu"]
+    return r**2 * F_Z * abs(drop) / (I_w * v)
+
+
 def _funnel(loop: Block) -> dict[str, float]:
     law = {k: number(loop, f"ctl.law.{k}")
            for k in ("K1", "T", "eta_inf", "delta_l", "delta_u", "r", "I_w")}  # fmt: skip

@@ -16,9 +16,9 @@ def _root(x: Any) -> Any:
 
 
 def reaching(s: Any, d: Any, g1: float, g2: float) -> tuple[Any, Any]:
-    """V = s^2/2 of the reaching law s' = -g1 s - g2 sgn s + d; Huang 2020 (26)-(28).
+    """V = s^2/2 of the reaching law s' = -g1 s - g2 sgn s + d; Huang 2020 (23).
 
-    V' = -g1 s^2 - g2 |s| + s d, negative for |d| < g2.
+    V' = -g1 s^2 - g2 |s| + s d, negative for |d| < g2. The paper prints no proof of this law.
     """
     return s * s / 2, -g1 * s * s - g2 * np.abs(s) + s * d
 
@@ -26,7 +26,7 @@ def reaching(s: Any, d: Any, g1: float, g2: float) -> tuple[Any, Any]:
 def super_twisting(
     x1: Any, x2: Any, d: Any, k1: float, k2: float, P: tuple[float, float, float] | None = None
 ) -> tuple[Any, Any]:
-    """V = zeta' P zeta, zeta = (|x1|^.5 sgn x1, x2); Huang 2020 (45)-(47).
+    """V = zeta' P zeta, zeta = (|x1|^.5 sgn x1, x2); Huang 2020 (44)-(48).
 
     V' = (1/|zeta1|) zeta' (A'P + PA) zeta + 2 (P zeta)_2 d, A = [[-k1/2, 1/2], [-k2, 0]].
 
@@ -58,7 +58,7 @@ def funnel(z: Any, w: Any, K1: float, width: float) -> tuple[Any, Any]:
 def observer(
     e: Any, z: Any, d: Any, K1: float, K2: float, K3: float, P: tuple[float, float, float]
 ) -> tuple[Any, Any]:
-    """V = zeta' P zeta, zeta = (Phi1(e), z); Wang 2025 (20)-(24).
+    """V = zeta' P zeta, zeta = (Phi1(e), z); Wang 2025, proof of Theorem 1.
 
     Args:
         e, z: error of the speed, and of f. d: f'. K1, K2, K3: gains. P: (P11, P12, P22).
@@ -76,9 +76,10 @@ def observer(
 def higher_order(
     s: Any, v: Any, d: Any, k: Any, k_rate: Any, k_wanted: float, alpha: float, beta: float
 ) -> tuple[Any, Any]:
-    """V = zeta' P zeta + (1 + 4 beta^2)/2 (k - k_wanted)^2, zeta = (phi1(s), v); Wang 2025 (44).
+    """V = zeta' P zeta + (1 + 4 beta^2)/2 (k - k_wanted)^2; Wang 2025, proof of Theorem 2.
 
-    P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], s' = -k phi1 + v, v' = -2 beta k phi2 + d.
+    zeta = (phi1(s), v), P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], s' = -k phi1 + v,
+    v' = -2 beta k phi2 + d.
 
     Proof note: with k' = phi1 phi2 2 alpha/(1 + 4 beta^2) the part of V' that holds k - k_wanted
     vanishes, because (A(k) - A(k_wanted))'P + P(..) = diag(-2 alpha (k - k_wanted), 0).
@@ -101,7 +102,7 @@ def higher_order(
 
 
 def barrier(e: Any, w: Any, k: float, k_a: float, k_s: float) -> tuple[Any, Any]:
-    """V = ln(k_x^2/(k_x^2 - e^2))/2, k_x = k_a for e < 0, else k_s; Cheng 2022 (40)-(48).
+    """V = ln(k_x^2/(k_x^2 - e^2))/2, k_x = k_a for e < 0, else k_s; Cheng 2022 (43)-(48).
 
     V' = e e'/(k_x^2 - e^2) = -2 k e^2 + e w/(k_x^2 - e^2) with the printed shape.
     """
@@ -111,7 +112,7 @@ def barrier(e: Any, w: Any, k: float, k_a: float, k_s: float) -> tuple[Any, Any]
 
 
 def seeker(delta: Any, slope: Any, k: float, rho: float, beta: float) -> tuple[Any, Any]:
-    """V = x^2/2 with x = sin(pi delta/beta) of the sliding-mode seeker; Cheng 2022 (26)-(31).
+    """V = x^2/2 with x = sin(pi delta/beta) of the sliding-mode seeker; Cheng 2022 (25)-(28).
 
     delta' = k mu' sgn x - rho; V' = x cos(pi delta/beta) (pi/beta) delta', negative around odd
     multiples of beta for k mu' > rho, and around even ones for k mu' < -rho.
