@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from slipctl import Block
 from slipctl.models import freight_traction_control
-from slipctl.studies import hst_braking_loops, subway_braking_loops
+from slipctl.studies import hst_braking_loops, hst_traction_loops, subway_braking_loops
 
 
 def _subway() -> Block:
@@ -22,9 +22,15 @@ def _hst() -> Block:
     return hst_braking_loops.loop(models, models["eppfc"], "gradient")["ctl"]
 
 
+def _hst_traction() -> Block:
+    models = hst_traction_loops.MODELS
+    return hst_traction_loops.loop(models, models["hosm"])["ctl"]
+
+
 REPRESENTATIVE: dict[str, Callable[[], Block]] = {
     "subway_braking": _subway,  # super-twisting, least squares, differential evolution
     "hst_braking": _hst,  # prescribed performance, filter, gradient reference
     "freight_traction": freight_traction_control.controller,  # barrier law
+    "hst_traction": _hst_traction,  # higher-order sliding mode, anti-slip limit
 }
 """Controller by paper, from sensor to actuator."""

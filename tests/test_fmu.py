@@ -111,6 +111,7 @@ def opened(folder: Path, version: int, tmp_path: Path, name: str = "lag") -> Fmu
 @pytest.mark.parametrize("name", REPRESENTATIVE)
 def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
     """Valid by FMPy; simulated by FMPy on made-up inputs, every output is that of the C module."""
+    from slipctl.ccode.fmu_xml import variables
     from slipctl.ccode.plan import Plan
 
     block = REPRESENTATIVE[name]()
@@ -119,25 +120,23 @@ def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
     rows = comparison.trial_rows(Plan(block))[:60]
     module = codegen.CModule(tmp_path, Plan(block, "ctl")).compile().load()
     wanted, _ = module.replay_rows(rows)
-    names = [n for n, s in block.inputs.items() for _ in range(s.size)]
+    found = variables(Plan(block, "ctl", period))
+    names, outputs = ([v.name for v in found if v.causality == c] for c in ("input", "output"))
     dtype = [("time", float), *((n, float) for n in names)]
     table = np.zeros(len(rows), dtype)
     table["time"] = np.arange(len(rows)) * period
     for k, n in enumerate(names):
         table[n] = rows[:, k]
-    outputs = [n for n, s in block.outputs.items() if s.shape == ()]
-    columns = np.cumsum([0, *(s.size for s in block.outputs.values())])
-    at = [columns[list(block.outputs).index(n)] for n in outputs]
-    for version in VERSIONS:
+    for version in VERSIONS if len(found) < 300 else (3,):  # FMPy parses each name for long
         path = str(tmp_path / f"ctl_fmi{version}.fmu")
         assert validate_fmu(path) == []
         result = fmpy.simulate_fmu(
             path, stop_time=len(rows) * period, output_interval=period, input=table, output=outputs,
-            debug_logging=False,
+            debug_logging=False, validate=False,
         )  # fmt: skip
         assert len(result) == len(rows) + 1
         got = np.column_stack([result[n][1:] for n in outputs])
-        np.testing.assert_array_equal(got, wanted[:, at])
+        np.testing.assert_array_equal(got, wanted)
 
 
 @pytest.fixture(scope="module")
