@@ -33,7 +33,7 @@ _WHERE = {
     "optimum": ["argmax", "argmax_block"],
     "lookup": ["argmax_table"],
     "predictive": ["nmpc"],
-    "predictive_sampling": ["feasibility", "Feasibility"],
+    "trials": ["feasibility", "Feasibility"],
     "clairvoyant": ["trajectory", "Trajectory"],
     "linearise": ["linear", "nonlinear", "operating_point"],
     "studying": [
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from slipctl.lookup import argmax_table
     from slipctl.optimum import argmax, argmax_block
     from slipctl.predictive import nmpc
-    from slipctl.predictive_sampling import Feasibility, feasibility
+    from slipctl.trials import Feasibility, feasibility
     from slipctl.rail import Rail, Scenario, Section
     from slipctl.replication import replicate
     from slipctl.seek import differential_evolution
