@@ -157,11 +157,15 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
         rows += textwrap.wrap(told(used, r.units), 96, initial_indent="  ", subsequent_indent="  ")
         if a.condition is not None:
             holds = "holds" if a.condition else "is violated"
-            rows.append(f"  the paper's own condition, {g.condition}, {holds}")
+            unit = "*" if r.criteria[g.condition].unit_dependent else ""
+            rows.append(f"  the paper's own condition, {g.condition}{unit}, {holds}")
         rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
         if g.bounds:
             rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
                                   subsequent_indent="    ")  # fmt: skip
+    if any(a.report.criteria[a.gains.condition].unit_dependent
+           for a in found if a.condition is not None):  # fmt: skip
+        rows += ["", "* its verdict depends on the unit of length"]
     return "\n".join(rows)
 
 

@@ -58,7 +58,7 @@ PAPERS: dict[str, tuple[Any, Callable[[], dict[str, Block]]]] = {
 def papers(context: Context) -> Table:
     """Every controller of the four studies: verdict, the paper's own condition, what it needs."""
     rows: dict[str, list[Any]] = {
-        k: [] for k in ("study", "gains", "system", "verdict", "own", "needs")
+        k: [] for k in ("study", "gains", "system", "verdict", "own", "unit", "needs")
     }
     for study, (gains, loops) in PAPERS.items():
         found = loops()
@@ -66,7 +66,8 @@ def papers(context: Context) -> Table:
             report = systems.report(catalogue.system(g.system), g.numbers(found[g.loop]))
             own = report.criteria.get(g.condition)
             said = "" if own is None else "holds" if own.holds else "violated"
-            values = (study, g.name, g.system, report.verdict, said, needs(report))
+            unit = None if own is None else own.unit_dependent
+            values = (study, g.name, g.system, report.verdict, said, unit, needs(report))
             for key, value in zip(rows, values, strict=True):
                 rows[key].append(value)
         context.progress((list(PAPERS).index(study) + 1) / len(PAPERS))
@@ -75,7 +76,8 @@ def papers(context: Context) -> Table:
         {
             "study": ("", rows["study"]), "gains": ("", rows["gains"]),
             "certified as": ("", rows["system"]), "verdict": ("", rows["verdict"]),
-            "the paper's own condition": ("", rows["own"]), "what it needs": ("", rows["needs"]),
+            "the paper's own condition": ("", rows["own"]),
+            "it depends on the unit": ("", rows["unit"]), "what it needs": ("", rows["needs"]),
         },
         "slipctl certify STUDY tells the numbers and where the bounds come from.",
     )  # fmt: skip
