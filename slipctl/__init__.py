@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     from slipctl.lookup import argmax_table
     from slipctl.optimum import argmax, argmax_block
     from slipctl.predictive import nmpc
-    from slipctl.trials import Feasibility, feasibility
     from slipctl.rail import Rail, Scenario, Section
     from slipctl.replication import replicate
     from slipctl.seek import differential_evolution
@@ -88,6 +87,7 @@ if TYPE_CHECKING:
         Table,
     )
     from slipctl.timing import every, sampled, unit_delay
+    from slipctl.trials import Feasibility, feasibility
     from slipctl.units import one
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from slipctl import Block, Gains
 from slipctl.bounding import Bound, largest_slope
 from slipctl.models.subway_braking import double_exponential
+from slipctl.models.subway_braking_control import super_twisting
 
 BAND = 5e-3
 """Wanted half-swing of the slip speed in m/s; the study's second settling band."""
@@ -29,11 +30,12 @@ def _dry() -> dict[str, float]:
 def disturbance_slope(loop: Block) -> float:
     """L in m/s^3: d = -(1/m + r^2/J) (F - F^), an estimate wrong by ERROR, within the tube.
 
-    |d'| <= ERROR (1/m + r^2/J) m g max|mu'| max|s'|, and |s'| <= k1 sqrt(TUBE) + sqrt(k1^2 TUBE)
-    there: x2 is no larger than what k1 balances at the edge of the tube.
+    |d'| <= ERROR (1/m + r^2/J) m g max|mu'| max|s'|, and |s'| <= 2 k1 sqrt(TUBE) there: x2 is no
+    larger than what k1 balances at the edge of the tube. k1 is that of the law in use, so that all
+    gains meet the same disturbance.
     """
     m, J, r, g = (_number(loop, f"ctl.equivalent.{n}") for n in ("m", "J", "r", "g"))
-    fastest = 2 * 20.0 * TUBE**0.5
+    fastest = 2 * float(super_twisting().params["k1"].value) * TUBE**0.5
     return ERROR * (1 / m + r * r / J) * m * g * slope_in_the_tube().value * fastest
 
 
