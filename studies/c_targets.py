@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import numpy as np
 from slipctl import BadInput, Block, RunFailed, codegen, connect, doors, rls, store
 from slipctl.ccode import board, expected, targets
 from slipctl.ccode import compilers as cc
-from slipctl.ccode.comparison import trial_rows
+from slipctl.ccode.comparison import reference, trial_rows
 from slipctl.ccode.module import input_rows
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.rounding import INEXACT
@@ -35,6 +36,14 @@ from slipctl.studies import subway_braking_loops as loops
 
 REALS = ("double", "float")
 SEARCHING = "rls_argmax_super_twisting"
+REPRESENTATIVE = (
+    "subway_braking:sta", "hst_braking:eppfc_gradient", "hst_traction:hosm_limited",
+    "freight_traction:smes_robust",
+)  # fmt: skip
+"""One controller of each paper."""
+
+SECOND = 1.0
+"""Length of a quick run in s."""
 TARGETS = ",".join(board.TARGETS)
 
 _PEER = """#include "peer.h"
@@ -243,12 +252,58 @@ def measured(
     return row
 
 
+def replayed(loop: Block, part: str, scenario: Any) -> dict[str, Any]:
+    """Compare one controller in double on this machine, with one compiler and nothing else."""
+    inputs, params = codegen.recorded(loop, part, scenario) if scenario else (None, {})
+    block = loop[part]
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        module = codegen.c_module(block, Path(scratch) / "c", "ctl", period=loop.period)
+        plan = Plan(block, "ctl", loop.period)
+        rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
+        good = expected.in_range(plan, rows)
+        outputs, states = reference(block, rows[good], params)
+        start = expected.start_state(block, params)
+        run = expected.guarded(plan, rows, outputs, states, start)
+        run = expected.with_limits(plan, run, params)
+        module.compile(cc.compilers()[0]).load().reset(**params)
+        got = np.hstack(module.replay_rows(run.rows))
+        signals = expected.differences(plan, run, got)
+        faults = run.faults(module.status, ~0)
+    return {
+        "passed": not faults and all(s["counted"] <= s["limit"] for s in signals.values()),
+        "ticks": len(rows),
+        "largest_relative": max((s["relative"] for s in signals.values()), default=0.0),
+    }
+
+
+def quick(words: list[str]) -> int:
+    """Take a second of every controller in double here, of some on all targets, in float too."""
+    failed = 0
+    for name, loop, part, scenario in controllers(words):
+        if scenario:
+            scenario = replace(scenario, duration=min(scenario.duration, SECOND))
+        everywhere = name in REPRESENTATIVE
+        row = measured(loop, part, scenario, name) if everywhere else {}
+        passed = all(row[real]["passed"] for real in REALS) if everywhere else True
+        once = {} if everywhere else replayed(loop, part, scenario)
+        passed = passed and once.get("passed", True)
+        failed += not passed
+        where = "all targets, double and float" if everywhere else f"{once['ticks']} ticks here"
+        print(f"{name}: {'passed' if passed else 'FAILED'}, {where}", flush=True)
+    return 1 if failed else 0
+
+
 def main(words: list[str] | None = None) -> int:
     """Check the controllers named, or all, and write ``c_targets.json``."""
     parser = argparse.ArgumentParser(prog="python -m slipctl.studies.c_targets")
     parser.add_argument("name", nargs="*", help="STUDY or STUDY:LOOP; all by default")
     parser.add_argument("--out", default="c_targets.json", help="file to write")
+    parser.add_argument(
+        "--quick", action="store_true", help="a second of each, most in double here"
+    )
     chosen = parser.parse_args(words)
+    if chosen.quick:
+        return quick(chosen.name)
     out, found, failed = Path(chosen.out), {}, 0
     for name, loop, part, scenario in controllers(chosen.name):
         try:
