@@ -19,6 +19,7 @@ from slipctl import (
     Section,
     State,
     connect,
+    every,
     law,
     replicate,
     step,
@@ -216,6 +217,7 @@ def loop(
     motors: Block | None = None,
     observer: Block | None = None,
     rig: bool = False,
+    h: float = H,
 ) -> Block:
     """Closed loop: train, observers, limit and law.
 
@@ -227,10 +229,12 @@ def loop(
         motors: of the train, by default the lag.
         observer: of the adhesion, by default the study's.
         rig: converters of 12 bit and noise between controller and train; the position is exact.
+        h: tick of the train in s, a part of that of the controller, 1 ms.
     """
     n = len(axles.motors)
     ctl = control.controller(control_law, n, limited, observer or models["observer"], models["adh"])
-    parts = {"plant": plant(models["adh"], axles, H, motors), "ctl": ctl, "worst": worst}
+    ctl = ctl if h == H else every(ctl, round(H / h))
+    parts = {"plant": plant(models["adh"], axles, h, motors), "ctl": ctl, "worst": worst}
     wires = {f"ctl.{n}_d": f"{n}_d" for n in "xva"} | {
         "ctl.x": "plant.train.x",
         "ctl.v": "plant.train.v",
