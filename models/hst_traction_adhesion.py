@@ -201,6 +201,7 @@ def classification(surfaces: int = 5) -> Block:
         v_best=Input("m/s", "creep of the peak of each surface", shape=n),
         margin=Param("1", 0.9, "share of the peak of the poorest surface", GUESS, lo=0.1, hi=1),
         blind=Param("1", 0.01, "the class is kept while the curves lie closer", GUESS, lo=0, hi=1),
+        least=Param("m/s", 0.0, "the class is kept at less creep: error of its sensors", lo=0),
         cut=Param("1", 0.7, "share of the observed adhesion beyond the peak", GUESS, lo=0, hi=1),
     ):
         """Typical surface nearest to the observed adhesion, and the next poorer one's peak.
@@ -216,6 +217,7 @@ def classification(surfaces: int = 5) -> Block:
             nearer = fabs(mu_hat - mu[i])
             surface, off = if_else(nearer < off, i, surface), fmin(nearer, off)
         tell = logic_and(mmax(mu) - mmin(mu) >= blind, v_s * mu_hat > 0)
+        tell = logic_and(tell, fabs(v_s) >= least)
         surface = if_else(tell, surface, last)
         top, at = mu_max[0], v_best[0]
         for i in range(1, surfaces):

@@ -13,10 +13,10 @@ from slipctl.studies import hst_traction_experiments as experiments
 from slipctl.studies.hst_traction import CLAIMS, FIGURES, study
 from slipctl.studies.hst_traction_loops import (
     BAND,
-    H,
     MODELS,
     NAMES,
     ROW,
+    H,
     cases,
     loop,
     rail_by_time,
@@ -109,7 +109,9 @@ def test_gains_and_observer_tables():
 
     context = Context(quick=True, models=MODELS, cases=())
     found = experiments.gains(context)
-    assert found.where("eta by (49)", gains="printed, Table 5") == pytest.approx(0.00936143, abs=5e-9)
+    assert found.where("eta by (49)", gains="printed, Table 5") == pytest.approx(
+        0.00936143, abs=5e-9
+    )
     tests = experiments.observer(context)["tests"]
     assert list(tests["accepts our K1"]) == [True, True, True, False]
     assert sorted(tests["smallest K1"]) == list(tests["smallest K1"])
