@@ -45,8 +45,9 @@ def test_shaped_target():
     assert v[0] == 30.0
     assert a.max() == pytest.approx(0.2)
     assert a.min() == pytest.approx(-0.6)
-    assert np.abs(np.gradient(v, t) - a).max() < 2e-3
-    assert np.abs(np.gradient(x, t) - v).max() < 2e-3
+    inner = slice(1, -1)  # differences to one side are of first order only
+    assert np.abs(np.gradient(v, t) - a)[inner].max() < 2e-3
+    assert np.abs(np.gradient(x, t) - v)[inner].max() < 1e-4
 
 
 def test_extremes_between_rows_are_kept():
