@@ -301,5 +301,5 @@ def laws(driven: bool = False) -> dict[str, Callable[[Wheel], Block]]:
         "eppfc": of_zhang(zhang.prescribed(motion=motion)),
         "eppfc_barrier": of_zhang(zhang.prescribed(law="barrier", motion=motion)),
         "barrier": of_cheng(),
-        "hosm": of_wang(wang.higher_order(eta=10.0)),
+        "hosm": of_wang(wang.higher_order(eta=10.0).with_params(k_3=10.0)),
     }

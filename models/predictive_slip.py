@@ -24,6 +24,7 @@ from slipctl import (
     nmpc,
     opened,
     speed_to_ratio,
+    step,
 )
 from slipctl.estimate_model import unknown_parameters
 from slipctl.models.common_form import ADDED, T_S, Wheel
@@ -87,28 +88,56 @@ def _at_slip(adhesion: Block, parts: dict[str, Block], slip: str) -> dict[str, s
     return {"ratio.u": slip, "ratio.v": "v", "adh.lam": "ratio.y"}
 
 
-@law(d=Output("m/s^2", "what the slip rises by beyond the model"))
+@step(
+    slip=Output("m/s", "slip speed, filtered", positive="braking", per="speed"),
+    d=Output("m/s^2", "what the slip rises by beyond the model"),
+)
 def offset(
+    s_h=State("m/s", 0.0, "slip speed, predicted"),
+    d_h=State("m/s^2", 0.0, "what it rises by beyond the model"),
+    v_s=Input("m/s", "slip speed, as measured", positive="braking", per="speed"),
+    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     mu=Input("1", "adhesion on the estimated curve", positive="braking"),
-    D=Input("m/s^2", "what the slip falls by without torque", positive="braking"),
+    pole=Param("1/s", 60.0, "both poles of the observer", "chosen", lo=1, hi=500),
     W=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
     g=Param("m/s^2", 9.81, "gravity", ADDED),
+    T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
 ):
-    """What the estimated curve says of D, less D."""
-    return (r**2 / J + 1 / m) * mu * W * g - D
+    """Observer of the slip and of a constant disturbance: s' = model + d, d' = 0.
+
+    It stands for the integral of the other laws: with d the slip rests on its reference.
+    """
+    error = v_s - s_h
+    model = r / J * T - (r**2 / J + 1 / m) * mu * W * g
+    nxt = dict(s_h=s_h + T_s * (model + d_h + 2 * pole * error), d_h=d_h + T_s * pole**2 * error)
+    return nxt, dict(slip=s_h + T_s * 2 * pole * error, d=d_h)
+
+
+@step(v_ref=Output("m/s", "slip to go to", positive="braking", per="speed"))
+def smoothed(
+    x=State("m/s", 0.0, "filtered reference"),
+    v_best=Input("m/s", "best slip, as searched", positive="braking", per="speed"),
+    tau=Param("s", 0.05, "time constant", "chosen", lo=1e-3, hi=5),
+    T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
+):
+    """First-order filter of the searched slip, which jumps with each estimate."""
+    following = x + T_s / (tau + T_s) * (v_best - x)
+    return dict(x=following), dict(v_ref=following)
 
 
 def predictive(
     adhesion: Block,
-    ticks: int = 5,
-    horizon: int = 20,
+    ticks: int = 2,
+    horizon: int = 40,
     slip: float = 1.0,
-    change: float = 0.2,
+    change: float = 0.05,
     beyond: float = 2.0,
-    rate: float = 5.0,
+    rate: float = 20.0,
+    pole: float = 60.0,
+    smooth: float = 1.2,
 ) -> Callable[[Wheel], Block]:
     """Make the maker of a predictive slip law; see :mod:`slipctl.models.common_form`.
 
@@ -132,21 +161,24 @@ def predictive(
             weights={"slip": slip / w.v_best, "change": change / w.T_max},
             bounds={"T_cmd": (0.0, w.T_max)}, rates={"T_cmd": rate * w.T_max / w.tau},
             soft={"beyond": (-1e3, 0.0, beyond / w.v_best)},
-            moves=(1, 1, 2, 4, horizon - 8), substeps=2,
+            moves=(1, 1, 2, 4, horizon - 8), substeps=2, passes=60,
         )  # fmt: skip
         (out,) = adhesion.outputs
         parts: dict[str, Block] = {
             "adh": opened(adhesion),
-            "offset": offset.with_params(W=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
+            "offset": offset.with_params(pole=pole, W=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
+            "smoothed": smoothed.with_params(tau=smooth * w.tau, x=w.v_best),
             "nmpc": every(solver, ticks),
         }
         wires = {
             "offset.mu": f"adh.{out}",
-            "offset.D": "D",
-            "nmpc.axle.v_s": "v_s",
+            "offset.v_s": "v_s",
+            "offset.T": "T",
+            "nmpc.axle.v_s": "offset.slip",
             "nmpc.axle.T": "T",
             "nmpc.d": "offset.d",
-            "nmpc.v_ref": "v_best",
+            "smoothed.v_best": "v_best",
+            "nmpc.v_ref": "smoothed.v_ref",
             "T_wanted": "nmpc.T_cmd",
         } | _at_slip(adhesion, parts, "v_s")
         if "v" in solver.inputs:

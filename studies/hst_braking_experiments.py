@@ -17,8 +17,9 @@ from slipctl.certify import filters
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.filtering import ctukf
 from slipctl.models import hst_braking_control as control
-from slipctl.models.ep_valve import air_brake
+from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import RAILS, adhesion, burckhardt, peak_height, peak_slip, plant
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.hst_braking_loops import (
     NAMES,
     NOISE,
@@ -789,8 +790,24 @@ def table_4(context: Context) -> Table:
     )
 
 
+def regret(context: Context) -> Table:
+    """Loops against the clairvoyant optimum, without and with lag."""
+    adh = context.models["adh"]
+    plants = {"base": plant(adh), "real": plant(adh, air_brake("lag"))}
+    wanted = {
+        "base": ("eppfc_true_reference", "efc_true_reference", "pid_true_reference", "eppfc",
+                 "eppfc_barrier", "efc", "pid", "fixed_slip"),
+        "real": ("eppfc_true_reference", "eppfc", "eppfc_barrier", "efc", "pid", "fixed_slip"),
+    }  # fmt: skip
+    full = 600e3 * -THETA
+    return against_optimum(
+        context, wanted, plants, "plant.brake.T_b", (-full, 0.0), {"lam": (-0.01, 0.3)}
+    )
+
+
 EXPERIMENTS = {
     "table_4": Experiment("Table 4", table_4, "How far does each controller get in 6 s?"),
+    "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),
     "closed_form": Experiment("Bounds", closed_form, "Does the simulation agree with formulas?"),
     "filter": Experiment("Filter", filter_convergence, "How fast and how honest is the filter?"),
     "search": Experiment("Search", search, "When is the best slip found?"),

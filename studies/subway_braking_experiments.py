@@ -24,8 +24,15 @@ from slipctl import (
 )
 from slipctl.certify import reaching_law, super_twisting
 from slipctl.metrics import settling
-from slipctl.models.subway_braking import curve_resistance, double_exponential, wheelset
+from slipctl.models.brakes import brake
+from slipctl.models.subway_braking import (
+    curve_resistance,
+    double_exponential,
+    plant,
+    wheelset,
+)
 from slipctl.models.subway_braking_control import super_twisting as super_twisting_law
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.subway_braking_loops import (
     MOVING,
     START,
@@ -453,6 +460,21 @@ def _largest(criterion: Any, k1: float, k2: float) -> float | None:
     return low
 
 
+def regret(context: Context) -> Table:
+    """Loops against the clairvoyant optimum, without and with lag."""
+    adh = context.models["adh"]
+    plants = {"base": plant(adh), "real": plant(adh, brake(lag=True))}
+    plants["moving_optimum"] = plants["base"]
+    wanted = {
+        "base": ("smc", "sta", "sta_implicit", "sta_online"),
+        "moving_optimum": ("smc", "sta", "sta_online"),
+        "real": ("smc", "sta", "sta_implicit", "sta_online"),
+    }
+    return against_optimum(
+        context, wanted, plants, "plant.brake.T_b", (0.0, 20e3), {"wheel.v_s": (-0.2, 6.0)}
+    )
+
+
 EXPERIMENTS = {
     "search": Experiment("Search", search, "Does differential evolution find the best slip?"),
     "sweep": Experiment("Estimator on a sweep", sweep, "Does the estimator find the peak?"),
@@ -461,5 +483,6 @@ EXPERIMENTS = {
     ),
     "chatter": Experiment("Chattering", chatter, "What is left of the chattering?"),
     "printed": Experiment("Printed forms", printed, "What does each misprint do?"),
+    "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),
     "gains": Experiment("Gains", gains, "What do the printed gains satisfy?"),
 }

@@ -22,6 +22,7 @@ from slipctl import (
     flip_sign,
     law,
     make_block,
+    mirror,
     ratio_to_speed,
     sampled,
     simulate,
@@ -400,3 +401,13 @@ def test_a_part_called_in_pieces_is_not_computed_twice():
     early = _part(slow, ["early"])
     assert float(early(3.0, 0.0, [])[1]) == 6
     assert not [k for k in range(early.n_instructions()) if early.instruction_MX(k).is_call()]
+
+
+def test_a_mirror_keeps_the_number_and_changes_the_convention():
+    """A driven wheel as a braked one: creep 0.3 m/s is slip 0.3 m/s, where flip_sign says -0.3."""
+    seen = mirror("m/s", "braking", "speed")
+    turned = flip_sign("m/s", "braking")
+    assert seen(u=0.3)["y"] == 0.3
+    assert turned(u=0.3)["y"] == -0.3
+    assert (seen.inputs["u"].positive, seen.outputs["y"].positive) == ("traction", "braking")
+    assert seen.outputs["y"].per == "speed"

@@ -13,7 +13,7 @@ import xarray
 from casadi import exp, sqrt
 
 from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, law, running, store
-from slipctl.studying import NotRun, Results, half_last_digit, judge
+from slipctl.studying import Context, NotRun, Results, half_last_digit, judge
 
 EMPTY = Results(toy_study.study, [])
 
@@ -395,3 +395,23 @@ def test_json_is_strict_and_readable() -> None:
     text = store.json_text(value)
     assert json.loads(text) == {"a": None, "b": [1, None], "c": {"value": 3, "unit": "m"}}
     assert '"c": {"value": 3, "unit": "m"}' in text
+
+
+def test_what_is_kept_is_read_again_and_a_changed_question_is_computed_anew(tmp_path: Path) -> None:
+    context, calls = Context(True, {}, [], folder=tmp_path), []
+
+    def compute() -> dict[str, float]:
+        calls.append(1)
+        return {"x": 1 / 3, "broken": math.nan}
+
+    first = context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute)
+    assert first == {"x": 1 / 3, "broken": None}
+    assert context.kept({"gain": (2.0, 3.0), "seed": 1}, compute) == first
+    assert len(calls) == 1
+    context.kept({"seed": 1, "gain": (2.0, 3.5)}, compute)
+    assert len(calls) == 2
+    for path in tmp_path.iterdir():  # cut off by a full disk, say
+        path.write_text(path.read_text()[:20])
+    assert context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute) == first
+    assert len(calls) == 3
+    assert Context(True, {}, []).kept({"seed": 1}, compute) == first

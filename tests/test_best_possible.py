@@ -1,0 +1,27 @@
+"""Loops of the braking studies against the clairvoyant optimum."""
+
+from slipctl import Case, Context
+from slipctl.models.ep_valve import THETA, air_brake
+from slipctl.models.hst_braking import plant
+from slipctl.studies import hst_braking_loops as hst
+from slipctl.studies.best_possible import against_optimum, between
+
+
+def test_hst_braking_lies_between_the_bound_and_every_loop():
+    """With lag: ideal < optimum < each loop, and the optimum rests to 1e-4 m."""
+    rail, models = hst.rail_of(hst.burckhardt, *hst.NAMES), hst.MODELS
+    loops = {
+        "ideal": hst.ideal(models),
+        "efc": hst.loop(models, models["efc"], "true", brake="lag"),
+        "pid": hst.loop(models, models["pid"], "true", brake="lag"),
+    }
+    case = Case(hst.Scenario("lag", 6.0, rail), loops)
+    table = against_optimum(
+        Context(True, models, [case]), {"lag": ("efc", "pid")},
+        {"lag": plant(brake=air_brake("lag"))},
+        "plant.brake.T_b", (600e3 * THETA, 0.0), {"lam": (-0.01, 0.3)},
+    )  # fmt: skip
+    assert between(table)
+    assert table["loop"] == ["ideal", "optimum", "efc", "pid"]
+    assert table.where("distance", loop="ideal") < table.where("distance", loop="optimum") - 0.5
+    assert float(table.doc.rpartition(" by ")[2].split()[0]) <= 1e-4
