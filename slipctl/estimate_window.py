@@ -162,9 +162,7 @@ def _iteration(normal: ca.Function) -> ca.Function:
     damping = ca.MX.sym("damping")
     there = theta + _solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r)
     then = normal(there, *data)
-    # a step too small to change J in this arithmetic counts as a success: else the damping, once
-    # large, would stay so; false for NaN, so a step out of range is refused
-    better = then[0] <= J
+    better = then[0] < J  # false for NaN too, so a step out of range is refused
     following = [
         ca.if_else(better, b, a) for a, b in zip([theta, *now], [there, *then], strict=True)
     ]
