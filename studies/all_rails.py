@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from slipctl import Claim, Results, Signals, Study
+from slipctl import Claim, Figure, Results, Signals, Study, plots
 from slipctl.studies.all_rails_loops import NAMES, PAPERS, VEHICLES, cases
 from slipctl.studies.all_rails_runs import EXPERIMENTS
 from slipctl.studying import NotRun
@@ -51,6 +51,67 @@ CLAIMS = (
     ),
 )  # fmt: skip
 
+# ---- figures -------------------------------------------------------------------------------------
+
+
+def regret_spread(r: Results) -> Any:
+    """Regret of each draw, a panel per vehicle and rail."""
+    t = r.table("seeds", "draws")
+    pairs = list(dict.fromkeys(zip(t["vehicle"], t["rail"], strict=True)))
+    fig, axes = plots.panels(len(pairs), 1, height=1.9)
+    for axis, (vehicle, rail) in zip(axes[:, 0], pairs, strict=True):
+        at = [k for k, p in enumerate(zip(t["vehicle"], t["rail"], strict=True))
+              if p == (vehicle, rail)]  # fmt: skip
+        groups = {n: [max(t[n][k], 1e-4) for k in at] for n in NAMES}
+        title = f"{vehicle}, {rail}"
+        plots.spread(groups, ("regret", "m"), axis=axis, log=True, title=title)
+    return fig
+
+
+def ripple(r: Results) -> Any:
+    """Torque ripple of each loop."""
+    t = r.table("seeds", "regret")
+    groups: dict[str, dict[str, float]] = {}
+    for k, n in enumerate(t["loop"]):
+        groups.setdefault(f"{t['vehicle'][k]}, {t['rail'][k]}", {})[n] = t[
+            "ripple of the torque, of its limit"
+        ][k]
+    return plots.bars(groups, ("ripple of the torque, of its limit", "%"), log=True)
+
+
+SHOWN = ("smc", "sta", "efc", "barrier", "nmpc")
+
+
+def changes(scenario: str, span: tuple[float, float]) -> Any:
+    """Slip and torque over a span of a scenario."""
+    return lambda r: plots.traces(r, scenario, SHOWN, [("slip", "best_slip"), "torque"], span=span)
+
+
+FIGURES = {
+    "regret": Figure(
+        "Regret against the clairvoyant optimum of the same draw: every draw a dot, the middle half"
+        " a box, the median a line.", regret_spread,
+    ),
+    "ripple": Figure(
+        "Ripple of the torque over the last 0.5 s of each section, peak to peak, mean.",
+        ripple,
+    ),
+    "subway_start": Figure(
+        "Subway: the first 0.6 s, in which most way is lost.", changes("subway_table_1", (0, 0.6))
+    ),
+    "subway_change": Figure(
+        "Subway: from dry to wet at 2 s.", changes("subway_table_1", (1.9, 2.7))
+    ),
+    "hst_start": Figure("High-speed train: the first second.", changes("hst_section_5", (0, 1.0))),
+    "hst_change": Figure(
+        "High-speed train: from dry to snow at 2 s.", changes("hst_section_5", (1.9, 2.7))
+    ),
+    "freight_change": Figure(
+        "Freight train in the mirror: from dry to wet at 3 s.",
+        changes("freight_table_1", (2.9, 3.7)),
+    ),
+}  # fmt: skip
+
 study = Study(
     name="all_rails",
     title="Every controller on every wheel and rail, against the best that physics allows",
@@ -69,5 +130,5 @@ study = Study(
     controller="law",
     experiments=EXPERIMENTS,
     claims=CLAIMS,
-    figures={},
+    figures=FIGURES,
 )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import statistics
+import tempfile
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ import xarray
 
 from slipctl import Block, Context, Experiment, Table, __version__, build, simulate
 from slipctl import trajectory as clairvoyant
+from slipctl.ccode.compilers import sizes
+from slipctl.codegen import c_module
 from slipctl.studies.all_rails_loops import (
     LOG,
     NAMES,
@@ -155,6 +159,7 @@ def seeds(context: Context) -> dict[str, Table]:
                         "ripple", "behind")
     }  # fmt: skip
     done, total = 0, len(pairs) * count * (len(NAMES) + 3)
+    draws: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "seed", *NAMES)}
     checks: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "least", "change")}
     for vehicle, rail in pairs:
         blocks = loops(vehicle)
@@ -175,6 +180,9 @@ def seeds(context: Context) -> dict[str, Table]:
             context.progress(done / total)
             for n in NAMES:
                 lost[n].append(regret(vehicle, found[n][-1]["way"], bound["way"]))
+            row = (vehicle, rail, seed, *(lost[n][-1] for n in NAMES))
+            for key, value in zip(draws, row, strict=True):
+                draws[key].append(value)
         lowest = min(float(np.mean(lost[n])) for n in NAMES)
         for n in NAMES:
             values = (
@@ -216,6 +224,16 @@ def seeds(context: Context) -> dict[str, Table]:
                 "change on the last mesh, largest": ("m", checks["change"]),
             },
             "A negative regret would be a loop that beats what is possible.",
+        ),
+        "draws": Table(
+            "Regret of each draw",
+            {
+                "vehicle": ("", draws["vehicle"]),
+                "rail": ("", draws["rail"]),
+                "seed": ("1", draws["seed"]),
+                **{n: ("m", draws[n]) for n in NAMES},
+            },
+            "A row per draw: what the spread of the other table is made of.",
         ),
     }
 
@@ -262,7 +280,7 @@ def cost(context: Context) -> Table:
         {
             "loop": ("", rows["loop"]),
             "mean time of a tick": ("us", rows["tick"]),
-            "text of its C": ("bytes", rows["text"]),
+            "text of its C, in float": ("bytes", rows["text"]),
             "state of an instance": ("bytes", rows["state"]),
         },
         "Estimator and sensors, the same for all, are not counted. This machine, compiled with"
@@ -301,8 +319,17 @@ def tick_time(block: Block, loop: Block, vehicle: str, context: Context) -> floa
 
 
 def c_size(block: Block) -> tuple[int | None, int | None]:
-    """Bytes of text of the C of a law in float, and of the state of an instance."""
-    return None, None
+    """Bytes of text of the C of a law in float, and of the state of an instance.
+
+    None where there is no compiler.
+    """
+    if build.compiler() is None:
+        return None, None
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as folder:
+        period = None if block.period else H
+        module = c_module(block, Path(folder) / "law", "law", period=period, real="float").load()
+        found = sizes(module.object_file)
+        return (found["text"] if found else None), module.instance_bytes
 
 
 EXPERIMENTS = {
