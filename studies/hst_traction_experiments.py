@@ -230,8 +230,8 @@ def saturation(context: Context) -> Table:
         "Sliding variable of hosm on the train, target at 0.85",
         {
             "run": ("", rows["run"]),
-            "largest |s|, 110 s to 115 s": ("m/s", rows["s"]),
-            "largest |s| from 115 s on": ("m/s", rows["ice"]),
+            "largest abs(s), 110 s to 115 s": ("m/s", rows["s"]),
+            "largest abs(s) from 115 s on": ("m/s", rows["ice"]),
             "largest gain k_1H": ("1/s", rows["gain"]),
             "range of delta/M on ice": ("m/s^2", rows["delta"]),
         },
@@ -324,7 +324,7 @@ def motors(context: Context) -> Table:
             "63 % of the cut in torque after": ("ms", rows["rise"]),
             "largest creep": ("km/h", rows["creep"]),
             "torque below its later value": ("N m", rows["low"]),
-            "median |delta'|/M before the ice": ("m/s^3", rows["slope"]),
+            "median abs(delta')/M before the ice": ("m/s^3", rows["slope"]),
             "scatter of the command before the ice": ("kN", rows["rms"]),
         },
         "The times count from the cut of the command. Current loops of 100 Hz follow in"
