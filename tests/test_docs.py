@@ -241,7 +241,7 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
             assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
 
 
-@pytest.mark.parametrize("name", ["subway_braking", "freight_traction"])
+@pytest.mark.parametrize("name", ["subway_braking", "freight_traction", "hst_traction"])
 def test_page_of_the_study_has_every_claim_and_scenario(name):
     page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
     study = load_study(name)
