@@ -81,10 +81,12 @@ def explicit(request: pytest.FixtureRequest) -> Integrator:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled loops of the tests do not fill the user's cache."""
+    """Compiled loops of the tests do not fill the user's cache; the workers of a run share one."""
     before = os.environ.get("SLIPCTL_CACHE")
     if before is None:
-        os.environ["SLIPCTL_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+        base = tmp_path_factory.getbasetemp()
+        shared = base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base
+        os.environ["SLIPCTL_CACHE"] = str(shared / "cache")
     yield
     if before is None:
         del os.environ["SLIPCTL_CACHE"]

@@ -226,7 +226,7 @@ def fuzzed(plan: Plan, made: dict[str, str], seconds: int, seed: int = 1) -> dic
             (folder / "corpus" / str(k)).write_bytes(rng.bytes(longest))
         ran = subprocess.run(
             ["./fuzz", "corpus", f"-max_total_time={seconds}", f"-seed={seed}",
-             f"-max_len={longest}", "-print_final_stats=1", "-timeout=60", "-rss_limit_mb=1024"],
+             f"-max_len={longest}", "-print_final_stats=1", "-timeout=60", "-rss_limit_mb=4096"],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         said = ran.stderr
