@@ -16,7 +16,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from slipctl.ccode.board import BOARD_FILES
 from slipctl.ccode.kernel import KERNEL
 from slipctl.ccode.plan import Plan
 from slipctl.errors import BadInput, RunFailed
@@ -53,9 +52,8 @@ EXPLAINED = {
 }  # fmt: skip
 """Why findings are there that are not worth a change: in CasADi's text, or advisory."""
 
-APART = ("kernel", "board")
-"""Counted apart: CasADi's text, and the start-up of the emulated board, which is no part of the
-module: registers, a stack that is painted, calls to the host."""
+APART = "kernel"
+"""Where findings in CasADi's text are counted, apart from ours."""
 
 SECONDS = 2
 """Time for cppcheck to follow values in one file; a kernel of thousands of lines has many."""
@@ -81,8 +79,7 @@ def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
         made: text of each file by its name.
 
     Returns:
-        ``misra``: count by rule for each file, the kernel of CasADi as ``kernel``, the
-        emulated board as ``board``; ``cppcheck``:
+        ``misra``: count by rule for each file, the kernel of CasADi as ``kernel``; ``cppcheck``:
         the same for its own findings; ``required``: findings of required and mandatory rules in
         what we write, without the ``deviations``; ``passed``: whether there are none, and none of
         cppcheck's errors and warnings in the module; ``explained``: why the others are there.
@@ -114,11 +111,10 @@ def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
             found |= _findings(done.stderr)
     kernel = _kernel_lines(made[f"{plan.name}.c"])
     for file, line, rule in sorted(found):
-        place = "kernel" if file == f"{plan.name}.c" and line in kernel else file
-        place = "board" if file in BOARD_FILES else place
+        place = APART if file == f"{plan.name}.c" and line in kernel else file
         misra = rule.startswith("misra-c2012-")
         (rules if misra else own).setdefault(place, Counter())[rule.rpartition("-")[2]] += 1
-    ours = {file: counts for file, counts in rules.items() if file not in APART}
+    ours = {file: counts for file, counts in rules.items() if file != APART}
     broken = {
         f"{file} {rule}": n for file, counts in ours.items() for rule, n in counts.items()
         if rule not in ADVISORY and (rule not in DEVIATIONS or file in _module(plan))
@@ -142,8 +138,8 @@ def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
 
 def summary(data: Mapping[str, Any]) -> str:
     """One line on the findings."""
-    kernel = data["misra"].get("kernel", {})
-    ours = [c for f, c in data["misra"].items() if f not in APART]
+    kernel = data["misra"].get(APART, {})
+    ours = [c for f, c in data["misra"].items() if f != APART]
     advisory = sum(n for c in ours for rule, n in c.items() if rule in ADVISORY)
     inside = sum(n for rule, n in kernel.items() if rule not in ADVISORY)
     text = (

@@ -7,6 +7,7 @@
 #include "cortex_m.h"
 
 #include <fcntl.h>
+#include <stddef.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -46,15 +47,18 @@ static void trap(void)
 }
 
 __attribute__((used, section(".vectors"))) static void (*const vectors[15])(void) = {
-    reset, trap, trap, trap, trap, trap, /* the linker script puts the stack's top before them */
+    /* the linker script puts the stack's top before them */
+    reset, trap, trap, trap, trap, trap, trap, trap, trap, trap, trap, trap, trap, trap, trap,
 };
 
 void reset(void)
 {
+    const ptrdiff_t data = data_end - data_begin;
+    const ptrdiff_t bss = bss_end - bss_begin;
     COPROCESSORS |= 0xFUL << 20; /* floating point on */
     __asm volatile("dsb\n isb");
-    memcpy(data_begin, data_image, (size_t)(data_end - data_begin));
-    memset(bss_begin, 0, (size_t)(bss_end - bss_begin));
+    (void)memcpy(data_begin, data_image, (size_t)data);
+    (void)memset(bss_begin, 0, (size_t)bss);
     _exit(main());
 }
 
@@ -107,19 +111,25 @@ void serial_start(void)
 
 void serial_put(unsigned char byte)
 {
-    while ((SERIAL_STATE & 1UL) != 0) {
+    while ((SERIAL_STATE & 1UL) != 0UL) {
     }
     SERIAL_DATA = byte;
 }
 
 int serial_get(unsigned long polls)
 {
-    while ((SERIAL_STATE & 2UL) == 0) {
-        if (polls-- == 0) {
-            return -1;
-        }
+    unsigned long left = polls;
+    unsigned long ready = SERIAL_STATE & 2UL;
+    int byte = -1;
+    while ((ready == 0UL) && (left > 0UL)) {
+        --left;
+        ready = SERIAL_STATE & 2UL;
     }
-    return (int)(SERIAL_DATA & 0xFFUL);
+    if (ready != 0UL) {
+        const unsigned long data = SERIAL_DATA & 0xFFUL;
+        byte = (int)data;
+    }
+    return byte;
 }
 
 /* ---- semihosting ---------------------------------------------------------------------------- */
@@ -156,14 +166,16 @@ int _open(const char *name, int flags, int mode)
 
 int _close(int file)
 {
-    unsigned long argument = (unsigned long)(file - 3);
+    const int handle = file - 3;
+    const unsigned long argument = (unsigned long)handle;
     return (file < 3) ? 0 : host(0x02, &argument);
 }
 
 int _read(int file, char *to, int size)
 {
+    const int handle = file - 3;
     unsigned long arguments[3];
-    arguments[0] = (unsigned long)(file - 3);
+    arguments[0] = (unsigned long)handle;
     arguments[1] = (unsigned long)to;
     arguments[2] = (unsigned long)size;
     return (file < 3) ? 0 : size - host(0x06, arguments);
@@ -173,10 +185,14 @@ int _write(int file, const char *from, int size)
 {
     static int console = 0;
     unsigned long arguments[3];
-    if (file < 3 && console == 0) {
-        console = _open(":tt", O_WRONLY, 0);
+    int handle = file - 3;
+    if (file < 3) {
+        if (console == 0) {
+            console = _open(":tt", O_WRONLY, 0);
+        }
+        handle = console - 3;
     }
-    arguments[0] = (unsigned long)(((file < 3) ? console : file) - 3);
+    arguments[0] = (unsigned long)handle;
     arguments[1] = (unsigned long)from;
     arguments[2] = (unsigned long)size;
     return size - host(0x05, arguments);
@@ -192,22 +208,23 @@ long _lseek(int file, long offset, int whence)
 
 int _fstat(int file, struct stat *about)
 {
-    memset(about, 0, sizeof(*about));
-    about->st_mode = (file < 3) ? S_IFCHR : S_IFREG;
+    const mode_t mode = (file < 3) ? (mode_t)S_IFCHR : (mode_t)S_IFREG;
+    (void)memset(about, 0, sizeof(*about));
+    about->st_mode = mode;
     about->st_blksize = 16384;
     return 0;
 }
 
 int _isatty(int file)
 {
-    return file < 3;
+    return (file < 3) ? 1 : 0;
 }
 
 void *_sbrk(int more)
 {
     static unsigned char *end = bss_end;
     unsigned char *begin = end;
-    end += more;
+    end = &end[more];
     return begin;
 }
 
