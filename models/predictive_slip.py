@@ -133,11 +133,11 @@ def predictive(
     ticks: int = 2,
     horizon: int = 40,
     slip: float = 1.0,
-    change: float = 0.05,
+    change: float = 0.02,
     beyond: float = 2.0,
     rate: float = 20.0,
-    pole: float = 60.0,
-    smooth: float = 1.2,
+    pole: float = 3.0,
+    smooth: float = 0.3,
 ) -> Callable[[Wheel], Block]:
     """Make the maker of a predictive slip law; see :mod:`slipctl.models.common_form`.
 
@@ -149,6 +149,8 @@ def predictive(
         change: weight of the torque still to come over the largest torque: comfort.
         beyond: weight of the slip beyond 1.5 times its reference, over the best slip.
         rate: largest rate of the command, in largest torques per time constant of the actuator.
+        pole: of the observer, over the reciprocal of that time constant.
+        smooth: time constant of the reference's filter over that of the actuator.
 
     Returns:
         Function of a :class:`~slipctl.models.common_form.Wheel`. The law takes the parameters of
@@ -166,7 +168,7 @@ def predictive(
         (out,) = adhesion.outputs
         parts: dict[str, Block] = {
             "adh": opened(adhesion),
-            "offset": offset.with_params(pole=pole, W=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
+            "offset": offset.with_params(pole=pole / w.tau, W=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
             "smoothed": smoothed.with_params(tau=smooth * w.tau, x=w.v_best),
             "nmpc": every(solver, ticks),
         }

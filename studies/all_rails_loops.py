@@ -399,6 +399,10 @@ def scenario(
 LEAD = {"barrier": 4.0}
 """Lead of a law in its own study."""
 
+SMOOTH = {"subway": 1.2}
+"""Filter of the reference of ``nmpc`` where it is not the default: the best slip that the subway's
+estimator finds jumps every 16 ms."""
+
 
 def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1.0) -> Block:
     """Close the loop of a vehicle with a law.
@@ -424,7 +428,7 @@ def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1
 def loops(vehicle: str) -> dict[str, Block]:
     """Every loop of a vehicle."""
     v, world = VEHICLES[vehicle], VEHICLES[vehicle].world()
-    makers = form.laws(v.driven) | {"nmpc": predictive(v.curve)}
+    makers = form.laws(v.driven) | {"nmpc": predictive(v.curve, smooth=SMOOTH.get(vehicle, 0.3))}
     return {n: loop(world, v.wheel, makers[n], LEAD.get(n, 1.0)) for n in NAMES}
 
 

@@ -1,0 +1,169 @@
+"""Speed tracking of a train under its adhesion limit: predictive control beside the laws of 2025.
+
+The train of ``hst_traction`` follows a speed; its anti-slip limit, the same for every law, says how
+much force the rail carries. So this is a comparison of tracking laws, not of slip laws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slipctl import Block, Context, Rail, Scenario, Section, Table, simulate
+from slipctl.models.contact import peak, polach
+from slipctl.models.hst_traction import resistance, tractive_effort
+from slipctl.models.predictive_speed import predictive_speed
+from slipctl.studies import hst_traction_loops as train
+
+START, LENGTH = 105.0, 30.0
+"""Part of the paper's run in s: 10 s before the ice to 15 s after it."""
+
+TARGETS = {"half": 0.5, "stress": 0.85}
+"""Targets by the share of the tractive effort that they need."""
+
+SEEDS = 5
+MASS, INERTIA = 500e3, 32 * 93.75 / 0.445**2
+PER_AXLE, DRIVEN = 15625.0, 10
+LAG = 0.05
+"""Time constant of the motors in s, as the study has it."""
+
+
+class Draw(NamedTuple):
+    """Factors on mass, on the adhesion of each surface, and on the lag of the motors."""
+
+    mass: float
+    heights: tuple[float, ...]
+    lag: float
+
+
+def drawn(target: str, seed: int) -> Draw:
+    """Draw of a seed, the same for every law: as :func:`all_rails_loops.drawn` has it."""
+    rng = np.random.default_rng([seed, 9, list(TARGETS).index(target)])
+    mass, lag = rng.uniform(0.9, 1.1), rng.uniform(0.7, 1.4)
+    return Draw(mass, tuple(rng.uniform(0.8, 1.1, 5)), lag)
+
+
+def surfaces(draw: Draw) -> list[tuple[float, str, dict[str, float]]]:
+    """Start in s, name and parameters of each surface of the part."""
+    found = []
+    for (name, _), height in zip(train.RAIL, draw.heights, strict=True):
+        begin = next((s.start for s in train.rail_by_time(START).sections if s.condition == name),
+                     None)  # fmt: skip
+        if begin is not None and begin < LENGTH:
+            p = dict(polach.conditions[name])
+            found.append((begin, name, p | {"mu_0": height * p["mu_0"]}))
+    return found
+
+
+def scenario(target: str, draw: Draw) -> Scenario:
+    """Part of the run with what the controller does not know."""
+    wanted = train.target(TARGETS[target])
+    rail = Rail([Section(t, n, {"plant.train.adh.mu_0": p["mu_0"]}) for t, n, p in surfaces(draw)])
+    params: dict[str, Any] = {f"plant.{n}": draw.mass * MASS for n in ("train.M", "res.M")}
+    params["plant.motor.tau_m"] = draw.lag * LAG
+    params["plant.train.W"] = draw.mass * PER_AXLE
+    return Scenario(target, LENGTH, rail, wanted.feeds(START), wanted.at(START), params)
+
+
+def relaxed(target: str, draw: Draw) -> float:
+    """Smallest rms speed error in m/s of a train whose adhesion is at its peak when it needs it.
+
+    The target is followed as far as force and adhesion go, at once and without lag. While the train
+    is behind, no control is faster, so no error is smaller at any time.
+    """
+    wanted, dt = train.target(TARGETS[target]), 0.01
+    t = np.arange(round(LENGTH / dt)) * dt
+    v_d = np.interp(t + START, wanted.t, wanted.v)
+    parts = surfaces(draw)
+    grid = np.linspace(v_d.min() - 5, v_d.max() + 5, 9)
+    best = {n: np.array([peak(float(v), p).value for v in grid]) for _, n, p in parts}
+    M, drag = draw.mass * MASS, resistance.with_params(M=draw.mass * MASS)
+    F_d = np.array([float(drag(v=float(v))["F_d"]) for v in grid])
+    v, errors = float(v_d[0]), []
+    for k, time in enumerate(t):
+        errors.append(v - v_d[k])
+        name = [n for begin, n, _ in parts if begin <= time + 1e-9][-1]
+        carried = float(np.interp(v, grid, best[name])) * draw.mass * PER_AXLE * 9.8 * DRIVEN
+        most = min(carried, float(tractive_effort(v)))
+        following = v_d[min(k + 1, len(t) - 1)]
+        v = min(following, v + dt * (most - float(np.interp(v, grid, F_d))) / M)
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def loops(quick: bool) -> dict[str, Block]:
+    """Every law of the study ``hst_traction`` with the limit, and predictive control."""
+    models: Mapping[str, Any] = train.MODELS
+    names = ("hosm", "pid") if quick else train.NAMES
+    laws = {n: models[n] for n in names} | {"nmpc": predictive_speed()}
+    return {n: train.loop(models, b) for n, b in laws.items()}
+
+
+LOG = ("v_d", "x_d", "plant.train.x", "plant.train.v", "worst.highest", "ctl.F_contr")
+
+
+def outcome(log: Any) -> dict[str, float]:
+    """Numbers of a run."""
+    speed = log["plant.train.v"].values - log["v_d"].values
+    place = log["plant.train.x"].values - log["x_d"].values
+    force = log["ctl.F_contr"].values
+    return {
+        "speed": float(np.sqrt(np.mean(speed**2))), "place": float(np.abs(place).max()),
+        "creep": float(log["worst.highest"].values.max()),
+        "variation": float(np.abs(np.diff(force)).sum() / LENGTH),
+    }  # fmt: skip
+
+
+def tracking(context: Context) -> Table:
+    """Each law on each draw, against the relaxed bound of the draw."""
+    from slipctl.studies.all_rails_runs import told
+
+    blocks, count = loops(context.quick), 1 if context.quick else SEEDS
+    keys = ("target", "law", "speed", "regret", "worst", "place", "creep", "variation")
+    rows: dict[str, list[Any]] = {k: [] for k in keys}
+    done, total = 0, len(TARGETS) * len(blocks) * count
+    for target in TARGETS:
+        draws = [drawn(target, seed) for seed in range(1, count + 1)]
+        bounds = [relaxed(target, d) for d in draws]
+        for n, block in blocks.items():
+            found = []
+            for seed, draw in enumerate(draws, 1):
+
+                def compute(
+                    target: str = target, block: Block = block, draw: Draw = draw
+                ) -> dict[str, float]:
+                    log = simulate(
+                        block, scenario(target, draw), compile=context.compile, log=LOG,
+                        every=train.ROW,
+                    )  # fmt: skip
+                    return outcome(log)
+
+                what = {"what": "tracking", "target": target, "controller": n, "seed": seed}
+                found.append(context.kept(what | told(block, draw), compute))
+                done += 1
+                context.progress(done / total)
+            lost = [f["speed"] - b for f, b in zip(found, bounds, strict=True)]
+            values = (
+                target, n, float(np.mean([f["speed"] for f in found])), float(np.mean(lost)),
+                max(lost), max(f["place"] for f in found), max(f["creep"] for f in found),
+                float(np.mean([f["variation"] for f in found])) / 1e3,
+            )  # fmt: skip
+            for key, value in zip(keys, values, strict=True):
+                rows[key].append(value)
+    return Table(
+        "Speed tracking onto ice under the anti-slip limit, against the relaxed bound",
+        {
+            "target": ("", rows["target"]),
+            "law": ("", rows["law"]),
+            "rms speed error": ("m/s", rows["speed"]),
+            "mean regret": ("m/s", rows["regret"]),
+            "worst regret": ("m/s", rows["worst"]),
+            "largest position error": ("m", rows["place"]),
+            "largest creep": ("m/s", rows["creep"]),
+            "variation of the command": ("kN/s", rows["variation"]),
+        },
+        f"{count} seeds: mass +-10 %, adhesion of each surface 0.8 to 1.1, motor lag 0.7 to 1.4;"
+        f" {LENGTH:g} s from {START:g} s on. Bound: adhesion at its peak whenever it is needed, no"
+        " lag. Targets need 0.5 and 0.85 of the tractive effort.",
+    )
