@@ -84,7 +84,10 @@ SHOWN = ("smc", "sta", "efc", "barrier", "nmpc")
 
 def changes(scenario: str, span: tuple[float, float]) -> Any:
     """Slip and torque over a span of a scenario."""
-    return lambda r: plots.traces(r, scenario, SHOWN, [("slip", "best_slip"), "torque"], span=span)
+    return lambda r: plots.traces(
+        r, scenario, SHOWN, [("slip", "best_slip"), "torque"], span=span,
+        labels={"slip": "slip speed", "torque": "torque at the wheel"},
+    )  # fmt: skip
 
 
 FIGURES = {

@@ -7,9 +7,11 @@ from slipctl import Context, Scenario, connect, sampled, simulate
 from slipctl.models import common_form as form
 from slipctl.models.hst_braking_control import feedback_linearisation
 from slipctl.models.predictive_slip import predictive, slip_model
+from slipctl.models.predictive_speed import body, predictive_speed
 from slipctl.models.subway_braking import double_exponential
 from slipctl.studies import all_rails_loops as loops
 from slipctl.studies import all_rails_runs as runs
+from slipctl.studies import all_rails_tracking as tracking
 
 DRY = {"c": 1.0, "a": 0.54, "b": 1.2}
 
@@ -106,3 +108,25 @@ def test_a_run_is_kept_and_read_again_with_the_same_bits(tmp_path, monkeypatch):
 def test_longest_run_of_true_values():
     assert runs.longest(np.array([0, 1, 1, 0, 1, 1, 1, 0, 1], dtype=bool)) == 3
     assert runs.longest(np.zeros(4, dtype=bool)) == 0
+
+
+def test_speed_law_is_free_of_offset_with_a_wrong_mass_and_keeps_its_limits():
+    """10 % more mass than told and 0.05 m/s^2 unknown: both errors go to zero, F within limits."""
+    plant = sampled(body.with_params(M=550e3), 5e-3, "rk4")
+    wires = {"law.e1": "plant.e1", "law.e2": "plant.e2", "plant.F": "law.F_contr",
+             "law.a_ff": "a_ff", "plant.a_ff": "a_ff", "plant.d": "gust"}  # fmt: skip
+    loop = connect("loop", wires, plant=plant, law=predictive_speed())
+    given = {"a_ff": 0.2, "gust": -0.05, "law.F_hi": 200e3, "law.F_lo": -200e3}
+    wanted = Scenario("off", 60.0, inputs=given, start={"plant.e1": -3.0, "plant.e2": -0.5})
+    log = simulate(loop, wanted, log=["plant.e1", "plant.e2", "law.F_contr"])
+    assert abs(log["plant.e2"].values[-1]) < 1e-3
+    assert abs(log["plant.e1"].values[-1]) < 0.05
+    assert np.abs(log["law.F_contr"].values).max() <= 200e3
+    assert (log["law.F_contr"].values == 200e3).any()  # the limit was met
+
+
+def test_the_relaxed_bound_of_tracking_grows_with_demand_and_poor_rail():
+    sure = tracking.Draw(1.0, (1.1,) * 5, 1.0)
+    poor = sure._replace(heights=(1.1, 0.8, 1.1, 1.1, 1.1))
+    assert tracking.relaxed("half", sure) < tracking.relaxed("half", poor)
+    assert tracking.relaxed("half", sure) < tracking.relaxed("stress", sure)
