@@ -369,7 +369,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        ([], "say what to do: list, show, copy, run, fit, c, certify, check"),
+        ([], "say what to do: list, show, copy, run, fit, c, pil, certify, check"),
         (["rnu"], "there is no command 'rnu'; did you mean 'run'?"),
         (["run"], "the following arguments are required: STUDY; see slipctl run --help"),
         (["run", TOY, "--quik"], "unrecognized arguments: --quik"),
