@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import venv
 from fnmatch import fnmatch
 from functools import cache
@@ -317,3 +318,21 @@ def test_public_names_are_in_the_reference():
     text = (DOCS / "api.md").read_text(encoding="utf-8")
     for name in slipctl._HOME:
         assert re.search(rf"^### {name}$", text, flags=re.M), name
+
+
+def test_every_file_that_is_no_python_is_packaged():
+    """What a module reads beside itself has to reach whoever installs a wheel."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    tool = project["tool"]["setuptools"]
+    data = {p.replace(".", "/"): patterns for p, patterns in tool["package-data"].items()}
+    for folder in ("slipctl", "models", "studies"):
+        for file in (ROOT / folder).rglob("*"):
+            if not file.is_file() or file.suffix in (".py", ".pyc"):
+                continue
+            inside = file.relative_to(ROOT).as_posix()
+            inside = inside if folder == "slipctl" else f"slipctl/{inside}"
+            assert any(
+                fnmatch(inside, f"{package}/{pattern}")
+                for package, patterns in data.items()
+                for pattern in patterns
+            ), f"{inside} is in no package-data of pyproject.toml"
