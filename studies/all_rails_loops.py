@@ -65,10 +65,14 @@ START = {"c": 0.3, "a": 0.5, "b": 1.3}
 TICKS = 16
 
 
-def estimator_parts() -> tuple[dict[str, Block], dict[str, str]]:
-    """Windowed fit, search of its peak and probe, as ``subway_braking`` has them with sensors."""
+def estimator_parts(noise: float) -> tuple[dict[str, Block], dict[str, str]]:
+    """Windowed fit, search of its peak and probe, as ``subway_braking`` has them with sensors.
+
+    Args:
+        noise: of the measured adhesion, as the fit is told.
+    """
     fit = rls(CURVE, form="window", start=START).with_params(
-        noise=1e-2, spread=0.5, gate=4.0, settling=1.0
+        noise=noise, spread=0.5, gate=4.0, settling=1.0
     )
     seek = argmax_block(CURVE, "v_s", lo=0.01, hi=10.0)
     sure = probe(CURVE, "v_s", within=(0.1, 6.0), depth=0.4)
@@ -108,7 +112,7 @@ def falling(w: Wheel) -> Block:
 
 def subway_world() -> Block:
     """Subway wheelset: 50 ms of lag, tooth wheel, noisy speed, adhesion from the wheel."""
-    fit, wires = estimator_parts()
+    fit, wires = estimator_parts(1e-2)
     plant = sampled(subway.plant(CURVE, brake(lag=True)), H, "rk4", substeps=10)
     wires |= {
         "plant.T_cmd": "T_cmd",
@@ -224,7 +228,7 @@ def mirrored_resistance(
 
 def freight_world() -> Block:
     """Driven freight train in the mirror: 20 ms of lag, noisy motor speed, load observer."""
-    fit, wires = estimator_parts()
+    fit, wires = estimator_parts(3e-3)
     plant = sampled(freight.plant(freight.adhesion, freight.motor(lag=True)), H, "rk4", substeps=4)
     observer = luenberger(freight.shaft, [-400.0, -400.0], measured="omega_m")
     wires |= {

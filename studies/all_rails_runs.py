@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import statistics
 import tempfile
 import time
@@ -21,6 +22,7 @@ from slipctl.studies.all_rails_loops import (
     LOG,
     NAMES,
     NOMINAL,
+    PAPERS,
     VEHICLES,
     Draw,
     H,
@@ -164,6 +166,9 @@ def seeds(context: Context) -> dict[str, Table]:
     }  # fmt: skip
     done, total = 0, len(pairs) * count * (len(NAMES) + 3)
     draws: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "seed", *NAMES)}
+    duel: dict[str, list[Any]] = {
+        k: [] for k in ("vehicle", "rail", "rival", "lead", "error", "ahead")
+    }
     checks: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "least", "change")}
     for vehicle, rail in pairs:
         blocks = loops(vehicle)
@@ -197,6 +202,13 @@ def seeds(context: Context) -> dict[str, Table]:
             )  # fmt: skip
             for key, value in zip(rows, values, strict=True):
                 rows[key].append(value)
+        rival = min(PAPERS, key=lambda n: float(np.mean(lost[n])))
+        lead = np.array(lost[rival]) - np.array(lost["nmpc"])
+        error = float(np.std(lead, ddof=1) / math.sqrt(count))
+        ahead = sum(lost["nmpc"][k] < min(lost[n][k] for n in PAPERS) for k in range(count))
+        row = (vehicle, rail, rival, float(lead.mean()), error, ahead)
+        for key, value in zip(duel, row, strict=True):
+            duel[key].append(value)
         values = (vehicle, rail, min(min(lost[n]) for n in NAMES), change)
         for key, value in zip(checks, values, strict=True):
             checks[key].append(value)
@@ -228,6 +240,18 @@ def seeds(context: Context) -> dict[str, Table]:
                 "change on the last mesh, largest": ("m", checks["change"]),
             },
             "A negative regret would be a loop that beats what is possible.",
+        ),
+        "lead": Table(
+            "Predictive control against the best of the papers' controllers on each rail",
+            {
+                "vehicle": ("", duel["vehicle"]),
+                "rail": ("", duel["rail"]),
+                "best of the papers": ("", duel["rival"]),
+                "mean lead of nmpc": ("m", duel["lead"]),
+                "standard error": ("m", duel["error"]),
+                "draws in which nmpc is ahead of all": ("1", duel["ahead"]),
+            },
+            f"Draw by draw, {count} draws; a lead of less than two standard errors is none.",
         ),
         "draws": Table(
             "Regret of each draw",
