@@ -69,14 +69,18 @@ def regret_spread(r: Results) -> Any:
 
 
 def ripple(r: Results) -> Any:
-    """Torque ripple of each loop."""
+    """Torque ripple of each loop, a panel per vehicle."""
     t = r.table("seeds", "regret")
-    groups: dict[str, dict[str, float]] = {}
-    for k, n in enumerate(t["loop"]):
-        groups.setdefault(f"{t['vehicle'][k]}, {t['rail'][k]}", {})[n] = t[
-            "ripple of the torque, of its limit"
-        ][k]
-    return plots.bars(groups, ("ripple of the torque, of its limit", "%"), log=True)
+    what = "ripple of the torque, of its limit"
+    vehicles = list(dict.fromkeys(t["vehicle"]))
+    fig, axes = plots.panels(len(vehicles), 1, height=1.9)
+    for axis, vehicle in zip(axes[:, 0], vehicles, strict=True):
+        groups: dict[str, dict[str, float]] = {n: {} for n in NAMES}
+        for k, n in enumerate(t["loop"]):
+            if t["vehicle"][k] == vehicle:
+                groups[n][t["rail"][k]] = t[what][k]
+        plots.bars(groups, ("ripple", "%"), axis=axis, log=True, title=vehicle)
+    return fig
 
 
 SHOWN = ("smc", "sta", "efc", "barrier", "nmpc")
@@ -96,7 +100,7 @@ FIGURES = {
         " a box, the median a line.", regret_spread,
     ),
     "ripple": Figure(
-        "Ripple of the torque over the last 0.5 s of each section, peak to peak, mean.",
+        "Ripple of the torque over the last 0.5 s of each section, peak to peak, of its limit.",
         ripple,
     ),
     "subway_start": Figure(
