@@ -1,4 +1,4 @@
-"""Loops of a study beside the best that physics allows: a table for any braking study."""
+"""Loops of a study beside the best that physics allows: a table for any study of one wheel."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ def against_optimum(
     torque: str,
     bounds: tuple[float, float],
     limits: Mapping[str, tuple[float, float]],
+    *,
+    body: tuple[str, str] = ("wheel.x", "wheel.v"),
+    farthest: bool = False,
+    every: int = 1,
 ) -> Table:
     """Regret of loops against the clairvoyant optimum of their scenario, a row per loop.
 
@@ -33,7 +37,11 @@ def against_optimum(
         torque: signal of a loop that is the control of the plant.
         bounds: of the control in N m.
         limits: of the slip, so that no guess runs away.
+        body: position and speed of the plant.
+        farthest: the longest way is the best, as in traction.
+        every: ticks from one row of a log to the next.
     """
+    sign = -1.0 if farthest else 1.0
     rows: dict[str, list[Any]] = {k: [] for k in ("scenario", "loop", "way", "regret", "above")}
     changes = []
     for k, (name, loops) in enumerate(wanted.items()):
@@ -41,7 +49,7 @@ def against_optimum(
         logs = {}
         for n in ("ideal", *loops):
             block, scenario = context.loop(name, n)
-            logs[n] = simulate(block, scenario, compile=context.compile)
+            logs[n] = simulate(block, scenario, compile=context.compile, every=every)
         (control,) = (n for n in plant.inputs if n in ("T_cmd", "T_b"))
         guesses = [
             logs[n][[f"plant.{s}" for s in plant.states]].rename(
@@ -55,15 +63,16 @@ def against_optimum(
         bare = type(rail)([type(s)(s.start, s.condition) for s in rail.sections], rail.by)
         inside = 1e-6 * (bounds[1] - bounds[0])  # an actuator's own limit has no derivative
         found = trajectory(
-            plant, type(scenario)(name, scenario.duration, bare), control, "wheel.x",
+            plant, type(scenario)(name, scenario.duration, bare), control,
+            f"-{body[0]}" if farthest else body[0],
             bounds={control: (bounds[0] + inside, bounds[1] - inside)}, limits=limits,
             guesses=guesses[: 2 if context.quick else None],
         )  # fmt: skip
         changes.append(abs(found.meshes[-1][1] - found.meshes[-2][1]))
-        ways = {n: way(log, "plant.wheel.x", "plant.wheel.v") for n, log in logs.items()}
+        ways = {n: way(log, *(f"plant.{b}" for b in body)) for n, log in logs.items()}
         ordered = {"ideal": ways["ideal"], "optimum": found.value} | {n: ways[n] for n in loops}
         for n, x in ordered.items():
-            values = (name, n, x, x - found.value, x - ways["ideal"])
+            values = (name, n, x, sign * (x - found.value), sign * (x - ways["ideal"]))
             for key, value in zip(rows, values, strict=True):
                 rows[key].append(value)
         context.progress((k + 1) / len(wanted))
@@ -74,11 +83,11 @@ def against_optimum(
             "loop": ("", rows["loop"]),
             "distance": ("m", rows["way"]),
             "regret": ("m", rows["regret"]),
-            "above ideal": ("m", rows["above"]),
+            "below ideal" if farthest else "above ideal": ("m", rows["above"]),
         },
-        "The optimum knows the rail and keeps the limits and the lag of the brake; ideal, adhesion"
-        " at its peak from the start, keeps neither, and no brake reaches it. The last refinement"
-        f" of the mesh moves the optimum by {max(changes):.1g} m at most.",
+        "The optimum knows the rail and keeps the limits and the lag of the actuator; ideal,"
+        " adhesion at its peak from the start, keeps neither, and nothing reaches it. The last"
+        f" refinement of the mesh moves the optimum by {max(changes):.1g} m at most.",
     )
 
 

@@ -27,7 +27,10 @@ from slipctl.certify import extremum as bounds
 from slipctl.extremum_lock import LOCK, WAIT
 from slipctl.models import freight_traction as freight
 from slipctl.studies import freight_traction_barrier as barrier
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.freight_traction_loops import (
+    FORMS,
+    LAG,
     NOISE,
     SEEKERS,
     H,
@@ -364,7 +367,22 @@ def printed(context: Context) -> Table:
     )
 
 
+def regret(context: Context) -> Table:
+    """Every loop against the clairvoyant optimum: the longest way in the time of the scenario."""
+    law = context.models["adh"]
+    lagging = freight.motor(lag=True).with_params(tau=LAG)
+    plants = {"base": freight.plant(law), "moving_optimum": freight.plant(law)}
+    plants["real"] = freight.plant(law, lagging)
+    endings = ("robust",) if context.quick else FORMS
+    loops = [f"{s}_{ending}" for s in SEEKERS for ending in endings]
+    return against_optimum(
+        context, dict.fromkeys(plants, loops), plants, "plant.motor.T_m", (-12e3, 12e3),
+        {"train.v_s": (-0.5, 4.0)}, body=("train.x", "train.v_t"), farthest=True, every=10,
+    )  # fmt: skip
+
+
 EXPERIMENTS = {
+    "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),
     "reached": Experiment(
         "Seeking", reached, "When does each seeker lock, how still does it hold?"
     ),

@@ -3,6 +3,8 @@
 from slipctl import Case, Context
 from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import plant
+from slipctl.studies import freight_traction_experiments as experiments
+from slipctl.studies import freight_traction_loops as freight
 from slipctl.studies import hst_braking_loops as hst
 from slipctl.studies.best_possible import against_optimum, between
 
@@ -24,4 +26,14 @@ def test_hst_braking_lies_between_the_bound_and_every_loop():
     assert between(table)
     assert table["loop"] == ["ideal", "optimum", "efc", "pid"]
     assert table.where("distance", loop="ideal") < table.where("distance", loop="optimum") - 0.5
+    assert float(table.doc.rpartition(" by ")[2].split()[0]) <= 1e-4
+
+
+def test_no_loop_of_the_freight_train_goes_farther_than_the_optimum():
+    """Traction: the longest way. Every seeker loses way while it seeks."""
+    cases = freight.cases(freight.MODELS, quick=True)
+    table = experiments.regret(Context(True, freight.MODELS, cases))
+    assert between(table)
+    assert set(table["loop"]) == {"ideal", "optimum", *(f"{s}_robust" for s in freight.SEEKERS)}
+    assert table.where("regret", scenario="base", loop="improved_robust") > 0.1
     assert float(table.doc.rpartition(" by ")[2].split()[0]) <= 1e-4
