@@ -368,7 +368,8 @@ def _regret(run: Run) -> Metric | None:
     distance, ideal = _distance(run), _ideal_distance(run)
     if distance is None or ideal is None:
         return None
-    return Metric(float(distance.value) - float(ideal.value), "m")  # type: ignore[arg-type]
+    beyond = float(distance.value) - float(ideal.value)  # type: ignore[arg-type]
+    return Metric(run.slip_sign * beyond, "m")  # in traction the longer way is the better one
 
 
 def _step_time(run: Run) -> Metric | None:
@@ -405,7 +406,10 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "position_error_rms": (_position_error_rms, "position minus wanted position"),
     "position_error_max": (_position_error_max, "largest of its absolute values"),
     "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
-    "regret": (_regret, "distance beyond that of the bound, the loop `ideal` of the scenario"),
+    "regret": (
+        _regret,
+        "way lost to the bound, the loop `ideal`: beyond its way, in traction short of it",
+    ),
     "step_time": (_step_time, "longest time to compute one tick"),
 }
 """Function and definition of each metric, in the order of files and tables."""

@@ -72,7 +72,8 @@ def against_optimum(
         ways = {n: way(log, *(f"plant.{b}" for b in body)) for n, log in logs.items()}
         ordered = {"ideal": ways["ideal"], "optimum": found.value} | {n: ways[n] for n in loops}
         for n, x in ordered.items():
-            values = (name, n, x, sign * (x - found.value), sign * (x - ways["ideal"]))
+            lost = (sign * (x - found.value) + 0.0, sign * (x - ways["ideal"]) + 0.0)  # no -0
+            values = (name, n, x, *lost)
             for key, value in zip(rows, values, strict=True):
                 rows[key].append(value)
         context.progress((k + 1) / len(wanted))

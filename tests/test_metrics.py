@@ -172,6 +172,10 @@ def test_regret_is_the_distance_beyond_the_bound_or_absent() -> None:
     ideal = {"distance": Metric(90.0, "m")}
     assert metric("regret", s, v=20 - T, ideal=ideal) == pytest.approx(distance - 90.0)
     assert metric("regret", s, v=20 - T) == "absent"
+    data = log(v=20 - T, s=0 * T)
+    data["s"].attrs |= {"units": "m/s", "positive": "traction"}
+    driven = measure(Run(data, Signals(speed="v", slip="s"), (), ideal))
+    assert driven["regret"].value == pytest.approx(90.0 - distance)  # farther is better
 
 
 def test_acceleration_variance_after_start_and_changes() -> None:
