@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipctl import Block, Context, Rail, Scenario, Section, Table, simulate
-from slipctl.models.contact import peak, polach
-from slipctl.models.hst_traction import resistance, tractive_effort
+from slipctl.models.contact import polach
 from slipctl.models.predictive_speed import predictive_speed
 from slipctl.studies import hst_traction_loops as train
+from slipctl.studies.hst_traction_regret import smallest_error
 
 START, LENGTH = 105.0, 30.0
 """Part of the paper's run in s: 10 s before the ice to 15 s after it."""
@@ -25,7 +25,7 @@ TARGETS = {"half": 0.5, "stress": 0.85}
 
 SEEDS = 5
 MASS, INERTIA = 500e3, 32 * 93.75 / 0.445**2
-PER_AXLE, DRIVEN = 15625.0, 10
+PER_AXLE = 15625.0
 LAG = 0.05
 """Time constant of the motors in s, as the study has it."""
 
@@ -68,28 +68,9 @@ def scenario(target: str, draw: Draw) -> Scenario:
 
 
 def relaxed(target: str, draw: Draw) -> float:
-    """Smallest rms speed error in m/s of a train whose adhesion is at its peak when it needs it.
-
-    The target is followed as far as force and adhesion go, at once and without lag. While the train
-    is behind, no control is faster, so no error is smaller at any time.
-    """
-    wanted, dt = train.target(TARGETS[target]), 0.01
-    t = np.arange(round(LENGTH / dt)) * dt
-    v_d = np.interp(t + START, wanted.t, wanted.v)
-    parts = surfaces(draw)
-    grid = np.linspace(v_d.min() - 5, v_d.max() + 5, 9)
-    best = {n: np.array([peak(float(v), p).value for v in grid]) for _, n, p in parts}
-    M, drag = draw.mass * MASS, resistance.with_params(M=draw.mass * MASS)
-    F_d = np.array([float(drag(v=float(v))["F_d"]) for v in grid])
-    v, errors = float(v_d[0]), []
-    for k, time in enumerate(t):
-        errors.append(v - v_d[k])
-        name = [n for begin, n, _ in parts if begin <= time + 1e-9][-1]
-        carried = float(np.interp(v, grid, best[name])) * draw.mass * PER_AXLE * 9.8 * DRIVEN
-        most = min(carried, float(tractive_effort(v)))
-        following = v_d[min(k + 1, len(t) - 1)]
-        v = min(following, v + dt * (most - float(np.interp(v, grid, F_d))) / M)
-    return float(np.sqrt(np.mean(np.square(errors))))
+    """Smallest rms speed error in m/s on a draw; see :func:`smallest_error`."""
+    wanted = train.target(TARGETS[target])
+    return smallest_error(wanted, surfaces(draw), START, LENGTH, draw.mass)
 
 
 def loops(quick: bool) -> dict[str, Block]:

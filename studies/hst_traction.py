@@ -11,6 +11,7 @@ from slipctl.models.contact import peak
 from slipctl.models.hst_traction import tractive_effort
 from slipctl.studies import hst_traction_contact as contact
 from slipctl.studies import hst_traction_experiments as experiments
+from slipctl.studies import hst_traction_regret as lost
 from slipctl.studies.hst_traction_gains import GAINS
 from slipctl.studies.hst_traction_loops import BAND, MODELS, NAMES, RAIL, cases
 from slipctl.studying import NotRun
@@ -365,7 +366,7 @@ study = Study(
         torque="ctl.F_contr", deceleration="plant.train.a",
         wanted_speed="v_d", wanted_position="x_d",
     ),
-    experiments=experiments.EXPERIMENTS | contact.EXPERIMENTS,
+    experiments=experiments.EXPERIMENTS | contact.EXPERIMENTS | lost.EXPERIMENTS,
     claims=CLAIMS,
     figures=FIGURES,
     gains=GAINS,

@@ -1,11 +1,16 @@
 """Loops of the braking studies against the clairvoyant optimum."""
 
+from dataclasses import replace
+
 from slipctl import Case, Context
+from slipctl.models.contact import polach
 from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import plant
 from slipctl.studies import freight_traction_experiments as experiments
 from slipctl.studies import freight_traction_loops as freight
 from slipctl.studies import hst_braking_loops as hst
+from slipctl.studies import hst_traction_loops as train
+from slipctl.studies import hst_traction_regret as traction_regret
 from slipctl.studies.best_possible import against_optimum, between
 
 
@@ -37,3 +42,18 @@ def test_no_loop_of_the_freight_train_goes_farther_than_the_optimum():
     assert set(table["loop"]) == {"ideal", "optimum", *(f"{s}_robust" for s in freight.SEEKERS)}
     assert table.where("regret", scenario="base", loop="improved_robust") > 0.1
     assert float(table.doc.rpartition(" by ")[2].split()[0]) <= 1e-4
+
+
+def test_no_law_tracks_the_speed_better_than_adhesion_allows():
+    """hst_traction around the ice: the bound lies below every loop, and the limit helps."""
+    case = next(c for c in train.cases(train.MODELS, True) if c.scenario.name == "stress")
+    few = {n: case.loops[n] for n in ("hosm", "hosm_limited")}
+    table = traction_regret.regret(Context(True, train.MODELS, [replace(case, loops=few)]))
+    lost = dict(zip(table["loop"], table["regret"], strict=True))
+    assert 0 < lost["hosm_limited"] < lost["hosm"]
+
+
+def test_the_relaxed_bound_is_zero_where_force_and_adhesion_suffice():
+    """Dry rail and half the tractive effort: the target is followed exactly."""
+    parts = [(0.0, "dry", polach.conditions["dry"])]
+    assert traction_regret.smallest_error(train.target(0.5), parts, 40.0, 20.0, dt=0.05) < 1e-9
