@@ -17,6 +17,7 @@ import numpy as np
 
 from slipctl.block import Block
 from slipctl.errors import BadInput, RunFailed
+from slipctl.horizon import expressions
 from slipctl.rail import Scenario
 from slipctl.simulation import rail_values
 from slipctl.timing import sampled
@@ -175,7 +176,7 @@ class _Problem:
         self.states = _elements(plant, "state")
         self.phases = self._phases()
         self.scale = np.maximum(np.abs(self.x0), 1.0)
-        self.f = plant.f if plant.sx else plant.f.expand()
+        self.f = expressions(where, plant)
         self.taus = np.array(ca.collocation_points(DEGREE, "radau"))
 
     def _bounds(

@@ -81,6 +81,7 @@ class Horizon:
         """Connect plant and cost by the names of their signals, and discretise."""
         where = f"nmpc({plant.name})"
         model, alias = _joined(where, plant, cost)
+        expressions(where, plant)
         controls = tuple(alias[plant.find(c, "input")] for c in control)
         _check_lag(where, plant, model, controls, stages * h)
         model = sampled(model, h, method, substeps)
@@ -159,7 +160,7 @@ class Horizon:
     def step(self) -> ca.Function:
         """Function (x, u, d, p) -> (state after the step, outputs at its start)."""
         x, u, d, p = self.symbols()
-        f = self.model.f if self.model.sx else self.model.f.expand()
+        f = expressions("nmpc", self.model)
         n, y = f(x, self._inputs(u, d), p)
         return ca.Function("stage_step", [x, u, d, p], [n, y], {"cse": True})
 
@@ -276,12 +277,35 @@ class Layout:
         return pieces
 
 
+def expressions(where: str, block: Block) -> ca.Function:
+    """The block's Function as scalar expressions, which have derivatives of every order.
+
+    Raises:
+        BadInput: something in it has none (an equation solved inside, foreign code).
+    """
+    if block.sx:
+        return block.f
+    try:
+        f = block.f.expand()
+        x, u, p = (ca.SX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+        ca.hessian(ca.sum1(f(x, u, p)[0]), ca.vertcat(x, u))
+        return f
+    except RuntimeError as error:
+        reason = str(error).strip().split("\n")[-1].rpartition(": ")[2][:120]
+        raise BadInput(
+            f"{where}: {block.name} cannot be differentiated twice ({reason}); write it in"
+            " expressions, an equation solved inside as a fixed number of its steps"
+        ) from None
+
+
 def reciprocals(f: ca.Function) -> ca.Function:
     """Return the same function of scalars with a/b as a (1/b), each 1/b computed once.
 
     Derivatives divide by the same number over and over, and a division takes as long as several
     multiplications.
     """
+    if any(f.instruction_id(k) == ca.OP_CALL for k in range(f.n_instructions())):
+        return f  # a function is called inside
     arguments = [ca.SX.sym(f"a{i}", f.sparsity_in(i)) for i in range(f.n_in())]
     given = [a.nonzeros() for a in arguments]
     results = [[ca.SX(0)] * f.nnz_out(i) for i in range(f.n_out())]

@@ -13,17 +13,21 @@ from slipctl import (
     Input,
     Output,
     Param,
+    Scenario,
     State,
+    codegen,
     connect,
     every,
     feasibility,
     flow,
     law,
+    make_block,
     nmpc,
     sampled,
     step,
+    trajectory,
 )
-from slipctl.studies.peers.slip_nmpc import Driver, axle, closed_loop, cost, make
+from slipctl.studies.peers.slip_nmpc import Driver, axle, closed_loop, cost, make, recorded
 
 
 def test_reference_values_of_the_problem():
@@ -210,3 +214,46 @@ def test_a_plant_that_is_sampled_already_or_a_cost_that_is_no_law_is_refused():
         nmpc(sampled(axle, 0.02, "rk4", 4), cost, "u", h=0.02)
     with pytest.raises(BadInput, match="give a law of residuals"):
         nmpc(axle, axle, "u", h=0.02)
+
+
+def test_a_plant_without_second_derivatives_is_refused():
+    """Foreign code has none; told before anything is solved."""
+
+    class Foreign(ca.Callback):
+        def __init__(self):
+            ca.Callback.__init__(self)
+            self.construct("foreign", {})
+
+        def eval(self, arguments):
+            return [arguments[0]]
+
+    foreign = Foreign()
+    plant = make_block(
+        "foreign", "flow", lambda x, u, p: ({"v": u["u"] - foreign(x["v"])}, {}),
+        states=[State("1", 0.0).named("v")], inputs=[Input("1", lo=-1, hi=1).named("u")], sx=False,
+    )  # fmt: skip
+
+    @law(e=Output("1"))
+    def error(v=Input("1", "state")):
+        """The state."""
+        return v
+
+    with pytest.raises(BadInput, match="cannot be differentiated twice") as told:
+        nmpc(plant, error, "u", h=0.2, horizon=10)
+    assert "\n" not in str(told.value)
+    with pytest.raises(BadInput, match="cannot be differentiated twice"):
+        trajectory(plant, Scenario("go", 1.0), "u", "v")
+
+
+@pytest.mark.usefixtures("needs_compiler")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_generated_c_repeats_the_controller(real, tmp_path):
+    """Over the change to ice, without heap, in double and in float."""
+    block = make(horizon=6)
+    rows = recorded(block)[40:90]
+    given = {n: rows[:, k] for k, n in enumerate(block.inputs)}
+    report = codegen.check(block, given, tmp_path, real=real)
+    assert report["passed"]
+    assert report["largest_relative"] < (1e-12 if real == "double" else 1e-3)
+    text = (tmp_path / "nmpc.c").read_text(encoding="utf-8")
+    assert not any(word in text for word in ("malloc", "calloc", "free("))
