@@ -8,7 +8,7 @@ Signs as in the paper: T_b <= 0 brakes.
 from casadi import fmax, fmin, vertcat
 
 from slipctl import BadInput, Block, Input, Output, Param, State, flow, law, step
-from slipctl.models.hst_braking import known
+from slipctl.errors import known
 
 SOURCE = "Zhang 2021, section 5.1"
 THETA = -33.56e-3

@@ -21,8 +21,9 @@ from typing import Any
 from casadi import exp
 
 from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, one, opened, step
+from slipctl.errors import known
 from slipctl.identification import linear_fit, swarm_fit
-from slipctl.models.freight_traction import GUESS, TABLE_2, known, resistance
+from slipctl.models.freight_traction import GUESS, TABLE_2, resistance
 
 BOX = {"a1": (0.0, 1.0), "a2": (0.0, 0.1), "a3": (0.0, 0.01)}
 """Range of each coefficient; a guess, none is printed."""
@@ -54,7 +55,7 @@ def swarm_settings(form: str = "consistent") -> dict[str, Any]:
     Raises:
         BadInput: an unknown form.
     """
-    known("swarm_settings", form, FORMS)
+    known("swarm_settings", "form", form, FORMS)
     size = dict(particles=PARTICLES, iterations=ITERATIONS)
     if form == "consistent":
         return size | dict(inertia=0.73, c1=1.5, c2=1.5, clamp=0.5)
@@ -155,8 +156,8 @@ def identification(
     Raises:
         BadInput: an unknown method or form, or settings that make no search.
     """
-    known("identification", method, ("least_squares", "swarm"))
-    known("identification", form, FORMS)
+    known("identification", "form", method, ("least_squares", "swarm"))
+    known("identification", "form", form, FORMS)
     fit = dict(noise=0.02, centre=[(hi + lo) / 2 for lo, hi in BOX.values()])
     spread = [hi - lo for lo, hi in BOX.values()]
     wires = {f"balance.{k}": k for k in ("v_t", "mu_hat")} | {"res.v": "v_t"}

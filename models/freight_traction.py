@@ -17,7 +17,7 @@ Table 1 has its columns in the order a, c, b.
 
 from casadi import exp, fabs, fmax, fmin, log, sign
 
-from slipctl import BadInput, Block, Input, Noise, Output, Param, State, connect, flow, law, one
+from slipctl import Block, Input, Noise, Output, Param, State, connect, flow, law, one
 
 SOURCE = "Cheng 2022"
 TABLE_1 = "Cheng 2022, Table 1"
@@ -261,9 +261,3 @@ def adhesion_of_load(
 ):
     """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g)."""
     return R_g * T_L_hat / (r * W * g)
-
-
-def known(what: str, form: str, forms: tuple[str, ...]) -> None:
-    """Refuse a form that a block does not have."""
-    if form not in forms:
-        raise BadInput(f"{what} has no form {form!r}; it has {', '.join(forms)}")

@@ -39,12 +39,12 @@ from slipctl import (
 )
 from slipctl.certify import barrier as barrier_bounds
 from slipctl.certify import extremum, observers
+from slipctl.errors import known
 from slipctl.extremum import warn_regime
 from slipctl.models.freight_traction import (
     GUESS,
     TABLE_2,
     adhesion_of_load,
-    known,
     resistance,
     shaft,
 )
@@ -80,7 +80,7 @@ def barrier_law(form: str = "robust") -> Block:
     Raises:
         BadInput: an unknown form.
     """
-    known("barrier_law", form, FORMS)
+    known("barrier_law", "form", form, FORMS)
     outputs = dict(
         T_cmd=Output("N m", "commanded torque", positive="traction"),
         e=Output("m/s", "creep error"),

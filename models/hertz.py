@@ -25,7 +25,6 @@ E_STEEL = 210e9
 NU_STEEL = 0.28
 """Poisson's ratio of rail steel."""
 
-KALKER = "Kalker, Three-Dimensional Elastic Bodies in Rolling Contact, 1990, Table E.3"
 NU_OF_TABLE = (0.0, 0.25, 0.5)
 _WIDE = (  # a < b: g = a/b = .1, .2, ... 1; columns nu = 0, .25, .5
     (2.51, 3.31, 4.85), (2.59, 3.37, 4.81), (2.68, 3.44, 4.80), (2.78, 3.53, 4.82),
@@ -40,7 +39,10 @@ _LONG = (  # a > b: g = b/a
 TABLE_E3: dict[float, tuple[float, float, float]] = {
     k / 10: row for k, row in enumerate(_WIDE, 1)
 } | {10 / k: row for k, row in reversed(list(enumerate(_LONG, 1)))}
-"""c11 at nu = 0, .25, .5, by axis ratio a/b."""
+"""c11 at nu = 0, .25, .5, by axis ratio a/b.
+
+Kalker, Three-Dimensional Elastic Bodies in Rolling Contact, 1990, Table E.3.
+"""
 
 
 class Ellipse(NamedTuple):

@@ -16,7 +16,6 @@ Valid for v >= 0 and 0 <= lam <= 1. What is wrong in print is told in docs/errat
 from casadi import exp, fabs, fmax, fmin, log
 
 from slipctl import (
-    BadInput,
     Block,
     Input,
     Output,
@@ -275,9 +274,3 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
     if "v" in law_of_adhesion.inputs:
         wires["adh.v"] = "wheel.v"
     return connect("plant", wires, wheel=held, adh=law_of_adhesion, air=davis)
-
-
-def known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
-    """Refuse a structural choice that does not exist."""
-    if given not in choices:
-        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")

@@ -52,8 +52,9 @@ from slipctl import (
     step,
 )
 from slipctl.certify import prescribed_performance as bounds
+from slipctl.errors import known
 from slipctl.filtering import ctukf
-from slipctl.models.hst_braking import RAILS, TABLE_2, burckhardt, grip, known, peak_slip
+from slipctl.models.hst_braking import RAILS, TABLE_2, burckhardt, grip, peak_slip
 
 SOURCE = "Zhang 2021"
 TABLE_3 = "Zhang 2021, Table 3"

@@ -37,8 +37,8 @@ from slipctl import (
     replicate,
     sampled,
 )
+from slipctl.errors import known
 from slipctl.models.contact import polach
-from slipctl.models.freight_traction import known
 from slipctl.models.rolling import Axles, rolling
 
 SOURCE = "Wang 2025"
@@ -201,7 +201,7 @@ def motor(form: str = "consistent") -> Block:
     Raises:
         BadInput: unknown form.
     """
-    known("motor", form, ("consistent", "printed-33"))
+    known("motor", "form", form, ("consistent", "printed-33"))
 
     @flow(
         T=Output("N m", "torque of the motor, at its axle", positive="traction"),

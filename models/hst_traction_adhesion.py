@@ -34,8 +34,8 @@ from slipctl import (
     step,
 )
 from slipctl.certify import adhesion_observer as bounds
+from slipctl.errors import known
 from slipctl.models.contact import peak_table, polach
-from slipctl.models.freight_traction import known
 from slipctl.models.hst_traction import tractive_effort
 
 TABLE_1 = "Wang 2025, Table 1"
@@ -60,7 +60,7 @@ def adhesion_observer(
     Raises:
         BadInput: an unknown discretisation, or gains that do not hold the slope.
     """
-    known("adhesion_observer", discretisation, ("implicit", "explicit"))
+    known("adhesion_observer", "form", discretisation, ("implicit", "explicit"))
     K1_0, K2_0, K3_0 = gains or (1.05 * (2 * 2.2 * SLOPE) ** 0.5, 2.2 * SLOPE, 0.5)
     if not bounds.exact(K1_0, K2_0, SLOPE):
         least = bounds.smallest_K1(K2_0, SLOPE)

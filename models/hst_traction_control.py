@@ -38,8 +38,8 @@ from slipctl import (
     step,
 )
 from slipctl.certify import higher_order as bounds
+from slipctl.errors import known
 from slipctl.models.contact import polach
-from slipctl.models.freight_traction import known
 from slipctl.models.hst_traction import resistance
 from slipctl.models.hst_traction_adhesion import (
     GUESS,
@@ -105,8 +105,8 @@ def higher_order(
         form: ``"consistent"``, or ``"printed-40"``, with s + lam.
         eta: largest |delta'|/M in m/s^3 that the gains shall hold.
     """
-    known("higher_order", gains, ("optimum", "printed"))
-    known("higher_order", form, ("consistent", "printed-40"))
+    known("higher_order", "form", gains, ("optimum", "printed"))
+    known("higher_order", "form", form, ("consistent", "printed-40"))
     if gains == "printed":
         k4, (alpha_0, beta_0), source = 0.25, (0.02, 0.09), TABLE_5
     else:

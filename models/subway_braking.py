@@ -14,7 +14,8 @@ Valid for v >= 0 and 0 <= v_s. What is wrong in print is told in docs/errata.md.
 
 from casadi import exp, fmax, fmin, log
 
-from slipctl import BadInput, Block, Input, Output, Param, State, connect, flow, law
+from slipctl import Block, Input, Output, Param, State, connect, flow, law
+from slipctl.errors import known
 
 TABLE_3 = "Huang 2020, Table 3"
 
@@ -187,12 +188,6 @@ def plant(
         parts["brake"] = brake
         wires |= {"brake.T_cmd": "T_cmd", "wheel.T_b": "brake.T_b"}
     return connect("plant", wires, **parts)
-
-
-def known(what: str, choice: str, given: str, choices: tuple[str, ...]) -> None:
-    """Refuse a structural choice that does not exist."""
-    if given not in choices:
-        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
 
 
 def ideal_plant(adhesion: Block = double_exponential) -> Block:

@@ -30,7 +30,7 @@ from slipctl import (
     rls,
     step,
 )
-from slipctl.models.subway_braking import known
+from slipctl.errors import known
 
 TABLE_3 = "Huang 2020, Table 3"
 

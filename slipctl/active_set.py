@@ -72,11 +72,10 @@ class ActiveSet:
         return self._tie([ca.MX.zeros(m) for _ in range(N)], ca.MX.zeros(self.h.nc))
 
     def _tie(self, columns: list[Any], last: Any) -> Any:
+        if not any(self.tied):
+            return ca.vertcat(*columns, last)
         nu, done = self.h.nu, []
         for column, tied in zip(columns, self.tied, strict=True):
-            if not any(self.tied):
-                done.append(column)
-                continue
             u = column[:nu]
             kept = ca.MX.ones(nu) * TIED if tied else ca.if_else(u == TIED, FREE, u)
             done.append(ca.vertcat(kept, ca.reshape(column[nu:], self.h.nc, 1)))
@@ -166,8 +165,8 @@ class ActiveSet:
             lo, hi, rate = bounds[i], bounds[nu + i], bounds[2 * nu + i]
             a[i] = ca.if_else(s[i] > 0, hi, lo) - u[i]
             if self.memory:
-                follows = ca.fabs(s[i]) > 1.5
-                by = ca.if_else(s[i] > 2.5, 0, ca.if_else(s[i] > 0, rate, -rate))
+                follows = ca.fabs(s[i]) >= FASTER
+                by = ca.if_else(s[i] == TIED, 0, ca.if_else(s[i] > 0, rate, -rate))
                 a[i] = ca.if_else(follows, earlier[i] + by - u[i], a[i])
                 E[i, nx + i] = ca.if_else(follows, 1, 0)
         return a, E

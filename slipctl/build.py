@@ -15,7 +15,8 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from pathlib import Path
 
 import casadi as ca
@@ -180,3 +181,18 @@ def roll_interpreted(
     done = int(np.argmax(broken)) if broken.any() else ticks
     x[:] = after[min(done, ticks - 1)]
     return done
+
+
+def rolling(f: ca.Function, compile: bool = True) -> Callable[..., int]:
+    """What advances f over many ticks, ``(x, u, p, x_log, y_log) -> ticks done``.
+
+    Compiled where there is a compiler (:meth:`Roller.roll`), else in CasADi's virtual machine; the
+    numbers are the same.
+    """
+    roller = compiled(f) if compile else None
+    return partial(roll_interpreted, f) if roller is None else roller.roll
+
+
+def column(v: ca.DM | np.ndarray) -> np.ndarray:
+    """Packed column of numbers as an array of one dimension."""
+    return np.array(ca.DM(v).full()).ravel()

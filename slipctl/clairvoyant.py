@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
+from slipctl.build import column
 from slipctl.errors import BadInput, RunFailed
 from slipctl.horizon import expressions
 from slipctl.rail import Scenario
@@ -172,7 +173,7 @@ class _Problem:
         if self.goal is None and not self.end:
             raise BadInput(f"{where}: least time needs an end=, the states to be reached")
         start = {plant.find(k, "state"): v for k, v in scenario.start.items()}
-        self.x0 = _column(plant.pack("state", plant.start(**start)))
+        self.x0 = column(plant.pack("state", plant.start(**start)))
         self.states = _elements(plant, "state")
         self.phases = self._phases()
         self.scale = np.maximum(np.abs(self.x0), 1.0)
@@ -226,7 +227,7 @@ class _Problem:
             free = not by_time or (bool(self.end) and (last or stop >= scenario.duration))
             phases.append(
                 _Phase(
-                    _column(plant.pack("input", u)), _column(plant.pack("param", values)),
+                    column(plant.pack("input", u)), column(plant.pack("param", values)),
                     None if free else stop - starts[k],
                     starts[k + 1] if not by_time and not last else None,
                 )
@@ -288,7 +289,7 @@ class _Problem:
                                     len(self.phases) - 1)]  # fmt: skip
             u = phase.u.copy()
             u[[order.index(c) for c in self.controls]] = control
-            x = _column(step(x, u, phase.p)[0])
+            x = column(step(x, u, phase.p)[0])
             found.append(x)
         return np.array(found)
 
@@ -367,8 +368,7 @@ class _Problem:
             at = self.states.index(self.goal)
             objective = x[at] * self.scale[at]
         if self.end:
-            g_total = total  # the scenario's duration is the longest
-            path_rows.append(g_total)
+            path_rows.append(total)  # the scenario's duration is the longest
             rows = [np.append(rows[0], 0.0), np.append(rows[1], self.scenario.duration)]
         nlp = {"x": ca.vertcat(*z), "f": self.sign * objective, "g": ca.vertcat(*g, *path_rows)}
         for barrier in BARRIERS:
@@ -382,7 +382,7 @@ class _Problem:
         else:
             return None
         split = ca.Function("split", [ca.vertcat(*z)], z)(done["x"])
-        return float(done["f"]), self._solution(mesh, [_column(v) for v in split], size)
+        return float(done["f"]), self._solution(mesh, [column(v) for v in split], size)
 
     def _interval(self) -> ca.Function:
         """Function (begin, points, control, h, inputs, parameters) -> defects, all scaled."""
@@ -478,10 +478,6 @@ class _Problem:
         data = xarray.Dataset(variables, {"time": ("time", np.concatenate(times))})
         data["time"].attrs["units"] = "s"
         return data.assign_attrs(scenario=self.scenario.name)
-
-
-def _column(v: Any) -> np.ndarray:
-    return np.array(ca.DM(v).full()).ravel()
 
 
 def _elements(block: Block, role: str) -> list[str]:

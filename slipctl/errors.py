@@ -27,3 +27,14 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
         return ""
     shown = ", ".join(known[:12])
     return f"; it has {shown}" + (", ..." if len(known) > 12 else "")
+
+
+def known(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
+    """Refuse a structural choice that does not exist.
+
+    Raises:
+        BadInput: "what has no choice 'given'; it has ...".
+    """
+    choices = tuple(choices)
+    if given not in choices:
+        raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")

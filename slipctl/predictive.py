@@ -250,9 +250,10 @@ class _Controller:
         open_, made = ca.MX(0), ca.MX(0)
         if self.whole is not None:
             X, V = self.whole(x0, d, q, before, bounds, X, V)
-        for _ in range(0 if self.whole is not None else self.iterations):
-            X, V, S, open_, passes = self.iterate(X, V, S, x0, d, q, before, bounds)
-            made = made + passes
+        else:
+            for _ in range(self.iterations):
+                X, V, S, open_, passes = self.iterate(X, V, S, x0, d, q, before, bounds)
+                made = made + passes
 
         size = ca.sumsqr(X) + ca.sumsqr(V)
         sound = size < 1e30  # false for NaN as well

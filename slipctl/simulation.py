@@ -84,7 +84,7 @@ def simulate(
     x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
     rows = np.arange(0, ticks, int(every))
     x_log, y_log = np.empty((rows.size, x.size)), np.empty((rows.size, f.size1_out(1)))
-    roller = build.compiled(f) if compile else None
+    roll = build.rolling(f, compile)
     for first, last, p in pieces:
         size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
         size = min(size, SCRATCH) if every > 1 else size
@@ -95,10 +95,7 @@ def simulate(
             whole = every == 1
             x_now = x_log[kept] if whole else np.empty((stop - k, x.size))
             y_now = y_log[kept] if whole else np.empty((stop - k, y_log.shape[1]))
-            if roller is not None:
-                n = roller.roll(x, uk, p, x_now, y_now)
-            else:
-                n = build.roll_interpreted(f, x, uk, p, x_now, y_now)
+            n = roll(x, uk, p, x_now, y_now)
             if n < stop - k:
                 raise RunFailed(_broken(loop, x, (k + n + 1) * h))
             if not whole:

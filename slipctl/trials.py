@@ -39,6 +39,27 @@ class Feasibility(NamedTuple):
     witness: dict[str, float]
 
 
+class Driver:
+    """A step block tick by tick: call it with its inputs in order, it returns its outputs.
+
+    Attributes:
+        x: packed states, advanced by each call. p: packed parameters.
+    """
+
+    def __init__(self, block: Block, compile: bool = True) -> None:
+        self.block = block
+        self.x = build.column(block.pack("state", block.start()))
+        self.p = build.column(block.pack("param", block.param_values()))
+        self._roll = build.rolling(block.f, compile)
+
+    def __call__(self, *inputs: float) -> np.ndarray:
+        """Outputs of the next tick."""
+        u = np.array([inputs], dtype=float)
+        x_log, y = np.empty((1, self.x.size)), np.empty((1, self.block.f.size1_out(1)))
+        self._roll(self.x, u, self.p, x_log, y)
+        return y[0]
+
+
 def feasibility(
     controller: Block,
     plant: Block,
@@ -78,9 +99,9 @@ def feasibility(
         raise BadInput(f"{where}: {controller.name} has no period; give the block of nmpc(...)")
     h = float(controller.period)
     step = sampled(plant, h, "implicit_euler", substeps, check=False).f
-    roller = build.compiled(controller.f)
-    p = _column(controller.pack("param", controller.param_values()))
-    plant_p = _column(plant.pack("param", plant.param_values()))
+    tick = Driver(controller)
+    rest = tick.x.copy()
+    plant_p = build.column(plant.pack("param", plant.param_values()))
     names = [n for n in controller.outputs if n not in ("status", "passes")]
     short = {n: n.rpartition(".")[2] for n in plant.inputs}
     rng = np.random.default_rng(seed)
@@ -91,14 +112,14 @@ def feasibility(
         given = {n: s.value for n, s in controller.inputs.items()}
         given |= {n: float(rng.uniform(*pair)) for n, pair in ranges.items()}
         first = dict(given)
-        memory = _column(controller.pack("state", controller.start()))
+        tick.x = rest.copy()
         before: dict[str, float] | None = None
         for k in range(ticks):
             if k % 10 == 0 and k:
                 given |= {
                     n: float(rng.uniform(*r)) for n, r in ranges.items() if n not in plant.states
                 }
-            memory, y = _tick(controller, roller, memory, given, p)
+            y = tick(*(given[n] for n in controller.inputs))
             out = dict(zip(controller.outputs, y, strict=True))
             settled += out["status"] == 0
             if out["status"] == 2:
@@ -111,7 +132,7 @@ def feasibility(
             known = {n: s.value for n, s in plant.inputs.items()} | given | out
             u: Any = [known.get(short[n], known[n]) for n in plant.inputs]
             x = ca.DM([given[n] for n in plant.states])
-            following = _column(step(x, ca.DM(u), plant_p)[0])
+            following = build.column(step(x, ca.DM(u), plant_p)[0])
             given |= dict(zip(plant.states, map(float, following), strict=True))
     sizes = [
         abs(controller.params[n].value) for n in controller.params if n.endswith(("_lo", "_hi"))
@@ -120,18 +141,6 @@ def feasibility(
     return Feasibility(
         starts, ticks, excess[0] <= allowed, excess, settled / (starts * ticks), broken, witness
     )
-
-
-def _tick(
-    controller: Block, roller: Any, x: np.ndarray, given: Mapping[str, Any], p: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    u = np.array([[float(given[n]) for n in controller.inputs]])
-    if roller is None:
-        following, y = controller.f(x, u[0], p)
-        return _column(following), _column(y)
-    x, x_log, y_log = x.copy(), np.empty((1, x.size)), np.empty((1, controller.f.size1_out(1)))
-    roller.roll(x, u, p, x_log, y_log)
-    return x, y_log[0]
 
 
 def _excess(
@@ -151,7 +160,3 @@ def _excess(
             gaps.append(abs(out[n] - before[n]) - values[f"{n}_rate"] * h)
         found = max([found, *((float(g), n) for g in gaps)])
     return found
-
-
-def _column(v: Any) -> np.ndarray:
-    return np.array(ca.DM(v).full()).ravel()

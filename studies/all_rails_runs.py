@@ -319,7 +319,7 @@ def cost(context: Context) -> Table:
 
 def tick_time(block: Block, loop: Block, vehicle: str, context: Context) -> float:
     """Mean time in s of a tick of a law along its own run, the median of five."""
-    roller = build.compiled(block.f) if context.compile else None
+    roll = build.rolling(block.f, context.compile)
     first = next(iter(VEHICLES[vehicle].rails))
     names = {n: f"world.{n}" for n in block.inputs if f"world.{n}" in loop.outputs}
     log = simulate(
@@ -338,10 +338,7 @@ def tick_time(block: Block, loop: Block, vehicle: str, context: Context) -> floa
         x, x_log = x0.copy(), np.empty((len(u), x0.size))
         y_log = np.empty((len(u), block.f.size1_out(1)))
         began = time.perf_counter()
-        if roller is not None:
-            roller.roll(x, u, p, x_log, y_log)
-        else:
-            build.roll_interpreted(block.f, x, u, p, x_log, y_log)
+        roll(x, u, p, x_log, y_log)
         times.append((time.perf_counter() - began) / len(u))
     return statistics.median(times)
 

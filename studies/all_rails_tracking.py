@@ -24,7 +24,7 @@ TARGETS = {"half": 0.5, "stress": 0.85}
 """Targets by the share of the tractive effort that they need."""
 
 SEEDS = 5
-MASS, INERTIA = 500e3, 32 * 93.75 / 0.445**2
+MASS = 500e3
 PER_AXLE = 15625.0
 LAG = 0.05
 """Time constant of the motors in s, as the study has it."""

@@ -428,9 +428,8 @@ class Runner:
     def __call__(self, sections: Sequence[tuple[float, Mapping[str, float]]]) -> Any:
         """Position, speed, slip and adhesion over the ticks; None where the loop broke."""
         f = self.block.f
-        if self.compile and not hasattr(self.mine, "roller"):
-            self.mine.roller = build.compiled(f)
-        roller = self.mine.roller if self.compile else None
+        if not hasattr(self.mine, "roll"):
+            self.mine.roll = build.rolling(f, self.compile)
         x = self.x0.copy()
         logs = []
         for length, rail in sections:
@@ -442,11 +441,7 @@ class Runner:
             for k, (n, s) in enumerate(self.block.inputs.items()):
                 u[:, k] = float(peak_slip(**rail)) if n == "lam_opt" else float(s.value or 0.0)
             x_log, y_log = np.empty((ticks, x.size)), np.empty((ticks, f.size1_out(1)))
-            if roller is not None:
-                n_done = roller.roll(x, u, p, x_log, y_log)
-            else:
-                n_done = build.roll_interpreted(f, x, u, p, x_log, y_log)
-            if n_done < ticks:
+            if self.mine.roll(x, u, p, x_log, y_log) < ticks:
                 return None
             logs.append((x_log, y_log))
         states = np.vstack([a for a, _ in logs])

@@ -208,15 +208,6 @@ def net_torque(axles: int) -> Block:
     return net
 
 
-@law(delta=Output("m/s^2", "what is not delivered, by mass"))
-def undelivered(
-    F_contr=Input("N", "commanded force of the train", positive="traction"),
-    F_all=Input("N", "contact force of all axles", positive="traction"),
-):
-    """delta/M of (15): command less what the rail gives."""
-    return (F_contr - F_all) / 500e3
-
-
 def loop(
     models: Mapping[str, Any],
     control_law: Block,

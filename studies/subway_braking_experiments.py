@@ -96,16 +96,13 @@ def estimates(block: Block, columns: Sequence[np.ndarray], starts: Any = None) -
                 x[at : at + s.size] = starts[n]
             at += s.size
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
-    roller = build.compiled(block.f)
+    roll = build.rolling(block.f)
     last = np.empty((runs, block.f.size1_out(1)))
     for k in range(runs):
         u = np.ascontiguousarray(np.column_stack([slip, measured[k]]))
         x_log, y_log = np.empty((len(u), len(x))), np.empty((len(u), last.shape[1]))
         state = np.ascontiguousarray(x[:, k])
-        if roller is not None:
-            roller.roll(state, u, p, x_log, y_log)
-        else:
-            build.roll_interpreted(block.f, state, u, p, x_log, y_log)
+        roll(state, u, p, x_log, y_log)
         last[k] = y_log[-1]
     return last[:, :3]
 
@@ -222,11 +219,7 @@ def _searched(block: Block, *columns: np.ndarray) -> np.ndarray:
     x = np.array(ca.DM(block.pack("state", block.start())).full()).ravel()
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
     x_log, y_log = np.empty((len(u), x.size)), np.empty((len(u), block.f.size1_out(1)))
-    roller = build.compiled(block.f)
-    if roller is not None:
-        roller.roll(x, u, p, x_log, y_log)
-    else:
-        build.roll_interpreted(block.f, x, u, p, x_log, y_log)
+    build.rolling(block.f)(x, u, p, x_log, y_log)
     return y_log[:, list(block.outputs).index("best")]
 
 

@@ -27,7 +27,8 @@ from slipctl import (
     step,
     trajectory,
 )
-from slipctl.studies.peers.slip_nmpc import Driver, axle, closed_loop, cost, make, recorded
+from slipctl.studies.peers.slip_nmpc import axle, closed_loop, cost, make, recorded
+from slipctl.trials import Driver
 
 
 def test_reference_values_of_the_problem():

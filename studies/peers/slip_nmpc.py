@@ -17,6 +17,7 @@ import numpy as np
 from casadi import sqrt
 
 from slipctl import Block, Input, Output, Param, State, build, flow, law, nmpc, sampled
+from slipctl.trials import Driver
 
 TRACTION = dict(positive="traction", per="ratio")
 
@@ -63,27 +64,6 @@ PEAKS = np.r_[np.full(60, 0.30), np.full(100, 0.12), np.full(90, 0.25)]
 def make(**options: Any) -> Block:
     """Controller of the problem; other options of ``nmpc`` as given."""
     return nmpc(axle, cost, "u", **{"h": 0.02, "weights": WEIGHTS, "substeps": 4, **options})
-
-
-class Driver:
-    """A controller tick by tick, compiled where there is a compiler."""
-
-    def __init__(self, block: Block, compile: bool = True) -> None:
-        self.block = block
-        self.x = np.array(block.pack("state", block.start()), dtype=float).ravel()
-        self.p = np.array(block.pack("param", block.param_values()), dtype=float).ravel()
-        self.roller = build.compiled(block.f) if compile else None
-
-    def __call__(self, *inputs: float) -> np.ndarray:
-        """Outputs at the next tick."""
-        u = np.array([inputs], dtype=float)
-        x_log, y = np.zeros((1, self.x.size)), np.zeros((1, len(self.block.outputs)))
-        if self.roller is not None:
-            self.roller.roll(self.x, u, self.p, x_log, y)
-        else:
-            self.x, y = (np.array(m).ravel() for m in self.block.f(self.x, u[0], self.p))
-            y = y[None]
-        return y[0]
 
 
 def closed_loop(
