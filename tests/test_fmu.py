@@ -20,11 +20,12 @@ from slipctl import (
     State,
     codegen,
     law,
+    sampled,
     simulate,
     step,
 )
 from slipctl.ccode import comparison, compilers
-from slipctl.models import subway_braking
+from slipctl.models import brakes, subway_braking
 
 fmpy = pytest.importorskip("fmpy")
 validate_fmu = pytest.importorskip("fmpy.validation").validate_fmu
@@ -255,6 +256,102 @@ def test_parameters_are_tunable_and_derived_ones_follow(
     g.fmu.freeInstance()
 
 
+# ---- start values --------------------------------------------------------------------------------
+
+
+@step(period=0.01, z=Output("1", "sum", lo=-1e3, hi=1e3))
+def chain(
+    a=State("1", 1.5, "free", lo=-10, hi=10),
+    b=State("1", "a**2 * g", "computed from a state and a derived parameter", lo=-100, hi=100),
+    c=State("1", "fabs(b) + k", "computed from a computed one", shape=(2,)),
+    k=Param("1", 0.3, "offset", lo=0, hi=1),
+    g=Param("1", "k/7", "derived"),
+):
+    """Start values that use one another."""
+    z = a / 3 + b * 0.7 + c[0] * c[1]
+    return dict(a=0.9 * a, b=0.8 * b + 0.01 * a, c=0.5 * c + b), dict(z=z)
+
+
+def simulated(path: Path, start: dict[str, float], outputs: list[str], ticks: int, h: float) -> Any:
+    return fmpy.simulate_fmu(
+        str(path), stop_time=ticks * h, output_interval=h, start_values=start, output=outputs,
+        debug_logging=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_start_values_set_by_fmpy_start_the_same_run_as_in_python(
+    version: int, tmp_path: Path
+) -> None:
+    """Those that were not set are computed from those that were, as ``start`` does."""
+    codegen.export(chain, tmp_path, fmus=True)
+    path = tmp_path / f"chain_fmi{version}.fmu"
+    assert validate_fmu(str(path)) == []
+    d = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert (d["a"].initial, d["b"].initial, d["c[2]"].initial) == ("exact", "approx", "approx")
+    assert float(d["b"].start) == chain.start()["b"]
+    elements = {"a": -2.75, "c[1]": 4.0}
+    for given, params in (
+        ({}, {}), ({"a": -2.75}, {}), ({"b": -7.1}, {"k": 0.9}), (elements, {"k": 0.9}),
+    ):  # fmt: skip
+        block = chain.with_params(**params)
+        x: dict[str, Any] = block.start(**{n: v for n, v in given.items() if n in block.states})
+        if "c[1]" in given:
+            x["c"] = np.array([given["c[1]"], x["c"][1] if x["c"].ndim else x["c"]])
+        names = ["a", "b", "c[1]", "c[2]"]
+        result = simulated(path, given | params, ["z", *names], 5, 0.01)
+        assert list(result[0][names]) == [x["a"], x["b"], *np.broadcast_to(x["c"], 2)]
+        for row in result[1:]:
+            x, out = block(**x)
+            assert list(row[["z", *names]]) == [out["z"], x["a"], x["b"], *x["c"]]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_start_values_are_refused_late_and_off_range_and_forgotten_by_reset(
+    version: int, tmp_path: Path
+) -> None:
+    codegen.export(chain, tmp_path, fmus=True)
+    f = opened(tmp_path, version, tmp_path, "chain")
+    f.set(a=2.0)
+    b = f.get("b")
+    assert b == [chain.start(a=2.0)["b"]]  # seen before the initialization is over
+    f.begin()
+    assert f.get("a", "b") == [2.0, *b]
+    with pytest.raises(Exception, match="error"):
+        f.set(a=1.0)
+    assert f.get("a", "b") == [2.0, *b]
+    f.step(0.05)
+    f.fmu.reset()
+    assert f.get("a", "b") == [1.5, chain.start()["b"]]
+    f.time = 0.0
+    f.begin(b=0.25)
+    assert f.get("a", "b", "c[1]") == [1.5, 0.25, 0.25 + 0.3]
+    f.close()
+    for bad in ({"a": 11.0}, {"a": np.nan}, {"b": 1e3}, {"c[2]": np.inf}):
+        g = opened(tmp_path, version, tmp_path / "g", "chain")
+        with pytest.raises(Exception, match="ExitInitializationMode failed"):
+            g.begin(**bad)
+        g.fmu.freeInstance()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_plant_starts_at_another_speed(version: int, tmp_path: Path) -> None:
+    """The wheel turns with the train: its start value, v/r, follows the one that was set."""
+    plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4")
+    (v,) = (n for n in plant.states if n.endswith("wheel.v"))
+    (omega,) = (n for n in plant.states if n.endswith("wheel.omega"))
+    codegen.export(plant, tmp_path, "plant", fmus=True)
+    path = tmp_path / f"plant_fmi{version}.fmu"
+    names = {m.name.removeprefix("state."): m.name
+             for m in fmpy.read_model_description(str(path)).modelVariables}  # fmt: skip
+    result = simulated(path, {names[v]: 7.3, "T_cmd": 3e3}, [names[v], names[omega]], 20, 1e-3)
+    moved = plant.with_params(**{v: 7.3})
+    x = {n: float(value) for n, value in moved.start().items()}
+    for row in result:
+        assert list(row[[names[v], names[omega]]]) == [x[v], x[omega]]
+        x, _ = moved(T_cmd=3e3, **x)
+
+
 # ---- state of the FMU ----------------------------------------------------------------------------
 
 
@@ -339,11 +436,9 @@ def test_sources_compile_alone_and_two_fmus_link(version: int, lags: Path, tmp_p
 
 def test_dependencies_say_what_passes_at_once(tmp_path: Path) -> None:
     """A plant's speed does not depend on the torque of this moment; a law's output does."""
-    from slipctl import sampled
     from slipctl.ccode.fmu import is_plant
     from slipctl.ccode.fmu_xml import feedthrough
     from slipctl.ccode.plan import Plan
-    from slipctl.models import brakes
 
     plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4")
     assert is_plant(plant)

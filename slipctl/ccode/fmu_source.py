@@ -8,12 +8,19 @@ do (Model Exchange, derivatives, clocks) is there and refuses.
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 
-from slipctl.ccode.expressions import number
+import casadi as ca
+
+from slipctl.ccode.expressions import Writer, helper_text, number
 from slipctl.ccode.files import spoken, starting
 from slipctl.ccode.header import head
-from slipctl.ccode.plan import Plan
+from slipctl.ccode.layout import Member
+from slipctl.ccode.plan import Plan, matrix, shaped
+from slipctl.ccode.precision import in_precision
+from slipctl.ccode.source import ends
+from slipctl.signals import evaluate, names_in
 
 TEMPLATES = Path(__file__).parent.parent / "templates"
 
@@ -63,9 +70,81 @@ def core(plan: Plan, token: str, now: bool) -> str:
         f"    {m.at('m->in.', k)} = {spoken(v, plan)};"
         for m in lay.inputs for k, v in enumerate(starting(m))
     ]  # fmt: skip
+    starts, helpers = _starts(plan)
     filled = {
         "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
         "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
-        "inputs": "".join(f"{line}\n" for line in inputs), **counts,
+        "inputs": "".join(f"{line}\n" for line in inputs), "starts": starts, "helpers": helpers,
+        "wrong": _wrong(plan), **counts,
     }  # fmt: skip
     return re.sub(r"@(\w+)@", lambda m: str(filled[m[1]]), _template("fmu.c"))
+
+
+def _starts(plan: Plan) -> tuple[str, str]:
+    """Statements that compute the start values that were not set from those that were.
+
+    ``init`` of the module computes them from its own start values only. Each is computed after
+    those that it uses. Also the text of the functions that the statements call.
+    """
+    block, lay = plan.block, plan.layout
+    groups = ((lay.params, "m->param."), (lay.derived, "m->state.derived."),
+              (lay.states, "m->state."))  # fmt: skip
+    places = {m.name: (m, pointer) for group, pointer in groups for m in group}
+    symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
+    waiting = [m for m in lay.states if m.signal.derived]
+    text, helpers = "", set()
+    while waiting:
+        for m in list(waiting):
+            value = str(m.signal.value)
+            used = {k: block._sibling(m.name, k) for k in names_in(value)}
+            if not set(used.values()).isdisjoint(w.name for w in waiting):
+                continue
+            result = evaluate(value, {k: symbols[n] for k, n in used.items()}, m.name)
+            names = list(dict.fromkeys(used.values()))
+            f = ca.Function("start", [symbols[n] for n in names],
+                            [shaped(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
+            writer = _written(f, [places[n] for n in names])
+            text += _if_not_given(lay.states, m, writer)
+            helpers |= set(writer.helpers)
+            waiting.remove(m)
+    named = helper_text(helpers) + _INSIDE * bool(lay.states)
+    return in_precision(text, plan.real, block.name), in_precision(named, plan.real, block.name)
+
+
+_INSIDE = """static bool inside(const double *x, int n, double lo, double hi)
+{
+    int k;
+    for (k = 0; k < n; ++k) {
+        if (!((x[k] >= lo) && (x[k] <= hi))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+"""
+
+
+def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:
+    return Writer(f, lambda i, k: places[i][0].at(places[i][1], k)).run()
+
+
+def _if_not_given(states: tuple[Member, ...], m: Member, writer: Writer) -> str:
+    """Statements that give a state its computed start value."""
+    first = sum(s.size for s in states[: states.index(m)])
+    at = dict(writer.results)
+    lines = ["{", *(f"    {line}" for line in writer.lines)]
+    for k in range(m.size):
+        place, value = m.at("m->state.", k), writer.result(at[0, k])
+        lines += [f"    if (!m->given[{first + k}]) {{", f"        {place} = {value};", "    }"]
+    return textwrap.indent("\n".join([*lines, "}"]) + "\n", " " * 8)
+
+
+def _wrong(plan: Plan) -> str:
+    """Condition: a start value is NaN or out of its range."""
+    tests = []
+    for m in plan.layout.states:
+        lo, hi = ends(plan, m)
+        tests += [f"!inside({m.address('m->state.')}, {m.size}, {lo}, {hi})"]
+    text = "\n            || ".join(tests) or "false"
+    return in_precision(text, plan.real, plan.block.name)

@@ -13,7 +13,7 @@ from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.files import starting
 from slipctl.ccode.layout import Member
-from slipctl.ccode.plan import Plan, constant
+from slipctl.ccode.plan import Plan, packed
 
 DISPLAY = {
     "m/s": ("km/h", 3.6), "rad/s": ("r/min", 30 / math.pi), "rad": ("deg", 180 / math.pi),
@@ -49,9 +49,10 @@ def variables(plan: Plan) -> list[Variable]:
     groups = (
         ("input", "discrete", "", lay.inputs), ("parameter", "tunable", "exact", lay.params),
         ("calculatedParameter", "tunable", "calculated", lay.derived),
-        ("local", "discrete", "calculated", lay.states),
+        ("local", "discrete", "exact", lay.states),
         ("output", "discrete", "calculated", lay.outputs),
     )  # fmt: skip
+    start = plan.block.start()
     taken = {m.name for _, _, _, g in groups for m in g if g is not lay.states}
     found: list[Variable] = []
     for causality, variability, initial, members in groups:
@@ -63,10 +64,14 @@ def variables(plan: Plan) -> list[Variable]:
             if causality == "input":
                 values = list(starting(m))
             elif causality == "parameter":
-                values = [float(v) for v in constant(m.signal, m.signal.value).ravel(order="F")]
+                values = [float(v) for v in packed(m, m.signal.value)]
+            elif causality == "local":
+                values = [float(v) for v in packed(m, start[m.name])]
+            # what is computed from others unless it is set has no exact start value
+            begins = "approx" if causality == "local" and m.signal.derived else initial
             for k, indices in enumerate(_indices(m)):
                 found.append(
-                    Variable(name + indices, len(found), causality, variability, initial, m,
+                    Variable(name + indices, len(found), causality, variability, begins, m,
                              values[k])
                 )  # fmt: skip
     return found

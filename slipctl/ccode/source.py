@@ -278,8 +278,8 @@ def _bounded(plan: Plan, m: Member, pointer: str) -> str:
     return _within(plan, m, pointer) if _has_range(plan, m) else _finite(m, pointer)
 
 
-def _ends(plan: Plan, m: Member) -> tuple[str, str]:
-    """Least and greatest number of a signal."""
+def ends(plan: Plan, m: Member) -> tuple[str, str]:
+    """Least and greatest number of a signal, in C."""
     lo, hi = plan.limits(m)
     return (
         number(lo) if math.isfinite(lo) else "-DBL_MAX",
@@ -289,7 +289,7 @@ def _ends(plan: Plan, m: Member) -> tuple[str, str]:
 
 def _limited(plan: Plan, m: Member, pointer: str) -> str:
     """Expression: put a signal into its range, and say whether that changed it."""
-    lo, hi = _ends(plan, m)
+    lo, hi = ends(plan, m)
     if m.scalar:
         return f"limit(&{pointer}{m.c}, {lo}, {hi})"
     return f"limit_all({pointer}{m.c}, {m.size}, {lo}, {hi})"
@@ -297,7 +297,7 @@ def _limited(plan: Plan, m: Member, pointer: str) -> str:
 
 def _within(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
-    lo, hi = _ends(plan, m)
+    lo, hi = ends(plan, m)
     if m.scalar:
         return f"within({pointer}{m.c}, {lo}, {hi})"
     return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"

@@ -1,5 +1,6 @@
 #include "@n@.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -29,7 +30,8 @@ enum {
     FIRST_STATE = FIRST_DERIVED + @n_derived@,
     FIRST_OUT = FIRST_STATE + @n_state@,
     STATUS = FIRST_OUT + @n_out@,
-    TIME = STATUS + 1
+    TIME = STATUS + 1,
+    STATES = @n_state@
 };
 
 enum status { FINE, WARNING, DISCARD, WRONG, FATAL };
@@ -45,6 +47,9 @@ typedef struct {
     int status;   /* of the last communication step */
     bool begun;   /* initialization is over */
     bool fresh;   /* the outputs are up to date */
+    bool chosen;  /* a start value was set */
+    bool given[STATES + 1];
+    real first[STATES + 1]; /* the start values that were set */
 } model;
 
 typedef struct {
@@ -91,12 +96,30 @@ static instance *made(const char *name, const char *token, bool logging)
     return c;
 }
 
+@helpers@/* Start state: of the module, then what was set, then what is computed from either. */
+static int start(model *m)
+{
+    int status = @n@_init(&m->param, &m->state);
+    if (m->chosen) {
+        real *const x = (real *)&m->state;
+        int k;
+        status = @n@_tune(&m->param, &m->state);
+        for (k = 0; k < STATES; ++k) {
+            x[k] = m->given[k] ? m->first[k] : x[k];
+        }
+@starts@        if (@wrong@) {
+            status = @big@_BAD_PARAM;
+        }
+    }
+    m->out = m->state.held;
+    return status;
+}
+
 /* Outputs of the present state and inputs; the state stays. */
 static void look(model *m)
 {
     if (!m->begun) {
-        m->status = @n@_init(&m->param, &m->state);
-        m->out = m->state.held;
+        m->status = start(m);
     }
     if ((NOW != 0) && !m->fresh) {
         @n@_state ahead = m->state;
@@ -105,10 +128,14 @@ static void look(model *m)
     }
 }
 
-/* Where a real variable is kept; NULL if it is none. */
-static real *place(model *m, uint32_t variable)
+static int number_of(uint32_t reference)
 {
-    const int k = (variable <= (uint32_t)TIME) ? (int)variable : TIME;
+    return (reference <= (uint32_t)TIME) ? (int)reference : TIME + 1;
+}
+
+/* Where real variable k is kept; NULL if it is none. */
+static real *place(model *m, int k)
+{
     real *found = NULL;
 @places@    return found;
 }
@@ -118,8 +145,9 @@ static int read_real(instance *c, const uint32_t *variables, size_t count, doubl
     size_t k;
     look(&c->m);
     for (k = 0; k < count; ++k) {
-        const real *found = place(&c->m, variables[k]);
-        if (variables[k] == (uint32_t)TIME) {
+        const int v = number_of(variables[k]);
+        const real *found = place(&c->m, v);
+        if (v == TIME) {
             values[k] = c->m.start + (c->m.ticks * PERIOD);
         } else if (found == NULL) {
             return tell(c, WRONG, "no real variable has this value reference");
@@ -130,19 +158,32 @@ static int read_real(instance *c, const uint32_t *variables, size_t count, doubl
     return FINE;
 }
 
-/* Inputs and parameters; what the module refuses is not taken. */
+/* Whether variable k can be set now: start values until the initialization is over. */
+static bool settable(const model *m, int k)
+{
+    return (k < FIRST_DERIVED) || (!m->begun && (k >= FIRST_STATE) && (k < FIRST_OUT));
+}
+
+/* Inputs, parameters, start values; what the module refuses is not taken. */
 static int write_real(instance *c, const uint32_t *variables, size_t count, const double *values)
 {
     const @n@_param before = c->m.param;
     bool tuned = false;
     size_t k;
     for (k = 0; k < count; ++k) {
-        real *found = place(&c->m, variables[k]);
-        if ((found == NULL) || (variables[k] >= (uint32_t)FIRST_DERIVED)) {
-            return tell(c, WRONG, "only inputs and parameters can be set");
+        const int v = number_of(variables[k]);
+        real *found = place(&c->m, v);
+        if ((found == NULL) || !settable(&c->m, v)) {
+            return tell(c, WRONG, "this variable cannot be set, or not after the initialization");
         }
-        *found = (real)values[k];
-        tuned = tuned || (variables[k] >= (uint32_t)FIRST_PARAM);
+        if (v >= FIRST_STATE) {
+            c->m.first[v - FIRST_STATE] = (real)values[k];
+            c->m.given[v - FIRST_STATE] = true;
+            c->m.chosen = true;
+        } else {
+            *found = (real)values[k];
+        }
+        tuned = tuned || (v >= FIRST_PARAM);
     }
     c->m.fresh = false;
     if (tuned && c->m.begun && (@n@_tune(&c->m.param, &c->m.state) != 0)) {
@@ -154,11 +195,10 @@ static int write_real(instance *c, const uint32_t *variables, size_t count, cons
 
 static int begin(instance *c)
 {
-    c->m.status = @n@_init(&c->m.param, &c->m.state);
+    c->m.status = start(&c->m);
     if (c->m.status != 0) {
         return tell(c, WRONG, "a parameter or start value is out of range");
     }
-    c->m.out = c->m.state.held;
     c->m.begun = true;
     c->m.fresh = false;
     return FINE;
