@@ -29,6 +29,7 @@ from slipctl.ccode.logged import recorded as recorded
 from slipctl.ccode.module import CModule, input_rows
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.precision import rounded, size
+from slipctl.ccode.readable import readable
 from slipctl.ccode.source import source
 from slipctl.errors import BadInput
 
@@ -37,6 +38,9 @@ LIMIT = expected.LIMIT
 
 KEPT = 20_000
 """Ticks at most that go into the vectors file; ``check`` itself replays all."""
+
+
+READABLE = "report.md"
 
 
 @dataclass(frozen=True)
@@ -244,7 +248,8 @@ def _produce(
     plan = Plan(block, name, period, real)
     made = texts(plan)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
-    folders.check_folder(folder, [*made, *archives, "vectors.txt", folders.MANIFEST])
+    names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
+    folders.check_folder(folder, names)
     used = cc.compilers() if replay else ()
     if replay and (real == "float" or boards):
         rounding.compiler()
@@ -291,7 +296,7 @@ def _produce(
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:
         data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
-    written: dict[str, str | bytes] = dict(made)
+    written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
     if fmus:
         written |= fmu.fmus(plan, made, content, cc.found())
     data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}

@@ -452,7 +452,7 @@ def test_same_block_gives_the_same_bytes(tmp_path: Path) -> None:
     names = sorted(p.name for p in (tmp_path / "a").iterdir())
     assert names == ["CMakeLists.txt", "LICENSE", "Makefile", "README.md", "cortex_m.c",
                      "cortex_m.h", "cortex_m.ld", "ctl.a2l", "ctl.c", "ctl.h", "example.c",
-                     "report.json", "test_ctl.c", "vectors.txt"]  # fmt: skip
+                     "report.json", "report.md", "test_ctl.c", "vectors.txt"]  # fmt: skip
     for n in names:
         assert (tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes(), n
     text = (tmp_path / "a" / "ctl.h").read_text()
@@ -528,6 +528,18 @@ def test_report_lists_what_was_written(tmp_path: Path) -> None:
     assert {*report["files"], "report.json"} == {p.name for p in tmp_path.iterdir()}
     assert report["parameters"]["d"] == {"value": 3.0, "unit": "m"}
     assert str(tmp_path) not in json.dumps(report)
+    assert "Nothing was compiled" in (tmp_path / "report.md").read_text()
+
+
+def test_report_to_read_has_the_numbers_of_the_other(tmp_path: Path) -> None:
+    data = codegen.export(control(), tmp_path, check=True).data
+    text = (tmp_path / "report.md").read_text()
+    for n, s in data["signals"].items():
+        (row,) = [r for r in text.splitlines() if r.startswith(f"| `{n}` |")]
+        assert f"| {s['absolute']:.3g} | {s['relative']:.3g} | {s['limit']:.3g} |" in row
+    for c in data["compiled"]:
+        assert f"| {c['compiler']} | {c['bytes']['text']} |" in text
+    assert f"| one instance | {' | '.join(map(str, data['memory_bytes'].values()))} |" in text
 
 
 # ---- text ----------------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ EXPLAINED = {
     "10.8": "a sum is converted to an index", "16.3": "a case ends in return",
     "11.9": "0 stands for a null pointer", "13.3": "advisory: ++ inside an expression",
     "14.4": "a pointer is its own condition", "15.6": "a statement without braces",
-    "18.4": "advisory: arithmetic on a pointer into the work array",
+    "18.4": "advisory: arithmetic on a pointer",
     "20.7": "a macro argument without brackets", "2.2": "a value is copied that nobody reads",
     "12.1": "advisory: precedence without brackets", "12.3": "advisory: comma in a loop head",
     "15.5": "advisory: more than one return",
@@ -49,6 +49,15 @@ EXPLAINED = {
     "ctuuninitvar": "a result is written through res[], which cppcheck does not follow",
     "uninitvar": "a result is written through res[], which cppcheck does not follow",
     "9.3": "a table of zeros gives its first element only",
+    "2.3": "advisory: a type that this module does not use",
+    "2.4": "advisory: a tag that is used by its typedef only",
+    "2.5": "advisory: a macro that this module does not use",
+    "8.7": "advisory: a public function that one file calls",
+    "8.11": "advisory: an array of the linker script",
+    "11.4": "advisory: registers of the processor are at fixed addresses",
+    "11.5": "advisory: a void pointer becomes one to numbers",
+    "comparePointers": "two marks of the linker script, not two objects",
+    "resourceLeak": "the program ends there",
 }  # fmt: skip
 """Why findings are there that are not worth a change: in CasADi's text, or advisory."""
 

@@ -187,7 +187,7 @@ C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbe
 | `Makefile` | `make test`, `make size`, `make example`; take another compiler with `make CC=...` |
 | `cortex_m.*` | start, timer and linker script for the test on a board, `make cortex-m4` |
 | `CMakeLists.txt` | a static library; alone also example and test, for `ctest` |
-| `report.json` | sizes, symbols, compilers, largest difference from Python per signal |
+| `report.md`, `report.json` | sizes, stack, largest difference from Python per signal |
 | `{n}.a2l` | parameters and measurements for a calibration tool |
 | `LICENSE` | terms |
 
