@@ -188,6 +188,27 @@ def test_plant_and_controller_split_between_two_fmus(
         part.close()
 
 
+def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Block, Any]) -> None:
+    """What ``python -m slipctl.studies.fmus`` does with every controller and plant."""
+    from slipctl.studies.fmus import opened_by_fmpy
+
+    loop, _ = subway
+    scenario = three_rails(1.5).but(start={"plant.wheel.v": 11.0}, params={"plant.wheel.m": 9000.0})
+    for row in opened_by_fmpy(loop, "plant", scenario, 0.1).values():
+        wanted = {"ticks": 100, "relative": 0.0, "status_differs": 0, "valid": True}
+        assert row == wanted | {"passed": True}
+
+
+def test_a_difference_from_python_is_found(subway: tuple[Block, Any]) -> None:
+    from slipctl.studies import fmus
+
+    wanted = {"T": np.array([1.0, 2.0]), "status": np.array([0, 8])}
+    result = np.array([(0.0, 0), (1.0, 0), (2.5, 0)], [("T", float), ("status", int)])
+    assert fmus._compared(wanted, result) == {
+        "ticks": 2, "relative": 0.25, "worst": "T", "status_differs": 1,
+    }  # fmt: skip
+
+
 # ---- steps ---------------------------------------------------------------------------------------
 
 
