@@ -325,6 +325,7 @@ def texts(plan: Plan) -> dict[str, str]:
         f"test_{n}.c": back_to_back.test_program(plan),
         "Makefile": files.makefile(plan),
         "CMakeLists.txt": files.cmake(plan),
+        files.TOOLCHAIN: files.toolchain(),
         "README.md": files.readme(plan),
         "LICENSE": files.licence(plan),
         **board_files(),

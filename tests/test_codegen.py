@@ -450,7 +450,8 @@ def test_same_block_gives_the_same_bytes(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, "-c", script, str(tmp_path / "b")], check=True)
     names = sorted(p.name for p in (tmp_path / "a").iterdir())
-    assert names == ["CMakeLists.txt", "LICENSE", "Makefile", "README.md", "cortex_m.c",
+    assert names == ["CMakeLists.txt", "LICENSE", "Makefile", "README.md", "arm-none-eabi.cmake",
+                     "cortex_m.c",
                      "cortex_m.h", "cortex_m.ld", "ctl.a2l", "ctl.c", "ctl.h", "example.c",
                      "report.json", "report.md", "test_ctl.c", "vectors.txt"]  # fmt: skip
     for n in names:

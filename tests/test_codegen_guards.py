@@ -270,6 +270,51 @@ def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "c" / "report.json").read_text())["real"] == real
 
 
+@pytest.mark.parametrize("real", REALS)
+def test_cmake_builds_for_a_board_and_ctest_runs_it_there(real: str, tmp_path: Path) -> None:
+    tools = ("cmake", "ctest", targets.EMULATOR, "gcc")
+    missing = [t for t in tools if shutil.which(t) is None]
+    if missing:
+        pytest.skip(f"not on this machine: {', '.join(missing)}")
+    target = "cortex-m4" if real == "float" else "cortex-m7"
+    try:
+        targets.tool(target)
+    except BadInput as error:
+        pytest.skip(str(error))
+    folder = tmp_path / "c"
+    codegen.c_module(guarded, folder, real=real)
+    configure = ["cmake", "-S", folder, "-B", tmp_path / "b",
+                 "-DCMAKE_TOOLCHAIN_FILE=arm-none-eabi.cmake"]  # fmt: skip
+    build, test = (
+        ["cmake", "--build", tmp_path / "b"],
+        ["ctest", "-V", "--test-dir", tmp_path / "b"],
+    )
+    for command in ([*configure, f"-DTARGET={target}"], build, test):
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning" not in done.stderr
+    assert "instructions per step: mean" in done.stdout
+    (tmp_path / "b" / "vectors.bin").write_bytes(b"slipctl-vectors 3 other")
+    spoilt = subprocess.run(test, cwd=folder, capture_output=True, text=True, check=False)
+    assert spoilt.returncode != 0
+    assert "does not belong to guarded" in spoilt.stdout
+    wrong = subprocess.run([*configure[:4], tmp_path / "no", *configure[5:], "-DTARGET=cortex-m0"],
+                           cwd=folder, capture_output=True, text=True, check=False)  # fmt: skip
+    assert "TARGET cortex-m0 is not known; give cortex-m4 or cortex-m7" in wrong.stderr
+
+
+def test_make_builds_again_with_another_compiler(tmp_path: Path) -> None:
+    if shutil.which("make") is None or len(compilers.compilers()) < 2:
+        pytest.skip("no make, or one compiler only")
+    codegen.c_module(guarded, tmp_path)
+    first, second = compilers.compilers()[:2]
+    for compiler, again in ((first, True), (first, False), (second, True)):
+        said = subprocess.run(["make", f"CC={compiler}", "test"], cwd=tmp_path, capture_output=True,
+                              text=True, check=True).stdout  # fmt: skip
+        assert ("-c guarded.c" in said) == again
+        assert "relative difference" in said
+
+
 # ---- targets -------------------------------------------------------------------------------------
 
 

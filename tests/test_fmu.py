@@ -282,6 +282,7 @@ def test_parameters_are_tunable_and_derived_ones_follow(
 
 @step(period=0.01, z=Output("1", "sum", lo=-1e3, hi=1e3))
 def chain(
+    q=State("1", [1.0, 2.0, 3.0], "before the others, and an array", shape=(3,)),
     a=State("1", 1.5, "free", lo=-10, hi=10),
     b=State("1", "a**2 * g", "computed from a state and a derived parameter", lo=-100, hi=100),
     c=State("1", "fabs(b) + k", "computed from a computed one", shape=(2,)),
@@ -290,7 +291,7 @@ def chain(
 ):
     """Start values that use one another."""
     z = a / 3 + b * 0.7 + c[0] * c[1]
-    return dict(a=0.9 * a, b=0.8 * b + 0.01 * a, c=0.5 * c + b), dict(z=z)
+    return dict(q=q, a=0.9 * a, b=0.8 * b + 0.01 * a, c=0.5 * c + b), dict(z=z)
 
 
 def simulated(path: Path, start: dict[str, float], outputs: list[str], ticks: int, h: float) -> Any:

@@ -16,6 +16,7 @@ WARNINGS = (
     "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"
 )
 OPTIMISE = "-O2 -ffp-contract=off"
+TOOLCHAIN = "arm-none-eabi.cmake"
 
 
 def example(plan: Plan) -> str:
@@ -27,7 +28,7 @@ def example(plan: Plan) -> str:
         lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in values]
     shown = [
         f'        (void)printf(" {spelled(m.name)} %g", (double){m.at("out.", 0)});'
-        for m in plan.layout.outputs[:6]
+        for m in sorted(plan.layout.outputs, key=lambda m: "." in m.name)[:6]
     ]
     body = "\n".join(lines or ["    in.unused = 0;"])
     return f"""{head(plan, "example.c")}
@@ -76,13 +77,17 @@ CFLAGS ?= {WARNINGS} {OPTIMISE}
 
 all: {n}.o example test_{n}
 
-{n}.o: {n}.c {n}.h
+# what was built by another compiler, or with other flags, is built again
+built_with: FORCE
+\t@echo '$(CC) $(CFLAGS)' | cmp -s - $@ || echo '$(CC) $(CFLAGS)' > $@
+
+{n}.o: {n}.c {n}.h built_with
 \t$(CC) $(CFLAGS) -c {n}.c -o $@
 
-example: example.c {n}.o
+example: example.c {n}.o built_with
 \t$(CC) $(CFLAGS) example.c {n}.o -o $@ -lm
 
-test_{n}: test_{n}.c {n}.o
+test_{n}: test_{n}.c {n}.o built_with
 \t$(CC) $(CFLAGS) test_{n}.c {n}.o -o $@ -lm
 
 test: test_{n}
@@ -97,9 +102,9 @@ size: {n}.o
 \tnm -g {n}.o
 
 clean:
-\trm -f {n}.o example test_{n} vectors.bin {" ".join(f"test_{t}.elf" for t in TARGETS)}
+\trm -f {n}.o example test_{n} built_with vectors.bin {" ".join(f"test_{t}.elf" for t in TARGETS)}
 
-.PHONY: all test size clean {" ".join(TARGETS)}
+.PHONY: FORCE all test size clean {" ".join(TARGETS)}
 """
 
 
@@ -107,7 +112,7 @@ def _boards(n: str) -> str:
     """Rules that build the test for each processor and run it on a board of QEMU."""
     sources, rules = f"{n}.c test_{n}.c cortex_m.c", [f"CROSS ?= {TOOLS}\nQEMU ?= {EMULATOR}\n"]
     for t, flags in TARGETS.items():
-        rules.append(f"""test_{t}.elf: {sources} {n}.h cortex_m.h cortex_m.ld
+        rules.append(f"""test_{t}.elf: {sources} {n}.h cortex_m.h cortex_m.ld built_with
 \t$(CROSS)gcc $(CFLAGS) -DON_BOARD {" ".join(flags)} \\
 \t  {sources} -o $@ \\
 \t  {" ".join(LINK)} -lm
@@ -143,17 +148,77 @@ target_include_directories({n} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
 if(CMAKE_C_COMPILER_ID MATCHES "GNU|Clang")
   target_compile_options({n} PRIVATE {flags} {WARNINGS.replace("-std=c99 ", "")})
 endif()
-if(UNIX)
+if(NOT MSVC)
   target_link_libraries({n} PUBLIC m)
 endif()
 
 if(CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
-  add_executable({n}_example example.c)
-  target_link_libraries({n}_example {n})
-  add_executable(test_{n} test_{n}.c)
-  target_link_libraries(test_{n} {n})
   enable_testing()
-  add_test(NAME {n} COMMAND test_{n} ${{CMAKE_CURRENT_SOURCE_DIR}}/vectors.txt)
+  if(CMAKE_SYSTEM_NAME STREQUAL "Generic") # {TOOLCHAIN}: the test runs on a board of QEMU
+    add_executable(test_{n} test_{n}.c cortex_m.c)
+    target_compile_definitions(test_{n} PRIVATE ON_BOARD)
+    set_target_properties(test_{n} PROPERTIES SUFFIX .elf LINK_DEPENDS
+      ${{CMAKE_CURRENT_SOURCE_DIR}}/cortex_m.ld)
+    target_link_libraries(test_{n} {n} {_linked()})
+    find_program(HOST_CC NAMES cc gcc clang)
+    if(CMAKE_CROSSCOMPILING_EMULATOR AND HOST_CC) # the board reads binary: the host writes it
+      add_custom_command(
+        OUTPUT vectors.bin
+        COMMAND ${{HOST_CC}} -std=c99 -O1 {n}.c test_{n}.c -lm -o
+          ${{CMAKE_CURRENT_BINARY_DIR}}/test_{n}_host
+        COMMAND ${{CMAKE_CURRENT_BINARY_DIR}}/test_{n}_host vectors.txt
+          ${{CMAKE_CURRENT_BINARY_DIR}}/vectors.bin
+        DEPENDS {n}.c {n}.h test_{n}.c vectors.txt
+        WORKING_DIRECTORY ${{CMAKE_CURRENT_SOURCE_DIR}} VERBATIM)
+      add_custom_target({n}_vectors ALL DEPENDS vectors.bin)
+      add_test(NAME {n} COMMAND test_{n} WORKING_DIRECTORY ${{CMAKE_CURRENT_BINARY_DIR}})
+    else()
+      message(STATUS "no test on the board: it needs {EMULATOR} and a compiler for this machine")
+    endif()
+  else()
+    add_executable({n}_example example.c)
+    target_link_libraries({n}_example {n})
+    add_executable(test_{n} test_{n}.c)
+    target_link_libraries(test_{n} {n})
+    add_test(NAME {n} COMMAND test_{n} ${{CMAKE_CURRENT_SOURCE_DIR}}/vectors.txt)
+  endif()
+endif()
+"""
+
+
+def _linked() -> str:
+    """How CMake links a program for the board."""
+    return " ".join(LINK).replace("-T cortex_m.ld", "-T${CMAKE_CURRENT_SOURCE_DIR}/cortex_m.ld")
+
+
+def toolchain() -> str:
+    """Text of the CMake toolchain file for the processors; the same for every module."""
+    first, *_ = TARGETS
+    chosen = "".join(
+        f'''{"else" * bool(k)}if("${{TARGET}}" STREQUAL "{t}")
+  set(CMAKE_C_FLAGS_INIT "{" ".join(flags)}")
+  set(BOARD {BOARDS[t]})
+''' for k, (t, flags) in enumerate(TARGETS.items())
+    )  # fmt: skip
+    return f"""# Written by slipctl. Compiles for a Cortex-M; the test runs on a board of QEMU:
+#   cmake -B build -DCMAKE_TOOLCHAIN_FILE={TOOLCHAIN} -DTARGET={first}
+#   cmake --build build
+#   ctest --test-dir build
+set(CMAKE_SYSTEM_NAME Generic)
+set(CMAKE_SYSTEM_PROCESSOR arm)
+set(TARGET "{first}" CACHE STRING "{" or ".join(TARGETS)}")
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES TARGET)
+set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY) # a program needs the linker script
+
+set(CMAKE_C_COMPILER {TOOLS}gcc)
+{chosen}else()
+  message(FATAL_ERROR "TARGET ${{TARGET}} is not known; give {" or ".join(TARGETS)}")
+endif()
+
+find_program(QEMU {EMULATOR})
+if(QEMU)
+  set(CMAKE_CROSSCOMPILING_EMULATOR
+    ${{QEMU}} -M ${{BOARD}} {" ".join([*RUN, "-serial", "none", *COUNT])} -kernel)
 endif()
 """
 
@@ -184,12 +249,47 @@ C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbe
 | `{n}.h`, `{n}.c` | the module; nothing else is needed in a firmware |
 | `example.c` | smallest program that runs it |
 | `test_{n}.c`, `vectors.txt` | back-to-back test against the recorded Python model |
-| `Makefile` | `make test`, `make size`, `make example`; take another compiler with `make CC=...` |
-| `cortex_m.*` | start, timer and linker script for the test on a board, `make cortex-m4` |
-| `CMakeLists.txt` | a static library; alone also example and test, for `ctest` |
+| `Makefile` | builds and tests, see below |
+| `CMakeLists.txt` | a static library `{n}`; built alone also example and test |
+| `{TOOLCHAIN}` | CMake toolchain file for a Cortex-M4 or Cortex-M7 |
+| `cortex_m.*` | start, timer and linker script for the test on an emulated board |
+| `{n}_fmi*.fmu` | if it was asked for: the module for other simulation tools |
 | `report.md`, `report.json` | sizes, stack, largest difference from Python per signal |
 | `{n}.a2l` | parameters and measurements for a calibration tool |
 | `LICENSE` | terms |
+
+## Build and test
+
+Nothing but these files, a C compiler and `make` (or CMake 3.20 or newer) is needed.
+
+| command | what it does |
+|---|---|
+| `make test` | builds; replays the vectors; compares every output, state and status with Python |
+| `make CC=clang test` | the same with another compiler |
+| `make size` | bytes and symbols of the module |
+| `make example && ./example` | runs ten ticks |
+| `make cortex-m4` | runs the test on an emulated board and counts instructions; also `cortex-m7` |
+
+The test prints the largest difference of each signal with its limit, tries NaN and numbers out of
+range as inputs, and ends with exit code 0 if all is well. With CMake:
+
+    cmake -B build
+    cmake --build build
+    ctest --test-dir build
+
+and for a board, the test emulated again:
+
+    cmake -B build-m4 -DCMAKE_TOOLCHAIN_FILE={TOOLCHAIN} -DTARGET={next(iter(TARGETS))}
+    cmake --build build-m4
+    ctest --test-dir build-m4
+
+A board needs `{TOOLS}gcc` with newlib, its test `{EMULATOR}` too (Debian, Ubuntu:
+`apt install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`).{_last_places(plan)}
+
+In a CMake project of your own: `add_subdirectory(FOLDER)`, then
+`target_link_libraries(PROGRAM {n})`.
+
+## Use
 
 Call in this order:
 
@@ -211,6 +311,16 @@ gives the outputs of the last good step. Outputs are always finite and in their 
 No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 """
+
+
+def _last_places(plan: Plan) -> str:
+    """Say when a test on the board may differ."""
+    if plan.real == "float":
+        return ""
+    return (
+        " If the module\ncalls `exp`, `log` or the like, last places differ there; the limits allow"
+        " for that if the folder\nwas written with `--target`."
+    )
 
 
 def licence(plan: Plan) -> str:

@@ -7,6 +7,7 @@ do (Model Exchange, derivatives, clocks) is there and refuses.
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from pathlib import Path
@@ -91,6 +92,8 @@ def _starts(plan: Plan) -> tuple[str, str]:
               (lay.states, "m->state."))  # fmt: skip
     places = {m.name: (m, pointer) for group, pointer in groups for m in group}
     symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
+    ends_at = itertools.accumulate(m.size for m in lay.states)
+    first = {m.name: end - m.size for m, end in zip(lay.states, ends_at, strict=True)}
     waiting = [m for m in lay.states if m.signal.derived]
     text, helpers = "", set()
     while waiting:
@@ -104,7 +107,7 @@ def _starts(plan: Plan) -> tuple[str, str]:
             f = ca.Function("start", [symbols[n] for n in names],
                             [shaped(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
             writer = _written(f, [places[n] for n in names])
-            text += _if_not_given(lay.states, m, writer)
+            text += _if_not_given(first[m.name], m, writer)
             helpers |= set(writer.helpers)
             waiting.remove(m)
     named = helper_text(helpers) + _INSIDE * bool(lay.states)
@@ -129,9 +132,8 @@ def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:
     return Writer(f, lambda i, k: places[i][0].at(places[i][1], k)).run()
 
 
-def _if_not_given(states: tuple[Member, ...], m: Member, writer: Writer) -> str:
-    """Statements that give a state its computed start value."""
-    first = sum(s.size for s in states[: states.index(m)])
+def _if_not_given(first: int, m: Member, writer: Writer) -> str:
+    """Statements that give a state, whose elements count from ``first``, its start value."""
     at = dict(writer.results)
     lines = ["{", *(f"    {line}" for line in writer.lines)]
     for k in range(m.size):
