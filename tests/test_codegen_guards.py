@@ -139,6 +139,82 @@ def test_replay_with_ticks_off_range_agrees_with_the_guarded_block(
         codegen.check(guarded, {**inputs, "e": np.full(50, 2.0)}, tmp_path)
 
 
+# ---- results -------------------------------------------------------------------------------------
+
+
+@law(
+    y=Output("1", shape=(8,)), z=Output("1", shape=(2,)), T=Output("1"), copy=Output("1"),
+    same=Output("1"), positive=Output("1"),
+)  # fmt: skip
+def products(u=Input("1", shape=(11,)), v=Input("1", "passed on"), w=Input("1", value=2.0)):
+    """Products that become infinite, a value twice, an input as it is, a condition."""
+    T = u[10] * w
+    return dict(y=u[:8] * w, z=u[8:10] * w, T=T, copy=T, same=v, positive=u[0] > 0)
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_each_result_is_tested_once_and_by_every_compiler(real: str, tmp_path: Path) -> None:
+    """0 times what is finite is 0; no compiler may know better, and no value may be forgotten."""
+    made = codegen.c_module(products, tmp_path, real=real)
+    source = (tmp_path / "products.c").read_text()
+    tested = source.partition("bool result_finite")[2].partition("\n}")[0]
+    found = re.findall(r"now->\w+(?:\[\d\])?", tested)
+    assert sorted(found) == ["now->T", "now->y", "now->z[0]", "now->z[1]"]
+    limits = np.finfo(np.float32 if real == "float" else np.float64)
+    usual = [0.0, -0.0, 1.0, -float(limits.max) / 2, float(limits.max) / 2, float(limits.tiny) / 4]
+    for compiler in compilers.compilers():
+        c = made.compile(compiler).load()
+        for value in usual:
+            c.step(u=np.full(11, value), v=value)
+            assert c.status == 0
+        for k in range(11):
+            u = np.full(11, limits.max / 2)
+            u[k] *= -1.9
+            c.step(u=u, v=0.0)
+            assert c.status == 2, k
+        c.step(u=np.zeros(11), v=np.inf)
+        assert c.status == 1
+
+
+def test_fast_mathematics_is_refused(tmp_path: Path) -> None:
+    codegen.c_module(guarded, tmp_path)
+    for compiler in compilers.compilers():
+        for flag, fine in (("-O2", True), ("-ffast-math", False), ("-ffinite-math-only", False)):
+            call = [compiler, "-std=c99", flag, "-c", "guarded.c", "-o", "guarded.o"]
+            done = subprocess.run(call, cwd=tmp_path, capture_output=True, check=False)
+            assert (done.returncode == 0) == fine, (compiler, flag)
+
+
+def test_smaller_and_greater_are_those_of_casadi_to_the_sign_of_zero(tmp_path: Path) -> None:
+    """One comparison where a value is never NaN: same choice, same zero, NaN gives way."""
+
+    @law(y=Output("1", shape=(12,)), sign=Output("1", shape=(12,)))
+    def choices(a=Input("1"), b=Input("1"), c=Input("1"), p=Param("1", 0.5)):
+        """NaN where a and b are zero."""
+        q = a / b
+        pairs = [(a, c), (q, c), (c, q), (q, p), (p, q), (q, b + c), (a * c, q), (a - a, c),
+                 (q, c / a), (ca.fmin(q, c), q), (0.0, a), (a, 0.0)]  # fmt: skip
+        found = [ca.fmin(*pair) for pair in pairs[:6]] + [ca.fmax(*pair) for pair in pairs[6:]]
+        y = ca.vertcat(*found)
+        return dict(y=y, sign=ca.copysign(1.0, y))
+
+    module = codegen.c_module(choices, tmp_path).compile().load()
+    text = (tmp_path / "choices.c").read_text()
+    assert {"below", "above", "at_most", "greater"} <= set(
+        re.findall(r"static double (\w+)\(", text)
+    )
+    for a in (0.0, -0.0, 1.0, -2.5, 1e308):
+        for b in (0.0, -0.0, 3.0, -1e-300):
+            for c in (0.0, -0.0, 0.5, -7.0):
+                wanted, got = choices(a=a, b=b, c=c), module.step(a=a, b=b, c=c)
+                if np.isfinite(wanted["y"]).all():
+                    assert module.status == 0
+                    for name in wanted:
+                        np.testing.assert_array_equal(wanted[name], got[name])
+                else:
+                    assert module.status == 2
+
+
 # ---- float ---------------------------------------------------------------------------------------
 
 

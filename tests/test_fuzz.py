@@ -56,7 +56,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
     ("old", "new", "finding"),
     [
         ("    limited |= limit(&now.y, -10.0, 10.0);\n", "", "deadly signal"),
-        ("not_finite(next.x)", "0U", "deadly signal"),
+        ("0.0 * next->x", "0.0", "deadly signal"),
         ("const double x_next =", "const int n = (int)in->u * 2147483647;\n"
          "    const double x_next = (double)(n + n) * 0.0 +", "signed integer overflow"),
         ("now->z[0] =", "now->z[(int)param->k] =", "runtime error"),

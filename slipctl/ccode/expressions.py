@@ -37,20 +37,29 @@ _CALLS = {
     ca.OP_SIGN: "sign_of", ca.OP_FMIN: "lesser", ca.OP_FMAX: "greater", ca.OP_SQ: "square",
 }  # fmt: skip
 
-_BOUNDS = {ca.OP_FMIN: "at_most", ca.OP_FMAX: "at_least"}
-"""Smaller and greater of a constant and a value: one comparison does for NaN too."""
+_BOUNDS = {ca.OP_FMIN: ("below", "at_most"), ca.OP_FMAX: ("above", "at_least")}
+"""Smaller and greater where the first value, or else the second, is never NaN: that is the bound,
+and one comparison does. Of equal values the first is given, as fmin does: zeros have signs."""
 
 HELPERS = {
     "square": "static double square(double x)\n{\n    return x * x;\n}\n",
     "lesser": (
         "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
         "static double lesser(double x, double y)\n{\n"
-        "    return ((x < y) || (y != y)) ? x : y;\n}\n"
+        "    return ((y < x) || (x != x)) ? y : x;\n}\n"
     ),
     "greater": (
         "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
         "static double greater(double x, double y)\n{\n"
-        "    return ((x > y) || (y != y)) ? x : y;\n}\n"
+        "    return ((y > x) || (x != x)) ? y : x;\n}\n"
+    ),
+    "below": (
+        "static double below(double x, double bound)\n{\n"
+        "    return (x < bound) ? x : bound; /* the bound for NaN */\n}\n"
+    ),
+    "above": (
+        "static double above(double x, double bound)\n{\n"
+        "    return (x > bound) ? x : bound; /* the bound for NaN */\n}\n"
     ),
     "at_most": (
         "static double at_most(double x, double bound)\n{\n"
@@ -75,6 +84,25 @@ _FORGETS_SIGN = {
     *_COMPARE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_FABS, ca.OP_SQ, ca.OP_EXP, ca.OP_COS,
     ca.OP_COSH,
 }  # fmt: skip
+
+ANY, NUMBER, FINITE = range(3)
+"""What a value can be: NaN too; infinite, but not NaN; a finite number only."""
+
+_CAN_BE: dict[int, Callable[..., int]] = {
+    **dict.fromkeys((*_COMPARE, ca.OP_NOT, ca.OP_AND, ca.OP_OR), lambda *a: FINITE),
+    **dict.fromkeys(
+        (ca.OP_NEG, ca.OP_FABS, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_SIGN, ca.OP_TANH, ca.OP_ATAN),
+        lambda a: a,
+    ),
+    ca.OP_IF_ELSE_ZERO: lambda condition, a: a,
+    **dict.fromkeys(
+        (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL), lambda a, b: NUMBER if min(a, b) == FINITE else ANY
+    ),
+    **dict.fromkeys((ca.OP_TWICE, ca.OP_SQ, ca.OP_EXP), lambda a: min(a, NUMBER)),
+    **dict.fromkeys((ca.OP_SIN, ca.OP_COS), lambda a: FINITE if a == FINITE else ANY),
+    **dict.fromkeys((ca.OP_FMIN, ca.OP_FMAX), lambda a, b: max(min(a, b), min(max(a, b), NUMBER))),
+}  # fmt: skip
+"""What a result can be, from what its operands can be; where nothing is said, anything."""
 
 _SELECT = -1  # our own operation: (condition, if true, if false)
 
@@ -167,6 +195,7 @@ class Writer:
             line are called a1, a2, ...
         count: numbers of those names, shared by the writers of one C function.
         real: C type of a number.
+        can_be: what (argument, element) can be; anything by default.
 
     Attributes:
         lines: statements, each a constant.
@@ -180,6 +209,7 @@ class Writer:
         names: Mapping[tuple[int, int], str] | None = None,
         count: Iterator[int] | None = None,
         real: str = "double",
+        can_be: Callable[[int, int], int] = lambda i, k: ANY,
     ) -> None:
         self.nodes, self.results = read(f)
         self.read_input, self.real = read_input, real
@@ -193,6 +223,7 @@ class Writer:
                 self.names.setdefault(node, names[place])
         self.uses = self._uses()
         self.signed = self._signed()
+        self.can_be = self._can_be(can_be)
 
     def run(self) -> Writer:
         """Write the statements."""
@@ -238,6 +269,22 @@ class Writer:
                 for a in node.args[1:] if node.op == _SELECT else node.args:
                     signed[a] = True
         return signed
+
+    def _can_be(self, argument: Callable[[int, int], int]) -> list[int]:
+        """What each value can be, whatever the arguments are."""
+        found: list[int] = []
+        for node in self.nodes:
+            if node.op == ca.OP_CONST:
+                v = node.value
+                found.append(ANY if math.isnan(v) else NUMBER if math.isinf(v) else FINITE)
+            elif node.op == ca.OP_INPUT:
+                found.append(argument(*node.place))
+            elif node.op == _SELECT:
+                found.append(min(found[a] for a in node.args[1:]))
+            else:
+                rule = _CAN_BE.get(node.op, lambda *a: ANY)
+                found.append(rule(*(found[a] for a in node.args)))
+        return found
 
     def _write(self, k: int) -> None:
         node = self.nodes[k]
@@ -335,14 +382,13 @@ class Writer:
             x = self._operand(a[0], _ATOM)
             return _Text(f"{x} * {x}", _PRODUCT)
         name = _CALLS[op]
-        if op in _BOUNDS and self.nodes[a[0]].op == ca.OP_CONST and not self._nan(a[0]):
-            name, a = _BOUNDS[op], (a[1], a[0])  # which of two zeros it gives stays the same
+        if op in _BOUNDS and self.can_be[a[0]]:
+            name, a = _BOUNDS[op][0], (a[1], a[0])
+        elif op in _BOUNDS and self.can_be[a[1]]:
+            name = _BOUNDS[op][1]
         if name in HELPERS:
             self.helpers.add(name)
         return _Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", _ATOM)
-
-    def _nan(self, k: int) -> bool:
-        return math.isnan(self.nodes[k].value)
 
     def _plain(self, k: int) -> bool:
         return not self.texts[k].truth and "(" not in self.texts[k].text

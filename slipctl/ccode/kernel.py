@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.ccode.casadi_text import chunks_of, generated, signature, static_text
-from slipctl.ccode.expressions import Unsupported, helper_text
+from slipctl.ccode.expressions import ANY, Unsupported, helper_text
 from slipctl.ccode.precision import tolerant
 from slipctl.ccode.structure import Outside, Statements, pruned
 
@@ -24,6 +24,7 @@ class Kernel:
     Attributes:
         lines: statements that compute the results, where the Function could be taken apart.
         results: C expression of each result by (output, element), beside ``lines``.
+        finite: results that are finite whatever the arguments are.
         text: static definitions that the statements need, in order.
         entry: name of the C function ``(arg, res, iw, w, mem)`` that does it all, where the
             Function could not be taken apart; then there are no lines.
@@ -35,6 +36,7 @@ class Kernel:
 
     lines: tuple[str, ...] = ()
     results: Mapping[tuple[int, int], str] = field(default_factory=dict)
+    finite: frozenset[tuple[int, int]] = frozenset()
     text: str = ""
     entry: str = ""
     calls: bool = False
@@ -49,6 +51,7 @@ def kernel(
     names: Mapping[tuple[int, int], str],
     docs: Mapping[str, str],
     where: str,
+    can_be: Callable[[int, int], int] = lambda i, k: ANY,
 ) -> Kernel:
     """Make the C text of a Function.
 
@@ -58,13 +61,15 @@ def kernel(
         names: local names of results by (output, element).
         docs: comment by name of a nested Function.
         where: name of the block, for errors.
+        can_be: what (argument, element) can be, as of :class:`Writer`.
 
     Raises:
         BadInput: CasADi cannot generate an operation, or not without library, heap or globals.
     """
     outside = Outside()
     try:
-        made = Statements(f, read_input, outside, lambda g: _branches(g, where), names, docs)
+        made = Statements(f, read_input, outside, lambda g: _branches(g, where), names, docs,
+                          can_be=can_be)  # fmt: skip
     except Unsupported:
         whole = static_text([f], docs, where)
         return Kernel(
@@ -72,15 +77,16 @@ def kernel(
             copied=whole.copied,
         )  # fmt: skip
     results = {(i, k): made.result(i, k) for i in range(f.n_out()) for k in range(f.numel_out(i))}
+    sure = frozenset(place for place in results if made.finite(*place))
     lines = pruned(made.lines, list(results.values()))
     called = [g for k, g in enumerate(outside.functions) if f"CALL_{k}_" in " ".join(lines)]
     if not called:
-        return Kernel(tuple(lines), results, helpers=frozenset(made.helpers))
+        return Kernel(tuple(lines), results, sure, helpers=frozenset(made.helpers))
     text = static_text(outside.functions, docs, where)
     for k, entry in enumerate(text.entries):
         lines = [line.replace(f"CALL_{k}_(", f"{entry}(") for line in lines]
     return Kernel(
-        tuple(lines), results, text.text, calls=True, work=text.work,
+        tuple(lines), results, sure, text.text, calls=True, work=text.work,
         helpers=frozenset(made.helpers | text.helpers), copied=text.copied,
     )  # fmt: skip
 

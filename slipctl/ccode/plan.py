@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode.expressions import Writer
+from slipctl.ccode.expressions import FINITE, NUMBER, Writer
 from slipctl.ccode.kernel import Kernel, kernel
 from slipctl.ccode.layout import LOCAL, Layout, Member, layout
 from slipctl.ccode.precision import checked, rounded
@@ -54,8 +54,9 @@ class Plan:
         self.layout: Layout = layout(block, name or block.name)
         self.name, self.period = self.layout.name, block.period or period
         self.equations: Kernel = kernel(
-            self._function(), self._argument, self._local_names(), self.docs, block.name
-        )
+            self._function(), self._argument, self._local_names(), self.docs, block.name,
+            self._can_be,
+        )  # fmt: skip
 
     @cached_property
     def docs(self) -> dict[str, str]:
@@ -102,9 +103,30 @@ class Plan:
         """Whether the equations say if they came to an end (a solver may not)."""
         return bool(self.equations.entry) or self.equations.calls
 
+    @cached_property
+    def untested(self) -> list[tuple[Member, str, int]]:
+        """Elements of results that may come out NaN or infinite: member, pointer, number.
+
+        Of what is written several times, such as an output of a part that leaves the controller
+        too, there is one.
+        """
+        made, found = self.equations, []
+        seen: set[str] = set()
+        for i, (m, pointer) in enumerate(self.results):
+            for k in range(m.size):
+                text = made.results.get((i, k), f"{pointer}{m.c} {k}")
+                if text not in seen and (i, k) not in made.finite:
+                    found.append((m, pointer, k))
+                seen.add(text)
+        return found
+
     def _argument(self, i: int, k: int) -> str:
         member, pointer = self.arguments[i]
         return member.at(pointer, k)
+
+    def _can_be(self, i: int, k: int) -> int:
+        """What an argument can be: the step refuses an input, init and tune what is derived."""
+        return NUMBER if self.arguments[i][1] == "param->" else FINITE
 
     def _function(self) -> ca.Function:
         """Equations with one argument and one result per signal, so that nothing is copied."""

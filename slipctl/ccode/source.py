@@ -29,12 +29,15 @@ def source(plan: Plan) -> str:
     """Text of the source."""
     n, lay = plan.name, plan.layout
     functions = "\n\n".join(
-        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _init(plan), _step(plan)]
-    )
+        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _init(plan)]
+        + [made for made in (_finite(plan),) if made] + [_step(plan)]
+    )  # fmt: skip
     parts = [
         head(plan, f"{n}.c"),
         f'#include "{n}.h"\n\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>',
-        "#ifdef __FAST_MATH__\n#error compile without -ffast-math: NaN must be seen\n#endif",
+        "#if defined(__FAST_MATH__) \\\n"
+        "    || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))\n"
+        "#error compile without -ffast-math and -ffinite-math-only: NaN must be seen\n#endif",
     ]
     if plan.equations.copied:
         parts.append(
@@ -193,29 +196,72 @@ def _init(plan: Plan) -> str:
 # ---- step ---------------------------------------------------------------------------------------
 
 
+def _finite(plan: Plan) -> str:
+    """Functions that say whether what enters the step and what comes out of it is finite."""
+    n, lay = plan.name, plan.layout
+    inputs = [(m, "in->", k) for m in lay.inputs for k in range(m.size)]
+    found = []
+    if inputs:
+        found.append(_define(f"static bool in_finite(const {n}_in *in)", _zero(inputs)))
+    if plan.untested:
+        arguments = [f"const struct {n}_next *next"] * bool(lay.states) + [f"const {n}_out *now"]
+        lines = _zero(plan.untested)
+        text = "\n".join(lines)
+        voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
+        signature = prototype(plan, "static bool", "result_finite", *arguments)
+        found.append(_define(signature, [*(v for v in voids if lay.states), *lines]))
+    return "\n\n".join(found)
+
+
+_CHAIN = 6
+"""Factors of a product: several short ones do not wait for each other."""
+
+
+def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
+    """Statements that tell whether elements are finite: then their product with 0 is 0, not NaN.
+
+    That is one multiplication for each and one comparison for all, without a branch.
+    """
+    products: list[str] = []
+    chain: list[str] = []
+    for m, pointer, k in elements:
+        if m.size > _CHAIN:
+            whole = f"zero_of({pointer}{m.c}, {m.size})"
+            products += [whole] * (whole not in products)
+            continue
+        factor = m.at(pointer, k)
+        if chain and (len(chain) == _CHAIN or len(" * ".join([*chain, factor])) > 70):
+            products.append(" * ".join(["0.0", *chain]))
+            chain = []
+        chain.append(factor)
+    products += [" * ".join(["0.0", *chain])] if chain else []
+    first, *rest = products
+    what = "/* 0 times a finite number is 0; times NaN or infinity it is NaN */"
+    if not rest:
+        return [what, f"return ({first}) == 0.0;"]
+    return [what, f"double zero = {first};", *(f"zero *= {p};" for p in rest),
+            "return zero == 0.0;"]  # fmt: skip
+
+
 def _step(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
-    lines = [f"{n}_out now;", "unsigned int bad = 0U;"]
+    lines = [f"{n}_out now;"]
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_next next;")
-    bounds = [_bounded(plan, m, "in->") for m in lay.inputs]
-    inputs, finite = _conjunction(bounds), _conjunction([_finite(m, "in->") for m in lay.inputs])
-    if inputs == finite:
-        if inputs:
-            lines.append(_if([f"!({inputs})"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
-    else:
-        which = f"return ({finite}) ? {big}_OFF_RANGE : {big}_BAD_INPUT;"
-        lines.append(_if([f"!({inputs})"], "*out = state->held;", which))
-    passed = ["in", "param", "state", *([f"&{following}"] if has_next else []), "&now"]
-    call = f"equations({', '.join(passed)})"
+    if lay.inputs:
+        lines.append(_if(["!in_finite(in)"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
+    bounds = [_within(plan, m, "in->") for m in lay.inputs if _has_range(plan, m)]
+    if bounds:
+        lines.append(_if([f"!({_conjunction(bounds)})"], "*out = state->held;",
+                         f"return {big}_OFF_RANGE;"))  # fmt: skip
+    passed = [f"&{following}"] * has_next + ["&now"]
+    call = f"equations({', '.join(['in', 'param', 'state', *passed])})"
     held = ("*out = state->held;", f"return {big}_BAD_RESULT;")
     lines.append(_if([f"{call} != 0"], *held) if plan.can_fail else f"{call};")
-    # without branches: a chain of && costs a fifth of a step
-    lines += [f"bad |= {_wrong(m, f'{following}.')};" for m in lay.states]
-    lines += [f"bad |= {_wrong(m, 'now.')};" for m in lay.outputs]
-    lines.append(_if(["bad != 0U"], *held))
+    if plan.untested:
+        lines.append(_if([f"!result_finite({', '.join(passed)})"], *held))
     lines += [
         f"state->{m.c} = {following}.{m.c};" if m.scalar
         else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
@@ -254,28 +300,9 @@ def _conjunction(tests: list[str]) -> str:
     return text
 
 
-def _finite(m: Member, pointer: str) -> str:
-    """Condition: neither NaN nor infinite."""
-    if m.scalar:
-        return f"is_finite({pointer}{m.c})"
-    return f"all_finite({pointer}{m.c}, {m.size})"
-
-
-def _wrong(m: Member, pointer: str) -> str:
-    """Expression: 1U if NaN or infinite, otherwise 0U."""
-    if m.scalar:
-        return f"not_finite({pointer}{m.c})"
-    return f"any_not_finite({pointer}{m.c}, {m.size})"
-
-
 def _has_range(plan: Plan, m: Member) -> bool:
     """Whether a signal has a limit that a number in C can pass."""
     return any(math.isfinite(v) for v in plan.limits(m))
-
-
-def _bounded(plan: Plan, m: Member, pointer: str) -> str:
-    """Condition: a number that may reach the equations."""
-    return _within(plan, m, pointer) if _has_range(plan, m) else _finite(m, pointer)
 
 
 def ends(plan: Plan, m: Member) -> tuple[str, str]:
@@ -305,22 +332,9 @@ def _within(plan: Plan, m: Member, pointer: str) -> str:
 
 _LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
 _SMALL = {
-    "any_not_finite": (
-        "unsigned int any_not_finite(const double *x, int n)",
-        "    unsigned int bad = 0U;\n" + _LOOP % "bad |= not_finite(x[k]);" + "    return bad;\n",
-    ),
-    "not_finite": (
-        "unsigned int not_finite(double x)",
-        "    return is_finite(x) ? 0U : 1U;\n",
-    ),
-    "all_finite": (
-        "bool all_finite(const double *x, int n)",
-        _LOOP % "if (!is_finite(x[k])) {\n            return false;\n        }"
-        + "    return true;\n",
-    ),
-    "is_finite": (
-        "bool is_finite(double x)",
-        "    return fabs(x) <= DBL_MAX; /* false for NaN */\n",
+    "zero_of": (
+        "double zero_of(const double *x, int n)",
+        "    double zero = 0.0;\n" + _LOOP % "zero *= x[k];" + "    return zero;\n",
     ),
     "all_within": (
         "bool all_within(const double *x, int n, double lo, double hi)",

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.ccode.comments import comment
-from slipctl.ccode.expressions import Unsupported, Writer
+from slipctl.ccode.expressions import ANY, FINITE, Unsupported, Writer
 
 INLINE = 600
 """Operations up to which an MX Function is written as expressions where it is called."""
@@ -155,6 +155,7 @@ class Statements:
         names: names of results, as of :class:`Writer`.
         docs: text by the name of a Function, told where its statements begin.
         count: numbers of names, shared in one C function.
+        can_be: what (argument, element) can be, as of :class:`Writer`.
 
     Raises:
         Unsupported: the Function cannot be written this way.
@@ -169,6 +170,7 @@ class Statements:
         names: Mapping[tuple[int, int], str] | None = None,
         docs: Mapping[str, str] | None = None,
         count: Iterator[int] | None = None,
+        can_be: Callable[[int, int], int] = lambda i, k: ANY,
     ) -> None:
         self.flat = flatten(f)
         self.outside, self.branches, self.docs = outside, branches, dict(docs or {})
@@ -177,7 +179,10 @@ class Statements:
         self._done: dict[int, list[str]] = {}  # call -> name of each of its results
         first = self.flat.first_result
         shifted = {(first + i, k): name for (i, k), name in (names or {}).items()}
-        self.writer = Writer(self.flat.f, self._value, shifted, self.count)
+        self.writer = Writer(
+            self.flat.f, self._value, shifted, self.count,
+            can_be=lambda i, k: can_be(i, k) if i < self.flat.arguments else ANY,
+        )  # fmt: skip
         self.at = dict(self.writer.results)
         self.helpers: set[str] = set()
         self.writer.run()
@@ -191,6 +196,10 @@ class Statements:
     def result(self, i: int, k: int) -> str:
         """C expression of a result."""
         return self.writer.result(self.at[self.flat.first_result + i, k])
+
+    def finite(self, i: int, k: int) -> bool:
+        """Whether a result is always a finite number."""
+        return self.writer.can_be[self.at[self.flat.first_result + i, k]] == FINITE
 
     def _value(self, i: int, k: int) -> str:
         if i < self.flat.arguments:
@@ -232,6 +241,7 @@ class Statements:
                 Statements(
                     f, lambda i, k: self.writer.atom(arguments[i][k]), self.outside, self.branches,
                     docs=self.docs, count=self.count,
+                    can_be=lambda i, k: self.writer.can_be[arguments[i][k]],
                 )
             )  # fmt: skip
         used = self._used(call)
