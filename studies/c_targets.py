@@ -1,38 +1,50 @@
-"""C of every controller on its targets: ``python -m slipctl.studies.c_targets [STUDY[:LOOP] ...]``.
+"""Every controller as C, checked: ``python -m slipctl.studies.c_targets [STUDY[:LOOP] ...]``.
 
-Each controller of each study is written in double and in float, checked on this machine, and its
-vectors are replayed on a Cortex-M4 and a Cortex-M7 that QEMU emulates. Beside the instructions of a
-step on the M4 in float stand those of what CasADi itself generates with ``casadi_real=float`` from
-the same block, with the same inputs.
+A row per controller of each study, from sensor to actuator:
+
+* ``double`` and ``float``: back to back with Python on this machine, sanitizers, two instances, two
+  modules in one program, the same vectors on a Cortex-M4 and a Cortex-M7 that QEMU emulates, and
+  what cppcheck finds by the rules of MISRA C:2012.
+* ``casadi_float``: instructions of a step on the M4 of what CasADi itself generates with
+  ``casadi_real=float`` from the same block, on the same inputs.
+* ``fmu``: FMPy validates the FMU, simulates it on the recorded inputs, and compares with Python.
+* ``fuzz``: any bytes, half of the time in double and half in float.
+
+What stands in ``--out`` already for the same text and the same inputs is not done again, so a run
+that was stopped goes on, and a long one can be done in pieces.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import multiprocessing
 import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from slipctl import BadInput, Block, RunFailed, codegen, connect, doors, rls, store
-from slipctl.ccode import board, expected, targets
+from slipctl.ccode import board, expected, fuzz, targets
 from slipctl.ccode import compilers as cc
 from slipctl.ccode.comparison import reference, trial_rows
 from slipctl.ccode.module import input_rows
 from slipctl.ccode.plan import Plan
-from slipctl.ccode.rounding import INEXACT
 from slipctl.models import subway_braking
 from slipctl.models import subway_braking_control as control
 from slipctl.optimum import argmax_block
+from slipctl.studies import fmus
 from slipctl.studies import subway_braking_loops as loops
+from slipctl.studies.peers.casadi_float import casadi_float
 
 REALS = ("double", "float")
 SEARCHING = "rls_argmax_super_twisting"
@@ -46,116 +58,62 @@ SECOND = 1.0
 """Length of a quick run in s."""
 TARGETS = ",".join(board.TARGETS)
 
-_PEER = """#include "peer.h"
-#include "cortex_m.h"
-#include <stdio.h>
-#include <string.h>
 
-static float x[{nx}], next[{nx}], u[{nu}], p[{np}], y[{ny}], w[{nw}];
-static int iw[{niw}];
-static const float *arg[{narg}];
-static float *res[{nres}];
-
-int main(void)
-{{
-    FILE *file = fopen("rows.bin", "rb");
-    int ticks = {ticks};
-    unsigned long from, empty, count, most = 0;
-    double sum = 0;
-    int k;
-    clock_start();
-    from = clock_now();
-    empty = instructions(from, clock_now());
-    if (fread(p, 4, {np}, file) != {np} || fread(x, 4, {nx}, file) != {nx}) {{
-        return 2;
-    }}
-    for (k = 0; k < ticks; ++k) {{
-        if (fread(u, 4, {nu}, file) != {nu}) {{
-            return 2;
-        }}
-        arg[0] = x;
-        arg[1] = u;
-        arg[2] = p;
-        res[0] = next;
-        res[1] = y;
-        from = clock_now();
-        (void)peer(arg, res, iw, w, 0);
-        count = instructions(from, clock_now()) - empty;
-        sum += count;
-        most = (count > most) ? count : most;
-        memcpy(x, next, sizeof(x));
-    }}
-    printf("mean %.1f most %lu\\n", sum / ticks, most);
-    return 0;
-}}
-"""
+# ---- the controllers ----------------------------------------------------------------------------
 
 
-def casadi_float(
-    block: Block, inputs: Mapping[str, Any] | None, params: Mapping[str, Any], ticks: int
-) -> dict[str, Any]:
-    """Instructions per step on a Cortex-M4 of CasADi's own output in float.
+@dataclass(frozen=True)
+class Controller:
+    """A controller in its loop.
 
-    Args:
-        block: the controller.
-        inputs, params: of its run.
-        ticks: how many of them.
-
-    Returns:
-        ``mean`` and ``most`` instructions; bytes of text; what of double it needs.
+    Attributes:
+        name: ``study:loop``.
+        loop: the loop. part: path of the controller in it.
+        scenario: run that its inputs are recorded in; None: inputs are made up.
     """
-    plan = Plan(block, real="float")
-    rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
-    rows = rows[:ticks]
-    values = block.param_values(**params)
-    p = np.array(ca.DM(block.pack("param", values)).full()).ravel()
-    x = expected.start_state(block, params)
-    f = block.f
-    f = ca.Function("peer", f.sx_in() if f.is_a("SXFunction") else f.mx_in(),
-                    f.call(f.sx_in() if f.is_a("SXFunction") else f.mx_in()))  # fmt: skip
-    sizes = {"nx": f.size1_in(0), "nu": f.size1_in(1), "np": f.size1_in(2), "ny": f.size1_out(1),
-             "nw": f.sz_w() + 64, "niw": f.sz_iw() + 64, "narg": f.sz_arg() + 64,
-             "nres": f.sz_res() + 64}  # fmt: skip
-    sizes = {k: max(int(v), 1) for k, v in sizes.items()} | {"ticks": len(rows)}
-    padded = [np.resize(a, max(len(a), 1)) if len(a) else np.zeros(1) for a in (p, x)]
-    wide = rows if rows.shape[1] else np.zeros((len(rows), 1))
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name, text in board.board_files().items():
-            (folder / name).write_text(text, encoding="utf-8")
-        options = {"with_header": True, "casadi_real": "float", "casadi_int": "int"}
-        generator = ca.CodeGenerator("peer.c", options)
-        generator.add(f)
-        generator.generate(f"{folder}/")
-        (folder / "main.c").write_text(_PEER.format(**sizes), encoding="utf-8")
-        (folder / "rows.bin").write_bytes(
-            b"".join(a.astype(np.float32).tobytes() for a in (*padded, wide))
-        )
-        compiler, machine = targets.tool("cortex-m4"), board.TARGETS["cortex-m4"]
-        flags = ["-std=c99", "-O2", "-ffp-contract=off", "-w", *machine]
-        made = targets.run([compiler, *flags, "-c", "peer.c"], folder)
-        linked = targets.run(
-            [compiler, *flags, "main.c", "peer.o", "cortex_m.c", "-o", "peer.elf", *board.LINK,
-             "-lm"], folder,
-        )  # fmt: skip
-        if made.returncode or linked.returncode:
-            raise RunFailed(f"CasADi's float output of {block.name}: {made.stderr}{linked.stderr}")
-        needed = (cc.symbols(folder / "peer.o", board.TOOLS) or {}).get("needed", [])
-        call = [*targets.command("cortex-m4", "peer.elf"), "-serial", "none", *board.COUNT]
-        said = targets.run(call, folder)
-        found = re.search(r"mean ([\d.]+) most (\d+)", said.stdout)
-        if found is None:
-            raise RunFailed(f"CasADi's float output of {block.name} came to no end")
-        return {
-            "mean": float(found[1]),
-            "most": int(found[2]),
-            "text": (cc.sizes(folder / "peer.o", board.TOOLS) or {}).get("text"),
-            "double_functions": cc.in_double(needed),
-        }
+
+    name: str
+    loop: Block
+    part: str
+    scenario: Any
+
+    @property
+    def block(self) -> Block:
+        """The controller, from sensor to actuator."""
+        return self.loop[self.part]
+
+    @property
+    def c(self) -> str:
+        """Its name in C."""
+        return re.sub(r"\W", "_", self.name)
+
+    @cached_property
+    def recorded(self) -> tuple[Mapping[str, Any] | None, Mapping[str, Any]]:
+        """Inputs and parameters of its run."""
+        if self.scenario is None:
+            return None, {}
+        return codegen.recorded(self.loop, self.part, self.scenario)
+
+    def plan(self, real: str) -> Plan:
+        """What its C is written from."""
+        return Plan(self.block, self.c, self.loop.period, real)
+
+    def content(self) -> str:
+        """Hash of its C, of its inputs and parameters, and of the compilers' versions."""
+        inputs, params = self.recorded
+        tools = [*cc.compilers(), targets.tool("cortex-m4")]
+        whole = hashlib.sha256("".join(map(cc.version, tools)).encode())
+        for real in REALS:
+            made = codegen.texts(self.plan(real))
+            whole.update(repr([made[n] for n in sorted(made) if n.endswith((".h", ".c"))]).encode())
+        for n, values in (inputs or {}).items():
+            whole.update(n.encode() + np.ascontiguousarray(values, dtype=float).tobytes())
+        whole.update(repr([(n, np.asarray(v).tolist()) for n, v in params.items()]).encode())
+        return whole.hexdigest()[:16]
 
 
-def searching() -> tuple[Block, str, Any]:
-    """Loop, part, no scenario: least squares, peak of the curve, super-twisting in every tick.
+def searching() -> Controller:
+    """Least squares, peak of the curve and super-twisting in every tick.
 
     The searching controllers of the studies run their estimator every few ticks, which hides what
     it takes; here all three run in each. Its inputs are made up, as nothing in this loop would
@@ -178,87 +136,167 @@ def searching() -> tuple[Block, str, Any]:
     whole = connect(
         "loop", around, plant=loop["plant"], ctl=connect("ctl", wires, **parts), truth=loops.truth
     )
-    return whole, "ctl", None
+    return Controller(SEARCHING, whole, "ctl", None)
 
 
-def controllers(wanted: list[str]) -> Iterator[tuple[str, Block, str, Any]]:
-    """Name, loop, part and scenario of each controller of the studies, or of those wanted."""
+def controllers(wanted: list[str]) -> Iterator[Controller]:
+    """Each controller of the studies, or of those wanted, ``STUDY`` or ``STUDY:LOOP``.
+
+    Raises:
+        BadInput: no such study or loop.
+    """
     if not wanted or SEARCHING in wanted:
-        yield (SEARCHING, *searching())
-    wanted = wanted or list(doors.studies())
-    names = dict.fromkeys(w.partition(":")[0] for w in wanted if w != SEARCHING)
-    for name in names:
+        yield searching()
+    names = [w for w in wanted if w != SEARCHING] if wanted else list(doors.studies())
+    for name in dict.fromkeys(w.partition(":")[0] for w in names):
         study = doors.load_study(name)
-        loops = [w.partition(":")[2] for w in wanted if w.partition(":")[0] == name and ":" in w]
-        for loop_name in loops or doors.loop_names(study):
+        chosen = [w.partition(":")[2] for w in names if w.startswith(f"{name}:")]
+        for loop_name in chosen or doors.loop_names(study):
             loop, case = doors.find_loop(study, loop_name)
-            try:
-                loop[study.controller]
-            except BadInput:
-                continue  # a bound without a controller
-            yield f"{name}:{loop_name}", loop, study.controller, case.scenario
+            if study.controller in loop.parts:  # a bound has no controller
+                yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
 
 
-def measured(
-    loop: Block, part: str, scenario: Any, name: str, chosen: str = TARGETS
-) -> dict[str, Any]:
-    """Check one controller in double and float on this machine and on the targets."""
-    inputs, params = codegen.recorded(loop, part, scenario) if scenario else (None, {})
-    row: dict[str, Any] = {}
+# ---- what a row holds ---------------------------------------------------------------------------
+
+
+class Wanted(NamedTuple):
+    """What shall be done.
+
+    Attributes:
+        targets: processors, separated by commas.
+        fuzz: seconds of libFuzzer for each controller.
+    """
+
+    targets: str = TARGETS
+    fuzz: int = 0
+
+
+def checked(one: Controller, real: str, chosen: Wanted) -> dict[str, Any]:
+    """Check a controller on this machine and on the targets, and count MISRA findings."""
+    inputs, params = one.recorded
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        report = codegen.export(
+            one.block, Path(scratch) / "c", one.c, inputs=inputs, check=True, params=params,
+            period=one.loop.period, real=real, target=chosen.targets, misra=True,
+        )  # fmt: skip
+    d = report.data
+    signals, compared = d["signals"], d["signals"].values()
+    return {
+        "passed": report.passed,
+        "ticks": d["ticks"],
+        "largest_relative": d["largest_relative"],
+        "worst_of_limit": max((s["counted"] / s["limit"] for s in compared), default=0.0),
+        **{k: d[k] for k in ("ticks_off_range", "ticks_limited", "ticks_undecided")},
+        "envelope": [n for n, s in signals.items() if s["compared"] == "envelope"],
+        "not_compared": [n for n, s in signals.items() if s["compared"] == "nothing"],
+        "beyond": {
+            n: [s["counted"], s["limit"]] for n, s in signals.items()
+            if not s["counted"] <= s["limit"]
+        },
+        "isolation": d["isolation"],
+        "state_bytes": d["memory_bytes"]["state"],
+        "compilers": [c["compiler"] for c in d["compiled"]],
+        "targets": {
+            t["target"]: {
+                **t["bytes"],
+                "instructions_mean": t["instructions"]["mean"],
+                "instructions_most": t["instructions"]["most"],
+                "stack_used": t["stack_used"],
+                "double_helpers": len(t["double_helpers"]),
+                "largest_relative": max(t["signals"].values(), default=0.0),
+                "ticks": min(d["ticks"], codegen.KEPT),
+                "passed": t["passed"],
+            }
+            for t in d["targets"]
+        },
+        "misra": {
+            "tool": d["analysis"]["tool"], "required": d["analysis"]["required"],
+            "kernel_lines": d["analysis"]["kernel_lines"],
+            "kernel": d["analysis"]["misra"].get("kernel", {}),
+        },
+    }  # fmt: skip
+
+
+def beside_casadi(one: Controller, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Count CasADi's own float output on the same ticks."""
+    ours = row["float"]["targets"].get("cortex-m4")
+    if ours is None:
+        return {}
+    try:
+        peer = casadi_float(one.block, *one.recorded, ours["ticks"])
+    except RunFailed as error:  # too big for the board, say: nothing to compare with
+        return {"passed": True, "failed": str(error)}
+    return peer | {"times_ours": peer["mean"] / ours["instructions_mean"], "passed": True}
+
+
+def opened(one: Controller) -> dict[str, Any]:
+    """Let FMPy open its FMUs; without a run there is nothing to simulate."""
+    if one.scenario is None:
+        return {"passed": True}
+    found = fmus.opened_by_fmpy(one.loop, one.part, one.scenario)
+    return {"passed": all(f["passed"] for f in found.values()), **found}
+
+
+def fuzzed(one: Controller, seconds: int) -> dict[str, Any]:
+    """Give it any bytes, in double and in float, for half of the time each."""
+    found = {}
     for real in REALS:
-        began = time.perf_counter()
-        with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-            report = codegen.export(
-                loop[part], Path(scratch) / "c", re.sub(r"\W", "_", name), inputs=inputs,
-                check=True, params=params, period=loop.period, real=real, target=chosen,
-            )  # fmt: skip
-        d = report.data
-        row[real] = {
-            "passed": report.passed,
-            "ticks": d["ticks"],
-            "largest_relative": d["largest_relative"],
-            "worst_of_limit": max(
-                (s["counted"] / s["limit"] for s in d["signals"].values()), default=0.0
-            ),
-            **{k: d[k] for k in ("ticks_off_range", "ticks_limited", "ticks_undecided")},
-            "envelope": [n for n, s in d["signals"].items() if s["compared"] != "every tick"],
-            "beyond": {
-                n: [s["counted"], s["limit"]] for n, s in d["signals"].items()
-                if not s["counted"] <= s["limit"]
-            },
-            "isolation": d["isolation"],
-            "state_bytes": d["memory_bytes"]["state"],
-            "targets": {
-                t["target"]: {
-                    **t["bytes"],
-                    "instructions_mean": t["instructions"]["mean"],
-                    "instructions_most": t["instructions"]["most"],
-                    "stack_used": t["stack_used"],
-                    "double_helpers": len(t["double_helpers"]),
-                    "largest_relative": max(t["signals"].values(), default=0.0),
-                    "passed": t["passed"],
-                }
-                for t in d["targets"]
-            },
-            "seconds": round(time.perf_counter() - began, 1),
-        }  # fmt: skip
-    if "cortex-m4" in row["float"]["targets"]:
-        peer = casadi_float(loop[part], inputs, params, row["float"]["ticks"])
-        ours = row["float"]["targets"]["cortex-m4"]["instructions_mean"]
-        row["casadi_float"] = peer | {
-            "times_ours": peer["mean"] / ours,
-            "wanted": 10 if set(INEXACT) & set(peer["double_functions"]) else 5,
-        }
+        plan = one.plan(real)
+        found[real] = fuzz.fuzzed(plan, codegen.texts(plan), max(seconds // len(REALS), 1))
+    return {"passed": all(f["passed"] for f in found.values()), "seconds": seconds, **found}
+
+
+def made(one: Controller, chosen: Wanted, kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Row of a controller; what was kept for the same content is taken over.
+
+    Args:
+        one: the controller.
+        chosen: what shall be done.
+        kept: its row as it was, or {}.
+    """
+    row: dict[str, Any] = {"content": one.content()}
+    same = kept.get("content") == row["content"]
+    steps: dict[str, Callable[[], dict[str, Any]]] = {
+        **{real: lambda real=real: checked(one, real, chosen) for real in REALS},  # type: ignore[misc]
+        "casadi_float": lambda: beside_casadi(one, row),
+        "fmu": lambda: opened(one),
+    }
+    for part, step in steps.items():
+        row[part] = kept[part] if same and kept.get(part, {}).get("passed") else _timed(step)
+    before = kept.get("fuzz", {}) if same else {}
+    if before.get("passed") and before["seconds"] >= chosen.fuzz:
+        row["fuzz"] = before
+    elif chosen.fuzz:
+        row["fuzz"] = _timed(lambda: fuzzed(one, chosen.fuzz))
     return row
 
 
-def replayed(loop: Block, part: str, scenario: Any) -> dict[str, Any]:
+def _timed(step: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What a step gives, with the time it took; a failure is a result too."""
+    began = time.perf_counter()
+    try:
+        found = step()
+    except RunFailed as error:
+        found = {"passed": False, "failed": str(error)}
+    return found | {"took_s": round(time.perf_counter() - began, 1)}
+
+
+def passed(row: Mapping[str, Any]) -> bool:
+    """Whether all that was done of a row passed."""
+    return all(part.get("passed", True) for part in row.values() if isinstance(part, dict))
+
+
+# ---- running ------------------------------------------------------------------------------------
+
+
+def replayed(one: Controller) -> dict[str, Any]:
     """Compare one controller in double on this machine, with one compiler and nothing else."""
-    inputs, params = codegen.recorded(loop, part, scenario) if scenario else (None, {})
-    block = loop[part]
+    inputs, params = one.recorded
+    block = one.block
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        module = codegen.c_module(block, Path(scratch) / "c", "ctl", period=loop.period)
-        plan = Plan(block, "ctl", loop.period)
+        module = codegen.c_module(block, Path(scratch) / "c", "ctl", period=one.loop.period)
+        plan = Plan(block, "ctl", one.loop.period)
         rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
         good = expected.in_range(plan, rows)
         outputs, states = reference(block, rows[good], params)
@@ -279,48 +317,82 @@ def replayed(loop: Block, part: str, scenario: Any) -> dict[str, Any]:
 def quick(words: list[str]) -> int:
     """Take a second of every controller in double here, of some on all targets, in float too."""
     failed = 0
-    for name, loop, part, scenario in controllers(words):
-        if scenario:
-            scenario = replace(scenario, duration=min(scenario.duration, SECOND))
-        everywhere = name in REPRESENTATIVE
-        row = measured(loop, part, scenario, name) if everywhere else {}
-        passed = all(row[real]["passed"] for real in REALS) if everywhere else True
-        once = {} if everywhere else replayed(loop, part, scenario)
-        passed = passed and once.get("passed", True)
-        failed += not passed
-        where = "all targets, double and float" if everywhere else f"{once['ticks']} ticks here"
-        print(f"{name}: {'passed' if passed else 'FAILED'}, {where}", flush=True)
+    for one in controllers(words):
+        if one.scenario is not None:
+            duration = min(one.scenario.duration, SECOND)
+            one = replace(one, scenario=replace(one.scenario, duration=duration))
+        if one.name in REPRESENTATIVE:
+            good = all(checked(one, real, Wanted())["passed"] for real in REALS)
+            where = "all targets, double and float"
+        else:
+            once = replayed(one)
+            good, where = once["passed"], f"{once['ticks']} ticks here"
+        failed += not good
+        print(f"{one.name}: {'passed' if good else 'FAILED'}, {where}", flush=True)
     return 1 if failed else 0
+
+
+def _row(name: str, chosen: Wanted, kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Row of a controller by its name, in a process of its own."""
+    (one,) = controllers([name])
+    return made(one, chosen, kept)
+
+
+def said(name: str, row: Mapping[str, Any]) -> str:
+    """One line on a row."""
+    ours = row["float"].get("targets", {}).get("cortex-m4", {})
+    peer, fuzzing = row["casadi_float"], row.get("fuzz", {})
+    text = f"{name}: {'passed' if passed(row) else 'FAILED'}"
+    if ours:
+        text += f"; M4 float {ours['instructions_mean']:.0f} instructions"
+    if "times_ours" in peer:
+        text += f", CasADi's {peer['times_ours']:.1f} times"
+    runs = sum(fuzzing.get(real, {}).get("executions", 0) for real in REALS)
+    return text + (f"; {runs} runs of libFuzzer" if fuzzing else "")
 
 
 def main(words: list[str] | None = None) -> int:
     """Check the controllers named, or all, and write ``c_targets.json``."""
-    parser = argparse.ArgumentParser(prog="python -m slipctl.studies.c_targets")
+    parser = argparse.ArgumentParser(
+        prog="python -m slipctl.studies.c_targets", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
     parser.add_argument("name", nargs="*", help="STUDY or STUDY:LOOP; all by default")
-    parser.add_argument("--out", default="c_targets.json", help="file to write")
+    parser.add_argument("--out", default="c_targets.json", help="file to write, and to go on from")
+    parser.add_argument("--fuzz", type=int, default=0, metavar="SECONDS", help="of each controller")
+    parser.add_argument("--jobs", type=int, default=1, help="controllers at a time")
     parser.add_argument(
         "--quick", action="store_true", help="a second of each, most in double here"
     )
-    chosen = parser.parse_args(words)
-    if chosen.quick:
-        return quick(chosen.name)
-    out, found, failed = Path(chosen.out), {}, 0
-    for name, loop, part, scenario in controllers(chosen.name):
+    words_ = parser.parse_args(words)
+    try:
+        if words_.quick:
+            return quick(words_.name)
+        return _all(words_)
+    except BadInput as error:
+        print(f"slipctl: {error}", file=sys.stderr)
+        return 2
+
+
+def _all(words: argparse.Namespace) -> int:
+    out, chosen = Path(words.out), Wanted(fuzz=words.fuzz)
+    names = [one.name for one in controllers(words.name)]
+    rows = store.read_json(out)["rows"] if out.exists() else {}
+    failed = 0
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max(words.jobs, 1), mp_context=context) as pool:
+        running = {pool.submit(_row, n, chosen, rows.get(n, {})): n for n in names}
         try:
-            row = measured(loop, part, scenario, name)
-            passed = row["double"]["passed"] and row["float"]["passed"]
-        except RunFailed as error:
-            row, passed = {"failed": str(error)}, False
-        failed += not passed
-        found[name] = row
-        peer = row.get("casadi_float", {})
-        print(
-            f"{name}: {'passed' if passed else 'FAILED'}; M4 float"
-            f" {row.get('float', {}).get('targets', {}).get('cortex-m4', {})}; CasADi's float"
-            f" {peer.get('mean')}, {peer.get('times_ours', 0):.1f} times",
-            flush=True,
-        )
-        store.write_json(out, json.loads(json.dumps(found)))  # what was done stays when stopped
+            for done in as_completed(running):
+                name = running[done]
+                rows[name] = json.loads(json.dumps(done.result()))
+                failed += not passed(rows[name])
+                print(said(name, rows[name]), flush=True)
+                store.write_json(out, {"format": 1, "rows": dict(sorted(rows.items()))})
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            print(f"slipctl: stopped; {out} has what was done", file=sys.stderr)
+            return 130
     return 1 if failed else 0
 
 

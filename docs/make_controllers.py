@@ -1,0 +1,148 @@
+"""Write docs/c_controllers.md from its evidence: ``python docs/make_controllers.py``.
+
+``--check`` only compares.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence" / "c_targets.json"
+
+HEAD = """\
+# Every controller in C
+
+Made from [its evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
+when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
+`python -m slipctl.studies.c_targets` measures it again.
+"""
+
+HOLDS = """\
+## Does it hold
+
+Back to back with Python over the run of the study, with the state carried in C: largest difference
+of any output or state, of the largest value of its signal. *Of limit* is the largest part of the
+allowed difference that a signal takes, on this machine. *Ends* counts the signals of which only the
+least and the greatest value is compared, *open* those that arithmetic alone decides; they are named
+below. *MISRA* counts findings of required rules in what slipctl writes and, after it, in CasADi's
+text. *Runs* are those of libFuzzer.
+"""
+
+COSTS = """\
+## What it takes in float on a Cortex-M4
+
+Bytes of text, of an instance (state with scratch memory), of stack; instructions of a step, guards
+and status included, beside those of CasADi's own float output of the same block. *Wanted* is ten
+times fewer where functions such as `exp` and `log` are called, and five elsewhere.
+"""
+
+OPEN = """\
+## Signals that are not compared in every tick
+"""
+
+
+def page() -> str:
+    """Text of the page."""
+    evidence = json.loads(EVIDENCE.read_text(encoding="utf-8"))
+    rows: dict[str, Any] = evidence["numbers"]["c_targets"]["rows"]
+    least = [n for n, r in rows.items() if "times_ours" in r["casadi_float"]]
+    few = [n for n in least if _times(rows[n]) < rows[n]["casadi_float"]["wanted"]]
+    summary = (
+        f"{sum(_passed(r) for r in rows.values())} of {len(rows)} controllers pass all of it;"
+        f" {len(least) - len(few)} of {len(least)} take as few instructions as wanted."
+    )
+    heads = ["controller", "ticks", "double", "float", "of limit", "ends", "open", "targets",
+             "MISRA", "FMU", "runs"]  # fmt: skip
+    costs = ["controller", "text", "instance", "stack", "mean", "most", "CasADi's", "times",
+             "wanted", "M7 mean"]  # fmt: skip
+    parts = [
+        HEAD, f"Measured {evidence['date']}. {summary}", HOLDS,
+        _table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
+        _table(costs, (_costs(n, r) for n, r in rows.items())), OPEN,
+        "\n".join(line for n, r in rows.items() for line in _open(n, r)),
+    ]  # fmt: skip
+    return "\n\n".join(p.strip() for p in parts) + "\n"
+
+
+def _passed(row: Mapping[str, Any]) -> bool:
+    return all(part.get("passed", True) for part in row.values() if isinstance(part, dict))
+
+
+def _times(row: Mapping[str, Any]) -> float:
+    return float(row["casadi_float"]["times_ours"])
+
+
+def _holds(name: str, row: Mapping[str, Any]) -> list[str]:
+    double, real = row["double"], row["float"]
+    if "ticks" not in double or "ticks" not in real:
+        return [
+            f"`{name}`",
+            *[""] * 6,
+            double.get("failed", real.get("failed", "failed")),
+            "",
+            "",
+            "",
+        ]
+    targets = [t["passed"] for r in (double, real) for t in r["targets"].values()]
+    ours = sum(double["misra"]["required"].values())
+    kernel = sum(double["misra"]["kernel"].values())
+    fmus = [v[3:] for v, f in row["fmu"].items() if isinstance(f, dict) and f["passed"]]
+    fuzz = row.get("fuzz", {})
+    runs = sum(fuzz.get(r, {}).get("executions", 0) for r in ("double", "float"))
+    return [
+        f"`{name}`", str(double["ticks"]), f"{double['largest_relative']:.1g}",
+        f"{real['largest_relative']:.1g}", f"{real['worst_of_limit']:.2f}",
+        str(len(real["envelope"])), str(len(real["not_compared"])),
+        f"{sum(targets)} of {len(targets)}", f"{ours}, {kernel}" if kernel else str(ours),
+        ", ".join(fmus), f"{runs:,}".replace(",", " ") if runs else "",
+    ]  # fmt: skip
+
+
+def _costs(name: str, row: Mapping[str, Any]) -> list[str]:
+    targets, peer = row["float"].get("targets", {}), row["casadi_float"]
+    if not targets:
+        return [f"`{name}`", *[""] * 9]
+    m4, m7 = targets["cortex-m4"], targets["cortex-m7"]
+    beside = (
+        [f"{peer['mean']:.0f}", f"{_times(row):.1f}", str(peer["wanted"])]
+        if "times_ours" in peer else [peer.get("failed", ""), "", ""]
+    )  # fmt: skip
+    return [
+        f"`{name}`", str(m4["text"]), str(row["float"]["state_bytes"]), str(m4["stack_used"]),
+        f"{m4['instructions_mean']:.0f}", str(m4["instructions_most"]), *beside,
+        f"{m7['instructions_mean']:.0f}",
+    ]  # fmt: skip
+
+
+def _open(name: str, row: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for key, text in (("envelope", "ends"), ("not_compared", "open")):
+        signals = [f"`{s}`" for s in row["float"].get(key, [])]
+        if signals:
+            lines.append(f"* `{name}`, {text}: {', '.join(signals)}")
+    return lines
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def main() -> int:
+    """Write the page, or say whether it is up to date."""
+    text = page()
+    if "--check" in sys.argv[1:]:
+        fresh = PAGE.exists() and PAGE.read_text(encoding="utf-8") == text
+        print("it is up to date" if fresh else "run: python docs/make_controllers.py")
+        return 0 if fresh else 1
+    PAGE.write_text(text, encoding="utf-8", newline="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
