@@ -45,7 +45,8 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = [str(c) for c in action.choices]
-            self.error(f"there is no command {value!r}{nearest(str(value), known)}")
+            what = "/".join(action.option_strings) or "command"
+            self.error(f"there is no {what} {value!r}{nearest(str(value), known)}")
 
 
 def parser() -> Parser:

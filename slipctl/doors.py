@@ -231,8 +231,10 @@ def find_block(module: ModuleType, name: str, where: str) -> Block:
     own = [
         k
         for k, v in vars(module).items()
-        if isinstance(v, Block) or (callable(v) and getattr(v, "__module__", "") == module.__name__)
-    ]
+        if not k.startswith("_")
+        and (isinstance(v, Block)
+             or (callable(v) and getattr(v, "__module__", "") == module.__name__))
+    ]  # fmt: skip
     if found is None:
         raise BadInput(f"{where} has no block {name!r}{nearest(name, own)}")
     if isinstance(found, Block):

@@ -361,6 +361,97 @@ def test_a_loop_without_controller_has_no_c(capsys: pytest.CaptureFixture[str]) 
     assert "did you mean 'ctl'?" in said
 
 
+NOT_IN_C = """
+import casadi as ca
+from slipctl import Input, Output, Param, State, law, make_block, step
+
+def _solved(solver):
+    z, q = ca.MX.sym("z"), ca.MX.sym("q")
+    root = ca.rootfinder("root", solver, {"x": z, "p": q, "g": z**2 - q})
+    return make_block(solver, "law", lambda x, u, p: ({}, {"y": root(x0=1.0, p=u["u"])["x"]}),
+                      inputs=[Input("1").named("u")], outputs=[Output("1").named("y")], sx=False)
+
+kinsol = _solved("kinsol")
+
+@law(y=Output("1"))
+def valueless(u=Input("1"), m=Param("kg")):
+    "No default."
+    return dict(y=m * u)
+
+@law(y=Output("1"))
+def clash(u=Input("1"), \u03b8=Param("1", 1.0), theta=Param("1", 2.0)):
+    "Two names, one in C."
+    return dict(y=u * \u03b8 * theta)
+
+@law(y=Output("1"))
+def math(u=Input("1")):
+    "A header of C."
+    return dict(y=u)
+
+@step(y=Output("1"))
+def timeless(x=State("1"), u=Input("1")):
+    "No period."
+    return dict(x=u), dict(y=x)
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            "kinsol",
+            "cannot generate C for KinsolInterface 'root'; use rootfinder(..., 'fast",
+        ),
+        ("valueless", "valueless.m has no value; give it a default in kg"),
+        ("clash", "'\u03b8' and 'theta' would both be 'theta' in C; rename one"),
+        ("math", "'math' cannot name a C file and its functions"),
+        ("timeless --fmu", "has no period, which an FMU needs; write @step(period=0.01, ...)"),
+        ("timless", "blocks.py has no block 'timless'; did you mean 'timeless'?"),
+        ("timeless --target cortex-m3", "target 'cortex-m3' is not known; did you mean 'cortex-m"),
+        ("timeless --real double_", "there is no --real 'double_'; did you mean 'double'?"),
+    ],
+)
+def test_what_cannot_be_c_is_one_line(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("blocks.py").write_text(NOT_IN_C, encoding="utf-8")
+    name, *options = words.split()
+    assert said in refused(capsys, "c", f"blocks.py:{name}", "--out", "c", *options)
+
+
+@pytest.mark.parametrize(
+    ("options", "package"),
+    [
+        ("--target cortex-m4", "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"),
+        ("--misra", "apt install cppcheck"),
+        ("--fuzz 1", "apt install clang"),
+    ],
+)
+def test_a_tool_that_is_missing_is_named_with_its_package(
+    options: str,
+    package: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PATH", str(Path.cwd()))
+    assert package in refused(capsys, "c", "double_exponential", "--out", "c", *options.split())
+
+
+def test_foreign_files_stay(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("c").mkdir()
+    Path("c/notes.txt").write_text("mine")
+    Path("c/Makefile").write_text("mine too")
+    said = refused(capsys, "c", "double_exponential", "--out", "c")
+    assert "Makefile was not written by slipctl, or was changed since; move it away or give" in said
+    Path("c/Makefile").unlink()
+    assert main(["c", "double_exponential", "--out", "c"]) == 0
+    assert Path("c/notes.txt").read_text() == "mine"
+    with open("c/double_exponential.c", "a") as file:
+        file.write("/* changed by hand */")
+    capsys.readouterr()
+    assert "was changed since" in refused(capsys, "c", "double_exponential", "--out", "c")
+
+
 # ---- bad input ----------------------------------------------------------------------------------
 
 FEW = ("--quick", "--loop", "soft", "--scenario", "base")

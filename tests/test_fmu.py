@@ -493,7 +493,9 @@ def test_what_cannot_be_an_fmu(tmp_path: Path) -> None:
         """No period."""
         return dict(x=u), dict(y=x)
 
-    with pytest.raises(BadInput, match=r"timeless has no period.*give period=, in s"):
+    with pytest.raises(
+        BadInput, match=r"timeless has no period.*write @step\(period=0\.01, \.\.\.\), in s"
+    ):
         codegen.export(timeless, tmp_path / "out", fmus=True)
     assert not (tmp_path / "out").exists()
     (tmp_path / "lag_fmi2.fmu").write_bytes(b"mine")

@@ -22,7 +22,8 @@ from slipctl.errors import BadInput
 
 _INSTEAD = {
     "Newton": "use rootfinder(..., 'fast_newton', ...)",
-    "Kinsol": "use rootfinder(..., 'fast_newton', ...)",
+    "KinsolInterface": "use rootfinder(..., 'fast_newton', ...)",
+    "ImplicitToNlp": "use rootfinder(..., 'fast_newton', ...)",
     "RungeKutta": "use integrator(..., 'rk', ..., {'simplify': True})",
     "Collocation": "use integrator(..., 'rk', ..., {'simplify': True})",
     "CvodesInterface": "use integrator(..., 'rk', ..., {'simplify': True})",

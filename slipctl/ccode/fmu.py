@@ -51,7 +51,10 @@ def fmus(
         RunFailed: the compiler refuses.
     """
     if not plan.period and plan.block.kind == "step":
-        raise BadInput(f"{plan.block.name} has no period, which an FMU needs; give period=, in s")
+        raise BadInput(
+            f"{plan.block.name} has no period, which an FMU needs;"
+            " write @step(period=0.01, ...), in s"
+        )
     now = is_plant(plan.block)
     own = {n: made[n] for n in (f"{plan.name}.c", f"{plan.name}.h")}
     found = {}

@@ -107,7 +107,8 @@ def layout(block: Block, name: str) -> Layout:
         )
     for p in block.params.values():
         if p.value is None:
-            raise BadInput(f"{block.name}.{p.name} has no value; give it a default, in {p.unit}")
+            where = "" if p.unit == "1" else f" in {p.unit}"
+            raise BadInput(f"{block.name}.{p.name} has no value; give it a default{where}")
     free = [s for s in block.params.values() if not s.derived]
     derived = [s for s in block.params.values() if s.derived]
     return Layout(
