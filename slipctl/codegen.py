@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -284,14 +285,11 @@ def _produce(
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(anywhere, KEPT))
     data = _facts(plan, content, made, values, len(rows))
-    if replay:
-        data |= compare(plan, made, used, run, dict(params or {}))
-    for t in boards:
-        found = targets.compiled_for(t, plan, made)
+    with ThreadPoolExecutor() as pool:  # the boards are programs of their own
+        on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:
-            ran = targets.replayed_on(t, plan, made)
-            found |= ran | {"passed": found["passed"] and ran["passed"]}
-        data["targets"].append(found)
+            data |= compare(plan, made, used, run, dict(params or {}))
+        data["targets"] = [f.result() for f in on_boards]
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:
@@ -312,6 +310,15 @@ def _trials(
         return None
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         return rounding.trials(plan, made, rows, params, Path(scratch))
+
+
+def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) -> dict[str, Any]:
+    """What a module is on a target, and how its test went there."""
+    found = targets.compiled_for(target, plan, made)
+    if replay:
+        ran = targets.replayed_on(target, plan, made)
+        found |= ran | {"passed": found["passed"] and ran["passed"]}
+    return found
 
 
 def texts(plan: Plan) -> dict[str, str]:

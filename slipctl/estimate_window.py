@@ -18,6 +18,7 @@ import casadi as ca
 from slipctl.block import Block, Exprs, make_block
 from slipctl.estimate_model import Model, covariance_state, spread_param, theta_state
 from slipctl.signals import Param, State
+from slipctl.wichmann_hill import epsilon
 
 DAMPING = 0.1
 """Damping of the first iteration after a change, relative to the diagonal of the Hessian
@@ -26,6 +27,11 @@ to tick, because the valley along which a, b and c trade off is narrow and bent.
 
 LEAST, MOST = 1e-9, 1e9
 """Range of the damping: without effect, and standing still."""
+
+BLIND = 64.0
+"""Beyond BLIND / sqrt(eps) damping begins anew. Steps as short as that change J by less than its
+rounding, so they fail whatever the data say, and damping would stay at MOST for ever, the estimate
+still. In double it is beyond MOST, in float 2e5: far above what a bent valley needs."""
 
 
 def windowed(model: Model, period: float, window: int, iterations: int) -> Block:
@@ -38,7 +44,8 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         theta, constants, sigma2 = x["theta"], model.constants(p), p["noise"] ** 2
-        Lambda_0 = ca.diag(p["spread"] ** -2)
+        least = p["spread"] ** -2
+        Lambda_0 = ca.diag(least)
         inputs, measurement = model.sample(u)
         predicted, h = model.predict(theta, inputs, constants)
         e = measurement - predicted
@@ -56,7 +63,7 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
         kept_share = p["forgetting"] * x["Lambda"]
         Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + g @ g.T / sigma2
         pull = kept_share @ (x["mean"] - theta) + g * (last[-1] - old) / sigma2
-        mean = theta + solve(Lambda, pull)
+        mean = theta + solve(Lambda, pull, least)
         full = x["count"] == window
         Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
         mean = ca.if_else(again, theta, ca.if_else(full, mean, x["mean"]))
@@ -70,11 +77,12 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
         weights = count > ca.DM(range(window)).T
 
         data = (kept, weights, mean, Lambda, sigma2, constants)
+        arithmetic = (least, epsilon(ca.fmin(count, 1)))
         state = (theta, *normal(theta, *data), ca.if_else(again, DAMPING, x["damping"]))
         for _ in range(iterations):
-            state = iterate(*state, *data)
+            state = iterate(*state, *arithmetic, *data)
         theta, _, squares, H, _, damping = state
-        P = invert(H)
+        P = invert(H, least)
         nxt = {
             "theta": theta, "P": P, "scatter": sigma2 + squares / count, "mean": mean,
             "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
@@ -154,30 +162,55 @@ def _normal_equations(model: Model, window: int) -> ca.Function:
 
 
 def _iteration(normal: ca.Function) -> ca.Function:
-    """Function (theta, J, squares, H, r, damping, data) -> the same six after one iteration."""
+    """Function (theta, J, squares, H, r, damping, pivots, eps, data) -> the first six anew."""
     inputs = [ca.MX.sym(f"i{k}", normal.sparsity_in(k)) for k in range(normal.n_in())]
     theta, data = inputs[0], inputs[1:]
     now = [ca.MX.sym(f"o{k}", normal.sparsity_out(k)) for k in range(normal.n_out())]
     J, _, H, r = now
-    damping = ca.MX.sym("damping")
-    there = theta + _solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r)
+    damping, eps = ca.MX.sym("damping"), ca.MX.sym("eps")
+    least = ca.MX.sym("least", theta.shape[0])
+    there = theta + _solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r, least)
     then = normal(there, *data)
     better = then[0] < J  # false for NaN too, so a step out of range is refused
     following = [
         ca.if_else(better, b, a) for a, b in zip([theta, *now], [there, *then], strict=True)
     ]
-    after = ca.if_else(better, ca.fmax(damping / 4, LEAST), ca.fmin(damping * 4, MOST))
-    return ca.Function("iteration", [theta, *now, damping, *data], [*following, after])
+    more = ca.if_else(4 * damping > BLIND / ca.sqrt(eps), DAMPING, ca.fmin(damping * 4, MOST))
+    after = ca.if_else(better, ca.fmax(damping / 4, LEAST), more)
+    taken = [theta, *now, damping, least, eps, *data]
+    return ca.Function("iteration", taken, [*following, after])
+
+
+def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """D and strict upper triangle L' of A = (I + L) diag(D) (I + L'); no pivot is below ``least``.
+
+    A is Lambda_0 plus squares, so in exact arithmetic no pivot is below that of Lambda_0. In float
+    it is lost where the squares are 1e7 times as large, and pivots would come out negative.
+    """
+    n = A.shape[0]
+    D, LT = ca.SX(n, 1), ca.SX(n, n)
+    for j in range(n):
+        column = [A[i, j] for i in range(j + 1)]
+        for i in range(j):
+            LT[i, j] = column[i] / D[i]
+            for k in range(i + 1, j):
+                column[k] -= LT[i, k] * column[i]
+            column[j] -= column[i] * LT[i, j]
+        D[j] = ca.fmax(column[j], least[j])
+    return D, LT
 
 
 def _solver(n: int) -> ca.Function:
-    """Function (A, b) -> A^-1 b for symmetric positive definite A."""
-    A, b = ca.SX.sym("A", n, n), ca.SX.sym("b", n)
-    return ca.Function("solve", [A, b], [ca.ldl_solve(b, *ca.ldl(A))], {"cse": True})
+    """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
+    A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
+    D, LT = _ldl(A, least)
+    return ca.Function("solve", [A, b, least], [ca.ldl_solve(b, D, LT, range(n))], {"cse": True})
 
 
 def _inverse(n: int) -> ca.Function:
-    """Function A -> A^-1 for symmetric positive definite A."""
-    A = ca.SX.sym("A", n, n)
-    columns = ca.ldl_solve(ca.SX.eye(n), *ca.ldl(A))
-    return ca.Function("inverse", [A], [ca.densify((columns + columns.T) / 2)], {"cse": True})
+    """Function (A, least pivots) -> A^-1 for symmetric positive definite A."""
+    A, least = ca.SX.sym("A", n, n), ca.SX.sym("least", n)
+    D, LT = _ldl(A, least)
+    columns = ca.ldl_solve(ca.SX.eye(n), D, LT, range(n))
+    inverse = ca.densify((columns + columns.T) / 2)
+    return ca.Function("inverse", [A, least], [inverse], {"cse": True})

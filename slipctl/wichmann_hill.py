@@ -61,16 +61,22 @@ def below(state: Any, k: int, n: int, whole: Callable[[Any], Any] = ca.floor) ->
     return whole(state[k] * n * (1 / MODULI[k]))
 
 
+def epsilon(one: Any) -> Any:
+    """Spacing of floating-point numbers at 1, of double or of float, whichever computes it.
+
+    The machine finds it by its own arithmetic, |3 (4/3 - 1) - 1|. ``one`` is a value that is 1 but
+    that nobody knows beforehand, or the expression would be folded in double.
+    """
+    return ca.fabs(3 * (4 * one / 3 - one) - one)
+
+
 def rounder() -> ca.Function:
     """Function (state) -> (K, K) for :func:`quick_floor`, with K = 1.5/eps, 1.5 times 2^52 or 2^23.
 
-    Whole numbers are the spacing of floating-point numbers near K. The machine finds eps by its own
-    arithmetic, |3 (4/3 - 1) - 1|, so that K is right in double and in float; nothing is folded
-    beforehand, because the 1 in it is read from the state.
+    Whole numbers are the spacing of floating-point numbers near K.
     """
     state = ca.SX.sym("state", 3)
-    one = ca.fmin(state[0], 1)  # a part of a state is 1 or more
-    eps = ca.fabs(3 * (4 * one / 3 - one) - one)
+    eps = epsilon(ca.fmin(state[0], 1))  # a part of a state is 1 or more
     return ca.Function("rounder", [state], [ca.vertcat(1.5 / eps, 3 / (eps + eps))])
 
 

@@ -15,10 +15,12 @@ by one, up, down, to zero, at random: what it may give with another library.
 from __future__ import annotations
 
 import ctypes
+import os
 import re
 import shutil
 import subprocess
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -126,9 +128,9 @@ def trials(
     n = plan.name
     for name in (f"{n}.h", f"{n}.c"):
         (folder / name).write_text(made[name], encoding="utf-8")
-    module = CModule(folder, plan)
+    binding = CModule(folder, plan).binding
     arithmetic = _LIBRARY if plan.real == "double" else _ARITHMETIC.read_text(encoding="utf-8")
-    text = f'{arithmetic}\nextern "C" {{\n#include "{n}.c"\n{module.binding}}}\n'
+    text = f'{arithmetic}\nextern "C" {{\n#include "{n}.c"\n{binding}}}\n'
     source, library = folder / "rounded.cpp", folder / f"{n}.so"
     source.write_text(text, encoding="utf-8")
     done = subprocess.run(
@@ -139,11 +141,16 @@ def trials(
     if done.returncode:
         complaint = next((s for s in done.stderr.splitlines() if "error" in s), "no message")
         raise RunFailed(f"{n} cannot be compiled with other roundings: {complaint}")
-    module.load(library)
-    choose = ctypes.CDLL(str(library)).rounding_choose
-    found, status = [], []
-    for mode, seed in RUNS:
-        choose(ctypes.c_int(mode), ctypes.c_int(seed))
-        found.append(np.hstack(module.reset(**params).replay_rows(rows)).astype(float))
-        status.append(np.array(module.status))
+
+    def run(k: int) -> tuple[np.ndarray, np.ndarray]:
+        mode, seed = RUNS[k]
+        own = folder / f"{n}_{k}.so"  # rounding and seed are global in it
+        shutil.copy(library, own)
+        module = CModule(folder, plan).load(own)
+        ctypes.CDLL(str(own)).rounding_choose(ctypes.c_int(mode), ctypes.c_int(seed))
+        found = np.hstack(module.reset(**params).replay_rows(rows)).astype(float)
+        return found, np.array(module.status)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the library runs without Python's lock
+        found, status = zip(*pool.map(run, range(len(RUNS))), strict=True)
     return Trials(np.array(found), np.array(status))
