@@ -456,6 +456,29 @@ def test_sources_compile_alone_and_two_fmus_link(version: int, lags: Path, tmp_p
     assert {f"lag_fmi{version}DoStep", f"other_fmi{version}DoStep"} <= set(defined)
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_command_in_its_documentation_builds_a_binary(
+    version: int, lags: Path, tmp_path: Path
+) -> None:
+    """FMPy runs what it builds, with the numbers of the binary that was in the archive."""
+    import html
+    import re
+    import subprocess
+
+    path = lags / f"lag_fmi{version}.fmu"
+    folder = tmp_path / "unpacked"
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    (command,) = re.findall("<code>(.*?)</code>", (folder / "documentation/index.html").read_text())
+    (binary,) = folder.glob("binaries/*/lag.so")
+    shipped = fmpy.simulate_fmu(str(folder), stop_time=0.05, output_interval=0.01)
+    binary.unlink()
+    words = html.unescape(command).replace("-o lag.so", f"-o {binary}")
+    subprocess.run(words, shell=True, cwd=folder, check=True)
+    built = fmpy.simulate_fmu(str(folder), stop_time=0.05, output_interval=0.01)
+    assert list(built) == list(shipped)
+
+
 def test_dependencies_say_what_passes_at_once(tmp_path: Path) -> None:
     """A plant's speed does not depend on the torque of this moment; a law's output does."""
     from slipctl.ccode.fmu import is_plant
