@@ -156,6 +156,9 @@ def parser() -> Parser:
         "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
         help="what happens to the frame of a tick on purpose: lost, late or broken",
     )  # fmt: skip
+    p.add_argument(
+        "--seconds", metavar="S", type=float, help="run only so long; by default the scenario"
+    )
     p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
@@ -511,7 +514,9 @@ def _pil(options: argparse.Namespace, command: str) -> int:
     out = Path(options.out) if options.out else None
     if out is not None:
         store.check_folder(out.parent)
-    found = processor.compare(options.name, options.target, options.real, options.faults, out)
+    found = processor.compare(
+        options.name, options.target, options.real, options.faults, out, options.seconds
+    )
     print(found)
     if not found.passed:
         raise RunFailed(f"{options.name}: the loop differs with its controller on {options.target}")

@@ -93,7 +93,7 @@ class Report:
                 count = t["instructions"]
                 lines.append(
                     f"  {t['target']}: {count['mean']:.0f} instructions per step, at most"
-                    f" {count['most']}, {t['stack_used']} bytes of stack used, same vectors:"
+                    f" {count['most']}, {t['stack_used']} bytes of stack used, {t['ticks']} ticks:"
                     f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
                 )
         if "analysis" in d:
@@ -279,17 +279,20 @@ def _produce(
     trials = (
         _trials(plan, made, rows, used_params) if replay and (real == "float" or boards) else None
     )
-    anywhere = expected.with_limits(plan, run, used_params, trials)
-    run = anywhere if real == "float" else expected.with_limits(plan, run, used_params)
+    first, tried = expected.kept(run, trials, KEPT)
+    first = expected.with_limits(plan, first, used_params, tried)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
-    made["vectors.txt"] = back_to_back.vectors(plan, content, values, expected.kept(anywhere, KEPT))
+    made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
     data = _facts(plan, content, made, values, len(rows))
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:
+            tried = trials if real == "float" else None
+            run = expected.with_limits(plan, run, used_params, tried)
             data |= compare(plan, made, used, run, dict(params or {}))
-        data["targets"] = [f.result() for f in on_boards]
+        ticks = {"ticks": len(first.rows)} if replay else {}
+        data["targets"] = [f.result() | ticks for f in on_boards]
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,12 @@ class Comparison:
 
 
 def compare(
-    name: str, target: str, real: str, faults: Sequence[str] = (), out: Path | None = None
+    name: str,
+    target: str,
+    real: str,
+    faults: Sequence[str] = (),
+    out: Path | None = None,
+    seconds: float | None = None,
 ) -> Comparison:
     """Run a loop of a study with its controller on a processor, and compare.
 
@@ -82,9 +87,10 @@ def compare(
         real: ``"double"`` or ``"float"``.
         faults: what happens on purpose, ``"1500=lost"``, ``late`` or ``broken``.
         out: file for the numbers.
+        seconds: length of the run, where the scenario is longer.
 
     Raises:
-        BadInput: no such loop, target or fault; a tool is missing.
+        BadInput: no such loop, target or fault; no tick in so many seconds; a tool is missing.
         RunFailed: the board does not answer.
     """
     study_name, colon, loop_name = name.rpartition(":")
@@ -94,15 +100,20 @@ def compare(
     loop, case = doors.find_loop(study, loop_name)
     part = study.controller
     wanted = _faults(faults)
-    python = simulate(loop, case.scenario)
+    if seconds is not None:
+        if not seconds >= (loop.period or 0.0):
+            raise BadInput(f"--seconds {seconds:g} holds no tick of {name}; give more")
+        length = min(seconds, case.scenario.duration)
+        case = replace(case, scenario=replace(case.scenario, duration=length))
+    python = simulate(loop, case.scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
     plan = Plan(loop[part], part.replace(".", "_"), loop.period, real)
     params = codegen.logged_params(loop, part, python)
     began = time.perf_counter()
     with Rig(plan, codegen.texts(plan), target, params) as rig:
         got = run_in_loop(loop, part, case.scenario, rig, wanted)
-    seconds = time.perf_counter() - began
+    took = time.perf_counter() - began
     data: dict[str, Any] = {
-        "name": name, "part": part, "target": target, "real": real, "seconds": seconds,
+        "name": name, "part": part, "target": target, "real": real, "seconds": took,
         **_judged(study, case, loop, part, python, got, wanted, real, params),
     }  # fmt: skip
     failed = []

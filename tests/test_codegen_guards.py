@@ -26,7 +26,7 @@ from slipctl import (
     rls,
     step,
 )
-from slipctl.ccode import board, compilers, isolation, precision, rounding, targets
+from slipctl.ccode import board, compilers, expected, isolation, precision, rounding, targets
 from slipctl.ccode.precision import MATH, in_precision
 from slipctl.models import subway_braking, subway_braking_control
 from slipctl.wichmann_hill import advance, quick_floor, rounder, seeded
@@ -416,6 +416,46 @@ def test_float_links_nothing_of_double_on_a_cortex_m4(name: str, tmp_path: Path)
     assert found["float"]["stack"]["worst"] < found["double"]["stack"]["worst"]
 
 
+@law(y=Output("1", "wave"))
+def wave(phase=Input("rad", "phase", lo=0, hi=10)):
+    """A sine, for which newlib has a text in double too."""
+    return ca.sin(phase)
+
+
+def test_float_links_nothing_of_double_on_a_cortex_m7(tmp_path: Path) -> None:
+    try:
+        targets.tool("cortex-m7")
+    except BadInput as missing:
+        pytest.skip(str(missing))
+    report = codegen.export(wave, tmp_path, real="float", target="cortex-m7")
+    found = report.data["targets"][0]
+    assert found["needed"] == ["sinf"]
+    assert (report.passed, found["double_helpers"]) == (True, [])
+
+
+def test_limits_of_the_first_ticks_are_theirs() -> None:
+    """A decision that arithmetic makes earlier or later loosens no tick that is not replayed."""
+
+    @step(y=Output("1", "flag"))
+    def late(y=State("1", 0.0, "flag")):
+        """Jumps once."""
+        return dict(y=y), dict(y=y)
+
+    plan = codegen.Plan(late, real="float")
+    jumps = np.array([(np.arange(20) >= k).astype(float) for k in (15, 16, 17)])
+    both = np.stack([jumps, jumps], axis=2)  # output and state
+    calm = np.zeros(20, dtype=int)
+    run = expected.Expected(np.zeros((20, 0)), jumps[0][:, None], jumps[0][:, None], calm, {},
+                            frozenset())  # fmt: skip
+    tried = rounding.Trials(both[1:], np.array([calm, calm]))
+    whole = expected.with_limits(plan, run, {}, tried)
+    assert (whole.envelope, whole.limits["y"]) == ({"y"}, expected.ENVELOPE)
+    short, few = expected.kept(run, tried, 10)
+    first = expected.with_limits(plan, short, {}, few)
+    assert (first.envelope, first.limits["y"]) == (frozenset(), 2 * precision.epsilon("float"))
+    assert len(first.rows) == len(first.status) == 10
+
+
 @pytest.fixture
 def on_board() -> None:
     try:
@@ -473,7 +513,7 @@ def test_instructions_are_counted_one_by_one(target: str, tmp_path: Path) -> Non
         '#include "cortex_m.h"\n#include <stdio.h>\nint main(void);\nint main(void)\n{\n'
         f"    unsigned long from;\n    clock_start();\n{body}\n    return 0;\n}}\n"
     )
-    targets.build(target, tmp_path, ["main.c"], "main.elf")
+    targets.build(target, tmp_path, ["main.c"], "main.elf", "float")
     call = [*targets.command(target, "main.elf"), "-serial", "none", *board.COUNT]
     said = targets.run(call, tmp_path)
     empty, *counts = map(int, said.stdout.split())

@@ -140,6 +140,10 @@ def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
         (["subway_braking"], "names no loop; write STUDY:LOOP"),
         (["subway_braking:sta", "--fault", "7=gone"], "write TICK=WHAT, such as 1500=lost"),
         (["subway_braking:sta", "--target", "cortex-m3"], "is not known; did you mean"),
+        (
+            ["subway_braking:sta", "--seconds", "0"],
+            "--seconds 0 holds no tick of subway_braking:sta",
+        ),
         (["subway_braking:stb"], "has no loop 'stb'; did you mean 'sta'"),
     ):
         assert cli.main(["pil", *words]) == 2

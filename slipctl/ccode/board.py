@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +11,17 @@ TARGETS: Mapping[str, tuple[str, ...]] = {
     "cortex-m7": ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
 }
 """Processors and the flags that choose them; the first has no double in hardware."""
+
+
+def machine(target: str, real: str) -> tuple[str, ...]:
+    """Flags that choose a processor; in float it has single precision alone.
+
+    So nothing of double can be done unseen, in the C library neither: its ``sinf`` and ``expf`` for
+    a unit of double precision work in double.
+    """
+    flags = TARGETS[target]
+    return flags if real == "double" else tuple(re.sub("v5-d16", "v5-sp-d16", f) for f in flags)
+
 
 BOARDS: Mapping[str, str] = {"cortex-m4": "mps2-an386", "cortex-m7": "mps2-an500"}
 """Boards that QEMU has with them."""

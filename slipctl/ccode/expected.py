@@ -243,9 +243,10 @@ def _ends(plan: Plan, members: tuple[Member, ...]) -> tuple[np.ndarray, np.ndarr
     return lo, hi
 
 
-def kept(run: Expected, ticks: int) -> Expected:
-    """The first ticks of it."""
-    return Expected(
-        run.rows[:ticks], run.outputs[:ticks], run.states[:ticks], run.status[:ticks], run.limits,
-        run.envelope,
+def kept(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Trials | None]:
+    """The first ticks of a run and of its trials; limits are those of a whole run no more."""
+    first = Expected(
+        run.rows[:ticks], run.outputs[:ticks], run.states[:ticks], run.status[:ticks], {},
+        frozenset(),
     )  # fmt: skip
+    return first, trials and Trials(trials.rows[:, :ticks], trials.status[:, :ticks])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from slipctl.ccode.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS
+from slipctl.ccode.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS, machine
 from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT, STATUS, head, memory
@@ -96,7 +96,7 @@ test: test_{n}
 vectors.bin: test_{n} vectors.txt
 \t./test_{n} vectors.txt vectors.bin
 
-{_boards(n)}
+{_boards(n, plan.real)}
 size: {n}.o
 \tsize {n}.o
 \tnm -g {n}.o
@@ -108,12 +108,12 @@ clean:
 """
 
 
-def _boards(n: str) -> str:
+def _boards(n: str, real: str) -> str:
     """Rules that build the test for each processor and run it on a board of QEMU."""
     sources, rules = f"{n}.c test_{n}.c cortex_m.c", [f"CROSS ?= {TOOLS}\nQEMU ?= {EMULATOR}\n"]
-    for t, flags in TARGETS.items():
+    for t in TARGETS:
         rules.append(f"""test_{t}.elf: {sources} {n}.h cortex_m.h cortex_m.ld built_with
-\t$(CROSS)gcc $(CFLAGS) -DON_BOARD {" ".join(flags)} \\
+\t$(CROSS)gcc $(CFLAGS) -DON_BOARD {" ".join(machine(t, real))} \\
 \t  {sources} -o $@ \\
 \t  {" ".join(LINK)} -lm
 

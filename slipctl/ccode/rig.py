@@ -185,7 +185,7 @@ class Rig:
             (folder / name).write_text(made[name], encoding="utf-8")
         bits = {"lost": LOST, "late": LATE, "broken": BROKEN}
         (folder / "rig.c").write_text(_FIRMWARE.format(n=n, **bits), encoding="utf-8")
-        targets.build(target, folder, [f"{n}.c", "rig.c"], "rig.elf")
+        targets.build(target, folder, [f"{n}.c", "rig.c"], "rig.elf", plan.real)
         self._plan, self._kind = plan, np.float32 if plan.real == "float" else np.float64
         self._answer = 5 + size(plan.real) * max(sum(m.size for m in plan.layout.outputs), 1)
         self._got = b""

@@ -24,6 +24,7 @@ from slipctl.ccode.board import (
     RUN,
     TARGETS,
     TOOLS,
+    machine,
 )
 from slipctl.ccode.plan import Plan
 from slipctl.errors import BadInput, RunFailed, nearest
@@ -89,19 +90,26 @@ def command(target: str, program: str) -> list[str]:
     return [emulator(target), "-M", BOARDS[target], *RUN, "-kernel", program]
 
 
-def build(target: str, folder: Path, sources: list[str], program: str, *flags: str) -> None:
+def build(target: str, folder: Path, sources: list[str], program: str, real: str) -> None:
     """Compile and link sources of a folder that has the files of the board too.
+
+    Args:
+        target: the processor.
+        folder: where the sources are.
+        sources: their names.
+        program: name of what is made.
+        real: type of the numbers.
 
     Raises:
         BadInput: as :func:`tool`.
         RunFailed: the compiler or linker refuses.
     """
-    compiler, machine = tool(target), TARGETS[target]
+    compiler, flags = tool(target), machine(target, real)
     objects = []
     for name in (*sources, "cortex_m.c"):
         objects.append((folder / name).with_suffix(".m.o"))
-        cc.compile_object(compiler, folder / name, objects[-1], *machine, "-DON_BOARD", *flags)
-    cc.link(compiler, objects, folder / program, *machine, *LINK)
+        cc.compile_object(compiler, folder / name, objects[-1], *flags, "-DON_BOARD")
+    cc.link(compiler, objects, folder / program, *flags, *LINK)
 
 
 def in_binary(vectors: str) -> bytes:
@@ -138,7 +146,7 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
         for name in (f"{n}.h", f"{n}.c", f"test_{n}.c", *BOARD_FILES):
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "vectors.bin").write_bytes(in_binary(made["vectors.txt"]))
-        build(target, folder, [f"{n}.c", f"test_{n}.c"], "test.elf")
+        build(target, folder, [f"{n}.c", f"test_{n}.c"], "test.elf", plan.real)
         said = run([*command(target, "test.elf"), "-serial", "none", *COUNT], folder)
     counts = _COUNTS.search(said.stdout)
     if counts is None:
@@ -179,7 +187,7 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
         BadInput: as :func:`tool`.
         RunFailed: the compiler or linker refuses.
     """
-    compiler, flags, n = tool(target), TARGETS[target], plan.name
+    compiler, flags, n = tool(target), machine(target, plan.real), plan.name
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
         for name in (f"{n}.h", f"{n}.c"):

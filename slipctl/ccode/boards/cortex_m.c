@@ -19,7 +19,10 @@
 #define SERIAL_DATA REGISTER(0x40004000UL)
 #define SERIAL_STATE REGISTER(0x40004004UL)
 #define SERIAL_CONTROL REGISTER(0x40004008UL)
+#define SERIAL_PENDING REGISTER(0x4000400CUL)
 #define SERIAL_DIVIDER REGISTER(0x40004010UL)
+#define INTERRUPTS REGISTER(0xE000E100UL) /* enabled */
+#define INTERRUPTS_PENDING REGISTER(0xE000E280UL)
 
 #define PAINT 0xC5A3C5A3UL
 #define PAINTED 4096 /* words below the caller */
@@ -105,8 +108,10 @@ __attribute__((noinline)) unsigned long stack_used(void)
 
 void serial_start(void)
 {
+    __asm volatile("cpsid i"); /* a byte that comes ends wfi, and nothing else happens */
+    INTERRUPTS = 1UL;
     SERIAL_DIVIDER = 16;
-    SERIAL_CONTROL = 3;
+    SERIAL_CONTROL = 3UL | 8UL;
 }
 
 void serial_put(unsigned char byte)
@@ -123,10 +128,13 @@ int serial_get(unsigned long polls)
     int byte = -1;
     while ((ready == 0UL) && (left > 0UL)) {
         --left;
+        __asm volatile("wfi");
         ready = SERIAL_STATE & 2UL;
     }
     if (ready != 0UL) {
         const unsigned long data = SERIAL_DATA & 0xFFUL;
+        SERIAL_PENDING = 2UL; /* clears it */
+        INTERRUPTS_PENDING = 1UL;
         byte = (int)data;
     }
     return byte;
