@@ -176,6 +176,34 @@ def test_orbit_of_explicit_super_twisting(k1, k2, T):
     assert (np.sign(s[:-1]) == -np.sign(s[1:])).all()
 
 
+@pytest.mark.parametrize("e", [0.0, 1e-3, 2.5e-3, 4e-3])
+def test_explicit_super_twisting_has_a_family_of_orbits(e):
+    """Orbits s = a^2, -b^2 with a - b = e, none of which is preferred: 182.3 to 173.8 N m here.
+
+    From a^2 + b^2 = c a - T d = c b + T (d - T k2), c = T k1, d the integral less what it holds,
+    p = a + b solves p^2 - c p + e^2 + T^2 k2 = 0; the torque jumps by (J/r)(k1 p - T k2).
+    """
+    T, k1, k2 = 1e-3, 20.0, 10.0
+    c = T * k1
+    p = (c + math.sqrt(c**2 - 4 * (e**2 + T**2 * k2))) / 2
+    a, b = (p + e) / 2, (p - e) / 2
+    d = (T * k2 + c * e / T) / 2
+    held = 3.0  # disturbance that the integral holds
+    found = {}
+    for start in (a**2, 1.01 * a**2):  # the orbit attracts
+        law = control.super_twisting()
+        wires = {"law.v_s": "plant.s", "law.v_ref": "zero", "law.T_eq": "T_eq",
+                 "plant.T_eq": "T_eq", "plant.T": "law.T_wanted"}  # fmt: skip
+        loop = connect("loop", wires, plant=sampled(integrator, T), law=law)
+        begin = {"plant.s": start, "plant.phi": -held, "law.u_sw": held + d}
+        inputs = {"zero": 0.0, "T_eq": 1e6, "law.T_top": 2e6}
+        run = simulate(loop, Scenario("s", 0.2, inputs=inputs, start=begin))
+        found[start] = run["plant.s"].values[-2:], np.ptp(run["law.T_wanted"].values[-2:])
+    for s, jump in found.values():
+        assert s == pytest.approx([a**2, -(b**2)], rel=1e-6)
+        assert jump == pytest.approx(J / R * (k1 * p - T * k2), rel=1e-6)
+
+
 def slopes(kind: str, L: float, T: float, seconds: float):
     """Slope of the disturbance: a ramp, a triangle, or +-L at random each tick."""
     n = round(seconds / T)
