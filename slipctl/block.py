@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -116,6 +117,9 @@ class Block:
         for p in self.params.values():
             if not p.derived and p.value is not None:
                 p.check(f"{name}.{p.name}", p.value)
+        for y in self.outputs.values():
+            if y.safe is not None:
+                replace(y, shape=()).check(f"safe value of {name}.{y.name}", y.safe)
 
     # ---- signals ------------------------------------------------------------------------------
 
@@ -401,7 +405,7 @@ class Block:
         n, y = self._body(x, u, p)
         self._complete("state", n, "derivative" if self.kind == "flow" else "next state")
         self._complete("output", y, "output")
-        return n, y
+        return _columns(n), _columns(y)
 
     def _complete(self, role: str, given: Mapping[str, Any], what: str) -> None:
         wanted = self._signals[role]
@@ -715,6 +719,11 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
         return Block(name, kind, body, declared, doc=doc, **rest)
 
     return make
+
+
+def _columns(values: Exprs) -> Exprs:
+    """Values by name, with a list of elements as a column."""
+    return {k: ca.vertcat(*v) if isinstance(v, (list, tuple)) else v for k, v in values.items()}
 
 
 def _as_dict(name: str, result: Any, outputs: list[str]) -> Exprs:

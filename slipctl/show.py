@@ -308,9 +308,9 @@ def _value(value: Any) -> str:
 
 def _range(s: Signal) -> str:
     low, high = math.isfinite(s.lo), math.isfinite(s.hi)
-    if low and high:
-        return f"{s.lo:g} .. {s.hi:g}"
-    return f">= {s.lo:g}" if low else f"<= {s.hi:g}" if high else ""
+    text = f">= {s.lo:g}" if low else f"<= {s.hi:g}" if high else ""
+    text = f"{s.lo:g} .. {s.hi:g}" if low and high else text
+    return text if s.safe is None else f"{text}, safe {s.safe:g}".removeprefix(", ")
 
 
 def _sign(s: Signal) -> str:

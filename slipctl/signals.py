@@ -34,6 +34,8 @@ class Signal:
         noise: the scenario fills this input with unit normal numbers.
         name: the name in the equations; set by the block.
         axis: what the last index of the shape counts, ``"axle"``; set by ``replicate``.
+        safe: what an output gives in generated C while a step is refused, each element of it; by
+            default the value of the last good step.
     """
 
     role: str
@@ -49,6 +51,7 @@ class Signal:
     noise: bool = False
     name: str = ""
     axis: str = ""
+    safe: float | None = None
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
@@ -60,7 +63,8 @@ class Signal:
 
     def as_role(self, role: str, **changes: Any) -> Signal:
         """Return the same quantity in another role (an output becomes an input, say)."""
-        return replace(self, role=role, **changes)
+        kept = self.safe if role == "output" else None
+        return replace(self, role=role, **{"safe": kept, **changes})
 
     @property
     def size(self) -> int:
@@ -165,9 +169,10 @@ def Output(
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
+    safe: float | None = None,
 ) -> Any:
-    """Declare an output."""
-    return Signal("output", unit, None, doc, source, lo, hi, shape, positive, per)
+    """Declare an output; ``safe`` is what it gives in generated C while a step is refused."""
+    return Signal("output", unit, None, doc, source, lo, hi, shape, positive, per, safe=safe)
 
 
 def total_size(signals: Iterable[Signal]) -> int:

@@ -12,6 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from slipctl import (
     BadInput,
@@ -21,9 +23,12 @@ from slipctl import (
     Param,
     State,
     codegen,
+    connect,
     differential_evolution,
     law,
+    replicate,
     rls,
+    show,
     step,
 )
 from slipctl.ccode import board, compilers, expected, isolation, precision, rounding, targets
@@ -213,6 +218,123 @@ def test_smaller_and_greater_are_those_of_casadi_to_the_sign_of_zero(tmp_path: P
                         np.testing.assert_array_equal(wanted[name], got[name])
                 else:
                     assert module.status == 2
+
+
+# ---- safe outputs --------------------------------------------------------------------------------
+
+
+@step(
+    period=0.01,
+    T=Output("N m", "torque", lo=-5, hi=20, safe=-1.5),
+    v=Output("1", "both", shape=(2,), lo=0.1, hi=0.3, safe=0.2),
+    last=Output("1", "held"),
+)
+def careful(
+    i=State("1", 0.0, "integral"),
+    e=Input("1", "error", lo=-1, hi=0.6),
+    w=Input("1", "divisor"),
+    k=Param("1", 10.0, "gain", lo=0),
+):
+    """Integral of an error over something."""
+    return dict(i=i + e / w), dict(T=k * (i + e / w), v=[e, w], last=e)
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_safe_values_are_given_while_a_step_is_refused(real: str, tmp_path: Path) -> None:
+    c = codegen.c_module(careful, tmp_path, real=real).compile().load()
+    eps = precision.epsilon(real)
+    for e, w, status in ((2.0, 1.0, 8), (np.nan, 1.0, 1), (0.5, 0.0, 2)):  # before a good step
+        out = c.step(e=e, w=w)
+        assert (c.status, out["T"], out["last"], c.state) == (status, -1.5, 0.0, {"i": 0.0})
+        np.testing.assert_allclose(out["v"], 0.2, rtol=eps)
+    assert c.step(e=0.5, w=1.0)["T"] == 5.0
+    for e, w, status in ((2.0, 1.0, 8), (0.5, np.inf, 1), (0.5, 0.0, 2)):
+        out = c.step(e=e, w=w)
+        assert (c.status, out["T"], out["last"], c.state) == (status, -1.5, 0.5, {"i": 0.5})
+        np.testing.assert_allclose(out["v"], 0.2, rtol=eps)
+    assert c.step(e=0.25, w=1.0)["T"] == 7.5  # the next good step goes on
+    assert (c.status, c.state) == (16, {"i": 0.75})  # v is limited
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_safe_values_are_told_tested_and_replayed(real: str, tmp_path: Path) -> None:
+    ticks = 200
+    inputs = {"e": np.where(np.arange(ticks) % 5 == 0, 0.9, 0.01), "w": np.full(ticks, 2.0)}
+    report = codegen.check(careful, inputs, tmp_path, real=real)
+    assert report["passed"]
+    assert report["ticks_off_range"] == 40
+    header = " ".join((tmp_path / "careful.h").read_text().replace(" * ", " ").split())
+    assert "range 0.1 to 0.3; safe value 0.2, given while a step is refused" in header
+    assert "or their safe value where one is stated" in header
+    assert "but `T` -1.5 N m, `v` 0.2 1" in (tmp_path / "README.md").read_text()
+    assert '"T: torque; safe value -1.5"' in (tmp_path / "careful.a2l").read_text()
+    # the test that goes with the module finds a step that holds instead
+    source = tmp_path / "careful.c"
+    honest = source.read_text()
+    out_t = "out->T = -1.5f;" if real == "float" else "out->T = -1.5;"
+    assert out_t in honest
+    source.write_text(honest.replace(out_t, ""))
+    done = subprocess.run(["make", "test"], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode != 0
+    plain = codegen.texts(codegen.Plan(guarded, real=real))["guarded.c"]
+    assert "hold(" not in plain
+
+
+@given(
+    lo=st.floats(-1e6, 1e6), width=st.floats(0, 1e6), share=st.floats(0, 1),
+    bad=st.lists(st.booleans(), min_size=1, max_size=20),
+)  # fmt: skip
+def test_guarded_block_gives_safe_values_in_its_range(
+    lo: float, width: float, share: float, bad: list[bool]
+) -> None:
+    """Whatever the ticks: refused ones give the safe value, the others are those of the run."""
+    hi = lo + width
+    safe = min(max(lo + share * width, lo), hi)
+
+    @step(period=1.0, y=Output("1", lo=lo, hi=hi, safe=safe), n=Output("1"))
+    def counting(n=State("1", 0.0), u=Input("1", lo=-1, hi=1)):
+        """Ticks so far."""
+        return dict(n=n + 1), dict(y=n + 1, n=n + 1)
+
+    plan = codegen.Plan(counting)
+    rows = np.where(bad, 2.0, 0.0)[:, np.newaxis]
+    count = np.arange(1, np.count_nonzero(rows == 0) + 1)[:, np.newaxis]
+    run = expected.guarded(plan, rows, np.hstack([count, count]), count, np.zeros(1))
+    so_far = np.cumsum(rows == 0)
+    np.testing.assert_array_equal(run.outputs[:, 1], so_far)
+    np.testing.assert_array_equal(run.states[:, 0], so_far)
+    np.testing.assert_array_equal(run.outputs[:, 0], np.where(bad, safe, so_far.clip(lo, hi)))
+
+
+def test_safe_values_stay_with_their_output() -> None:
+    wires = {"a.e": "e", "a.w": "w", "b.e": "a.last", "b.w": "w", "T": "b.T"}
+    whole = connect("both", wires, a=careful, b=careful.with_params(k=3.0))
+    assert {k: y.safe for k, y in whole.outputs.items()} == {
+        "a.T": -1.5, "a.v": 0.2, "a.last": None, "b.T": -1.5, "b.v": 0.2, "b.last": None, "T": -1.5,
+    }  # fmt: skip
+    assert {s.safe for s in whole.inputs.values()} == {None}
+    wide = replicate(careful.with_params(k=3.0), 3)
+    assert (wide.outputs["T"].safe, wide.outputs["T"].shape) == (-1.5, (3,))
+    assert careful.outputs["T"].as_role("input").safe is None
+    assert "-5 .. 20, safe -1.5" in show.text(careful)
+
+
+@pytest.mark.parametrize(
+    ("safe", "said"),
+    [
+        (30, r"safe value of f.T = 30 N m is out of range; it must lie in \[-5, 20\] N m"),
+        (np.nan, r"safe value of f.T is NaN"),
+        (np.inf, r"safe value of f.T is infinite"),
+        ("zero", r"safe value of f.T takes a number in N m, not 'zero'"),
+        ([0, 1], r"safe value of f.T takes a number in N m, not \[0, 1\]"),
+    ],
+)
+def test_safe_value_that_cannot_be_given(safe: Any, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+
+        @law(T=Output("N m", "torque", lo=-5, hi=20, shape=(2,), safe=safe))
+        def f(u=Input("1", shape=(2,))):
+            return u
 
 
 # ---- float ---------------------------------------------------------------------------------------

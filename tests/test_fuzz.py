@@ -25,7 +25,11 @@ needs_fuzzer = pytest.mark.skipif(not HAS_FUZZER, reason="no clang with libFuzze
 needs_compiler = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
 
 
-@step(period=0.01, y=Output("1", "sum", lo=-10, hi=10), z=Output("1", "vector", shape=(2,)))
+@step(
+    period=0.01,
+    y=Output("1", "sum", lo=-10, hi=10, safe=0.5),
+    z=Output("1", "vector", shape=(2,)),
+)
 def sums(
     x=State("1", 0.0, "sum"),
     u=Input("1", "summand", lo=-1, hi=1),
@@ -57,6 +61,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
     [
         ("    limited |= limit(&now.y, -10.0, 10.0);\n", "", "deadly signal"),
         ("0.0 * next->x", "0.0", "deadly signal"),
+        ("out->y = 0.5;", "", "deadly signal"),
         ("const double x_next =", "const int n = (int)in->u * 2147483647;\n"
          "    const double x_next = (double)(n + n) * 0.0 +", "signed integer overflow"),
         ("now->z[0] =", "now->z[(int)param->k] =", "runtime error"),

@@ -96,6 +96,7 @@ def _limits(plan: Plan, m: Member) -> str:
 def _about(m: Member) -> str:
     s = m.signal
     said = [f"{s.name}: {s.doc or s.name}", *[f"positive = {s.positive}"] * bool(s.positive)]
+    said += [] if s.safe is None else [f"safe value {s.safe:g}"]
     return _quoted("; ".join([*said, *[f"source: {s.source}"] * bool(s.source)]))
 
 

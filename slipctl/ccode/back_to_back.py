@@ -107,7 +107,7 @@ def test_program(plan: Plan) -> str:
     )
     ends = [plan.limits(m) for m in lay.inputs for _ in range(m.size)]
     beyond = sum(math.isfinite(v) for pair in ends for v in pair)
-    guards, table = (_guards(n, big), _table(ends)) if n_in else ("", "")
+    guards, table = (_guards(plan), _table(ends)) if n_in else ("", "")
     mask = f"{compared_bits(plan.real)}U"
     return f"""{head(plan, f"test_{n}.c")}
 
@@ -323,8 +323,13 @@ static bool same(const void *one, const void *other, size_t n)
 """
 
 
-def _guards(n: str, big: str) -> str:
+def _guards(plan: Plan) -> str:
     """Statements that spoil each input in turn and look that nothing of it is taken."""
+    n, big = plan.name, plan.layout.big
+    safe = "".join(
+        f"            {m.at('good.', k)} = (real){number(plan.safe[m.c])};\n"
+        for m in plan.layout.outputs if m.c in plan.safe for k in range(m.size)
+    )  # fmt: skip
     return f"""    for (k = 0; (k < N_IN) && (ticks > 0); ++k) {{
         for (j = -1; j < 2; ++j) {{
             static {n}_state before;
@@ -342,7 +347,7 @@ def _guards(n: str, big: str) -> str:
             copied(&broken, raw, sizeof(broken));
             before = state;
             good = out;
-            got_status = {n}_step(&broken, &param, &state, &out);
+{safe}            got_status = {n}_step(&broken, &param, &state, &out);
             if ((got_status == wanted) && same(&before, &state, sizeof(state))
                 && same(&good, &out, sizeof(out))) {{
                 refused += (j < 0) ? 1 : 0;

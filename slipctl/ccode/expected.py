@@ -110,9 +110,12 @@ def guarded(
     status[good] = np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
     before = np.zeros(outputs.shape[1]).clip(lo, hi)
     last = np.cumsum(good)  # number of good ticks so far: 0 is before the first
+    held = np.vstack([before, limited])[last]
+    safe = rounded([np.nan if m.signal.safe is None else m.signal.safe
+                    for m in plan.layout.outputs for _ in range(m.size)], plan.real)  # fmt: skip
     return Expected(
-        rows, np.vstack([before, limited])[last], np.vstack([start, states])[last], status, {},
-        frozenset(),
+        rows, np.where(good[:, np.newaxis] | np.isnan(safe), held, safe),
+        np.vstack([start, states])[last], status, {}, frozenset(),
     )  # fmt: skip
 
 

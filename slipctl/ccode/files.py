@@ -307,7 +307,7 @@ library (`-lm`).
 
 With `{big}_LIMITED` alone a step counts: state and outputs are new, and an output that would have
 left its range stands at the end of it. With any other bit a step leaves the state untouched and
-gives the outputs of the last good step. Outputs are always finite and in their ranges.
+gives the outputs of the last good step{_safe(plan)}. Outputs are always finite and in their ranges.
 No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 """
@@ -321,6 +321,13 @@ def _last_places(plan: Plan) -> str:
         " If the module\ncalls `exp`, `log` or the like, last places differ there; the limits allow"
         " for that if the folder\nwas written with `--target`."
     )
+
+
+def _safe(plan: Plan) -> str:
+    """Outputs that give something else while a step is refused, to go on a sentence."""
+    units = {m.c: m.signal.unit for m in plan.layout.outputs}
+    said = [f"`{c}` {number(v)} {units[c]}" for c, v in plan.safe.items()]
+    return f", but {', '.join(said)}" if said else ""
 
 
 def licence(plan: Plan) -> str:

@@ -42,6 +42,7 @@ typedef {real} real;
 static const double range_in[][2] = {{{range_in}}};
 static const double range_param[][2] = {{{range_param}}};
 static const double range_out[][2] = {{{range_out}}};
+static const double safe_out[] = {{{safe_out}}}; /* NaN where none is stated */
 
 static const uint8_t *at;
 static size_t left;
@@ -127,6 +128,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             if (!(y >= range_out[k][0]) || !(y <= range_out[k][1])) {{
                 abort();
             }}
+            if (((status & ~(int){big}_LIMITED) != 0) && !isnan(safe_out[k])
+                && (y != (double)(real)safe_out[k])) {{
+                abort();
+            }}
         }}
         if (((status & ~(int){big}_LIMITED) != 0)
             && (memcmp(&before, &state, {n_state} * sizeof(real)) != 0)) {{
@@ -179,10 +184,11 @@ def harness(plan: Plan) -> str:
         f"{{{number(max(plan.limits(m)[0], -most))}, {number(min(plan.limits(m)[1], most))}}}"
         for m in lay.outputs for _ in range(m.size)
     )  # fmt: skip
+    safe = ", ".join(number(plan.safe.get(m.c, np.nan)) for m in lay.outputs for _ in range(m.size))
     return _HARNESS.format(
         n=plan.name, big=lay.big, real=plan.real, ticks=TICKS,
         range_in=ranges(lay.inputs, 100.0), range_param=ranges(lay.params, 1e3),
-        range_out=outs or "{0.0, 0.0}",
+        range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0",
         **{
             k: sum(m.size for m in g)
             for k, g in (("n_in", lay.inputs), ("n_param", lay.params), ("n_out", lay.outputs),

@@ -55,6 +55,8 @@ def member_comment(m: Member, indent: str = "    ") -> str:
     if s.value is not None:
         word = {"state": "start", "input": "if not known"}.get(s.role, "default")
         said.append(f"{'=' if s.derived and s.role == 'param' else word} {_short(s.value)}")
+    if s.safe is not None:
+        said.append(f"safe value {number(float(s.safe))}, given while a step is refused")
     if s.source:
         said.append(f"source: {s.source}")
     return comment("; ".join(" ".join(t.split()) for t in said), indent)
@@ -210,7 +212,8 @@ def _prototypes(plan: Plan) -> str:
         (
             f"One tick. Status 0, or {big}_LIMITED: an output of this step was limited. Otherwise"
             " the state is untouched and the outputs are those of the last good step (before the"
-            " first one: zero, or the end of their range nearest to it).",
+            " first one: zero, or the end of their range nearest to it)"
+            + (", or their safe value where one is stated." if plan.safe else "."),
             step_prototype(plan),
         ),
     )

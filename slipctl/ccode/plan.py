@@ -99,6 +99,11 @@ class Plan:
         return float(lo), float(hi)
 
     @property
+    def safe(self) -> dict[str, float]:
+        """Safe value by the C name of each output that states one."""
+        return {m.c: float(m.signal.safe) for m in self.layout.outputs if m.signal.safe is not None}
+
+    @property
     def can_fail(self) -> bool:
         """Whether the equations say if they came to an end (a solver may not)."""
         return bool(self.equations.entry) or self.equations.calls

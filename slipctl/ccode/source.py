@@ -30,7 +30,7 @@ def source(plan: Plan) -> str:
     n, lay = plan.name, plan.layout
     functions = "\n\n".join(
         [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _init(plan)]
-        + [made for made in (_finite(plan),) if made] + [_step(plan)]
+        + [made for made in (_finite(plan), _hold(plan)) if made] + [_step(plan)]
     )  # fmt: skip
     parts = [
         head(plan, f"{n}.c"),
@@ -188,7 +188,8 @@ def _init(plan: Plan) -> str:
         good = _conjunction([_within(plan, m, "state->") for m in computed])
         lines.append(_if([f"!({good})"], f"status = {big}_BAD_PARAM;"))
     for m in lay.outputs:
-        lines += _constant(m, "state->held.", min(max(0.0, m.signal.lo), m.signal.hi))
+        before = plan.safe.get(m.c, min(max(0.0, m.signal.lo), m.signal.hi))
+        lines += _constant(m, "state->held.", before)
     lines.append("return status;")
     return _define(f"int {n}_init(const {n}_param *param, {n}_state *state)", lines)
 
@@ -243,22 +244,37 @@ def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
             "return zero == 0.0;"]  # fmt: skip
 
 
+def _hold(plan: Plan) -> str:
+    """Function that gives the outputs of a step that is refused, where some have a safe value."""
+    n, safe = plan.name, plan.safe
+    if not safe:
+        return ""
+    lines = ["*out = state->held;"]
+    for m in plan.layout.outputs:
+        if m.c in safe:
+            lines += _constant(m, "out->", safe[m.c])
+    what = comment(
+        "Outputs of a step that is refused: the safe value, or that of the last good step."
+    )
+    return f"{what}\n" + _define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
+
+
 def _step(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
+    hold = "hold(state, out);" if plan.safe else "*out = state->held;"
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     lines = [f"{n}_out now;"]
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_next next;")
     if lay.inputs:
-        lines.append(_if(["!in_finite(in)"], "*out = state->held;", f"return {big}_BAD_INPUT;"))
+        lines.append(_if(["!in_finite(in)"], hold, f"return {big}_BAD_INPUT;"))
     bounds = [_within(plan, m, "in->") for m in lay.inputs if _has_range(plan, m)]
     if bounds:
-        lines.append(_if([f"!({_conjunction(bounds)})"], "*out = state->held;",
-                         f"return {big}_OFF_RANGE;"))  # fmt: skip
+        lines.append(_if([f"!({_conjunction(bounds)})"], hold, f"return {big}_OFF_RANGE;"))
     passed = [f"&{following}"] * has_next + ["&now"]
     call = f"equations({', '.join(['in', 'param', 'state', *passed])})"
-    held = ("*out = state->held;", f"return {big}_BAD_RESULT;")
+    held = (hold, f"return {big}_BAD_RESULT;")
     lines.append(_if([f"{call} != 0"], *held) if plan.can_fail else f"{call};")
     if plan.untested:
         lines.append(_if([f"!result_finite({', '.join(passed)})"], *held))

@@ -234,7 +234,7 @@ static int advance(instance *c, double time, double size)
     c->m.status = worst;
     c->m.fresh = false;
     if ((worst & ~(int)@big@_LIMITED) != 0) {
-        return tell(c, WARNING, "a tick was refused: its outputs are held, its state is kept");
+        return tell(c, WARNING, "a tick was refused: its outputs are held or safe, its state is kept");
     }
     return FINE;
 }
