@@ -291,8 +291,7 @@ def _produce(
             tried = trials if real == "float" else None
             run = expected.with_limits(plan, run, used_params, tried)
             data |= compare(plan, made, used, run, dict(params or {}))
-        ticks = {"ticks": len(first.rows)} if replay else {}
-        data["targets"] = [f.result() | ticks for f in on_boards]
+        data["targets"] = [f.result() for f in on_boards]
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:

@@ -31,7 +31,16 @@ from slipctl import (
     show,
     step,
 )
-from slipctl.ccode import board, compilers, expected, isolation, precision, rounding, targets
+from slipctl.ccode import (
+    back_to_back,
+    board,
+    compilers,
+    expected,
+    isolation,
+    precision,
+    rounding,
+    targets,
+)
 from slipctl.ccode.precision import MATH, in_precision
 from slipctl.models import subway_braking, subway_braking_control
 from slipctl.wichmann_hill import advance, quick_floor, rounder, seeded
@@ -585,6 +594,21 @@ def on_board() -> None:
         targets.emulator("cortex-m4")
     except BadInput as missing:
         pytest.skip(str(missing))
+
+
+def test_a_board_stops_after_enough_instructions(
+    on_board: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not before its least number of ticks; the host compares them all."""
+    monkeypatch.setattr(back_to_back, "ENOUGH", 1.0)
+    monkeypatch.setattr(back_to_back, "AT_LEAST", 3)
+    inputs = {"e": np.full(50, 0.01), "w": np.full((50, 2), 0.2), "free": np.linspace(-30, 30, 50)}
+    report = codegen.check(guarded, inputs, tmp_path, target="cortex-m4")
+    there = report["targets"][0]
+    assert report["passed"]
+    assert there["passed"]
+    assert (report["ticks"], there["ticks"]) == (50, 3)
+    assert there["instructions"]["mean"] > 1
 
 
 @pytest.mark.usefixtures("on_board")

@@ -13,6 +13,10 @@ from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT, STATUS, bit, head
 from slipctl.ccode.plan import Plan, packed
 
+ENOUGH, AT_LEAST = 2e10, 1000
+"""Instructions after which a board has replayed enough, some minutes of emulation, and ticks that
+it replays anyhow. A windowed estimator in double takes 7e6 a tick on a Cortex-M4."""
+
 _ROUNDED = """static void rounded(const double *from, real *to, int n)
 {
     int k;
@@ -48,6 +52,13 @@ _STEP = """#ifdef ON_BOARD
         deepest = (depth > deepest) ? depth : deepest;
         slowest = (count > slowest) ? count : slowest;
         sum += (double)count;
+#endif
+"""
+
+_ENOUGH = """#ifdef ON_BOARD
+        if ((sum > ENOUGH) && (tick >= (AT_LEAST - 1))) {
+            ticks = tick + 1; /* the last one */
+        }
 #endif
 """
 
@@ -140,6 +151,10 @@ def test_program(plan: Plan) -> str:
 #define N_TICK {n_in + n_out + n_state + 1} /* numbers of one tick; the last is the status */
 #define N_ROW {n_in + n_out + n_state + n_param + 1}
 #define COMPARED {mask} /* bits of the status */
+#ifdef ON_BOARD
+#define ENOUGH {ENOUGH!r} /* instructions of all steps after which a board stops, */
+#define AT_LEAST {AT_LEAST} /* but not before so many ticks */
+#endif
 #define CONTENT "{CONTENT}"
 
 typedef {plan.real} real;
@@ -271,7 +286,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
                 ++at;
             }}
         }}
-    }}
+{_ENOUGH}    }}
     (void)fclose(file);
     (void)printf("%-32s %12s %12s %12s\\n", "signal", "difference", "relative", "limit");
     at = 0;

@@ -132,9 +132,9 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
     """Run the module's own test on the board.
 
     Returns:
-        ``largest`` relative difference per signal, ``own_test`` with the test's last line,
-        ``instructions`` per step (mean and most), ``stack`` in bytes used by a step with all it
-        calls, and whether the test ``passed``.
+        Largest relative difference of each of ``signals``, ``own_test`` with the test's last line,
+        ``ticks`` that were replayed, ``instructions`` per step (mean and most), ``stack_used`` in
+        bytes by a step with all it calls, and whether the test ``passed``.
 
     Raises:
         BadInput: a tool is not installed.
@@ -153,10 +153,12 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
         last = (said.stdout.strip() or said.stderr.strip() or "nothing").splitlines()[-1]
         raise RunFailed(f"the test of {n} on {target} stopped: {last}")
     rows = _ROW.findall(said.stdout[: counts.start()])
+    own_test = said.stdout[: counts.start()].strip().splitlines()[-1]
     return {
         "emulator": f"{EMULATOR} -M {BOARDS[target]} {' '.join(COUNT)}",
         "signals": {name: float(relative) for name, _, relative, _ in rows[1:]},
-        "own_test": said.stdout[: counts.start()].strip().splitlines()[-1],
+        "own_test": own_test,
+        "ticks": int(own_test.partition(" ")[0]),
         "instructions": {"mean": float(counts[1]), "most": int(counts[2])},
         "stack_used": int(counts[3]),
         "passed": said.returncode == 0,
