@@ -113,6 +113,29 @@ looping = make_block(
 )  # fmt: skip
 
 
+def _nested(x: Any, u: Any, p: Any) -> Any:
+    """Choices within choices, of which some results are never used."""
+    q, r = ca.MX.sym("q"), ca.MX.sym("r")
+    keep = ca.Function("keep", [q, r], [r, q])
+
+    def deeper(depth: int) -> ca.Function:
+        found = [ca.sin(depth * q) + r, r / (depth + q**2)]
+        if depth < 3:
+            found = deeper(depth + 1).call([found[0] > depth / 4, q, found[0]])
+        more = ca.Function(f"more{depth}", [q, r], found)
+        return ca.Function.if_else(f"due{depth}", more, keep)
+
+    y, _ = deeper(1).call([u["u"] > 0, u["u"], x["s"]])
+    return {"s": 0.5 * y}, {"y": y}
+
+
+nested = make_block(
+    "nested", "step", _nested, sx=False, doc="Choices within choices.",
+    states=[State("1", 0.2).named("s")], inputs=[Input("1", lo=-1, hi=3).named("u")],
+    outputs=[Output("1").named("y")],
+)  # fmt: skip
+
+
 def _tables(x: Any, u: Any, p: Any) -> Any:
     grid = [0, 1, 2, 3, 4, 5]
     linear = ca.interpolant("linear", "linear", [grid], [0, 1, 4, 9, 3, 1])
@@ -176,6 +199,7 @@ BLOCKS = {
     "derived": derived,
     "every": every(derived, 3),
     "loops": looping,
+    "nested": nested,
     "tables": tables,
     "law": subway_braking.double_exponential,
     "no_state_no_input": subway_braking.curve_resistance(),

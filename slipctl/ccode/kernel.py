@@ -95,16 +95,17 @@ def _branches(g: ca.Function, where: str) -> tuple[ca.Function, ca.Function] | N
     """What an if_else Function evaluates if true and otherwise, read from CasADi's own text."""
     if g.class_name() != "Switch":
         return None
-    text = generated([g], where)
-    names = re.search(
+    chunks = chunks_of(generated([g], where))
+    own = [c.text for c in chunks if c.signature == signature(g)]  # it may hold others like it
+    names = len(own) == 1 and re.search(
         r"if \(arg\[0\] \? casadi_to_int\(\*arg\[0\]\) : 0\) \{\s*"
         r"if \((\w+)\(arg\+1, res, iw, w, 0\)\) return 1;\s*\} else \{\s*"
         r"if \((\w+)\(arg\+1, res, iw, w, 0\)\) return 1;\s*\}",
-        text,
+        own[0],
     )
-    if names is None:
+    if not names:
         return None
-    signatures = {c.name: c.signature for c in chunks_of(text)}
+    signatures = {c.name: c.signature for c in chunks}
     found = []
     for name in names.groups():
         fitting = [h for h in g.find_functions() if signature(h) == signatures.get(name)]

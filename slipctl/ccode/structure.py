@@ -11,6 +11,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
@@ -235,8 +236,9 @@ class Statements:
     def _branch(self, call: Call, chosen: tuple[ca.Function, ca.Function]) -> list[str]:
         """Write an if_else Function as if and else."""
         arguments = [self._argument(call, i) for i in range(1, call.function.n_in())]
+        used = self._used(call)
         parts = []
-        for f in chosen:
+        for f in (_only(f, used) for f in chosen):
             parts.append(
                 Statements(
                     f, lambda i, k: self.writer.atom(arguments[i][k]), self.outside, self.branches,
@@ -244,7 +246,6 @@ class Statements:
                     can_be=lambda i, k: self.writer.can_be[arguments[i][k]],
                 )
             )  # fmt: skip
-        used = self._used(call)
         names = [f"b{next(self.count)}" if u else "" for u in used]
         condition = self.writer.condition(self._argument(call, 0)[0])
         lines = self.writer.lines
@@ -257,10 +258,9 @@ class Statements:
             lines += [f"    {line}" for line in self._told(part.flat.source)]
             self.helpers |= part.helpers
             body = list(part.lines)
-            for i, name in enumerate(names):
-                n = call.function.numel_out(i)
-                texts = [part.result(i, k) for k in range(n)] if name else []
-                body += assign(name, texts, n > 1)
+            given = [(name, call.function.numel_out(i)) for i, name in enumerate(names) if name]
+            for i, (name, n) in enumerate(given):
+                body += assign(name, [part.result(i, k) for k in range(n)], n > 1)
             lines += [f"    {line}" for line in body]
         lines.append("}")
         return names
@@ -297,6 +297,16 @@ class Statements:
         text = f"{name}(arg, res, WORK_IW_, WORK_W_, 0)"
         lines += [f"if ({text} != 0) {{", "    failed = 1;", "}"]
         return results
+
+
+def _only(f: ca.Function, used: Sequence[bool]) -> ca.Function:
+    """A Function without the results that nobody uses."""
+    if all(used):
+        return f
+    symbols: Any = f.sx_in() if f.class_name() == "SXFunction" else f.mx_in()
+    results = f.call(symbols, True, False)
+    chosen = [y for y, u in zip(results, used, strict=True) if u]
+    return ca.Function(f.name(), symbols, chosen)
 
 
 def assign(name: str, texts: Sequence[str], array: bool) -> list[str]:
