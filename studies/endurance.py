@@ -8,6 +8,7 @@ also runs alone on the noise of one operating point, where nothing excites it.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Mapping
@@ -15,10 +16,29 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from casadi import cos, if_else, sin
 
-from slipctl import codegen, doors, store
+from slipctl import Output, Param, State, codegen, connect, doors, step, store
 from slipctl.ccode import endurance
 from slipctl.ccode.plan import Plan
+from slipctl.studies.hst_traction_loops import H
+
+
+@step(
+    x_d=Output("m", "target position"), v_d=Output("m/s", "target speed"),
+    a_d=Output("m/s^2", "target acceleration", positive="traction"), period=H, name="course",
+)  # fmt: skip
+def course(
+    x=State("m", 0.0, "target position"),
+    phase=State("rad", 0.0, "of the way from stop to stop"),
+    top=Param("m/s", 30.0, "largest speed"),
+    w=Param("rad/s", 2 * math.pi / 200, "from stop to stop"),
+    T=Param("s", H, "sample period"),
+):
+    """Target of a train that goes from stop to stop: v_d = top (1 - cos wt)/2."""
+    v, following = top * (1 - cos(phase)) / 2, phase + T * w
+    around = if_else(following >= 2 * math.pi, following - 2 * math.pi, following)
+    return dict(x=x + T * v, phase=around), dict(x_d=x, v_d=v, a_d=top * w * sin(phase) / 2)
 
 
 class Subject(NamedTuple):
@@ -28,6 +48,7 @@ class Subject(NamedTuple):
         loop: ``study:loop@scenario``.
         part: a part of the loop alone, on ``held`` inputs; empty: the loop itself.
         held: input and its noise by name, for a part.
+        driven: by ``course``, in place of the target of the scenario.
         share: of the ticks asked for; a search by differential evolution is a hundred times slower.
         explained: why signals grow, by the end of their names.
     """
@@ -35,6 +56,7 @@ class Subject(NamedTuple):
     loop: str
     part: str = ""
     held: Mapping[str, tuple[float, float]] = {}
+    driven: bool = False
     share: float = 1.0
     explained: Mapping[str, str] = {}
 
@@ -57,6 +79,9 @@ SUBJECTS = {
     ),
     "hst_braking": Subject("hst_braking:eppfc_gradient@noise", explained=MOVES | {
         "law.count": "counts", "law.restarts": "counts", "slope.age": "age of the last change",
+    }),
+    "hst_traction": Subject("hst_traction:hosm_limited@real", driven=True, explained=MOVES | {
+        "course.x": "the train moves on", "course.x_d": "the train moves on",
     }),
     "freight_traction": Subject("freight_traction:improved_robust@real", explained=MOVES),
 }  # fmt: skip
@@ -81,10 +106,13 @@ def run(subject: Subject, ticks: int) -> dict[str, Any]:
     """
     study, _, name = subject.loop.partition(":")
     loop, case = doors.find_loop(doors.load_study(study), name)
+    if subject.driven:
+        wires = {f"train.{n}": f"course.{n}" for n in course.outputs}
+        loop = connect("loop", wires, course=course, train=loop)
     block = loop[subject.part] if subject.part else loop
     plan = Plan(block, "endurance", loop.period)
     given = {n: float(v) for n, v in case.scenario.rail.sections[0].values.items()}
-    given |= {n: float(v) for n, v in case.scenario.inputs.items()}
+    given |= {n: float(v) for n, v in case.scenario.inputs.items() if n in block.inputs}
     row, sigma = [], []
     for m in plan.layout.inputs:
         held = subject.held.get(m.name, (given.get(m.name, m.signal.value or 0.0), 0.0))
