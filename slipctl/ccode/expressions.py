@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from slipctl.ccode import pieces
+
 WIDTH = 68
 """Characters of an expression above which its longest part gets a line of its own."""
 
@@ -68,6 +70,14 @@ HELPERS = {
     "at_least": (
         "static double at_least(double x, double bound)\n{\n"
         "    return (x >= bound) ? x : bound;\n}\n"
+    ),
+    "reached": (
+        "/* last of n rising places that x has reached; the first if none, or if x is NaN */\n"
+        "static int reached(const double *at, int n, double x)\n{\n"
+        "    int low = 0;\n    int high = n;\n    while ((high - low) > 1) {\n"
+        "        const int middle = (low + high) / 2;\n"
+        "        if (x >= at[middle]) {\n            low = middle;\n        } else {\n"
+        "            high = middle;\n        }\n    }\n    return low;\n}\n"
     ),
     "sign_of": (
         "static double sign_of(double x)\n{\n"
@@ -211,7 +221,9 @@ class Writer:
         real: str = "double",
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
     ) -> None:
-        self.nodes, self.results = read(f)
+        nodes, self.results = read(f)
+        self.nodes, self.tables = pieces.found(nodes)
+        self.pieces: dict[int, tuple[str, str]] = {}  # table -> row of C, ramp
         self.read_input, self.real = read_input, real
         self.lines: list[str] = []
         self.helpers: set[str] = set()
@@ -295,6 +307,8 @@ class Writer:
         if node.op == ca.OP_INPUT:
             self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
             return
+        if node.op == pieces.PIECES:
+            self._row(node)
         called = set(self.helpers)
         made = self._compose(node, self.signed[k])
         while len(made.text) > WIDTH:
@@ -307,6 +321,23 @@ class Writer:
         self.texts[k] = made
         if k in self.names or self.uses[k] > 1:
             self._line(k)
+
+    def _row(self, node: Node) -> None:
+        """Statements that find the piece of a table, once."""
+        number_of = node.place[0]
+        if number_of in self.pieces:
+            return
+        x, name = self.atom(node.args[0]), f"t{next(self.count)}"
+        table, at, ramp = self.tables[number_of], f"k{name[1:]}", f"a{next(self.count)}"
+        self.helpers |= {"reached", "at_least", "at_most"}
+        self.lines += [
+            f"/* straight pieces over {x}: begin, length, height and slope of each result */",
+            *table.lines(name, number, WIDTH),
+            f"const int {at} = reached({name}_at, {len(table.ramps)}, {x});",
+            f"const {self.real} {ramp} ="
+            f" at_most(at_least({x} - {name}_at[{at}], 0.0), {name}_long[{at}]);",
+        ]
+        self.pieces[number_of] = f"{name}[{at}]", ramp
 
     def _line(self, k: int) -> None:
         """Give a value a line and a name of its own."""
@@ -348,6 +379,9 @@ class Writer:
             sign, rank = _COMPARE[op]
             left, right = (self._operand(k, _SUM) for k in a)
             return _Text(f"{left} {sign} {right}", rank, True)
+        if op == pieces.PIECES:
+            (row, ramp), c = self.pieces[node.place[0]], 2 * node.place[1]
+            return _Text(f"{row}[{c}] + {row}[{c + 1}] * {ramp}", _SUM)
         if op == ca.OP_NEG:
             return _Text(f"-{self._operand(a[0], _ATOM)}", _UNARY)
         if op == ca.OP_INV:

@@ -155,7 +155,7 @@ class Plan:
             for k in range(m.size):
                 local = m.c + ("_next" if pointer == "next->" else "")
                 local += "" if m.scalar else f"_{k}"
-                if local in LOCAL or re.fullmatch(r"[abcr]\d+", local) or local in taken:
+                if local in LOCAL or re.fullmatch(r"[abckrt]\d+", local) or local in taken:
                     continue
                 taken.add(local)
                 names[i, k] = local
