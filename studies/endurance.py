@@ -20,6 +20,7 @@ from casadi import cos, if_else, sin
 
 from slipctl import Output, Param, State, codegen, connect, doors, step, store
 from slipctl.ccode import endurance
+from slipctl.ccode.header import bit
 from slipctl.ccode.plan import Plan
 from slipctl.studies.hst_traction_loops import H
 
@@ -166,10 +167,12 @@ def main(words: list[str] | None = None) -> int:
         print(f"{name} ...", file=sys.stderr, flush=True)
         results[name] = found = run(SUBJECTS[name], int(chosen.ticks))
         drift = [n for n, g in found["growing"].items() if not g["why"]]
-        bad = bad or bool(drift) or not found["finite"]
+        refused = sum(c for k, c in found["status"].items() if int(k) & ~bit("LIMITED"))
+        bad = bad or bool(drift or refused) or not found["finite"]
         print(
             f"{name}: {found['ticks']} ticks, {1e6 * found['seconds_per_step']:.3g} us each,"
-            f" largest {found['largest']:.3g}, drifting: {', '.join(drift) or 'nothing'}",
+            f" largest {found['largest']:.3g}, {refused} refused,"
+            f" drifting: {', '.join(drift) or 'nothing'}",
             flush=True,
         )  # fmt: skip
         store.write_json(

@@ -154,7 +154,7 @@ def endured(
     text = _DRIVER.format(
         n=n, real=plan.real, seed=88172645463325252 + seed, parts=PARTS, n_rows=len(rows),
         n_in_=max(count["n_in"], 1), n_param_=max(count["n_param"], 1),
-        rows=", ".join("{" + ", ".join(number(float(v)) for v in row) + "}" for row in rows),
+        rows=", ".join(f"{{{', '.join(number(float(v)) for v in row) or '0.0'}}}" for row in rows),
         sigma=", ".join(number(float(v)) for v in sigma) or "0.0",
         range=", ".join(f"{{{max(lo, -most)!r}, {min(hi, most)!r}}}" for lo, hi in ends)
         or "{0.0, 0.0}",
