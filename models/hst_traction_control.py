@@ -18,7 +18,7 @@ only named in Table 4: their structure and numbers here are ours. Forces pull (`
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, fabs, fmax, fmin, if_else, logic_or, mtimes, sign, vertcat
+from casadi import DM, MX, fabs, fmax, fmin, if_else, mtimes, sign, vertcat
 
 from slipctl import (
     BadInput,
@@ -100,7 +100,8 @@ def higher_order(
 
     Args:
         gains: ``"optimum"``: the smallest k4 for which (49) proves ``eta``, with the alpha and beta
-            that reach it; ``"printed"``: Table 5, for which (49) proves 0.00936 m/s^3.
+            that reach it, and at most 40 times that; ``"printed"``: Table 5, for which (49) proves
+            0.00936 m/s^3, without an upper end.
         compensation: lam follows what the limit takes away; without it lam = 0.
         form: ``"consistent"``, or ``"printed-40"``, with s + lam.
         eta: largest |delta'|/M in m/s^3 that the gains shall hold.
@@ -114,6 +115,7 @@ def higher_order(
         alpha_0, beta_0, _ = bounds.best(max(k4, bounds.SMALLEST * (1 + 1e-9)))
         source = f"optimum of (49) for |delta'|/M = {eta:g} m/s^3"
     turn = 1 if form == "consistent" else -1
+    bounded = (gains, form) == ("optimum", "consistent")
 
     @flow(
         **FORCES,
@@ -131,8 +133,13 @@ def higher_order(
         alpha=Param("1/s^2", alpha_0, "of the Lyapunov function", source, lo=1e-6),
         beta=Param("1/s", beta_0, "of the Lyapunov function", source, lo=1 / 16),
         sigma=Param("m/s", 1e-4, "band in which the gain falls", TABLE_5, lo=1e-9),
+        k_max=Param("1/s", 40 * k4, "largest gain; printed forms have none", GUESS, lo=1e-3),
     ):  # fmt: skip
-        """Higher-order sliding mode with adaptive gain; Wang 2025 eqs (29)-(39)."""
+        """Higher-order sliding mode with adaptive gain; Wang 2025 eqs (29)-(39).
+
+        The gain stops at k_max: sampled, the law keeps s on an orbit that grows with the gain, and
+        beyond sigma nothing else would stop it.
+        """
         s = k_1 * e1 + e2 - turn * lam
         jump = one("m^.5/s^.5") * root(s)
         phi1 = jump + s
@@ -143,9 +150,10 @@ def higher_order(
         F_contr = fmin(F_hi, fmax(F_lo, F_wanted))
         pace = one("1/m^2") * 2 * alpha / (one("1/s^2") + 4 * beta**2)
         growth = phi1 * phi2 * pace * sign(fabs(s) - sigma)
+        free = if_else(growth > 0, k_a < k_max if bounded else 1, k_a > k_4)
         rates = dict(
             v_H=-2 * beta * gain * phi2,
-            k_a=if_else(logic_or(k_a > k_4, growth > 0), growth, 0),
+            k_a=if_else(free, growth, 0),
             lam=-k_3 * lam - (F_wanted - F_contr) / M if compensation else 0 * a_ff,
         )
         return rates, dict(F_contr=F_contr, F_wanted=F_wanted, s=s, k_1H=gain)

@@ -9,7 +9,7 @@ import pytest
 from test_errata import shows
 from test_models_hst_traction_control import BY_MU, observed, reduced_run
 
-from slipctl import RunFailed
+from slipctl import RunFailed, sampled
 from slipctl.certify import adhesion_observer as observer
 from slipctl.certify import higher_order as proofs
 from slipctl.certify import super_twisting as twisting
@@ -126,3 +126,32 @@ def test_printed_time_bound():
     shows("003.25", "95.7", observer.convergence_time_printed(*in_ms) * c)
     shows("003.25", "0.305", observer.convergence_time(*given))
     shows("003.25", "0.305", observer.convergence_time(*in_ms) * c)
+
+
+def test_sampled_gain_of_39_grows_by_its_own_orbit():
+    """The explicit law on an integrator: above the printed-out gain its own orbit feeds it."""
+    T, sigma = control.T_C, 1e-4
+    law = sampled(control.higher_order(), T, "euler")
+    edge = 2 * math.sqrt(sigma) / (T * (1 + math.sqrt(sigma)))
+    shows("003.26", "3.960", edge)
+    shows("003.26", "18.66", law.params["k_max"].value)
+
+    def run(gain, k_max=1e5, ticks=4000):
+        x, e2, gains, s = law.start(k_a=gain), 0.01, [], []
+        given = dict(e1=0.0, a_ff=0.0, F_hi=1e12, F_lo=-1e12, k_1=1e-3, k_4=1e-3, k_max=k_max)
+        for _ in range(ticks):
+            x, y = law(**x, e2=e2, **given)
+            e2 += T * y["F_contr"] / 500e3
+            gains.append(float(x["k_a"]))
+            s.append(abs(float(y["s"])))
+        return np.array(gains), np.array(s)
+
+    for gain, up in ((3.5, False), (4.5, True)):
+        gains, _ = run(gain)
+        assert bool(gains[-1] > gains[len(gains) // 2]) is up
+    gains, s = run(20.0)
+    shows("003.26", "0.00277", s[3001:].mean())
+    shows("003.26", "0.00282", (T * gains[-1] / (2 - T * gains[-1])) ** 2)
+    gains, _ = run(20.0, k_max=20.01)
+    assert gains.max() <= 20.01 + 1e-3
+    assert gains[-1] == gains[-1000]  # it stays there
