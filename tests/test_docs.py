@@ -126,6 +126,12 @@ def test_api_reference_is_fresh():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
+    command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 @cache
 def floors() -> dict[str, int]:
     """Floor of each module or pattern of modules, ``"ccode.*"``, as docs/architecture.md says."""
