@@ -100,8 +100,7 @@ def higher_order(
 
     Args:
         gains: ``"optimum"``: the smallest k4 for which (49) proves ``eta``, with the alpha and beta
-            that reach it, and at most 40 times that; ``"printed"``: Table 5, for which (49) proves
-            0.00936 m/s^3, without an upper end.
+            that reach it; ``"printed"``: Table 5, for which (49) proves 0.00936 m/s^3.
         compensation: lam follows what the limit takes away; without it lam = 0.
         form: ``"consistent"``, or ``"printed-40"``, with s + lam.
         eta: largest |delta'|/M in m/s^3 that the gains shall hold.
@@ -115,7 +114,7 @@ def higher_order(
         alpha_0, beta_0, _ = bounds.best(max(k4, bounds.SMALLEST * (1 + 1e-9)))
         source = f"optimum of (49) for |delta'|/M = {eta:g} m/s^3"
     turn = 1 if form == "consistent" else -1
-    bounded = (gains, form) == ("optimum", "consistent")
+    bounded = compensation and (gains, form) == ("optimum", "consistent")
 
     @flow(
         **FORCES,
@@ -133,12 +132,12 @@ def higher_order(
         alpha=Param("1/s^2", alpha_0, "of the Lyapunov function", source, lo=1e-6),
         beta=Param("1/s", beta_0, "of the Lyapunov function", source, lo=1 / 16),
         sigma=Param("m/s", 1e-4, "band in which the gain falls", TABLE_5, lo=1e-9),
-        k_max=Param("1/s", 40 * k4, "largest gain; printed forms have none", GUESS, lo=1e-3),
+        k_max=Param("1/s", 40 * k4, "largest gain, of the default form", GUESS, lo=1e-3),
     ):  # fmt: skip
         """Higher-order sliding mode with adaptive gain; Wang 2025 eqs (29)-(39).
 
-        The gain stops at k_max: sampled, the law keeps s on an orbit that grows with the gain, and
-        beyond sigma nothing else would stop it.
+        In the default form the gain stops at k_max: sampled, the law keeps s on an orbit that grows
+        with the gain, and beyond sigma nothing else would stop it. Other forms are as printed.
         """
         s = k_1 * e1 + e2 - turn * lam
         jump = one("m^.5/s^.5") * root(s)
