@@ -33,6 +33,9 @@ BLIND = 64.0
 rounding, so they fail whatever the data say, and damping would stay at MOST for ever, the estimate
 still. In double it is beyond MOST, in float 2e5: far above what a bent valley needs."""
 
+ROUNDED = 1e-5
+"""Rounding that a variance may have beyond the spread, in float and in double."""
+
 
 def windowed(model: Model, period: float, window: int, iterations: int) -> Block:
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
@@ -208,9 +211,14 @@ def _solver(n: int) -> ca.Function:
 
 
 def _inverse(n: int) -> ca.Function:
-    """Function (A, least pivots) -> A^-1 for symmetric positive definite A."""
+    """Function (A, least pivots) -> A^-1 for symmetric positive definite A, or 1/least.
+
+    A^-1 is at most diag(1/least). Where rounding has lost it, nothing is known but that.
+    """
     A, least = ca.SX.sym("A", n, n), ca.SX.sym("least", n)
     D, LT = _ldl(A, least)
     columns = ca.ldl_solve(ca.SX.eye(n), D, LT, range(n))
     inverse = ca.densify((columns + columns.T) / 2)
-    return ca.Function("inverse", [A, least], [inverse], {"cse": True})
+    lost = ca.logic_not(ca.mmax(ca.diag(inverse) * least) <= 1 + ROUNDED)
+    known = ca.if_else(lost, ca.densify(ca.diag(1 / least)), inverse)
+    return ca.Function("inverse", [A, least], [known], {"cse": True})
