@@ -7,9 +7,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from made import made
+
+from slipctl.ccode.readable import table
+from slipctl.studies.c_targets import passed
 
 HERE = Path(__file__).parent
 PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence" / "c_targets.json"
@@ -57,7 +62,7 @@ def page() -> str:
     least = [n for n, r in rows.items() if "times_ours" in r["casadi_float"]]
     few = [n for n in least if _times(rows[n]) < rows[n]["casadi_float"]["wanted"]]
     summary = (
-        f"{sum(_passed(r) for r in rows.values())} of {len(rows)} controllers pass all of it;"
+        f"{sum(passed(r) for r in rows.values())} of {len(rows)} controllers pass all of it;"
         f" {len(least) - len(few)} of {len(least)} take as few instructions as wanted."
     )
     heads = ["controller", "ticks", "double", "float", "ends", "open", "targets",
@@ -66,15 +71,11 @@ def page() -> str:
              "wanted", "M7 mean"]  # fmt: skip
     parts = [
         HEAD, f"Measured {evidence['date']}. {summary}", HOLDS,
-        _table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
-        _table(costs, (_costs(n, r) for n, r in rows.items())), OPEN,
+        table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
+        table(costs, (_costs(n, r) for n, r in rows.items())), OPEN,
         "\n".join(line for n, r in rows.items() for line in _open(n, r)),
     ]  # fmt: skip
     return "\n\n".join(p.strip() for p in parts) + "\n"
-
-
-def _passed(row: Mapping[str, Any]) -> bool:
-    return all(part.get("passed", True) for part in row.values() if isinstance(part, dict))
 
 
 def _times(row: Mapping[str, Any]) -> float:
@@ -132,21 +133,5 @@ def _open(name: str, row: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def main() -> int:
-    """Write the page, or say whether it is up to date."""
-    text = page()
-    if "--check" in sys.argv[1:]:
-        fresh = PAGE.exists() and PAGE.read_text(encoding="utf-8") == text
-        print("it is up to date" if fresh else "run: python docs/make_controllers.py")
-        return 0 if fresh else 1
-    PAGE.write_text(text, encoding="utf-8", newline="\n")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(made(PAGE, page()))

@@ -27,7 +27,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         f"Written by slipctl {data['slipctl_version']} with CasADi {data['casadi_version']},"
         f" content {data['content']}. The same numbers, and more, are in `report.json`.",
         "## Memory",
-        _table(["bytes of", *memory], [["one instance", *memory.values()]]),
+        table(["bytes of", *memory], [["one instance", *memory.values()]]),
         *_compiled(data),
         *_replayed(data, layout),
         *_targets(data),
@@ -48,7 +48,7 @@ def _compiled(data: Mapping[str, Any]) -> list[str]:
     return [
         "## On this machine",
         f"`{flags}`: no warning.",
-        _table(["compiler", "text", "data", "bss", "stack at most", "own test"], rows),
+        table(["compiler", "text", "data", "bss", "stack at most", "own test"], rows),
         _bullets(f"{k.replace('_', ' ')}: {_yes(v)}" for k, v in data["isolation"].items()),
     ]
 
@@ -67,7 +67,7 @@ def _replayed(data: Mapping[str, Any], layout: Any) -> list[str]:
         f"{data['ticks']} ticks were replayed: {_verdict(data['passed'])}."
         f" {data['ticks_off_range']} had an input off range, {data['ticks_limited']} an output at"
         f" its limit, {data['ticks_undecided']} a status that rounding decides.",
-        _table(
+        table(
             ["signal", "unit", "largest difference", "of its largest value", "limit", "compared"],
             rows,
         ),
@@ -94,7 +94,7 @@ def _targets(data: Mapping[str, Any]) -> list[str]:
     return [
         "## On the target",
         f"{', '.join(compilers)}; instructions of a step are counted by QEMU, they are not cycles.",
-        _table(heads, rows),
+        table(heads, rows),
     ]
 
 
@@ -111,7 +111,7 @@ def _analysed(data: Mapping[str, Any]) -> list[str]:
     return [
         "## MISRA C:2012 and cppcheck",
         f"{analysis.summary(found)}.",
-        _table(["file", "rule", "findings", "why"], rows),
+        table(["file", "rule", "findings", "why"], rows),
     ]
 
 
@@ -145,6 +145,7 @@ def _bullets(lines: Iterable[str]) -> str:
     return "\n".join(f"* {line}" for line in lines)
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Table in Markdown."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
