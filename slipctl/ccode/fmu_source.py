@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
+from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -20,7 +21,7 @@ from slipctl.ccode.header import head
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, matrix, shaped
 from slipctl.ccode.precision import in_precision
-from slipctl.ccode.source import ends
+from slipctl.ccode.source import checks, within
 from slipctl.signals import evaluate, names_in
 
 TEMPLATES = Path(__file__).parent.parent / "templates"
@@ -72,11 +73,17 @@ def core(plan: Plan, token: str, now: bool) -> str:
         for m in lay.inputs for k, v in enumerate(starting(m))
     ]  # fmt: skip
     starts, helpers = _starts(plan)
+    wrong = (
+        "\n            || ".join(f"!{within(plan, m, 'm->state.')}" for m in lay.states) or "false"
+    )
+    tests = checks(wrong)
+    helpers += f"{tests}\n\n" if tests else ""
+    real = partial(in_precision, real=plan.real, where=plan.block.name)
     filled = {
         "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
         "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
-        "inputs": "".join(f"{line}\n" for line in inputs), "starts": starts, "helpers": helpers,
-        "wrong": _wrong(plan), **counts,
+        "inputs": "".join(f"{line}\n" for line in inputs), "starts": real(starts),
+        "helpers": real(helpers), "wrong": real(wrong), **counts,
     }  # fmt: skip
     return re.sub(r"@(\w+)@", lambda m: str(filled[m[1]]), _template("fmu.c"))
 
@@ -110,22 +117,7 @@ def _starts(plan: Plan) -> tuple[str, str]:
             text += _if_not_given(first[m.name], m, writer)
             helpers |= set(writer.helpers)
             waiting.remove(m)
-    named = helper_text(helpers) + _INSIDE * bool(lay.states)
-    return in_precision(text, plan.real, block.name), in_precision(named, plan.real, block.name)
-
-
-_INSIDE = """static bool inside(const double *x, int n, double lo, double hi)
-{
-    int k;
-    for (k = 0; k < n; ++k) {
-        if (!((x[k] >= lo) && (x[k] <= hi))) {
-            return false;
-        }
-    }
-    return true;
-}
-
-"""
+    return text, helper_text(helpers)
 
 
 def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:
@@ -140,13 +132,3 @@ def _if_not_given(first: int, m: Member, writer: Writer) -> str:
         place, value = m.at("m->state.", k), writer.result(at[0, k])
         lines += [f"    if (!m->given[{first + k}]) {{", f"        {place} = {value};", "    }"]
     return textwrap.indent("\n".join([*lines, "}"]) + "\n", " " * 8)
-
-
-def _wrong(plan: Plan) -> str:
-    """Condition: a start value is NaN or out of its range."""
-    tests = []
-    for m in plan.layout.states:
-        lo, hi = ends(plan, m)
-        tests += [f"!inside({m.address('m->state.')}, {m.size}, {lo}, {hi})"]
-    text = "\n            || ".join(tests) or "false"
-    return in_precision(text, plan.real, plan.block.name)

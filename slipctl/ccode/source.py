@@ -51,7 +51,7 @@ def source(plan: Plan) -> str:
     parts.append(
         definitions([plan.equations, Kernel(helpers=frozenset(plan.start.helpers))], plan.real)
     )
-    parts.append(_checks(functions))
+    parts.append(checks(functions))
     text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
     if re.search(r"\bNULL\b", text):
         text = text.replace(
@@ -147,7 +147,7 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
 
 
 def _param_ok(plan: Plan) -> str:
-    checks = [_within(plan, m, "param->") for m in plan.layout.params]
+    checks = [within(plan, m, "param->") for m in plan.layout.params]
     void = [] if checks else ["(void)param;"]
     return _define(
         f"static bool param_ok(const {plan.name}_param *param)",
@@ -161,7 +161,7 @@ def _tune(plan: Plan) -> str:
     lines.append(_if(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
     if derived:
         lines += plan.start_lines(derived, 0, "now.")
-        good = _conjunction([_within(plan, m, "now.") for m in derived])
+        good = _conjunction([within(plan, m, "now.") for m in derived])
         lines += [_if([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
     lines.append(f"return {big}_OK;")
     return _define(f"int {n}_tune(const {n}_param *param, {n}_state *state)", lines)
@@ -185,7 +185,7 @@ def _init(plan: Plan) -> str:
     if computed:
         texts = plan.start_lines(lay.states, len(lay.derived), "state->")
         lines += [t.replace("param->", used) for t in texts]
-        good = _conjunction([_within(plan, m, "state->") for m in computed])
+        good = _conjunction([within(plan, m, "state->") for m in computed])
         lines.append(_if([f"!({good})"], f"status = {big}_BAD_PARAM;"))
     for m in lay.outputs:
         before = plan.safe.get(m.c, min(max(0.0, m.signal.lo), m.signal.hi))
@@ -269,7 +269,7 @@ def _step(plan: Plan) -> str:
         lines.append(f"struct {n}_next next;")
     if lay.inputs:
         lines.append(_if(["!in_finite(in)"], hold, f"return {big}_BAD_INPUT;"))
-    bounds = [_within(plan, m, "in->") for m in lay.inputs if _has_range(plan, m)]
+    bounds = [within(plan, m, "in->") for m in lay.inputs if _has_range(plan, m)]
     if bounds:
         lines.append(_if([f"!({_conjunction(bounds)})"], hold, f"return {big}_OFF_RANGE;"))
     passed = [f"&{following}"] * has_next + ["&now"]
@@ -321,7 +321,7 @@ def _has_range(plan: Plan, m: Member) -> bool:
     return any(math.isfinite(v) for v in plan.limits(m))
 
 
-def ends(plan: Plan, m: Member) -> tuple[str, str]:
+def _ends(plan: Plan, m: Member) -> tuple[str, str]:
     """Least and greatest number of a signal, in C."""
     lo, hi = plan.limits(m)
     return (
@@ -332,15 +332,15 @@ def ends(plan: Plan, m: Member) -> tuple[str, str]:
 
 def _limited(plan: Plan, m: Member, pointer: str) -> str:
     """Expression: put a signal into its range, and say whether that changed it."""
-    lo, hi = ends(plan, m)
+    lo, hi = _ends(plan, m)
     if m.scalar:
         return f"limit(&{pointer}{m.c}, {lo}, {hi})"
     return f"limit_all({pointer}{m.c}, {m.size}, {lo}, {hi})"
 
 
-def _within(plan: Plan, m: Member, pointer: str) -> str:
+def within(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
-    lo, hi = ends(plan, m)
+    lo, hi = _ends(plan, m)
     if m.scalar:
         return f"within({pointer}{m.c}, {lo}, {hi})"
     return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"
@@ -378,7 +378,7 @@ _SMALL = {
 """Small functions: signature and body; one that calls another stands before it."""
 
 
-def _checks(text: str) -> str:
+def checks(text: str) -> str:
     """Definitions of the small functions that ``text`` calls."""
     chosen: list[str] = []
     for name, (signature, body) in _SMALL.items():
