@@ -29,6 +29,9 @@ METRIC = 0.01
 in double is fed through an interface of float. A limit cycle of a sliding mode lives in the last
 digits of the slip, and rounding the slip alone changes its height."""
 
+ROUNDINGS = (None, 0, 1, 2)
+"""Interfaces of float that a metric is tried with: to nearest, and at random with these seeds."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -209,13 +212,15 @@ def _moved(
     study: Study, case: Case, loop: Block, part: str, params: Mapping[str, Any],
     wanted: Mapping[str, Any],
 ) -> dict[str, float]:  # fmt: skip
-    """Change of each metric where the controller in double is fed through an interface of float."""
-    interface = Interface(loop[part], params)
-    again = _metrics(study, case, run_in_loop(loop, part, case.scenario, interface).data)
-    found = {}
-    for n, m in wanted.items():
-        pairs = zip(np.atleast_1d(m.value), np.atleast_1d(again[n].value), strict=False)
-        found[n] = max((abs(float(x - y)) for x, y in pairs if None not in (x, y)), default=0.0)
+    """Largest change of each metric where the controller in double has an interface of float."""
+    found = dict.fromkeys(wanted, 0.0)
+    for seed in ROUNDINGS:
+        interface = Interface(loop[part], params, seed)
+        again = _metrics(study, case, run_in_loop(loop, part, case.scenario, interface).data)
+        for n, m in wanted.items():
+            pairs = zip(np.atleast_1d(m.value), np.atleast_1d(again[n].value), strict=False)
+            moved = (abs(float(x - y)) for x, y in pairs if None not in (x, y))
+            found[n] = max(found[n], *moved, 0.0)
     return found
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from slipctl import (
     BadInput,
@@ -27,6 +30,7 @@ from slipctl import (
 from slipctl.ccode import targets
 from slipctl.ccode.in_loop import Interface, run_in_loop
 from slipctl.ccode.plan import Plan
+from slipctl.ccode.precision import drawn
 from slipctl.ccode.rig import BROKEN, LATE, LOST, Rig, fletcher
 
 
@@ -104,12 +108,33 @@ def test_faults_are_told_and_the_loop_recovers() -> None:
     assert float(np.abs(got.data["plant.v"] - calm.data["plant.v"])[-1]) < 0.2 * worst
 
 
-def test_interface_of_float_alone() -> None:
+@pytest.mark.parametrize("seed", [None, 1])
+def test_interface_of_float_alone(seed: int | None) -> None:
     wanted = simulate(loop(), SCENARIO)
-    got = run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {"k": 3.3}))
+    got = run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {"k": 3.3}, seed))
     force = got.data["ctl.F"].values
     assert (force == force.astype(np.float32)).all()
     np.testing.assert_allclose(force, wanted["ctl.F"], atol=3e-6)
+
+
+def test_interface_draws_anew_only_for_what_changes() -> None:
+    interface = Interface(pi, {"k": 3.3}, 1)
+    draw = partial(interface._float, "in")
+    first = draw(np.full(1000, 0.1))
+    assert len(np.unique(first)) == 2  # the floats below and above
+    np.testing.assert_array_equal(draw(np.full(1000, 0.1)), first)
+    assert (draw(np.full(1000, 0.1 + 1e-12)) != first).any()
+
+
+@given(value=st.floats(-1e30, 1e30), seed=st.integers(0, 99))
+def test_drawn_floats_lie_beside_the_number_and_have_it_as_mean(value: float, seed: int) -> None:
+    found = drawn(np.full(400, value), np.random.default_rng(seed).random(400))
+    below, above = found.min(), found.max()
+    assert below <= value <= above or len(np.unique(found)) == 1
+    assert np.nextafter(np.float32(below), np.float32(np.inf)) >= np.float32(above)
+    spacing = float(np.spacing(np.abs(np.float32(value))))
+    # the mean of 400 draws is within six deviations, .5 / 20 of the spacing each
+    assert abs(found.mean() - value) <= 6 * 0.5 / 20 * spacing
 
 
 def test_what_is_seen_at_once_is_refused() -> None:

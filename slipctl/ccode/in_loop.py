@@ -12,7 +12,7 @@ import numpy as np
 from slipctl import simulation
 from slipctl.block import Block, Exprs, make_block
 from slipctl.ccode.expected import start_state
-from slipctl.ccode.precision import rounded
+from slipctl.ccode.precision import drawn, rounded
 from slipctl.ccode.rig import BROKEN, LATE, LOST
 from slipctl.errors import BadInput
 from slipctl.rail import Scenario
@@ -46,19 +46,37 @@ class Board(Protocol):
 
 
 class Interface:
-    """The block itself, in double, behind an interface of float: what rounding that alone does."""
+    """The block itself, in double, behind an interface of float: what rounding that alone does.
 
-    def __init__(self, block: Block, params: Mapping[str, Any]) -> None:
+    Args:
+        block: the part; params: its parameters.
+        seed: None rounds inputs and outputs to the nearest float. A number draws one of the two
+            floats beside each, which is the number on average; what stays keeps its float.
+    """
+
+    def __init__(self, block: Block, params: Mapping[str, Any], seed: int | None = None) -> None:
         self._f, self._x = block.f, start_state(block, params)
         self._p = ca.DM(block.pack("param", block.param_values(**params)))
+        self._random = None if seed is None else np.random.default_rng(seed)
+        self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def step(
         self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
     ) -> tuple[int, np.ndarray]:
         """Run one tick."""
-        following, y = self._f(self._x, rounded(row, "float"), self._p)
+        following, y = self._f(self._x, self._float("in", row), self._p)
         self._x = np.array(following.full()).ravel()
-        return 0, rounded(np.array(y.full()).ravel(), "float")
+        return 0, self._float("out", np.array(y.full()).ravel())
+
+    def _float(self, which: str, value: np.ndarray) -> np.ndarray:
+        if self._random is None:
+            return rounded(value, "float")
+        found = drawn(value, self._random.random(value.size))
+        if which in self._last:
+            before, given = self._last[which]
+            found = np.where(value == before, given, found)
+        self._last[which] = value.copy(), found
+        return found
 
 
 def place_holder(block: Block) -> Block:

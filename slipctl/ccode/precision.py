@@ -54,6 +54,15 @@ def rounded(value: object, real: str) -> np.ndarray:
         return array.astype(np.float32).astype(float)
 
 
+def drawn(value: np.ndarray, draws: np.ndarray) -> np.ndarray:
+    """One of the two floats beside each finite number; draws from [0, 1) make it the mean."""
+    near = rounded(value, "float")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large stays infinite
+        side = np.where(near < value, np.inf, -np.inf).astype(np.float32)
+        other = np.nextafter(near.astype(np.float32), side).astype(float)
+        return np.where(draws * np.abs(other - near) < np.abs(value - near), other, near)
+
+
 def epsilon(real: str) -> float:
     """Spacing of numbers at 1."""
     return float(np.finfo(np.float32 if real == "float" else np.float64).eps)
