@@ -13,7 +13,8 @@ from controllers import REPRESENTATIVE
 from test_codegen import matrices
 
 from slipctl import codegen
-from slipctl.ccode import compilers
+from slipctl.ccode import a2l, compilers
+from slipctl.ccode.plan import Plan
 
 TOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
 if TOOL is None:
@@ -39,6 +40,16 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     assert text.count("/begin MEASUREMENT") == others
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
+
+
+def test_a_matrix_has_its_columns_first() -> None:
+    """ASAP2: x counts columns, y rows; COLUMN_DIR lays down column by column, y running first."""
+    text = a2l.a2l(Plan(matrices, "m"))
+    blocks = re.findall(r"/begin [A-Z]+ m_\w+\.(\w+) \"(.*?)/end", text, flags=re.DOTALL)
+    found = {n: re.findall(r"MATRIX_DIM ([\d ]+)\n", body) for n, body in blocks}
+    matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
+    assert found == {"x": ["3"], "u": ["3"], "z": ["3"], "y": [], "k": []} | matrix
+    assert len(re.findall(r"LAYOUT COLUMN_DIR|FNC_VALUES 1 FLOAT64_IEEE COLUMN_DIR", text)) == 3
 
 
 @pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")

@@ -103,7 +103,8 @@ def _about(m: Member) -> str:
 def _dims(m: Member, measured: bool = False) -> str:
     if m.scalar:
         return ""
-    shape: Iterable[int] = m.signal.shape if len(m.signal.shape) > 1 else (m.size,)
+    # x counts columns, y rows: of COLUMN_DIR y runs first
+    shape: Iterable[int] = m.signal.shape[::-1] if len(m.signal.shape) > 1 else (m.size,)
     layout = "\n  LAYOUT COLUMN_DIR" if measured and len(m.signal.shape) > 1 else ""
     return f"\n  MATRIX_DIM {' '.join(map(str, shape))}{layout}"
 
