@@ -12,6 +12,7 @@ import numpy as np
 
 from slipctl import codegen, doors, running, store
 from slipctl.block import Block
+from slipctl.ccode import targets
 from slipctl.ccode.header import bit
 from slipctl.ccode.in_loop import FAULTS, Interface, run_in_loop
 from slipctl.ccode.plan import Plan
@@ -60,9 +61,10 @@ class Comparison:
         for name, (python, target) in d["metrics"].items():
             move = d["metrics_move"].get(name, 0.0)
             said = f", moves by {move:.2g} with roundings" if move else ""
-            mark = "  DIFFERS" if name in d["metrics_differ"] else ""
+            mark = "  DIFFERS" if name in d["metrics_differ"] and not d["faults"] else ""
             lines.append(f"  {name}: {_said(python)} in Python, {_said(target)} here{said}{mark}")
-        lines.append(f"  status of other ticks than 0: {d['status'] or 'none'}")
+        told = [f"{_bits(n)} in {k} tick{'s' * (k > 1)}" for n, k in d["status"].items()]
+        lines.append(f"  status other than 0: {', '.join(told) or 'none'}")
         if d["faults"]:
             lines.append(f"  after the faults {d['difference_at_the_end']:.3g} of the largest slip")
         lines.append(f"  {'passed' if self.passed else 'FAILED: ' + ', '.join(d['failed'])}")
@@ -93,21 +95,25 @@ def compare(
         seconds: length of the run, where the scenario is longer.
 
     Raises:
-        BadInput: no such loop, target or fault; no tick in so many seconds; a tool is missing.
+        BadInput: no such loop, target or fault; no tick in so many seconds, or no such tick; a
+            tool is missing.
         RunFailed: the board does not answer.
     """
     study_name, colon, loop_name = name.rpartition(":")
+    study = doors.load_study(study_name if colon else name)
     if not colon:
-        raise BadInput(f"{name} names no loop; write STUDY:LOOP")
-    study = doors.load_study(study_name)
+        loops = ", ".join(f"{name}:{n}" for n in doors.loop_names(study))
+        raise BadInput(f"{name} is a study; write which loop: {loops}")
     loop, case = doors.find_loop(study, loop_name)
     part = study.controller
-    wanted = _faults(faults)
     if seconds is not None:
         if not seconds >= (loop.period or 0.0):
             raise BadInput(f"--seconds {seconds:g} holds no tick of {name}; give more")
         length = min(seconds, case.scenario.duration)
         case = replace(case, scenario=replace(case.scenario, duration=length))
+    wanted = _faults(faults, round(case.scenario.duration / (loop.period or 1.0)))
+    targets.tool(target)
+    targets.emulator(target)
     python = simulate(loop, case.scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
     plan = Plan(loop[part], part.replace(".", "_"), loop.period, real)
     params = codegen.logged_params(loop, part, python)
@@ -134,16 +140,29 @@ def compare(
     return Comparison(data)
 
 
-def _faults(words: Sequence[str]) -> dict[int, str]:
-    found = {}
+def _faults(words: Sequence[str], ticks: int) -> dict[int, str]:
+    """What happens in which tick, as it was written; a tick must follow, which shows the end."""
+    found: dict[int, str] = {}
     for word in words:
         tick, _, what = word.partition("=")
         if not tick.isdigit() or what not in FAULTS:
             raise BadInput(
                 f"--fault {word}: write TICK=WHAT, such as 1500=lost; {', '.join(FAULTS)}"
             )
+        if int(tick) > ticks - 2:
+            raise BadInput(
+                f"--fault {word}: the run has {ticks} ticks and one must follow; write a tick from"
+                f" 0 to {ticks - 2}"
+            )
+        if int(tick) in found:
+            raise BadInput(f"--fault {word}: tick {tick} is {found[int(tick)]} already; write one")
         found[int(tick)] = what
     return found
+
+
+def _bits(status: int) -> str:
+    """A status as the documentation writes it."""
+    return "no answer" if status < 0 else f"0x{status:03X}"
 
 
 def _judged(
@@ -172,11 +191,7 @@ def _judged(
     if real == "float" and not faults:
         moved = _moved(study, case, loop, part, params, metrics["python"])
     differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
-    expected = _statuses(loop, part, python)
-    for tick, what in faults.items():
-        expected[tick] = {"lost": -1, "late": FAULTS["late"], "broken": FAULTS["broken"]}[what]
-        if what != "late" and tick + 1 < len(expected) and tick + 1 not in faults:
-            expected[tick + 1] |= FAULTS["lost"]
+    expected = _told(_statuses(loop, part, python), faults)
     numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
     slip = study.signals.slip
     name = slip if isinstance(slip, str) else next((n for n in slip or () if n in python), None)
@@ -242,6 +257,19 @@ def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
     for n, values in codegen.logged_inputs(loop, part, python).items():
         s, rows = block.inputs[n], values.reshape(len(status), -1)
         status[((rows < s.lo) | (rows > s.hi)).any(axis=1)] = bit("OFF_RANGE")
+    return status
+
+
+def _told(status: np.ndarray, faults: Mapping[int, str]) -> np.ndarray:
+    """Status of each tick with faults; the next frame that is heard tells that one is missing."""
+    status = status.copy()
+    for tick, what in faults.items():
+        if what == "late":
+            status[tick] |= FAULTS["late"]
+            continue
+        status[tick] = -1 if what == "lost" else FAULTS["broken"]
+        if faults.get(tick + 1, "late") == "late":
+            status[tick + 1] |= FAULTS["lost"]
     return status
 
 

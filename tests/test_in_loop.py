@@ -95,10 +95,11 @@ def test_trajectory_is_that_of_python() -> None:
 @pytest.mark.usefixtures("board")
 def test_faults_are_told_and_the_loop_recovers() -> None:
     calm = run("double")
-    got = run("double", {20: "lost", 40: "late", 60: "broken", 61: "lost"})
-    status = dict(enumerate(got.status))
-    assert [k for k, s in status.items() if s] == [20, 21, 40, 60, 61, 62]
-    assert [status[k] for k in (20, 21, 40, 60, 61, 62)] == [-1, LOST, LATE, BROKEN, -1, LOST]
+    faults = {20: "lost", 40: "late", 60: "broken", 61: "lost", 80: "lost", 81: "late"}
+    got = run("double", faults)
+    told = {20: -1, 21: LOST, 40: LATE, 60: BROKEN, 61: -1, 62: LOST, 80: -1, 81: LOST | LATE}
+    assert {k: s for k, s in enumerate(got.status) if s} == told
+    np.testing.assert_array_equal(got.status, processor._told(0 * got.status, faults))
     force = got.data["ctl.F"].values
     assert force[20] == force[19]  # the last command holds
     assert force[40] == force[39]
@@ -162,9 +163,15 @@ def test_checksum_is_fletchers() -> None:
 
 def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     for words, said in (
-        (["subway_braking"], "names no loop; write STUDY:LOOP"),
+        (["subway_braking"], "is a study; write which loop: subway_braking:ideal, subway_"),
         (["subway_braking:sta", "--fault", "7=gone"], "write TICK=WHAT, such as 1500=lost"),
+        (
+            ["subway_braking:sta", "--seconds", "0.3", "--fault", "299=late"],
+            "the run has 300 ticks and one must follow; write a tick from 0 to 298",
+        ),
+        (["subway_braking:sta", "--fault", "7=lost", "7=late"], "tick 7 is lost already"),
         (["subway_braking:sta", "--target", "cortex-m3"], "is not known; did you mean"),
+        (["subway_braking:sta", "--target", "host"], "'host' is not known; it has cortex-m4, "),
         (
             ["subway_braking:sta", "--seconds", "0"],
             "--seconds 0 holds no tick of subway_braking:sta",

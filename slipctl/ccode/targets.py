@@ -60,7 +60,8 @@ def tool(target: str) -> str:
         BadInput: no such target, or its compiler is not installed.
     """
     if target not in TARGETS:
-        raise BadInput(f"target {target!r} is not known{nearest(target, ('host', *TARGETS))}")
+        known = TARGETS if target == "host" else ("host", *TARGETS)
+        raise BadInput(f"target {target!r} is not known{nearest(target, known)}")
     found = shutil.which(COMPILER)
     if found is None or not _has_library(found):
         raise BadInput(
