@@ -140,13 +140,17 @@ def parser() -> Parser:
     )
 
     p.add_argument(
-        "--fuzz", metavar="SECONDS", type=int, default=0,
+        "--fuzz", metavar="SECONDS", type=int,
         help="feed it any bytes for so long, by libFuzzer with sanitizers",
     )  # fmt: skip
     p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
     p.add_argument(
         "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
     )
+    p.add_argument(
+        "--name", metavar="MODULE", dest="module",
+        help="what its files and functions are called; by default the loop or the block",
+    )  # fmt: skip
 
     p = command("pil", "Run a loop with its controller on an emulated processor, tick by tick.")
     p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
@@ -463,6 +467,10 @@ def _c(options: argparse.Namespace, command: str) -> int:
     from slipctl import doors, store
 
     name, out = options.name, Path(options.out)
+    if not options.out:
+        raise BadInput("--out names no folder; write one, or . for this one")
+    if options.fuzz is not None and options.fuzz < 1:
+        raise BadInput(f"--fuzz {options.fuzz} gives it no time; write seconds, such as 15")
     store.check_folder(out)
     left, colon, loop_name = name.rpartition(":")
     if name in doors.studies():
@@ -472,6 +480,8 @@ def _c(options: argparse.Namespace, command: str) -> int:
         )
     is_loop = colon and (not left.endswith(".py") or doors.has_study(left))
     block = None if is_loop else doors.load_block(name)
+    if block is not None and options.part:
+        raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")
 
     from slipctl import codegen
     from slipctl.build import compiler
@@ -480,9 +490,9 @@ def _c(options: argparse.Namespace, command: str) -> int:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
     if block is not None:
         report = codegen.export(
-            block, out, check=options.check, real=options.real, target=options.target,
-            misra=options.misra, fmus=options.fmu,
-            fuzz_seconds=options.fuzz,
+            block, out, options.module, check=options.check, real=options.real,
+            target=options.target, misra=options.misra, fmus=options.fmu,
+            fuzz_seconds=options.fuzz or 0,
         )  # fmt: skip
     else:
         study = doors.load_study(left)
@@ -497,12 +507,18 @@ def _c(options: argparse.Namespace, command: str) -> int:
         log.info("running %s for its inputs", name)
         inputs, params = codegen.recorded(loop, part, case.scenario)
         report = codegen.export(
-            control, out, "_".join([study.name, loop_name.partition("@")[0], *words]),
+            control, out,
+            options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
             inputs=inputs, check=options.check, params=params, period=loop.period,
             real=options.real, target=options.target, misra=options.misra, fmus=options.fmu,
-            fuzz_seconds=options.fuzz,
+            fuzz_seconds=options.fuzz or 0,
         )  # fmt: skip
     print(report)
+    if len(report.data["name"]) > codegen.SIGNIFICANT:
+        log.warning(
+            "the functions of %s differ behind their 31st character only, which C99 need not tell"
+            " apart (MISRA C:2012, 5.1); --name gives a shorter name", report.data["name"],
+        )  # fmt: skip
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0

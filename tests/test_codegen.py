@@ -654,7 +654,7 @@ def test_blocks_that_cannot_be_c(case: str, tmp_path: Path, capfd: Any) -> None:
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("name", ["2fast", "a-b", "math", "example", " ", "vitesse_é"])
+@pytest.mark.parametrize("name", ["2fast", "a-b", "Math", "test", "fmi2", " ", "vitesse_é"])
 def test_names_that_are_none_in_c(name: str, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="cannot name a C file"):
         codegen.c_module(control().renamed("ctl"), tmp_path / "out", name)

@@ -36,9 +36,15 @@ LOCAL = frozenset(_LOCAL_WORDS.split())
 
 _FILE_WORDS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg
-stdbool stddef stdint stdio stdlib string tgmath time wchar wctype example
+stdbool stddef stdint stdio stdlib string tgmath time wchar wctype
+example cortex_m fmi2 fmi3 makefile
+all all_build clean edit_cache help install package package_source preinstall rebuild_cache
+run_tests test zero_check
+aux con nul prn
 """
-_FILES = frozenset(_FILE_WORDS.split())
+FILES = frozenset(_FILE_WORDS.split())
+"""Headers of C, other files of the folder, targets of make and CMake, devices of Windows: no module
+has such a name, in letters of either case."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +103,18 @@ def layout(block: Block, name: str) -> Layout:
     """Give each signal of a block its member.
 
     Raises:
-        BadInput: ``name`` is no C identifier; two signals would have one C name; a parameter
-            without value.
+        BadInput: ``name`` is no C identifier, or a file has it already; two signals would have one
+            C name; a parameter without value.
     """
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in _FILES:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
         raise BadInput(
             f"{name!r} cannot name a C file and its functions; take a letter, then letters, digits"
-            " or _, and no header of C"
+            " or _"
+        )
+    if name.lower() in FILES:
+        raise BadInput(
+            f"{name!r} cannot name a C file and its functions: C, make, CMake or Windows keep it;"
+            f" take another, such as {name}_law"
         )
     for p in block.params.values():
         if p.value is None:
