@@ -14,7 +14,7 @@ from slipctl import codegen, doors, running, store
 from slipctl.block import Block
 from slipctl.ccode import targets
 from slipctl.ccode.header import bit
-from slipctl.ccode.in_loop import FAULTS, Interface, run_in_loop
+from slipctl.ccode.in_loop import FAULTS, Stored, run_in_loop
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.rig import Rig
 from slipctl.errors import BadInput
@@ -27,11 +27,11 @@ TRAJECTORY = 1e-9
 
 METRIC = 0.01
 """Largest relative difference of a metric in float; or twice what it moves by where the controller
-in double is fed through an interface of float. A limit cycle of a sliding mode lives in the last
-digits of the slip, and rounding the slip alone changes its height."""
+in double keeps its inputs, outputs and states as floats. Where a law switches, or a limit cycle
+lives in the last digits of the slip, that alone moves ticks of decisions and heights of cycles."""
 
 ROUNDINGS = (None, 0, 1, 2)
-"""Interfaces of float that a metric is tried with: to nearest, and at random with these seeds."""
+"""Roundings that a metric is tried with: to the nearest float, and at random with these seeds."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def compare(
     """Run a loop of a study with its controller on a processor, and compare.
 
     In double the trajectory must be that of Python to 1e-9 of the largest value of each signal; in
-    float each metric to 1 %, or to twice what an interface of float moves it by. Every tick must
+    float each metric to 1 %, or to twice what storing floats moves it by. Every tick must
     have the status that the guards of the C have by the run in Python. With faults each of them
     must be told by the status, and the slip must be that of the undisturbed run to 1 % at the end.
 
@@ -182,14 +182,11 @@ def _judged(
         if n in got.data and (not str(n).startswith(f"{part}.") or n in loop.wires.values())
     ]
     differences = {n: _difference(python[n].values, got.data[n].values) for n in outside}
-    metrics = {k: _metrics(study, case, d) for k, d in (("python", python), ("here", got.data))}
-    pairs = {
-        n: (m.value, metrics["here"][n].value)
-        for n, m in metrics["python"].items() if n in metrics["here"] and n != "step_time"
-    }  # fmt: skip
+    metrics, here = _metrics(study, case, python), _metrics(study, case, got.data)
+    pairs = {n: (m, here.get(n)) for n, m in metrics.items()}
     moved = {}
     if real == "float" and not faults:
-        moved = _moved(study, case, loop, part, params, metrics["python"])
+        moved = _moved(study, case, loop, part, params, metrics)
     differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
     expected = _told(_statuses(loop, part, python), faults)
     numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
@@ -218,30 +215,36 @@ def _difference(wanted: np.ndarray, got: np.ndarray) -> float:
     return float(np.abs(wanted - got).max(initial=0.0)) / (largest or 1.0)
 
 
-def _metrics(study: Study, case: Case, data: Any) -> Mapping[str, Any]:
+def _metrics(study: Study, case: Case, data: Any) -> dict[str, float | None]:
+    """Metrics of a run, each element by its own name; None where it has no value."""
     data = running.add_known(study, case, data)
-    return measure(Run(data, study.signals, rail_changes(data, case.scenario, study.signals), {}))
+    run = Run(data, study.signals, rail_changes(data, case.scenario, study.signals), {})
+    found: dict[str, float | None] = {}
+    for n, m in measure(run).items():
+        if isinstance(m.value, (list, tuple)):
+            found |= {f"{n}[{k}]": v for k, v in enumerate(m.value)}
+        elif n != "step_time":
+            found[n] = m.value
+    return found
 
 
 def _moved(
     study: Study, case: Case, loop: Block, part: str, params: Mapping[str, Any],
-    wanted: Mapping[str, Any],
+    wanted: Mapping[str, float | None],
 ) -> dict[str, float]:  # fmt: skip
-    """Largest change of each metric where the controller in double has an interface of float."""
+    """Largest change of each metric where the controller in double keeps its numbers as floats."""
     found = dict.fromkeys(wanted, 0.0)
     for seed in ROUNDINGS:
-        interface = Interface(loop[part], params, seed)
-        again = _metrics(study, case, run_in_loop(loop, part, case.scenario, interface).data)
-        for n, m in wanted.items():
-            pairs = zip(np.atleast_1d(m.value), np.atleast_1d(again[n].value), strict=False)
-            moved = (abs(float(x - y)) for x, y in pairs if None not in (x, y))
-            found[n] = max(found[n], *moved, 0.0)
+        stored = Stored(loop[part], params, seed)
+        again = _metrics(study, case, run_in_loop(loop, part, case.scenario, stored).data)
+        for n, value in wanted.items():
+            other = again.get(n)
+            if value is not None and other is not None:
+                found[n] = max(found[n], abs(value - other))
     return found
 
 
-def _close(a: Any, b: Any, moved: float) -> bool:
-    if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(_close(x, y, moved) for x, y in zip(a, b, strict=True))
+def _close(a: float | None, b: float | None, moved: float) -> bool:
     if a is None or b is None:
         return a is b
     return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved))
@@ -273,7 +276,5 @@ def _told(status: np.ndarray, faults: Mapping[int, str]) -> np.ndarray:
     return status
 
 
-def _said(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(_said(v) for v in value) + ")"
+def _said(value: float | None) -> str:
     return "none" if value is None else f"{value:.6g}"

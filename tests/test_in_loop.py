@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,7 @@ from slipctl import (
     cli,
     codegen,
     connect,
+    doors,
     flow,
     processor,
     sampled,
@@ -28,7 +30,7 @@ from slipctl import (
     step,
 )
 from slipctl.ccode import targets
-from slipctl.ccode.in_loop import Interface, run_in_loop
+from slipctl.ccode.in_loop import Stored, run_in_loop
 from slipctl.ccode.plan import Plan
 from slipctl.ccode.precision import drawn
 from slipctl.ccode.rig import BROKEN, LATE, LOST, Rig, fletcher
@@ -110,17 +112,17 @@ def test_faults_are_told_and_the_loop_recovers() -> None:
 
 
 @pytest.mark.parametrize("seed", [None, 1])
-def test_interface_of_float_alone(seed: int | None) -> None:
+def test_floats_stored_alone(seed: int | None) -> None:
     wanted = simulate(loop(), SCENARIO)
-    got = run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {"k": 3.3}, seed))
+    got = run_in_loop(loop(), "ctl", SCENARIO, Stored(pi, {"k": 3.3}, seed))
     force = got.data["ctl.F"].values
     assert (force == force.astype(np.float32)).all()
     np.testing.assert_allclose(force, wanted["ctl.F"], atol=3e-6)
 
 
-def test_interface_draws_anew_only_for_what_changes() -> None:
-    interface = Interface(pi, {"k": 3.3}, 1)
-    draw = partial(interface._float, "in")
+def test_floats_are_drawn_anew_only_for_what_changes() -> None:
+    stored = Stored(pi, {"k": 3.3}, 1)
+    draw = partial(stored._float, "input")
     first = draw(np.full(1000, 0.1))
     assert len(np.unique(first)) == 2  # the floats below and above
     np.testing.assert_array_equal(draw(np.full(1000, 0.1)), first)
@@ -152,9 +154,9 @@ def test_what_is_seen_at_once_is_refused() -> None:
     wires = {"ctl.v": "plant.y", "plant.F": "ctl.F"}
     closed = connect("loop", wires, plant=sampled(leaky, 0.01, "rk4"), ctl=held)
     with pytest.raises(BadInput, match="ctl sees at once what it gives; delay it by a tick"):
-        run_in_loop(closed, "ctl", Scenario("s", 0.1), Interface(held, {}))
+        run_in_loop(closed, "ctl", Scenario("s", 0.1), Stored(held, {}))
     with pytest.raises(BadInput, match="'gone' is no fault; write lost, late, broken"):
-        run_in_loop(loop(), "ctl", SCENARIO, Interface(pi, {}), {3: "gone"})
+        run_in_loop(loop(), "ctl", SCENARIO, Stored(pi, {}), {3: "gone"})
 
 
 def test_checksum_is_fletchers() -> None:
@@ -184,8 +186,16 @@ def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
         assert error.count("\n") == 1
 
 
-def test_lists_and_nothing_are_compared() -> None:
-    assert processor._close([1.0, None], [1.005, None], 0.0)
-    assert not processor._close([1.0, None], [1.0, 2.0], 0.0)
+def test_metrics_are_compared_one_by_one() -> None:
+    assert processor._close(1.0, 1.005, 0.0)
     assert not processor._close(1.0, 1.02, 0.0)
     assert processor._close(1.0, 1.02, 0.011)
+    assert processor._close(None, None, 0.0)
+    assert not processor._close(None, 2.0, 9.0)
+    study = doors.load_study("hst_braking")
+    loop_, case = doors.find_loop(study, "efc")
+    scenario = replace(case.scenario, duration=0.05)
+    found = processor._metrics(study, replace(case, scenario=scenario), simulate(loop_, scenario))
+    assert "acceleration_variance[0]" in found
+    assert "step_time" not in found
+    assert all(v is None or isinstance(v, float) for v in found.values())

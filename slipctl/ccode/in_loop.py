@@ -45,13 +45,13 @@ class Board(Protocol):
         """Run one tick: status and output elements."""
 
 
-class Interface:
-    """The block itself, in double, behind an interface of float: what rounding that alone does.
+class Stored:
+    """The block itself in double, with inputs, outputs and states as floats: what storing does.
 
     Args:
         block: the part; params: its parameters.
-        seed: None rounds inputs and outputs to the nearest float. A number draws one of the two
-            floats beside each, which is the number on average; what stays keeps its float.
+        seed: None rounds to the nearest float. A number draws one of the two floats beside each
+            value, which are the value on average; what stays keeps its float.
     """
 
     def __init__(self, block: Block, params: Mapping[str, Any], seed: int | None = None) -> None:
@@ -64,18 +64,18 @@ class Interface:
         self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
     ) -> tuple[int, np.ndarray]:
         """Run one tick."""
-        following, y = self._f(self._x, self._float("in", row), self._p)
-        self._x = np.array(following.full()).ravel()
-        return 0, self._float("out", np.array(y.full()).ravel())
+        following, y = self._f(self._x, self._float("input", row), self._p)
+        self._x = self._float("state", np.array(following.full()).ravel())
+        return 0, self._float("output", np.array(y.full()).ravel())
 
-    def _float(self, which: str, value: np.ndarray) -> np.ndarray:
+    def _float(self, role: str, value: np.ndarray) -> np.ndarray:
         if self._random is None:
             return rounded(value, "float")
         found = drawn(value, self._random.random(value.size))
-        if which in self._last:
-            before, given = self._last[which]
+        if role in self._last:
+            before, given = self._last[role]
             found = np.where(value == before, given, found)
-        self._last[which] = value.copy(), found
+        self._last[role] = value.copy(), found
         return found
 
 
