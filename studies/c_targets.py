@@ -21,6 +21,7 @@ import hashlib
 import json
 import multiprocessing
 import re
+import signal
 import sys
 import tempfile
 import time
@@ -370,6 +371,7 @@ def main(words: list[str] | None = None) -> int:
         "--quick", action="store_true", help="a second of each, most in double here"
     )
     words_ = parser.parse_args(words)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends its processes, as Ctrl-C does
     try:
         if words_.quick:
             return quick(words_.name)
@@ -396,6 +398,8 @@ def _all(words: argparse.Namespace) -> int:
                 store.write_json(out, {"format": 1, "rows": dict(sorted(rows.items()))})
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
             print(f"slipctl: stopped; {out} has what was done", file=sys.stderr)
             return 130
     return 1 if failed else 0
