@@ -1,4 +1,4 @@
-"""Write docs/c_controllers.md from its evidence: ``python docs/make_controllers.py``.
+"""Write docs/c_controllers.md from the evidence: ``python docs/make_controllers.py``.
 
 ``--check`` only compares.
 """
@@ -14,15 +14,16 @@ from typing import Any
 from made import made
 
 from slipctl.ccode.readable import table
+from slipctl.processor import METRIC
 from slipctl.studies.c_targets import passed
 
 HERE = Path(__file__).parent
-PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence" / "c_targets.json"
+PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence"
 
 HEAD = """\
 # Every controller in C
 
-Made from [its evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
+Made from [the evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
 when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
 `python -m slipctl.studies.c_targets` measures it again.
 """
@@ -50,6 +51,15 @@ the same block. *Wanted* is ten times fewer where functions such as `exp` and `l
 and five elsewhere.
 """
 
+IN_LOOP = """\
+## In the loop
+
+The plant in Python, the controller on the emulated M4, tick by tick
+([how](c_interface.md#processor-in-the-loop), [evidence](evidence/pil.json)). *Plant* is the largest
+difference of a signal outside the controller, of its largest value. *Beyond 1 %* names the metrics
+that differ by more: their value in Python, here, and by how much storing floats alone moves them.
+"""
+
 OPEN = """\
 ## Signals that are not compared in every tick
 """
@@ -57,7 +67,10 @@ OPEN = """\
 
 def page() -> str:
     """Text of the page."""
-    evidence = json.loads(EVIDENCE.read_text(encoding="utf-8"))
+    evidence, in_loop = (
+        json.loads((EVIDENCE / f"{n}.json").read_text(encoding="utf-8"))
+        for n in ("c_targets", "pil")
+    )
     rows: dict[str, Any] = evidence["numbers"]["c_targets"]["rows"]
     least = [n for n, r in rows.items() if "times_ours" in r["casadi_float"]]
     few = [n for n in least if _times(rows[n]) < rows[n]["casadi_float"]["wanted"]]
@@ -74,6 +87,8 @@ def page() -> str:
         table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
         table(costs, (_costs(n, r) for n, r in rows.items())), OPEN,
         "\n".join(line for n, r in rows.items() for line in _open(n, r)),
+        IN_LOOP, table(["loop", "real", "ticks", "plant", "beyond 1 %", "passed"],
+                       map(_in_loop, in_loop["numbers"].values())),
     ]  # fmt: skip
     return "\n\n".join(p.strip() for p in parts) + "\n"
 
@@ -131,6 +146,21 @@ def _open(name: str, row: Mapping[str, Any]) -> list[str]:
         if signals:
             lines.append(f"* `{name}`, {text}: {', '.join(signals)}")
     return lines
+
+
+def _in_loop(row: Mapping[str, Any]) -> list[str]:
+    moved = row["metrics_move"]
+    beyond = [
+        f"`{n}` {a:.4g}, {b:.4g}, {moved.get(n, 0.0):.2g}"
+        for n, (a, b) in row["metrics"].items()
+        if None not in (a, b) and abs(a - b) > METRIC * max(abs(a), abs(b))
+    ]
+    faults = "".join(f", tick {tick} {what}" for tick, what in row["faults"].items())
+    return [
+        f"`{row['name']}`{faults}", row["real"], str(row["ticks"]),
+        f"{max(row['signals'].values()):.1g}", "; ".join(beyond),
+        "yes" if row["passed"] else ", ".join(row["failed"]),
+    ]  # fmt: skip
 
 
 if __name__ == "__main__":
