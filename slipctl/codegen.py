@@ -18,7 +18,18 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block
-from slipctl.ccode import a2l, analysis, back_to_back, expected, files, fmu, fuzz, rounding, targets
+from slipctl.ccode import (
+    a2l,
+    analysis,
+    back_to_back,
+    expected,
+    files,
+    fmu,
+    fuzz,
+    manual,
+    rounding,
+    targets,
+)  # fmt: skip
 from slipctl.ccode import compilers as cc
 from slipctl.ccode import folder as folders
 from slipctl.ccode.board import board_files
@@ -338,7 +349,7 @@ def texts(plan: Plan) -> dict[str, str]:
         "Makefile": files.makefile(plan),
         "CMakeLists.txt": files.cmake(plan),
         files.TOOLCHAIN: files.toolchain(),
-        "README.md": files.readme(plan),
+        "README.md": manual.readme(plan),
         "LICENSE": files.licence(plan),
         **board_files(),
     }
@@ -352,6 +363,7 @@ def _facts(
     lay, b = plan.layout, plan.block
     groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
     work = dict(zip(("arg", "res", "iw", "w"), plan.equations.work, strict=True))
+    bytes_ = {k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
     return {
         "format": 1,
         "by": "slipctl",
@@ -364,9 +376,7 @@ def _facts(
         "choices": {k: str(v) for k, v in b.choices.items()},
         "period_s": plan.period,
         "content": content,
-        "memory_bytes": {
-            k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()
-        },
+        "memory_bytes": bytes_ | {"state": plan.state_bytes},
         "work": work | {"in_state": plan.work_in_state},
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {

@@ -556,6 +556,40 @@ def test_report_lists_what_was_written(tmp_path: Path) -> None:
     assert "Nothing was compiled" in (tmp_path / "report.md").read_text()
 
 
+@pytest.mark.parametrize("name", ["matrices", "derived", "loops"])
+@needs_compiler
+def test_bytes_of_an_instance_are_known_without_a_compiler(name: str, tmp_path: Path) -> None:
+    for real in ("double", "float"):
+        module = codegen.c_module(BLOCKS[name], tmp_path / real, "m", real=real)
+        said = json.loads((tmp_path / real / "report.json").read_text())["memory_bytes"]
+        assert said["state"] == module.compile().load().instance_bytes
+
+
+def test_readme_tells_which_parameters_go_together_and_which_do_nothing(tmp_path: Path) -> None:
+    @step(period=0.01, y=Output("1"))
+    def part(
+        x=State("1", 0.0),
+        u=Input("1"),
+        r=Param("m", 0.43, "wheel radius", lo=0.1),
+        T=Param("s", 0.01, "sample period", lo=1e-3),
+        h=Param("1", 0.5, "step of the printed form"),
+        k=Param("1", "2*q", "gain"),
+        q=Param("1", 0.25, "half of it"),
+    ):
+        """Half of | u |."""
+        return dict(x=x + T * k * u / r), dict(y=x)
+
+    both = connect("ctl", {"a.u": "u", "b.u": "a.y"}, a=part, b=part.with_params(q=0.5))
+    codegen.c_module(both, tmp_path)
+    text = (tmp_path / "README.md").read_text()
+    assert "| `a` | Half of \\| u \\|. |" in text
+    rows = [r for r in text.splitlines() if r.startswith("| wheel radius") or "a_q" in r]
+    assert rows == ["| wheel radius, in m | 0.43 | `a_r`, `b_r` |"]
+    assert "`a_T`" not in text
+    assert "Without effect in this form of the law: `a_h`, `b_h`." in text
+    assert "`ctl_param_instance`" in text
+
+
 def test_report_to_read_has_the_numbers_of_the_other(tmp_path: Path) -> None:
     data = codegen.export(control(), tmp_path, check=True).data
     text = (tmp_path / "report.md").read_text()

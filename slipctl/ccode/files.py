@@ -1,4 +1,4 @@
-"""The files beside header and source: example, test program, vectors, Makefile, README, LICENSE."""
+"""The files beside header and source: example, Makefile, CMakeLists.txt, toolchain, LICENSE."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import casadi as ca
 from slipctl.ccode.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS, machine
 from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
-from slipctl.ccode.header import CONTENT, STATUS, head, memory
+from slipctl.ccode.header import CONTENT, head
 from slipctl.ccode.layout import Member
-from slipctl.ccode.plan import Plan, constant, first_sentence
+from slipctl.ccode.plan import Plan, constant
 from slipctl.ccode.precision import in_precision
 
 WARNINGS = (
@@ -221,113 +221,6 @@ if(QEMU)
     ${{QEMU}} -M ${{BOARD}} {" ".join([*RUN, "-serial", "none", *COUNT])} -kernel)
 endif()
 """
-
-
-def readme(plan: Plan) -> str:
-    """Text of the README."""
-    from slipctl import __version__
-
-    n, lay, big = plan.name, plan.layout, plan.layout.big
-    counts = ", ".join(
-        f"{what} {sum(m.size for m in g)}"
-        for g, what in (
-            (lay.inputs, "inputs"), (lay.params, "parameters"), (lay.states, "states"),
-            (lay.outputs, "outputs"),
-        )
-    )  # fmt: skip
-    bits = "\n".join(f"| `{big}_{k}` | {v} | {what} |" for k, v, what in STATUS)
-    tick = f"every {number(plan.period)} s" if plan.period else "once per tick"
-    return f"""# {n}
-
-{first_sentence(plan.block.doc)}
-
-C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbers carried:
-{counts}.
-
-| file | what it is |
-|---|---|
-| `{n}.h`, `{n}.c` | the module; nothing else is needed in a firmware |
-| `example.c` | smallest program that runs it |
-| `test_{n}.c`, `vectors.txt` | back-to-back test against the recorded Python model |
-| `Makefile` | builds and tests, see below |
-| `CMakeLists.txt` | a static library `{n}`; built alone also example and test |
-| `{TOOLCHAIN}` | CMake toolchain file for a Cortex-M4 or Cortex-M7 |
-| `cortex_m.*` | start, timer and linker script for the test on an emulated board |
-| `{n}_fmi*.fmu` | if it was asked for: the module for other simulation tools |
-| `report.md`, `report.json` | sizes, stack, largest difference from Python per signal |
-| `{n}.a2l` | parameters and measurements for a calibration tool |
-| `LICENSE` | terms |
-
-## Build and test
-
-Nothing but these files, a C compiler and `make` (or CMake 3.20 or newer) is needed.
-
-| command | what it does |
-|---|---|
-| `make test` | builds; replays the vectors; compares every output, state and status with Python |
-| `make CC=clang test` | the same with another compiler |
-| `make size` | bytes and symbols of the module |
-| `make example && ./example` | runs ten ticks |
-| `make cortex-m4` | runs the test on an emulated board and counts instructions; also `cortex-m7` |
-
-The test prints the largest difference of each signal with its limit, tries NaN and numbers out of
-range as inputs, and ends with exit code 0 if all is well. With CMake:
-
-    cmake -B build
-    cmake --build build
-    ctest --test-dir build
-
-and for a board, the test emulated again:
-
-    cmake -B build-m4 -DCMAKE_TOOLCHAIN_FILE={TOOLCHAIN} -DTARGET={next(iter(TARGETS))}
-    cmake --build build-m4
-    ctest --test-dir build-m4
-
-A board needs `{TOOLS}gcc` with newlib, its test `{EMULATOR}` too (Debian, Ubuntu:
-`apt install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`).{_last_places(plan)}
-
-In a CMake project of your own: `add_subdirectory(FOLDER)`, then
-`target_link_libraries(PROGRAM {n})`.
-
-## Use
-
-Call in this order:
-
-1. `{n}_default`, then change the parameters that differ,
-2. `{n}_init`,
-3. `{n}_step` {tick},
-4. `{n}_tune` after changing a parameter at run time.
-
-Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
-library (`-lm`).
-
-| status | bit | meaning |
-|---|---|---|
-{bits}
-
-With `{big}_LIMITED` alone a step counts: state and outputs are new, and an output that would have
-left its range stands at the end of it. With any other bit a step leaves the state untouched and
-gives the outputs of the last good step{_safe(plan)}. Outputs are always finite and in their ranges.
-No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
-{memory(plan)} Compile without `-ffast-math`.
-"""
-
-
-def _last_places(plan: Plan) -> str:
-    """Say when a test on the board may differ."""
-    if plan.real == "float":
-        return ""
-    return (
-        " If the module\ncalls `exp`, `log` or the like, last places differ there; the limits allow"
-        " for that if the folder\nwas written with `--target`."
-    )
-
-
-def _safe(plan: Plan) -> str:
-    """Outputs that give something else while a step is refused, to go on a sentence."""
-    units = {m.c: m.signal.unit for m in plan.layout.outputs}
-    said = [f"`{c}` {number(v)} {units[c]}" for c, v in plan.safe.items()]
-    return f", but {', '.join(said)}" if said else ""
 
 
 def licence(plan: Plan) -> str:

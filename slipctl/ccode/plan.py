@@ -15,7 +15,7 @@ from slipctl.block import Block
 from slipctl.ccode.expressions import FINITE, NUMBER, Writer
 from slipctl.ccode.kernel import Kernel, kernel
 from slipctl.ccode.layout import LOCAL, Layout, Member, layout
-from slipctl.ccode.precision import checked, rounded
+from slipctl.ccode.precision import checked, rounded, size
 from slipctl.errors import BadInput
 from slipctl.signals import Signal, evaluate, names_in
 
@@ -92,6 +92,17 @@ class Plan:
     def next_in_state(self) -> bool:
         """Whether the next state is put together in the state struct instead of on the stack."""
         return sum(m.size for m in self.layout.states) > ON_STACK
+
+    @property
+    def state_bytes(self) -> int:
+        """Size of the state struct, where int has four bytes and a number is aligned to its own."""
+        lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
+        states = sum(m.size for m in lay.states)
+        held = max(sum(m.size for m in lay.outputs), 1)
+        numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += sz_w if self.work_in_state else 0
+        whole = size(self.real)
+        return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 
     def limits(self, m: Member) -> tuple[float, float]:
         """Range of a signal, in numbers that C has."""
