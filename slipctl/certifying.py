@@ -108,7 +108,7 @@ def needs(report: Report) -> str:
                 f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})" for m, v in ends
             ]
             missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
-        elif f.verdict == systems.CERTIFIED and _hard(report.system, name):
+        elif f.holds and _hard(report.system, name):
             for m, v in ends:
                 now = report.gains[m.partition("_")[2]]
                 if now and v and max(v / now, now / v) < closest[0]:

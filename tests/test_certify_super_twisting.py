@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from slipctl import BadInput
-from slipctl.certify import certificate, outward
+from slipctl.certify import catalogue, certificate, outward, systems
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as report
 
@@ -286,6 +286,22 @@ def test_sampled_amplitudes():
                    / amplitude("explicit", 1.5, 1.1, T / 10, math.sin)) for T in (0.01,)
     ]  # fmt: skip
     assert slopes == pytest.approx([2], abs=0.3)
+
+
+@pytest.mark.parametrize(("k1", "further"), [(6.0, 1.3), (1.5, 6.0)])
+def test_an_orbit_that_fits_certifies_no_band(k1, further):
+    """Explicit Euler from other starts leaves a band into which its period-2 orbit fits."""
+    T, k2 = 1e-3, 1.1
+    band = 1.01 * sta.explicit_amplitude(k1, k2, T)
+    random_starts = np.random.default_rng(1)
+    x, v = (random_starts.uniform(-1, 1, 1000) * size for size in (100 * T**2, 20 * T))
+    for _ in range(4000):
+        x, v = x + T * (v - k1 * np.sqrt(abs(x)) * np.sign(x)), v - T * k2 * np.sign(x)
+    assert abs(x).max() > further * band
+    found = catalogue.certify("super_twisting", k1=k1, k2=k2, L=1.0, T=T, band=band)
+    assert found.criteria["band"].holds
+    assert found.criteria["band"].verdict == systems.SILENT
+    assert ("explicit_amplitude" in found.values) == (k1**2 >= 4 * k2)
 
 
 # ---- enclosure and certificates -----------------------------------------------------------------

@@ -14,7 +14,6 @@ from slipctl.certify.linear_kind import LAGGED_LOOP, LOAD_OBSERVER
 from slipctl.certify.seeking_kind import PERTURBATION_SEEK, SLIDING_SEEK
 from slipctl.certify.switching_kind import REACHING_LAW, SATURATION
 from slipctl.certify.systems import (
-    CERTIFIED,
     EXACT,
     REFUTED,
     SILENT,
@@ -85,7 +84,8 @@ def _sampled(found: Report, further: Mapping[str, Any]) -> Report:
         values["reaching_time_undisturbed"] = (sta.reaching_time(k1, k2, n["v0"]), "s")
     if "T" in n:
         T = n["T"]
-        values["explicit_amplitude"] = (sta.explicit_amplitude(k1, k2, T), "m/s")
+        if k1 * k1 >= 4 * k2:
+            values["explicit_amplitude"] = (sta.explicit_amplitude(k1, k2, T), "m/s")
         values["proper_implicit_amplitude"] = (sta.proper_implicit_amplitude(L, T), "m/s")
         if "phi" in n:
             values["implicit_offset"] = (sta.implicit_offset(n["phi"], T), "m/s")
@@ -99,8 +99,8 @@ def _sampled(found: Report, further: Mapping[str, Any]) -> Report:
         }  # fmt: skip
         orbit = k1 * k1 >= 4 * k2
         criteria["band"] = Finding(
-            CERTIFIED if fits else REFUTED if orbit else SILENT, ends, False,
-            "explicit Euler: its period-2 orbit fits into the wanted band", fits,
+            REFUTED if orbit and not fits else SILENT, ends, False,
+            "necessary: explicit Euler's period-2 orbit fits into the wanted band", fits,
         )  # fmt: skip
         if orbit and not fits:
             verdict, witness = REFUTED, _orbit(k1, k2, n["T"])

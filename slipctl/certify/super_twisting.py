@@ -264,8 +264,8 @@ def explicit_amplitude(k1: float, k2: float, T: float) -> float:
     """Half-swing of x1 in m/s of the period-2 orbit of explicit Euler with step T in s.
 
     x1 = T^2 ((k1 + sqrt(k1^2 - 4 k2))/4)^2, which exists for k1^2 >= 4 k2; about (k1 T/2)^2.
-    Below that the largest swing is of the same order T^2 and has no closed form; the value at
-    k1^2 = 4 k2 is returned.
+    Below that there is no such orbit, and (k1 T/4)^2 is returned. Other runs swing further in both
+    cases, by the same order T^2, and have no closed form: it bounds nothing from above.
     """
     return T**2 * ((k1 + math.sqrt(max(k1**2 - 4 * k2, 0.0))) / 4) ** 2
 
