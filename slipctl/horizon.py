@@ -24,6 +24,7 @@ from slipctl.connection import connect
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Signal
 from slipctl.timing import sampled
+from slipctl.units import dimension_equal
 
 UNROLL = 200_000
 """Instructions of one stage above which the problem is refused: the C code would not compile."""
@@ -370,7 +371,11 @@ def _source(where: str, plant: Block, alias: Mapping[str, str], name: str) -> st
 def _check_lag(
     where: str, plant: Block, model: Block, controls: Sequence[str], length: float
 ) -> None:
-    """Refuse a horizon shorter than the lag of the actuator that a control drives."""
+    """Refuse a horizon shorter than the lag of the actuator that a control drives.
+
+    An actuator follows its command, in the command's unit. Another state that a control drives has
+    a time constant of its own, that of a mass with its drag, of which a plan need not see the end.
+    """
     try:
         x, p = model.start(), model.param_values()
     except BadInput:
@@ -382,14 +387,16 @@ def _check_lag(
         ca.DM(m).full() for m in slopes(model.pack("state", x), ca.DM(u), model.pack("param", p))
     )
     names = list(model.inputs)
-    states = [n for n, s in model.states.items() for _ in range(s.size)]
+    states = [(n, s.unit) for n, s in model.states.items() for _ in range(s.size)]
     for control in controls:
         for k, effect in enumerate(B[:, names.index(control)]):
+            if not dimension_equal(states[k][1], model.inputs[control].unit):
+                continue
             rate = -float(A[k, k])
             if effect != 0 and rate > 0 and math.isfinite(rate) and rate * length < 1:
                 raise BadInput(
                     f"{where}: the horizon of {length:g} s is shorter than the lag of"
-                    f" {1 / rate:.3g} s from {control} to {states[k].removeprefix('plant.')};"
+                    f" {1 / rate:.3g} s from {control} to {states[k][0].removeprefix('plant.')};"
                     f" take at least {1 / rate:.3g} s"
                 )
 

@@ -317,7 +317,7 @@ def _bounds(
     found = {}
     for c, n in full.items():
         s = plant.inputs[n]
-        lo, hi = given.get(c, (s.lo, s.hi))
+        lo, hi = _entries(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
         if not isinstance(lo, str) and not isinstance(hi, str) and not lo < hi:
             raise BadInput(
                 f"{where}: {c} from {lo:g} to {hi:g} {s.unit} leaves nothing; give lo < hi"
@@ -331,6 +331,12 @@ def _bounds(
                 )
         found[c] = (lo, hi)
     return found
+
+
+def _entries(where: str, given: Any, form: str) -> Any:
+    if not isinstance(given, (tuple, list)) or len(given) != len(form.split(",")):
+        raise BadInput(f"{where}: {given!r} is not {form}")
+    return given
 
 
 def _scale(lo: Limit, hi: Limit) -> float:
@@ -351,8 +357,9 @@ def _soft(
     where: str, plant: Block, soft: Mapping[str, tuple[float | None, float | None, float]]
 ) -> dict[str, Soft]:
     found = {}
-    for n, (lo, hi, weight) in soft.items():
+    for n, entries in soft.items():
         name = plant.find(n, "state", "output")
+        lo, hi, weight = _entries(f"{where}: soft limits of {n}", entries, "(lo, hi, weight)")
         s = (plant.states | plant.outputs)[name]
         low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
         if not low < high:

@@ -196,6 +196,8 @@ BAD = [
     (dict(rates={"u": -1.0}), "must be positive"),
     (dict(soft={"s": (None, None, 1.0)}), "has no range"),
     (dict(soft={"z": (0.0, 1.0, 1.0)}), "no state or output 'z'"),
+    (dict(soft={"s": (0.0, 1.0)}), r"soft limits of s: \(0.0, 1.0\) is not \(lo, hi, weight\)"),
+    (dict(bounds={"u": 3.0}), r"bounds of u: 3.0 is not \(lo, hi\)"),
     (dict(moves=(1, 2)), "sum 20"),
     (dict(terminal=["e_u"]), "depends on the control"),
     (dict(solver="acados"), "no solver 'acados'"),
@@ -208,6 +210,33 @@ def test_bad_input_is_one_line(options, text):
     with pytest.raises(BadInput, match=text) as error:
         make(**options)
     assert "\n" not in str(error.value)
+
+
+def test_a_horizon_may_be_shorter_than_a_mass_with_drag_takes():
+    """The lag of 400 s from force to speed is the vehicle's; the gain is that of Riccati."""
+
+    @flow()
+    def mass(
+        v=State("m/s", 0.0, "speed"), F=Input("N", "force", lo=-1e6, hi=1e6),
+        m=Param("kg", 2.0, "mass"), c=Param("N s/m", 0.005, "drag"),
+    ):  # fmt: skip
+        """Mass with drag."""
+        return dict(v=(F - c * v) / m), {}
+
+    @law(e=Output("m/s"), f=Output("N"))
+    def effort(v=Input("m/s", "speed"), F=Input("N", "force")):
+        """Speed and force."""
+        return dict(e=v, f=F)
+
+    h, stages = 0.1, 20
+    block = nmpc(mass, effort, "F", h=h, horizon=stages, weights={"e": 3.0, "f": 0.5})
+    plant = sampled(mass, h, "rk4")
+    a, b = (float(plant.jacobian("v", n)(0, 0, 2, 0.005)) for n in ("v", "F"))
+    P = 9.0
+    for _ in range(stages):
+        K = P * a * b / (0.25 + P * b * b)
+        P = 9.0 + a * P * (a - b * K)
+    assert block(v=1.3)[1]["F"] == pytest.approx(-1.3 * K, rel=1e-9)
 
 
 def test_a_plant_that_is_sampled_already_or_a_cost_that_is_no_law_is_refused():
