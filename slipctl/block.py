@@ -7,7 +7,9 @@ is the paper's formulas. ``@law`` is algebra, ``@flow`` gives x' = f, ``@step`` 
 from __future__ import annotations
 
 import inspect
+import math
 import re
+import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -385,6 +387,7 @@ class Block:
         Raises:
             BadInput: no such part, or the new block does not fit the wires.
         """
+        as_block(f"{self.name}.swap: the new {name}", block)
         parts = dict(self.parts)
         if self.transparent:
             assert self._rebuild is not None
@@ -471,9 +474,10 @@ class Block:
         )
         n, y = self.expr(self.unpack("state", x), self.unpack("input", u), self.unpack("param", p))
         out = [self.pack("state", n), self.pack("output", y)]
-        return ca.Function(
-            self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True}
-        )
+        f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
+        if self.sx and not self.parts:
+            _refuse_nan(self.name, f)
+        return f
 
     def _c_name(self) -> str:
         return re.sub(r"_+", "_", self.name).strip("_")
@@ -509,7 +513,10 @@ class Block:
         letter = "d" if self.kind == "flow" else "n"
         results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
         out = self._io_names("state", letter) + self._io_names("output", "y")
-        return ca.Function(self._c_name(), args, results, names, out)
+        f = ca.Function(self._c_name(), args, results, names, out)
+        if self.sx and not self.parts:
+            _refuse_nan(self.name, f)
+        return f
 
     def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
         """Exact Jacobian of an output or of a state's equation, as a named Function.
@@ -587,7 +594,7 @@ class Block:
                 raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
         p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
         given_x = {
-            k: np.broadcast_to(np.asarray(numbers[k], dtype=float), s.shape)
+            k: s.shaped(f"{self.name}.{k}", numbers[k])
             for k, s in self.states.items()
             if k in numbers
         }
@@ -597,7 +604,7 @@ class Block:
             value = numbers.get(n, s.value)
             if value is None:
                 raise BadInput(f"{self.name} needs the input {n} [{s.unit}]")
-            u[n] = np.broadcast_to(np.asarray(value, dtype=float), s.shape)
+            u[n] = s.shaped(f"{self.name}.{n}", value)
         return x, u, p
 
     def __call__(self, **numbers: Any) -> Any:
@@ -652,8 +659,23 @@ class Block:
                     local = {k: v for k, v in (x | p).items() if k in names_in(s.value)}
                     equations[f"{s.name} ="] = evaluate(s.value, local, s.name)
                     wanted[f"{s.name} ="] = s.unit
-            found = units.check(equations, given, wanted, names)
+            try:
+                found = units.check(equations, given, wanted, names)
+            except BadInput as error:
+                raise BadInput(f"{self.name}: {error}") from None
         return [f"{self.name}: {e}" for e in found]
+
+
+def as_block(where: str, thing: Any) -> Block:
+    """Return ``thing``, refused where it is no block.
+
+    Raises:
+        BadInput: says what it is, and how a block is made.
+    """
+    if isinstance(thing, Block):
+        return thing
+    how = "call it, if it makes one" if callable(thing) else "@law, @flow and @step make one"
+    raise BadInput(f"{where} is no block but of type {type(thing).__name__}; {how}")
 
 
 def make_block(
@@ -708,7 +730,11 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
         declared += [s.named(k) for k, s in outputs.items()]
 
         def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-            result = function(**x, **u, **p)
+            try:
+                result = function(**x, **u, **p)
+            except RuntimeError as error:
+                _explain_truth(name, function, error)
+                raise
             if kind == "law":
                 return {}, _as_dict(name, result, list(outputs))
             if not (isinstance(result, tuple) and len(result) == 2):
@@ -719,6 +745,27 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
         return Block(name, kind, body, declared, doc=doc, **rest)
 
     return make
+
+
+def _refuse_nan(name: str, f: ca.Function) -> None:
+    """Refuse equations that hold a NaN, which ``math.exp`` and ``float`` make of a symbol."""
+    for k in range(f.n_instructions()):
+        if f.instruction_id(k) == ca.OP_CONST and math.isnan(f.instruction_constant(k)):
+            raise BadInput(
+                f"{name} gives NaN whatever the numbers; float(x) and math.exp(x) cannot read a"
+                " symbol: from casadi import exp, and so for every function of math"
+            )
+
+
+def _explain_truth(name: str, function: Callable[..., Any], error: RuntimeError) -> None:
+    """Say what to write in place of ``if``, ``max`` and ``min``, where they were asked a symbol."""
+    if "truth value" in str(error):
+        file = function.__code__.co_filename
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        raise BadInput(
+            f"{name}, line {lines[-1]}: if, and, or, max and min cannot read a symbol; write"
+            " if_else(x > 0, a, b), logic_and, logic_or, fmax and fmin of casadi"
+        ) from error
 
 
 def _columns(values: Exprs) -> Exprs:

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block import Block, Exprs, symbol_maker
+from slipctl.block import Block, Exprs, as_block, symbol_maker
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Signal
 
@@ -37,6 +37,8 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     """
     if not blocks:
         raise BadInput(f"connect({name!r}) needs at least one block")
+    for b, block in blocks.items():
+        as_block(f"{name}: {b}", block)
     kind, period = _common_kind(name, blocks)
     inner: dict[tuple[str, str], tuple[str, str]] = {}
     outer_inputs: dict[str, Signal] = {}

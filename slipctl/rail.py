@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,11 @@ class Section:
     length: float | None = None
 
 
+def _check_number(where: str, given: Any, unit: str) -> None:
+    if not isinstance(given, Real):
+        raise BadInput(f"{where} takes a number in {unit}, not {given!r}")
+
+
 @dataclass(frozen=True)
 class Rail:
     """Sections in order, by time or by position.
@@ -55,6 +61,12 @@ class Rail:
         unit = "s" if by == "time" else "m"
         if not self.sections:
             raise BadInput("a Rail needs at least one Section")
+        for k, s in enumerate(self.sections):
+            if not isinstance(s, Section):
+                raise BadInput(f"rail section {k} is {s!r}; write Section(start, condition)")
+            _check_number(f"start of rail section {k}", s.start, unit)
+            if s.length is not None:
+                _check_number(f"length of rail section {k}", s.length, unit)
         if self.sections[0].start != 0:
             raise BadInput(
                 f"the first rail section starts at {self.sections[0].start:g} {unit}, not 0"
@@ -120,6 +132,12 @@ class Scenario:
     doc: str = ""
 
     def __post_init__(self) -> None:
+        for what, number, unit in (
+            ("duration", self.duration, "s"), ("noise", self.noise, "1"), ("seed", self.seed, "1")
+        ):  # fmt: skip
+            _check_number(f"scenario {self.name}: {what}", number, unit)
+        if not isinstance(self.rail, Rail | None):
+            raise BadInput(f"scenario {self.name}: rail is {self.rail!r}; write Rail([...])")
         if not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput(f"scenario {self.name}: duration {self.duration:g} s must be positive")
         if not (math.isfinite(self.noise) and self.noise >= 0):

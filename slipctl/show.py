@@ -149,6 +149,8 @@ def text(block: Block, jacobian: bool = True) -> str:
             out.append("Equations")
         out += [*_indent(_equations(leaf)), ""]
     out += ["Signals", *_indent(_table(block)), ""]
+    if not block.parts and (wrong := block.check_units()):
+        out += ["Units that do not fit", *_indent(wrong), ""]
     if block.conditions:
         sets = [
             (k, ", ".join(f"{n} = {v:.6g}" for n, v in values.items()))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, known, nearest
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
 """Functions that a value expression may use: CasADi's, so numbers and symbols both work."""
@@ -53,6 +53,14 @@ class Signal:
     axis: str = ""
     safe: float | None = None
 
+    def __post_init__(self) -> None:
+        for what, given, choices in (
+            ("sign convention", self.positive, ("braking", "traction")),
+            ("slip convention", self.per, ("speed", "ratio")),
+        ):
+            if given is not None:
+                known(f"{self.name or self.doc or self.unit}", what, given, choices)
+
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
         return replace(self, name=name)
@@ -76,21 +84,29 @@ class Signal:
         """Whether the value is an expression of other signals."""
         return isinstance(self.value, str)
 
+    def shaped(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, whatever its numbers.
+
+        Raises:
+            BadInput: with the place and what it takes.
+        """
+        try:
+            if hasattr(value, "full"):  # a CasADi number, always two-dimensional
+                value = value.full().reshape(self.shape if value.numel() == self.size else ())
+            return np.broadcast_to(np.asarray(value, dtype=float), self.shape)
+        except (TypeError, ValueError):
+            raise BadInput(
+                f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
+                f" in {self.unit}, not {value!r}"
+            ) from None
+
     def check(self, where: str, value: Any) -> np.ndarray:
         """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
 
         Raises:
             BadInput: with the place, the value and the range.
         """
-        try:
-            if hasattr(value, "full"):  # a CasADi number, always two-dimensional
-                value = value.full().reshape(self.shape if value.numel() == self.size else ())
-            array = np.broadcast_to(np.asarray(value, dtype=float), self.shape).copy()
-        except (TypeError, ValueError):
-            raise BadInput(
-                f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
-                f" in {self.unit}, not {value!r}"
-            ) from None
+        array = self.shaped(where, value).copy()
         if np.isnan(array).any():
             raise BadInput(
                 f"{where} is NaN; give a number in [{self.lo:g}, {self.hi:g}] {self.unit}"

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import build
-from slipctl.block import Block, symbol_maker
+from slipctl.block import Block, as_block, symbol_maker
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.rail import Feed, Rail, Scenario
 from slipctl.signals import Signal
@@ -59,7 +59,7 @@ def simulate(
             not a whole number.
         RunFailed: a state became NaN or infinite; says block, signal and time.
     """
-    if loop.kind == "flow":
+    if as_block("simulate: the loop", loop).kind == "flow":
         raise BadInput(f"{loop.name} is continuous; sampled({loop.name}, h, method) first")
     if loop.period is None:
         raise BadInput(f"{loop.name} has no period; one of its blocks must say it")

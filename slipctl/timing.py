@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipctl.block import Block, Exprs, make_block, symbol_maker
+from slipctl.block import Block, Exprs, as_block, make_block, symbol_maker
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Input, Output, State
@@ -46,14 +47,14 @@ def sampled(
         BadInput: not a flow, unknown method, h not positive, or an explicit step that is too
             long; the message names a step, a number of substeps and a method that would do.
     """
-    if block.kind != "flow":
+    if as_block("sampled: what is to be sampled", block).kind != "flow":
         raise BadInput(f"{block.name} is a {block.kind}; only a flow can be sampled")
     if method not in METHODS:
         raise BadInput(
             f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
         )
-    if not (math.isfinite(h) and h > 0):
-        raise BadInput(f"sampled({block.name}): h = {h:g} s must be positive")
+    if not (isinstance(h, Real) and math.isfinite(h) and h > 0):
+        raise BadInput(f"sampled({block.name}): h = {h} s must be positive")
     if substeps < 1 or substeps != int(substeps):
         raise BadInput(f"sampled({block.name}): substeps = {substeps} must be a whole number >= 1")
     dt = h / substeps

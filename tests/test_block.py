@@ -15,6 +15,7 @@ from slipctl import (
     Input,
     Output,
     Param,
+    Scenario,
     State,
     connect,
     every,
@@ -22,6 +23,7 @@ from slipctl import (
     law,
     make_block,
     sampled,
+    simulate,
     step,
 )
 from slipctl.models import subway_braking as subway
@@ -309,6 +311,11 @@ def rolling(**outputs):
     return flow(name="b", **outputs)(body)()
 
 
+def one_law(body):
+    """Function of a law with one input."""
+    return law(y=Output("1"), name="b")(lambda x=Input("1"): body(x)).function()
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -331,6 +338,23 @@ def rolling(**outputs):
         (lambda: subway.double_exponential.jacobian("nu", "v_s"), "'nu'; it has mu"),
         (lambda: subway.double_exponential.jacobian("mu", "vs"), "did you mean 'v_s'?"),
         (lambda: control.super_twisting(form="printed"), "it has consistent, printed-38"),
+        (lambda: subway.double_exponential(v_s=[1, 2]), r"double_exponential.v_s takes a number"),
+        (lambda: subway.wheelset()(v="fast"), "wheel.v takes a number in m/s, not 'fast'"),
+        (lambda: one_law(lambda x: math.exp(x)), "b gives NaN whatever the numbers"),
+        (lambda: one_law(lambda x: 2 * x + float(x)), "from casadi import exp"),
+        (lambda: one_law(lambda x: x if x > 0 else -x), r"b, line \d+: if, and, or, max"),
+        (lambda: one_law(lambda x: max(x, 0)), "fmax and fmin of casadi"),
+        (lambda: law(y=Output("1", positive="up"), name="b"), "no sign convention 'up'; it has b"),
+        (lambda: law(y=Output("1", per="percent"), name="b"), "no slip convention 'percent'"),
+        (lambda: law(y=Output("yards"), name="b")(lambda u=Input("yardz"): u).check_units(),
+         "b: unit 'yardz' cannot be read"),
+        (lambda: connect("loop", {}, ctl=control.super_twisting),
+         "loop: ctl is no block but of type function; call it, if it makes one"),
+        (lambda: connect("loop", {}, ctl=5), "loop: ctl is no block but of type int; @law"),
+        (lambda: sampled("car", 1e-3), "is no block but of type str"),
+        (lambda: sampled(subway.wheelset(), "1 ms"), "h = 1 ms s must be positive"),
+        (lambda: simulate("car", Scenario("base", 1.0)), "the loop is no block"),
+        (lambda: connect("loop", {}, a=subway.wheelset()).swap("a", None), "the new a is no block"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_block_is_said_in_one_line(make, words):
