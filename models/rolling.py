@@ -101,6 +101,11 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         Step with the law as its part ``adh``. Outputs: ``v_s`` is the creep at the start of the
         step, ``F``, ``mu`` and the powers hold over it; a power is that of all axles.
     """
+    if set(adhesion.inputs) != {"v_s", "v"} or "mu" not in adhesion.outputs:
+        raise BadInput(
+            f"{adhesion.name} has the inputs {', '.join(adhesion.inputs)}; an adhesion law under a"
+            ' train has v_s and v=Input("m/s", "train speed"), used or not, and gives mu'
+        )
     n, motors = len(axles), axles.motors
     surface = {k for values in adhesion.conditions.values() for k in values}
     own = [f"adh.{k}" for k in with_derived(adhesion, surface | set(distinct))]

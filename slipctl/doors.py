@@ -110,6 +110,8 @@ def load_file(path: str) -> ModuleType:
         spec.loader.exec_module(module)
     except BaseException as error:
         del sys.modules[name]
+        if isinstance(error, SyntaxError) and not error.filename:  # no text at all
+            raise BadInput(f"{path} is no Python file: {error.msg}") from error
         if isinstance(error, Exception):
             blame(error)
         raise
@@ -169,7 +171,9 @@ def load_study(name: str) -> Study:
             raise BadInput(f"there is no study {name!r}{_meant(name, known, 'slipctl list')}")
         module = _import(f"slipctl.studies.{name}")
     study = getattr(module, "study", None)
-    if study is None:
+    from slipctl.studying import Study
+
+    if not isinstance(study, Study):
         raise BadInput(f"{name} has no study; it must end in: study = Study(...)")
     return study
 

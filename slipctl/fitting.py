@@ -21,7 +21,7 @@ from slipctl.estimate_model import (
 )
 from slipctl.signals import evaluate, names_in
 from slipctl.tables import Table, read_table
-from slipctl.units import factor, parse_quantity, unit
+from slipctl.units import dimension_equal, factor, parse_quantity, unit
 
 Numbers = Mapping[str, Any]
 
@@ -214,6 +214,11 @@ def _curve(
             found[n] = np.broadcast_to(result.ravel(), many)
         elif n in si:
             u = units[names.index(n)]
+            if u and not dimension_equal(u, s.unit):
+                raise BadInput(
+                    f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
+                    f" or a column of its own, columns={{{n!r}: '...'}}, --column {n}=EXPRESSION"
+                )
             found[n] = values[n] * (factor(u, s.unit) if u else 1.0)
         elif n in known or (n != output and s.value is not None):
             found[n] = np.full(many, float(given[n]))

@@ -127,6 +127,9 @@ def prepare(
     """
     models = read_swaps(study, swaps)
     read = [Setting.read(text) for text in settings]
+    for k, setting in enumerate(read):
+        if any((s.loop, s.name) == (setting.loop, setting.name) for s in read[:k]):
+            raise BadInput(f"--set names {setting.name} twice; write it once")
     try:
         cases = list(study.cases(models, quick))
         cases = _select(study, cases, loops, scenarios)

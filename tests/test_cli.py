@@ -497,9 +497,29 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
         (["c", "double_exponential"], "the following arguments are required: --out"),
         (["c", f"{TOY}:sft", "--out", "c"], "no loop 'sft'; did you mean 'soft'?"),
         (["c", "brakes", "--out", "c"], "brakes is a file of models"),
+        (["run", TOY, "--set", "car.m=8t", "car.m=9t"], "--set names car.m twice; write it once"),
+        (["run", "hst_traction", "--swap", "adh=double_exponential"],
+         "double_exponential has the inputs v_s; an adhesion law under a train has v_s and v="),
     ],
 )  # fmt: skip
 def test_bad_input(capsys: pytest.CaptureFixture[str], argv: list[str], said: str) -> None:
+    assert said in refused(capsys, *argv)
+
+
+@pytest.mark.parametrize(
+    ("content", "argv", "said"),
+    [
+        (b"study = 5\n", ["run", "file.py"], "file.py has no study; it must end in: study = S"),
+        (b"a = 1\x00\n", ["show", "file.py:a"], "file.py is no Python file: source code string"),
+        (b'from slipctl import Input, Output, law\n\n\n@law(mu=Output("furlong^"))\n'
+         b'def a(v_s=Input("m/s")):\n    return v_s\n', ["show", "file.py:a"], "a: unit 'furlong"),
+    ],
+    ids=["study", "bytes", "unit"],
+)  # fmt: skip
+def test_bad_files(
+    capsys: pytest.CaptureFixture[str], content: bytes, argv: list[str], said: str
+) -> None:
+    Path("file.py").write_bytes(content)
     assert said in refused(capsys, *argv)
 
 
@@ -516,6 +536,10 @@ def test_bad_input(capsys: pytest.CaptureFixture[str], argv: list[str], said: st
         ("Rail([Section(0, 'dry', length=3), Section(2, 'ice')])", "rail sections overlap"),
         ("Rail([Section(0, 'dry'), Section(0, 'ice')])", "rail section 0 is empty"),
         ("Rail([])", "a Rail needs at least one Section"),
+        ("Rail(['dry'])", "rail section 0 is 'dry'; write Section(start, condition)"),
+        ("Rail([Section('0 s', 'dry')])", "start of rail section 0 takes a number in s"),
+        ("[Case(Scenario('base', '1 s'), {})]", "duration takes a number in s, not '1 s'"),
+        ("[Case(Scenario('base', 1.0, [Section(0)]), {})]", "write Rail([...])"),
         ("[Case(Scenario('base', 1.0, Rail([Section(0, 'drry')]), {'s_ref': 1}),"
          " toy.cases(m, q)[0].loops)]", "knows no rail condition 'drry'; did you mean 'dry'?"),
         ("[Case(Scenario('base', 1.0, Rail([Section(0, 'dry')])), toy.cases(m, q)[0].loops)]",

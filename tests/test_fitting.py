@@ -234,6 +234,7 @@ def test_a_parameter_without_effect_is_named():
         ("creep,creep\n0.1,2\n", "two columns have one name"),
         ("0.1,0.2\n", "'0.1' is no name of a column"),
         ("creep,force [bananas]\n0.1,2\n", "bananas"),
+        ("v_s [kg],mu\n0.1,2\n", "curve.csv: the column v_s is in kg, the law wants m/s"),
         ("# nothing\n", "has no rows"),
         ("# set v = 10 kg\ncreep,force\n0.1,2\n", "cannot be '10 kg'"),
     ],
