@@ -446,6 +446,10 @@ class Results:
     tables: dict[str, dict[str, Table]] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
+    def part(self, path: str) -> Block:
+        """Part that every loop has, such as ``"plant.adh"``, of the first one."""
+        return next(iter(self.cases[0].loops.values()))[path]
+
     def log(self, scenario: str, loop: str) -> xarray.Dataset:
         """Log of a loop in a scenario.
 

@@ -28,7 +28,7 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, (float, np.floating)):
         if not math.isfinite(value):
             return "–"
-        mantissa, e, exponent = f"{value:.{digits}g}".partition("e")
+        mantissa, e, exponent = f"{value or 0.0:.{digits}g}".partition("e")  # no -0
         if e and 0 <= int(exponent) <= 6:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}" if e else mantissa

@@ -228,7 +228,7 @@ CLAIMS = (
 
 def adhesion_curves(r: Results) -> Any:
     """Curves of Table 1 and of the surfaces whose best creep moves."""
-    law = r.cases[0].loops["ideal"]["plant.adh"]
+    law = r.part("plant.adh")
     fig, axes = plots.panels(1, 2, height=3.0)
     groups = (("dry", "wet"), ("dry_moving", "wet_moving", "damp_moving"))
     titles = ("Table 1: one best creep", "best creep moves (a guess)")

@@ -232,7 +232,7 @@ CLAIMS = (
 
 def adhesion_curves(r: Results) -> Any:
     """The three rails, and the guessed fall with the speed on dry rail."""
-    law = r.cases[0].loops["eppfc"]["plant.adh"]
+    law = r.part("plant.adh")
     fig, axes = plots.panels(1, 2, height=3.0)
     peaks = {n: (best(law, n)[0], -best(law, n)[1]) for n in NAMES}
     chosen = {n: law.conditions[n] for n in NAMES}

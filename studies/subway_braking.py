@@ -154,7 +154,7 @@ def _extra(r: Results, rail: int) -> float | None:
 
 def adhesion_curves(r: Results) -> Any:
     """Curves of Table 1 and of the family whose optimum moves, with their peaks."""
-    law = r.cases[0].loops["sta"]["plant.adh"]
+    law = r.part("plant.adh")
     fig, axes = plots.panels(1, 2, height=3.0)
     titles = ("Table 1: one optimum", "optimum moves (a guess)")
     for axis, names, title in zip(axes[0], (TABLE_1, MOVING), titles, strict=True):
@@ -167,7 +167,7 @@ def adhesion_curves(r: Results) -> Any:
 def estimated_curves(r: Results) -> Any:
     """True curve of each rail and the one estimated at its end, in the loop."""
     log = r.log("moving_optimum", "sta_online")
-    law = r.cases[0].loops["sta"]["plant.adh"]
+    law = r.part("plant.adh")
     v = np.linspace(0, 8, 200)
     fig, axes = plots.panels(1, 3, height=2.6)
     for axis, span, name in zip(axes[0], experiments.spans(log), MOVING, strict=True):

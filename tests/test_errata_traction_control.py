@@ -128,7 +128,7 @@ def test_printed_time_bound():
     shows("003.25", "0.305", observer.convergence_time(*in_ms) * c)
 
 
-def test_sampled_gain_of_39_grows_by_its_own_orbit():
+def test_sampled_gain_of_37_grows_by_its_own_orbit():
     """The explicit law on an integrator: above the printed-out gain its own orbit feeds it."""
     T, sigma = control.T_C, 1e-4
     law = sampled(control.higher_order(), T, "euler")

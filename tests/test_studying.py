@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,9 @@ import xarray
 from casadi import exp, sqrt
 
 from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, law, running, store
+from slipctl.doors import load_study
 from slipctl.studying import Context, NotRun, Results, half_last_digit, judge
+from slipctl.texts import number
 
 EMPTY = Results(toy_study.study, [])
 
@@ -415,3 +419,19 @@ def test_what_is_kept_is_read_again_and_a_changed_question_is_computed_anew(tmp_
     assert context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute) == first
     assert len(calls) == 3
     assert Context(True, {}, []).kept({"seed": 1}, compute) == first
+
+
+def test_no_minus_zero() -> None:
+    assert [number(x) for x in (-0.0, [0.0, -0.0], -1e-9)] == ["0", "0 / 0", "-1e-9"]
+
+
+@pytest.mark.parametrize("name", ["subway_braking", "hst_braking", "freight_traction"])
+def test_figures_of_a_part_of_a_study_are_drawn_or_left_out(name: str) -> None:
+    """Nothing was run, and the loops of the paper were not asked for."""
+    study = load_study(name)
+    case = study.cases(study.models, True)[0]
+    last = list(case.loops)[-1]
+    results = Results(study, [replace(case, loops={last: case.loops[last]})], quick=True)
+    for figure in study.figures.values():
+        with contextlib.suppress(NotRun):
+            assert figure.draw(results) is not None
