@@ -15,7 +15,7 @@ from slipctl.ccode.comments import spelled
 from slipctl.ccode.expressions import number
 from slipctl.ccode.header import CONTENT
 from slipctl.ccode.layout import Member
-from slipctl.ccode.plan import Plan
+from slipctl.ccode.plan import Plan, first_sentence
 from slipctl.ccode.precision import size
 
 _STRUCTS = ("in", "param", "state", "out")
@@ -58,7 +58,7 @@ def a2l(plan: Plan) -> str:
             blocks.append(f'/begin GROUP {plan.name}_{title} "{title}" ROOT {inner}\n/end GROUP')
     body = "\n".join(blocks)
     return f"""ASAP2_VERSION 1 71
-/begin PROJECT {plan.name} {_quoted(spelled(plan.block.name))}
+/begin PROJECT {plan.name} {_quoted(first_sentence(plan.block.doc) or plan.block.name)}
 /begin HEADER "written by slipctl {__version__}, content {CONTENT}"
 /end HEADER
 /begin MODULE {plan.name}_module ""

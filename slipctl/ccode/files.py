@@ -27,7 +27,8 @@ def example(plan: Plan) -> str:
         values = enumerate(starting(m))
         lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in values]
     shown = [
-        f'        (void)printf(" {spelled(m.name)} %g", (double){m.at("out.", 0)});'
+        f'        (void)printf(" {spelled(m.name)}{"" if m.scalar else "[0]"} %g",'
+        f" (double){m.at('out.', 0)});"
         for m in sorted(plan.layout.outputs, key=lambda m: "." in m.name)[:6]
     ]
     body = "\n".join(lines or ["    in.unused = 0;"])
