@@ -38,8 +38,8 @@ machine. *Ends* counts the signals of which only the least and the greatest valu
 *open* those that arithmetic alone decides; they are named below. *Targets* are the M4 and the M7,
 in double and in float, with the first 20000 ticks at most. *MISRA* counts findings of required
 rules in what slipctl writes and, after it, in CasADi's text. *FMU* is the version that FMPy
-opened. *Runs* are those of libFuzzer. A run of more than 130 s is taken as `slipctl run --quick`
-has it.
+opened. *Runs* are those of libFuzzer. A run with more than 4e7 numbers of outputs and states is
+taken as `slipctl run --quick` has it.
 """
 
 COSTS = """\

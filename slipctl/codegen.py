@@ -321,9 +321,14 @@ def _produce(
 def _trials(
     plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any]
 ) -> rounding.Trials | None:
-    """Runs of a module with other roundings; none are needed where every machine gives the same."""
-    if plan.real == "double" and not rounding.inexact(made[f"{plan.name}.c"]):
-        return None
+    """Runs of a module with other roundings; none are needed where every machine gives the same.
+
+    In double they are for the boards, which make the first ticks alone.
+    """
+    if plan.real == "double":
+        if not rounding.inexact(made[f"{plan.name}.c"]):
+            return None
+        rows = rows[:KEPT]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         return rounding.trials(plan, made, rows, params, Path(scratch))
 

@@ -46,6 +46,7 @@ from slipctl.optimum import argmax_block
 from slipctl.studies import fmus
 from slipctl.studies import subway_braking_loops as loops
 from slipctl.studies.peers.casadi_float import casadi_float
+from slipctl.studying import Case
 
 REALS = ("double", "float")
 SEARCHING = "rls_argmax_super_twisting"
@@ -58,8 +59,8 @@ REPRESENTATIVE = (
 SECOND = 1.0
 """Length of a quick run in s."""
 
-LONG = 130.0
-"""A longer run in s is taken as ``slipctl run --quick`` has it: shorter, around its events."""
+LONG = 40_000_000
+"""A run with more numbers of outputs and states is taken as ``slipctl run --quick`` has it."""
 
 TARGETS = ",".join(board.TARGETS)
 
@@ -155,12 +156,21 @@ def controllers(wanted: list[str]) -> Iterator[Controller]:
     names = [w for w in wanted if w != SEARCHING] if wanted else list(doors.studies())
     for name in dict.fromkeys(w.partition(":")[0] for w in names):
         study = doors.load_study(name)
-        cases = doors.build_cases(study)
+        cases, shorter = (doors.build_cases(study, quick) for quick in (False, True))
         chosen = [w.partition(":")[2] for w in names if w.startswith(f"{name}:")]
         for loop_name in chosen or dict.fromkeys(n for case in cases for n in case.loops):
             loop, case = doors.pick_loop(study, cases, loop_name)
-            if study.controller in loop.parts:  # a bound has no controller
-                yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
+            if study.controller not in loop.parts:  # a bound has no controller
+                continue
+            if _numbers(loop, study.controller, case) > LONG:
+                loop, case = doors.pick_loop(study, shorter, loop_name)
+            yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
+
+
+def _numbers(loop: Block, part: str, case: Case) -> float:
+    """How many numbers a run of a part has: outputs and states in each tick."""
+    kept = (*loop[part].outputs.values(), *loop[part].states.values())
+    return case.scenario.duration / (loop.period or 1.0) * sum(s.size for s in kept)
 
 
 # ---- what a row holds ---------------------------------------------------------------------------

@@ -134,12 +134,7 @@ def with_limits(
     if trials is None:
         spread, ends, eps = _spread(plan, run, params), 0 * wanted[:1], UNTRIED * eps
     else:
-        spread = np.abs(trials.rows - wanted).max(axis=(0, 1))[np.newaxis]
-        low, high = (
-            np.abs(end(trials.rows, axis=1) - end(wanted, axis=0)).max(axis=0)
-            for end in (np.min, np.max)
-        )
-        ends = np.maximum(low, high)[np.newaxis]
+        spread, ends = (found[np.newaxis] for found in trials.differ(wanted))
         eps = LIMIT if plan.real == "double" else ROUNDINGS * eps
         other = ((trials.status ^ status) & ~bit("LIMITED")).any(axis=0)
         status = np.where(other, UNDECIDED, status)
@@ -252,4 +247,4 @@ def kept(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Tr
         run.rows[:ticks], run.outputs[:ticks], run.states[:ticks], run.status[:ticks], {},
         frozenset(),
     )  # fmt: skip
-    return first, trials and Trials(trials.rows[:, :ticks], trials.status[:, :ticks])
+    return first, trials and trials.first(ticks)

@@ -19,7 +19,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -87,10 +87,28 @@ def inexact(text: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Trials:
-    """Runs with other roundings: outputs and states, and the status, per run, tick and element."""
+    """Runs with other roundings; numbers are as the module has them, in float or double.
 
-    rows: np.ndarray
+    Attributes:
+        rows: outputs and states per tick and element, of each run.
+        status: per run and tick.
+    """
+
+    rows: Sequence[np.ndarray]
     status: np.ndarray
+
+    def first(self, ticks: int) -> Trials:
+        """The first ticks of each run."""
+        return Trials([rows[:ticks] for rows in self.rows], self.status[:, :ticks])
+
+    def differ(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest difference of each element from what is wanted, in any tick and of its ends."""
+        spread, ends = np.zeros((2, wanted.shape[1]))
+        for rows in self.rows:
+            spread = np.maximum(spread, np.abs(rows - wanted).max(axis=0))
+            for end in (np.min, np.max):
+                ends = np.maximum(ends, np.abs(end(rows, axis=0) - end(wanted, axis=0)))
+        return spread, ends
 
 
 @lru_cache(maxsize=1)
@@ -148,9 +166,9 @@ def trials(
         shutil.copy(library, own)
         module = CModule(folder, plan).load(own)
         ctypes.CDLL(str(own)).rounding_choose(ctypes.c_int(mode), ctypes.c_int(seed))
-        found = np.hstack(module.reset(**params).replay_rows(rows)).astype(float)
+        found = np.hstack(module.reset(**params).replay_rows(rows))
         return found, np.array(module.status)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the library runs without Python's lock
         found, status = zip(*pool.map(run, range(len(RUNS))), strict=True)
-    return Trials(np.array(found), np.array(status))
+    return Trials(found, np.array(status))
