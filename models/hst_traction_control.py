@@ -37,6 +37,7 @@ from slipctl import (
     sampled,
     step,
 )
+from slipctl.block import about
 from slipctl.certify import higher_order as bounds
 from slipctl.errors import known
 from slipctl.models.contact import polach
@@ -279,7 +280,7 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
                 Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3).named("jerk"),
                 Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1).named("T")],
         outputs=[s.named(n) for n, s in FORCES.items()],
-        doc=predictive.__doc__ or "", choices={"moves": moves, "dt": dt, "iterations": iterations},
+        doc=about(predictive), choices={"moves": moves, "dt": dt, "iterations": iterations},
     )  # fmt: skip
 
 

@@ -678,6 +678,11 @@ def as_block(where: str, thing: Any) -> Block:
     raise BadInput(f"{where} is no block but of type {type(thing).__name__}; {how}")
 
 
+def about(maker: Callable[..., Block]) -> str:
+    """What a block says of itself: the docstring of what makes it, without Args and the like."""
+    return re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(maker) or "")[0]
+
+
 def make_block(
     name: str,
     kind: str,

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.certify import extremum as bounds
 from slipctl.errors import BadInput
 from slipctl.signals import Input, Output, Param, Signal, State
@@ -81,7 +81,7 @@ def sliding_seek(
                 period_of(period)],
         outputs=[Output(place, "place to try").named("v"),
                  Output(value, "value less target, modulo 2 beta").named("delta")],
-        doc=sliding_seek.__doc__ or "", choices={"steepest": steepest},
+        doc=about(sliding_seek), choices={"steepest": steepest},
     )  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def perturbation_seek(
                  Output(place, "middle of the dither").named("theta"),
                  Output(value, "demodulated value").named("slope"),
                  Output(place, "amplitude of the dither").named("amplitude")],
-        doc=perturbation_seek.__doc__ or "", choices={"dither": dither},
+        doc=about(perturbation_seek), choices={"dither": dither},
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.certify import extremum as bounds
 from slipctl.extremum import demodulated, faded, per, period_of, positive, warn_regime
 from slipctl.signals import Input, Output, Param, State
@@ -171,5 +171,5 @@ def locking_seek(
             Output(place, "amplitude of the dither").named("amplitude"),
             Output(value, "locked value").named("kept"),
         ],
-        doc=locking_seek.__doc__ or "", choices={"steepest": steepest},
+        doc=about(locking_seek), choices={"steepest": steepest},
     )  # fmt: skip

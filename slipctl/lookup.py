@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.optimum import check_range, highest_peak, objective_functions
 from slipctl.signals import Output
@@ -110,7 +110,7 @@ def argmax_table(
         "argmax_table", "law", body, inputs=[x], outputs=outputs,
         choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
                  "nodes": len(xs), "error": float(f"{worst:.2g}")},
-        doc=argmax_table.__doc__ or "",
+        doc=about(argmax_table),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.signals import Output, Param
 
@@ -333,7 +333,7 @@ def argmax_block(
         ],
         choices={"law": law.name, "over": over}
         | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
-        doc=argmax_block.__doc__ or "",
+        doc=about(argmax_block),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.active_set import ActiveSet
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.errors import BadInput, nearest
 from slipctl.horizon import Horizon, Soft
 from slipctl.predictive_reference import Sparse, available, nonlinear
@@ -159,9 +159,12 @@ class _Controller:
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
             found.append(
-                Param(f"({s.unit}) / s", r, f"largest rate: {s.doc}", lo=0).named(
-                    f"{self.short[c]}_rate"
-                )
+                Param(
+                    f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s",
+                    r,
+                    f"largest rate: {s.doc}",
+                    lo=0,
+                ).named(f"{self.short[c]}_rate")
             )
         for n, limit in self.softs.items():
             short = n.replace(".", "_")
@@ -200,7 +203,7 @@ class _Controller:
             name, "step", self._body, states=states,
             inputs=[*self.measured(), *self.given()],
             params=[*model.params.values(), *self.settings()], outputs=outputs,
-            period=h, sx=False, doc=nmpc.__doc__ or "",
+            period=h, sx=False, doc=about(nmpc),
             choices={
                 "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
                 "horizon": N, "iterations": self.iterations, "solver": self.solver,

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl import wichmann_hill as wh
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.errors import BadInput, nearest
 from slipctl.signals import Output, Param, Signal, State
 
@@ -146,7 +146,7 @@ def differential_evolution(
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
             law.outputs[maximise].as_role("output", doc="value there").named("value"),
         ],
-        sx=False, doc=differential_evolution.__doc__ or "",
+        sx=False, doc=about(differential_evolution),
         choices={
             "form": form, "law": law.name, "over": over, "population": n,
             "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),

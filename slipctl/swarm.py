@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import wichmann_hill as wh
-from slipctl.block import Block, Exprs, make_block
+from slipctl.block import Block, Exprs, about, make_block
 from slipctl.errors import BadInput
 from slipctl.seek import BLOCK, objective, open_law, refuse_names, repeated
 from slipctl.signals import Output, Param, State
@@ -108,7 +108,7 @@ def particle_swarm(
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
                    for k in names),
                  law.outputs[minimise].as_role("output", doc="value there").named("value")],
-        sx=False, doc=particle_swarm.__doc__ or "",
+        sx=False, doc=about(particle_swarm),
         choices={"law": law.name, "particles": n, "iterations": int(iterations),
                  "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),
                  "seed": int(seed)} | ({"inertia": "a function"} if callable(inertia) else {}),

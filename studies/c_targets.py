@@ -105,17 +105,23 @@ class Controller:
         return Plan(self.block, self.c, self.loop.period, real)
 
     def content(self) -> str:
-        """Hash of its C, of its inputs and parameters, and of the compilers' versions."""
+        """Hash of its C without comments, of inputs and parameters, and of compilers' versions."""
         inputs, params = self.recorded
         tools = [*cc.compilers(), targets.tool("cortex-m4")]
         whole = hashlib.sha256("".join(map(cc.version, tools)).encode())
         for real in REALS:
             made = codegen.texts(self.plan(real))
-            whole.update(repr([made[n] for n in sorted(made) if n.endswith((".h", ".c"))]).encode())
+            code = [bare(made[n]) for n in sorted(made) if n.endswith((".h", ".c"))]
+            whole.update(repr(code).encode())
         for n, values in (inputs or {}).items():
             whole.update(n.encode() + np.ascontiguousarray(values, dtype=float).tobytes())
         whole.update(repr([(n, np.asarray(v).tolist()) for n, v in params.items()]).encode())
         return whole.hexdigest()[:16]
+
+
+def bare(text: str) -> str:
+    """C without comments and line breaks."""
+    return " ".join(re.sub(r"/\*.*?\*/", " ", text, flags=re.DOTALL).split())
 
 
 def searching() -> Controller:

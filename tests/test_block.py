@@ -18,6 +18,7 @@ from slipctl import (
     Scenario,
     State,
     connect,
+    differential_evolution,
     every,
     flow,
     law,
@@ -26,6 +27,7 @@ from slipctl import (
     simulate,
     step,
 )
+from slipctl.block import about
 from slipctl.models import subway_braking as subway
 from slipctl.models import subway_braking_control as control
 
@@ -361,3 +363,20 @@ def test_what_is_wrong_with_a_block_is_said_in_one_line(make, words):
     with pytest.raises(BadInput, match=words) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_a_block_says_of_itself_what_its_maker_says_without_the_arguments() -> None:
+    def made(gain: float) -> Block:
+        """Make a gain.
+
+        It only multiplies.
+
+        Args:
+            gain: the number.
+        """
+        raise NotImplementedError
+
+    assert about(made) == "Make a gain.\n\nIt only multiplies."
+    seek = differential_evolution(subway.double_exponential, "v_s", lo=0.01, hi=10.0)
+    assert seek.doc
+    assert "Args:" not in seek.doc

@@ -65,6 +65,11 @@ def test_other_inputs_are_another_content(one: Controller) -> None:
     assert one.content() == same.content() != other.content()
 
 
+def test_comments_and_line_breaks_are_no_content() -> None:
+    text = "/* a block\n * of 2 lines */\nint f(const a *p,\n      b *s); /* one */"
+    assert c_targets.bare(text) == "int f(const a *p, b *s);"
+
+
 def test_every_loop_with_a_controller_has_a_row() -> None:
     found = {c.name for c in c_targets.controllers(["subway_braking", "hst_traction"])}
     assert set(c_targets.REPRESENTATIVE) & found == {

@@ -85,7 +85,12 @@ def header(plan: Plan) -> str:
         f'#ifndef {big}_H\n#define {big}_H\n\n#ifdef __cplusplus\nextern "C" {{\n#endif',
         f"{comment('Status of a call: 0, or bits of these.')}\nenum {{\n{states}\n}};",
         _struct(plan, "in", "Inputs of one tick.", lay.inputs),
-        _struct(plan, "param", "Parameters; call tune after changing one.", lay.params),
+        _struct(
+            plan,
+            "param",
+            "Parameters. Call tune after changing one: it checks them, step does not.",
+            lay.params,
+        ),
         _struct(plan, "out", "Outputs of one tick.", lay.outputs),
         _state(plan),
         _prototypes(plan),
@@ -182,42 +187,40 @@ def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
     return "\n".join([*lines, line.rstrip()])
 
 
-def step_prototype(plan: Plan) -> str:
-    """Declaration of the step."""
+def prototypes(plan: Plan) -> dict[str, str]:
+    """Declarations of the functions of the module, by their short names."""
     n = plan.name
-    return prototype(
-        plan, "int", f"{n}_step", f"const {n}_in *in", f"const {n}_param *param",
-        f"{n}_state *state", f"{n}_out *out",
-    )  # fmt: skip
+    param, state = f"const {n}_param *param", f"{n}_state *state"
+    arguments = {
+        "default": ("void", f"{n}_param *param"),
+        "init": ("int", param, state),
+        "tune": ("int", param, state),
+        "step": ("int", f"const {n}_in *in", param, state, f"{n}_out *out"),
+    }
+    return {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
 
 
 def _prototypes(plan: Plan) -> str:
-    n, big = plan.name, plan.layout.big
-    texts = (
-        (
-            "Fill the parameters with their defaults; derived ones are not among them.",
-            f"void {n}_default({n}_param *param)",
-        ),
-        (
+    n, big, texts = plan.name, plan.layout.big, prototypes(plan)
+    told = {
+        "default": "Fill the parameters with their defaults; derived ones are not among them.",
+        "init": (
             "Check the parameters, compute the derived ones, set the start state. Status 0 or"
             f" {big}_BAD_PARAM: then the state starts as with the defaults, and {n}_step must wait"
-            " for good parameters.",
-            f"int {n}_init(const {n}_param *param, {n}_state *state)",
+            " for good parameters."
         ),
-        (
+        "tune": (
             "Check the parameters and compute the derived ones; the rest of the state stays. Status"
-            f" 0 or {big}_BAD_PARAM: then the derived ones stay too.",
-            f"int {n}_tune(const {n}_param *param, {n}_state *state)",
+            f" 0 or {big}_BAD_PARAM: then the derived ones stay too."
         ),
-        (
+        "step": (
             f"One tick. Status 0, or {big}_LIMITED: an output of this step was limited. Otherwise"
             " the state is untouched and the outputs are those of the last good step (before the"
             " first one: zero, or the end of their range nearest to it)"
-            + (", or their safe value where one is stated." if plan.safe else "."),
-            step_prototype(plan),
+            + (", or their safe value where one is stated." if plan.safe else ".")
         ),
-    )
-    return "\n\n".join(f"{comment(what)}\n{text};" for what, text in texts)
+    }
+    return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
 
 
 def identifier_free(text: str, name: str) -> bool:

@@ -16,7 +16,7 @@ from slipctl.ccode.header import (
     identifier_free,
     next_struct,
     prototype,
-    step_prototype,
+    prototypes,
 )
 from slipctl.ccode.kernel import Kernel, definitions
 from slipctl.ccode.layout import Member
@@ -133,7 +133,7 @@ def _default(plan: Plan) -> str:
     for m in plan.layout.params:
         lines += _constant(m, "param->", m.signal.value)
     lines = lines or ["param->unused = 0.0;"]
-    return _define(f"void {plan.name}_default({plan.name}_param *param)", lines)
+    return _define(prototypes(plan)["default"], lines)
 
 
 def _constant(m: Member, pointer: str, value: Any) -> list[str]:
@@ -164,7 +164,7 @@ def _tune(plan: Plan) -> str:
         good = _conjunction([within(plan, m, "now.") for m in derived])
         lines += [_if([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
     lines.append(f"return {big}_OK;")
-    return _define(f"int {n}_tune(const {n}_param *param, {n}_state *state)", lines)
+    return _define(prototypes(plan)["tune"], lines)
 
 
 def _init(plan: Plan) -> str:
@@ -191,7 +191,7 @@ def _init(plan: Plan) -> str:
         before = plan.safe.get(m.c, min(max(0.0, m.signal.lo), m.signal.hi))
         lines += _constant(m, "state->held.", before)
     lines.append("return status;")
-    return _define(f"int {n}_init(const {n}_param *param, {n}_state *state)", lines)
+    return _define(prototypes(plan)["init"], lines)
 
 
 # ---- step ---------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def _step(plan: Plan) -> str:
         lines += [f"limited |= {text};" for text in limits]
     status = f"(limited != 0U) ? {big}_LIMITED : {big}_OK" if limits else f"{big}_OK"
     lines += ["state->held = now;", "*out = now;", f"return {status};"]
-    return _define(step_prototype(plan), lines)
+    return _define(prototypes(plan)["step"], lines)
 
 
 # ---- small text ---------------------------------------------------------------------------------
