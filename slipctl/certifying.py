@@ -152,7 +152,7 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
     rows = [f"{study.name}: {study.title}"]
     for a in found:
         g, r = a.gains, a.report
-        rows += ["", f"{g.name} (loop {g.loop}), {g.system}: {r.verdict}"]
+        rows += ["", f"{g.name} (loop {g.loop}), {r}"]
         used = {k: v for k, v in r.gains.items() if k in SHOWN or v}
         rows += textwrap.wrap(told(used, r.units), 96, initial_indent="  ", subsequent_indent="  ")
         if a.condition is not None:
@@ -253,7 +253,7 @@ def check(file: str) -> str:
 
 def table(report: Report) -> str:
     """Report as text."""
-    rows = [f"{report.system}: {report.verdict}", f"  {told(report.gains, report.units)}", ""]
+    rows = [str(report), f"  {told(report.gains, report.units)}", ""]
     names = list(dict.fromkeys(m for f in report.criteria.values() for m in f.margins))
     wide = max(18, *(len(n) + 2 for n in report.criteria))
     columns = [max(14, len(n) + 1, len(report.units[n.partition("_")[2]]) + 1) for n in names]

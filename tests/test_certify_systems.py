@@ -85,7 +85,8 @@ def test_verdicts(name):
             if kinds[k] == PRINTED:
                 assert f.verdict == SILENT
         said = json.loads(json.dumps(found.payload(), default=str))
-        assert set(said) == {"system", "gains", "verdict", "criteria", "values", "witness"}
+        assert set(said) == {"system", "gains", "verdict", "time", "criteria", "values",
+                             "witness"}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [n for n in SYSTEMS if n != "super_twisting"])

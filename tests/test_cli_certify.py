@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from slipctl.certify.catalogue import SYSTEMS
+from slipctl.certify.catalogue import SYSTEMS, certify
 from slipctl.certify.super_twisting import worst_ratio
 from slipctl.cli import main
 
@@ -41,16 +41,31 @@ def test_json_answer(capsys):
 def test_table(capsys):
     assert main([*GAINS, "delta=0.1"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("super_twisting: CERTIFIED\n")
+    assert said.startswith("super_twisting: CERTIFIED in continuous time\n")
     assert "printed_48*" in said
     assert "worst disturbance: r1 = delta |x1|^(1/2) sgn x1; d = L sgn x1 while" in said
+
+
+def test_head_tells_continuous_from_sampled(capsys):
+    """A proof of the equations is no proof of the law that is computed once per period."""
+    chatters = ["certify", "super_twisting", "--set", "k1=2000", "k2=1", "L=0.5", "T=0.016"]
+    assert main(chatters) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("super_twisting: CERTIFIED in continuous time\n")
+    assert "explicit amplitude: 256 m/s" in said
+    assert main([*chatters, "band=0.1"]) == 0
+    assert capsys.readouterr().out.startswith("super_twisting: REFUTED as sampled\n")
+    assert str(certify("lagged_loop", K=1, T=1)) == "lagged_loop: CERTIFIED as sampled"
+    noise = {"gamma": 0.1, "R": 1e-6, "H": 1e-3}
+    assert str(certify("filter", **noise)) == "filter: CERTIFIED as sampled"
+    assert str(certify("filter", **noise, dt=0)) == "filter: CERTIFIED in continuous time"
 
 
 def test_certificate_written_checked_and_altered(capsys):
     assert main([*GAINS, "--out", "a.json"]) == 0
     assert main(["check", "a.json"]) == 0
     said = capsys.readouterr().out
-    assert said.endswith("CERTIFIED (exact and quadratic proof checked)\n")
+    assert said.endswith("CERTIFIED in continuous time (exact and quadratic proof checked)\n")
     text = Path("a.json").read_text()
     changes = {
         '"569/625"': ('"568/625"', 1, "the minors are not those"),

@@ -16,6 +16,7 @@ from slipctl.certify.switching_kind import REACHING_LAW, SATURATION
 from slipctl.certify.systems import (
     EXACT,
     REFUTED,
+    SAMPLED,
     SILENT,
     Criterion,
     Finding,
@@ -77,6 +78,7 @@ def _sampled(found: Report, further: Mapping[str, Any]) -> Report:
     n = {**found.gains, **{k: float(v) for k, v in told.items() if k in further}}
     k1, k2, L, values = n["k1"], n["k2"], n["L"], dict(found.values)
     criteria, verdict, witness = dict(found.criteria), found.verdict, found.witness
+    time = found.time
     if "v0" in n:
         least, most = sta.reaching_time_bounds(k1, k2, L, n["v0"], n["delta"])
         values["reaching_time_at_least"] = (least, "s")
@@ -103,9 +105,9 @@ def _sampled(found: Report, further: Mapping[str, Any]) -> Report:
             "necessary: explicit Euler's period-2 orbit fits into the wanted band", fits,
         )  # fmt: skip
         if orbit and not fits:
-            verdict, witness = REFUTED, _orbit(k1, k2, n["T"])
+            verdict, witness, time = REFUTED, _orbit(k1, k2, n["T"]), SAMPLED
     units = {k: v.unit for k, v in SUPER_TWISTING.numbers.items()}
-    return Report(found.system, n, units, verdict, criteria, values, witness)
+    return Report(found.system, n, units, verdict, criteria, values, witness, time)
 
 
 def _orbit(k1: float, k2: float, T: float) -> Witness:

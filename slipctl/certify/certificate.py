@@ -16,6 +16,7 @@ from typing import Any
 
 from slipctl.certify import outward, proofs
 from slipctl.certify import super_twisting as sta
+from slipctl.certify.systems import CONTINUOUS
 from slipctl.certify.twisting_report import CERTIFIED, REFUTED, checked, exact_verdict
 from slipctl.errors import BadInput, nearest
 
@@ -130,7 +131,8 @@ def check(payload: Mapping[str, Any]) -> str:
         _check_quadratic(gains, payload["quadratic"])
         shown_proofs.append("quadratic")
     shown = ", ".join(f"{k}={v}" for k, v in gains.items())
-    return f"super_twisting {shown}: {verdict} ({' and '.join(shown_proofs)} proof checked)"
+    by = f"({' and '.join(shown_proofs)} proof checked)"
+    return f"super_twisting {shown}: {verdict} {CONTINUOUS} {by}"
 
 
 def _check_quadratic(gains: Mapping[str, Fraction], given: Any) -> None:

@@ -9,8 +9,10 @@ from typing import Any
 
 from slipctl.certify import filters, outward
 from slipctl.certify.systems import (
+    CONTINUOUS,
     EXACT,
     NECESSARY,
+    SAMPLED,
     Criterion,
     Number,
     Numbers,
@@ -129,6 +131,7 @@ RLS = System(
     },
     _rls_values,
     _rls_witness,
+    time=lambda n: SAMPLED,
 )  # fmt: skip
 
 
@@ -230,4 +233,5 @@ FILTER = System(
     },
     _filter_values,
     _filter_witness,
+    time=lambda n: SAMPLED if n["dt"] else CONTINUOUS,
 )  # fmt: skip

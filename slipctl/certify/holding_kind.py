@@ -14,6 +14,7 @@ from slipctl.certify.bisection import bisect
 from slipctl.certify.systems import (
     EXACT,
     NECESSARY,
+    SAMPLED,
     SUFFICIENT,
     Criterion,
     Number,
@@ -221,6 +222,7 @@ PRESCRIBED_PERFORMANCE = System(
     ({"K1": 100.0, "T": 1e-3, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.2, "W": 0.2},
      {"K1": 100.0, "T": 3e-2, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.0, "W": 0.02,
       "step": 5e-3}),
+    time=lambda n: SAMPLED,
 )  # fmt: skip
 
 
@@ -355,4 +357,5 @@ BARRIER = System(
     _barrier_witness,
     ({"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 5e-3, "T": 2e-4},
      {"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 1e-2, "T": 1e-3}),
+    time=lambda n: SAMPLED,
 )  # fmt: skip

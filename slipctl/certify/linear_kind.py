@@ -9,6 +9,7 @@ from typing import Any
 
 from slipctl.certify.systems import (
     EXACT,
+    SAMPLED,
     Criterion,
     Number,
     Numbers,
@@ -103,6 +104,7 @@ LAGGED_LOOP = System(
     lambda n: loop_margins(n["K"], n["lag"], n["T"]),
     _lag_witness,
     ({"K": 100.0, "T": 1e-3, "lag": 0.05},),
+    time=lambda n: SAMPLED,
 )  # fmt: skip
 
 

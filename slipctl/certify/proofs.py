@@ -72,6 +72,7 @@ def write(system: System, given: Mapping[str, Any]) -> dict[str, Any]:
             held[name] = holds
             numbers.used |= own.used
             proofs[name] = _written(holds, found, sides)
+    system.time(numbers)  # so that the certificate names what tells the time
     gains = {
         k: {"value": str(v), "unit": system.numbers[k].unit}
         for k, v in numbers.items()
@@ -106,6 +107,7 @@ def check(system: System, payload: Mapping[str, Any]) -> str:
     missing = [k for k, c in asked.items() if c.kind in (EXACT, NECESSARY) and k not in held]
     if missing:
         raise BadInput(f"proofs: no proof of {', '.join(missing)}")
+    time = system.time(numbers)
     for name in numbers:
         if name not in numbers.used:
             raise BadInput(f"gains.{name} plays no role in the proofs; leave it out")
@@ -114,7 +116,7 @@ def check(system: System, payload: Mapping[str, Any]) -> str:
         said = str(payload.get("verdict"))[:40]
         raise DoesNotHold(f"it says {said!r}, but its proofs say {verdict}")
     shown = ", ".join(f"{k}={v}" for k, v in numbers.items())
-    return f"{system.name} {shown}: {verdict} ({', '.join(held)} checked)"
+    return f"{system.name} {shown}: {verdict} {time} ({', '.join(held)} checked)"
 
 
 def _check_proof(name: str, criterion: Criterion, numbers: Asked, given: Any) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from slipctl.certify import reaching_law
 from slipctl.certify.systems import (
     EXACT,
+    SAMPLED,
     Criterion,
     Number,
     Numbers,
@@ -95,6 +96,7 @@ REACHING_LAW = System(
     _reaching_witness,
     ({"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 5.0, "band": 0.01},
      {"g1": 5.0, "g2": 1.0, "T": 0.5, "D": 2.0, "band": 0.3}),
+    time=lambda n: SAMPLED,
 )  # fmt: skip
 
 

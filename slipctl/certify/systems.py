@@ -25,6 +25,9 @@ CERTIFIED = "CERTIFIED"
 SILENT = "NOT CERTIFIED BY THIS CRITERION"
 REFUTED = "REFUTED"
 
+CONTINUOUS, SAMPLED = "in continuous time", "as sampled"
+"""Of what a verdict speaks: of the equations, or of the law that is computed once per period."""
+
 EXACT, NECESSARY, SUFFICIENT, PRINTED = "exact", "necessary", "sufficient", "printed"
 
 Numbers = Mapping[str, Any]
@@ -188,6 +191,7 @@ class System:
             verdict needs none.
         panel: numbers at which the unit of the state is changed.
         answer: its own report, where ends are known in closed form.
+        time: function that says whether the verdict is CONTINUOUS or SAMPLED.
     """
 
     name: str
@@ -198,6 +202,7 @@ class System:
     witness: Callable[[Numbers], Witness | None] = lambda n: None
     panel: tuple[Mapping[str, float], ...] = ()
     answer: Callable[[Mapping[str, Any]], Report] | None = None
+    time: Callable[[Numbers], str] = lambda n: CONTINUOUS
 
     def asked(self, numbers: Numbers) -> dict[str, Criterion]:
         """Criteria whose numbers are all told."""
@@ -217,6 +222,7 @@ class Report:
         criteria: what each criterion says.
         values: what else is worth knowing.
         witness: a disturbance and what it does.
+        time: of what the verdict speaks, CONTINUOUS or SAMPLED.
     """
 
     system: str
@@ -226,6 +232,11 @@ class Report:
     criteria: Mapping[str, Finding]
     values: Mapping[str, Quantity]
     witness: Any = None
+    time: str = CONTINUOUS
+
+    def __str__(self) -> str:
+        """System and verdict in a line."""
+        return f"{self.system}: {self.verdict} {self.time}"
 
     def payload(self) -> dict[str, Any]:
         """Entries of the JSON answer."""
@@ -233,6 +244,7 @@ class Report:
             "system": self.system,
             "gains": {k: {"value": v, "unit": self.units[k]} for k, v in self.gains.items()},
             "verdict": self.verdict,
+            "time": self.time,
             "criteria": {
                 name: {
                     "verdict": f.verdict,
@@ -409,5 +421,5 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     units = {k: v.unit for k, v in system.numbers.items()}
     return Report(
         system.name, n, units, verdict, found, system.values(n),
-        system.witness(n) if verdict == REFUTED else None,
+        system.witness(n) if verdict == REFUTED else None, system.time(n),
     )  # fmt: skip
