@@ -395,7 +395,8 @@ def _run(options: argparse.Namespace, command: str) -> int:
         study, quick=options.quick, settings=options.settings, swaps=options.swaps,
         loops=options.loops, scenarios=options.scenarios,
     )  # fmt: skip
-    results = running.new_results(study, cases, options.quick)
+    changed = running.in_words(options.swaps, options.settings)
+    results = running.new_results(study, cases, options.quick, changed)
     everything = not (options.loops or options.scenarios)
     if study.experiments and not everything:
         log.info("experiments are left out; they run without --loop and --scenario")
@@ -439,11 +440,11 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
 def _summary(results: Results, verdicts: Sequence[Verdict]) -> str:
     """Claims and metrics as text tables."""
-    from slipctl.texts import claim_table, metric_table
+    from slipctl.texts import changes, claim_table, metric_table
 
     width = shutil.get_terminal_size((132, 50)).columns if sys.stdout.isatty() else 132
     title = f"{results.study.name}: {results.study.title}" + (" (quick)" if results.quick else "")
-    parts = [title]
+    parts = ["\n".join(filter(None, [title, changes(results)]))]
     if verdicts:
         parts.append(claim_table(verdicts, width))
     parts += [metric_table(results, scenario) for scenario in results.metrics]

@@ -20,7 +20,7 @@ from slipctl.metrics import METRICS
 from slipctl.plots import pretty
 from slipctl.running import provenance
 from slipctl.studying import FAILED, OPEN, REPRODUCED, Results, Verdict
-from slipctl.texts import answers, count, metric_rows, number, tolerance_text
+from slipctl.texts import answers, changes, count, metric_rows, number, tolerance_text
 
 if TYPE_CHECKING:
     from slipctl.block import Block
@@ -83,9 +83,11 @@ def page(
         command: the command line.
     """
     study = results.study
+    note = changes(results)
+    changed = f'<p class="quick">{escape(note[0].upper() + note[1:])}.</p>' if note else ""
     parts: list[tuple[str, str, str]] = []
     if verdicts:
-        parts.append(("claims", "Claims", _claims(verdicts)))
+        parts.append(("claims", "Claims", changed + _claims(verdicts)))
     parts.append(("metrics", "Metrics", _metrics(results)))
     if figures:
         parts.append(("figures", "Figures", _figures(results, figures)))
@@ -117,7 +119,7 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
-{quick if results.quick else ""}{failed}
+{quick if results.quick else ""}{changed}{failed}
 <nav><ul>{contents}</ul></nav>
 {body}
 </body>

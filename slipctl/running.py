@@ -101,6 +101,12 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
     return swapped
 
 
+def in_words(swaps: Sequence[str], settings: Sequence[str]) -> str:
+    """What was swapped and set, ``"adh swapped for my.py:law, car.m=8.2t set"``."""
+    swapped = [" swapped for ".join(s.strip() for s in t.split("=", 1)) for t in swaps]
+    return ", ".join([*swapped, *(f"{t.strip()} set" for t in settings)])
+
+
 def prepare(
     study: Study,
     *,
@@ -363,9 +369,11 @@ def _run_one(
     log.debug("%s/%s done", scenario, name)
 
 
-def new_results(study: Study, cases: Sequence[Case], quick: bool = False) -> Results:
-    """Make results to be filled by :func:`run`."""
-    return Results(study, cases, quick)
+def new_results(
+    study: Study, cases: Sequence[Case], quick: bool = False, changed: str = ""
+) -> Results:
+    """Make results to be filled by :func:`run`; ``changed`` is from :func:`in_words`."""
+    return Results(study, cases, quick, changed=changed)
 
 
 def _as_in(found: dict[str, T], order: Iterable[str]) -> dict[str, T]:

@@ -436,6 +436,7 @@ class Results:
         metrics: metrics by scenario and loop.
         tables: tables by experiment and name.
         failed: why a run failed, by ``scenario/loop`` or experiment.
+        changed: what was swapped and set, in words; empty for the study as it stands.
     """
 
     study: Study
@@ -445,6 +446,7 @@ class Results:
     metrics: dict[str, dict[str, dict[str, Metric]]] = field(default_factory=dict)
     tables: dict[str, dict[str, Table]] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    changed: str = ""
 
     def part(self, path: str) -> Block:
         """Part that every loop has, such as ``"plant.adh"``, of the first one."""

@@ -67,6 +67,14 @@ def count(verdicts: Sequence[Verdict]) -> str:
     return ", ".join(f"{n} {k}" for k, n in tally.items() if n)
 
 
+def changes(results: Results) -> str:
+    """Say what was swapped and set, so that nobody takes the results for those of the study."""
+    if not results.changed:
+        return ""
+    claims = "; claims are of the paper's model, our answers of this one"
+    return f"with {results.changed}{claims if results.study.claims else ''}"
+
+
 def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:
     """Table *claim / paper / ours / verdict and why*."""
     rows = [["claim", "paper", "ours", "verdict and why"]]

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -111,7 +112,7 @@ def test_no_compile_gives_the_same_numbers(toy_run: Path) -> None:
     assert store.read_json(Path("out/toy/metrics.json"))["scenarios"] == a
 
 
-def test_set_and_swap_take_several_or_are_repeated() -> None:
+def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture[str]) -> None:
     Path("my.py").write_text(
         "from slipctl import Input, Output, Param, law\n"
         '@law(mu=Output("1", "mu", positive="braking"), conditions={"dry": {}, "ice": {}})\n'
@@ -129,6 +130,15 @@ def test_set_and_swap_take_several_or_are_repeated() -> None:
     assert got["parameters"]["soft"]["plant.adh.q"]["value"] == 0.2
     assert list(got["scenarios"]) == ["base"]
     assert "--set car.m=8.2t" in got["command"]
+    said = (
+        "with adh swapped for my.py:mine, car.m=8.2t set, soft:ctl.K=5e3 set, adh.q=0.2 set;"
+        " claims are of the paper's model, our answers of this one"
+    )
+    assert capsys.readouterr().out.splitlines()[1] == said
+    page = Path("out/toy/report.html").read_text(encoding="utf-8")
+    note = f'<p class="quick">W{escape(said[1:])}.</p>'
+    assert f'<h2 id="claims">Claims</h2>{note}' in page
+    assert page.index(note) < page.index("<nav>")
     assert not Path("out/toy/tables.json").exists()  # experiments belong to the whole study
     data = running.read_log(Path("out/toy/logs/base/soft.nc"))
     assert data["plant.adh.mu"].values[-1] == pytest.approx(0.2 * data["plant.car.s"].values[-1])
