@@ -306,13 +306,18 @@ class Block:
             BadInput: unknown or derived parameter, value off range or NaN.
         """
         for name, value in values.items():
-            if name in self.states:
-                if not isinstance(value, str):
-                    self.states[name].check(f"{self.name}.{name}", value)
-                continue
-            signal = self._settable(name)
+            signal = self.states[name] if name in self.states else self._settable(name)
             if not isinstance(value, str):
                 signal.check(f"{self.name}.{name}", value)
+                continue
+            known = [*self.params, *(self.states if name in self.states else ())]
+            beside = [k for n in known if self._sibling(name, k := n.rpartition(".")[2]) == n]
+            for k in names_in(value):
+                if k not in beside:
+                    raise BadInput(
+                        f"{self.name}.{name} takes a number in {signal.unit} or an expression;"
+                        f" {value!r} uses {k!r}{nearest(k, beside)}"
+                    )
         return self._with_values(values)
 
     def _with_values(self, values: Mapping[str, Any]) -> Block:
@@ -415,10 +420,14 @@ class Block:
         for name in wanted:
             if name not in given:
                 raise BadInput(f"{self.name} does not return its {what} {name!r}")
-        for name in given:
+        for name, value in given.items():
             if name not in wanted:
                 raise BadInput(
                     f"{self.name} returns an undeclared {what} {name!r}{nearest(name, wanted)}"
+                )
+            if value is None or isinstance(value, (str, Mapping)):
+                raise BadInput(
+                    f"{self.name} returns {value!r} as {what} {name!r}; return an expression"
                 )
 
     def symbols(self, role: str) -> Exprs:
@@ -724,7 +733,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
 
     def make(function: Callable[..., Any]) -> Block:
         name = rest.pop("name", function.__name__)
-        declared = []
+        declared: list[Signal] = []
         for k, parameter in inspect.signature(function).parameters.items():
             s = parameter.default
             if not isinstance(s, Signal):
@@ -732,6 +741,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
                     f"{name}: argument {k!r} needs a default State(...), Input(...) or Param(...)"
                 )
             declared.append(s.named(k))
+        _check_conditions(name, rest.get("conditions") or {}, {s.name: s for s in declared})
         declared += [s.named(k) for k, s in outputs.items()]
 
         def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -750,6 +760,18 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
         return Block(name, kind, body, declared, doc=doc, **rest)
 
     return make
+
+
+def _check_conditions(
+    name: str, conditions: Mapping[str, Mapping[str, float]], signals: Mapping[str, Signal]
+) -> None:
+    """Refuse a rail condition that sets what the law has not, or a number off range."""
+    known = {k: s for k, s in signals.items() if s.role in ("param", "input")}
+    for condition, values in conditions.items():
+        for k, value in values.items():
+            if k not in known:
+                raise BadInput(f"{name}: condition {condition!r} sets {k!r}{nearest(k, known)}")
+            known[k].check(f"{name}: condition {condition!r}: {k}", value)
 
 
 def _refuse_nan(name: str, f: ca.Function) -> None:

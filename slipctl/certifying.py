@@ -207,7 +207,7 @@ def read_numbers(system: System, settings: Sequence[str]) -> dict[str, Fraction]
             raise BadInput(f"--set names {name} twice; write it once")
         wanted = system.numbers[name].unit
         match = NUMBER.fullmatch(value)
-        if not match or re.search(r"/0+$", match[1]):
+        if not match or re.search(r"/0+$", match[1]) or match[2][:1].isdigit():
             raise BadInput(f"{name}={value} is no finite number; write one in {wanted}, {name}=1.5")
         found[name] = Fraction(match[1])
         written = match[2].strip()

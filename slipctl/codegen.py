@@ -149,7 +149,7 @@ def c_module(
         BadInput: a flow; a name that is no C identifier or clashes; a parameter without value; an
             operation that cannot be generated; a foreign file in the way.
     """
-    return _produce(block, Path(folder), name, period=period, real=real).module
+    return _produce(block, folder, name, period=period, real=real).module
 
 
 def check(
@@ -183,7 +183,7 @@ def check(
         RunFailed: a compiler refuses, or the block itself gives NaN on these inputs.
     """
     return _produce(
-        block, Path(folder), name, inputs=inputs, params=params, replay=True, period=period,
+        block, folder, name, inputs=inputs, params=params, replay=True, period=period,
         real=real, target=target,
     ).data  # fmt: skip
 
@@ -227,7 +227,7 @@ def export(
         BadInput, RunFailed: as :func:`check`.
     """
     return _produce(
-        block, Path(out), name, inputs=inputs, params=params, replay=check, period=period,
+        block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
         fuzz_seconds=fuzz_seconds,
     )  # fmt: skip
@@ -238,7 +238,7 @@ def export(
 
 def _produce(
     block: Block,
-    folder: Path,
+    folder: Path | str,
     name: str | None,
     *,
     inputs: Mapping[str, Any] | None = None,
@@ -251,6 +251,9 @@ def _produce(
     fmus: bool = False,
     fuzz_seconds: int = 0,
 ) -> Report:
+    if not isinstance(folder, (Path, str)):
+        raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
+    folder = Path(folder)
     boards = [t for t in dict.fromkeys(target.split(",")) if t != "host"]
     for t in boards:
         targets.tool(t)

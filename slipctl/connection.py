@@ -37,6 +37,8 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     """
     if not blocks:
         raise BadInput(f"connect({name!r}) needs at least one block")
+    if not isinstance(wires, Mapping) or not all(isinstance(s, str) for s in wires.values()):
+        raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
     for b, block in blocks.items():
         as_block(f"{name}: {b}", block)
     kind, period = _common_kind(name, blocks)

@@ -1,7 +1,10 @@
 """What can go wrong, said in one line: where, what, and what to write instead."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from numbers import Real
+from typing import Any
 
 
 class BadInput(ValueError):
@@ -20,7 +23,7 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     """
     known = [str(c) for c in candidates]
     lower = {c.lower(): c for c in known}
-    close = get_close_matches(name.lower(), list(lower), n=1, cutoff=0.6)
+    close = get_close_matches(str(name).lower(), list(lower), n=1, cutoff=0.6)
     if close:
         return f"; did you mean {lower[close[0]]!r}?"
     if not known:
@@ -38,3 +41,30 @@ def known(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
     choices = tuple(choices)
     if given not in choices:
         raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
+
+
+def check_range(where: str, lo: Any, hi: Any) -> None:
+    """Refuse ends that are no finite numbers, and a range without width.
+
+    Raises:
+        BadInput: says what the range is, and that lo < hi is needed.
+    """
+    for end in (lo, hi):
+        if not isinstance(end, Real):
+            raise BadInput(f"{where}: an end of the range is {end!r}; give numbers, lo < hi")
+    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
+        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+
+
+def check_ranges(where: str, over: Any) -> None:
+    """Refuse ``over`` unless it has a range for each name.
+
+    Raises:
+        BadInput: says how it is written, or which range is none.
+    """
+    if not isinstance(over, Mapping) or not over:
+        raise BadInput(f"{where}: over = {over!r} has no ranges; give over={{name: (lo, hi)}}")
+    for name, ends in over.items():
+        if not isinstance(ends, (tuple, list)) or len(ends) != 2:
+            raise BadInput(f"{where}: over has {name!r}: {ends!r}; give its range, (lo, hi)")
+        check_range(f"{where}: {name}", *ends)

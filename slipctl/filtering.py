@@ -67,8 +67,8 @@ def ctukf(
         block: a flow.
         measured: names of measured states and outputs.
         estimate: names of estimated states, inputs and parameters; scalars.
-        prior: variance of each unknown before the first sample, in its unit squared; one number,
-            or one per name, as everywhere below.
+        prior: variance of each unknown before the first sample, in its unit squared; one per name,
+            or a number where there is one name, as everywhere below.
         noise: of a measurement: R_w in unit^2/s for increments (their variance is R_w dt),
             variance of a sample in unit^2 for a direct one.
         drift: R_v of each unknown in unit^2/s.

@@ -275,7 +275,7 @@ def by_name(
                 raise BadInput(f"{who}: {what} lacks {n!r} in {unit}")
     elif len(units) > 1 and given != 0:
         wanted = ", ".join(f"{n!r}: ..." for n in units)
-        raise BadInput(f"{who}: {what} needs one number per name, {{{wanted}}}")
+        raise BadInput(f"{who}: {what} is {given!r}; give each its own, {{{wanted}}}")
     else:
         full = dict.fromkeys(units, given)
     for n, value in full.items():

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, RunFailed, nearest
-from slipctl.optimum import check_range, highest_peak, objective_functions
+from slipctl.errors import BadInput, RunFailed, check_range, nearest
+from slipctl.optimum import highest_peak, objective_functions
 from slipctl.signals import Output
 from slipctl.units import one
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.block import Block, Exprs, about, as_block, make_block
+from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, nearest
 from slipctl.signals import Output, Param
 
 Slopes = Callable[[float], tuple[float, float]]
@@ -85,7 +85,7 @@ def argmax(
             over the range.
         RunFailed: nothing can be proven, as of a flat top or of two peaks of one height.
     """
-    where = f"argmax({law.name})"
+    where = f"argmax({as_block('argmax: the law', law).name})"
     check_range(where, lo, hi)
     value, slope, p = objective_functions(where, law, [over], maximise, dict(at or {}))
 
@@ -134,12 +134,6 @@ def highest_peak(
         x = _climb(slopes, float(grid[k]), a, b)
         found.append(Peak(x, float(value(x, p)), _bracket(slopes, x, lo, hi) or (a, b), "newton"))
     return max(found, key=lambda peak: peak.value)
-
-
-def check_range(where: str, lo: float, hi: float) -> None:
-    """Refuse a range without width."""
-    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
-        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
 
 
 def _climb(slopes: Slopes, x: float, a: float, b: float) -> float:
@@ -230,11 +224,8 @@ def argmax_several(
         BadInput: as :func:`argmax`, or fewer than one start.
         RunFailed: IPOPT does not converge.
     """
-    where = f"argmax_several({law.name})"
-    if not over:
-        raise BadInput(f"{where}: give over={{name: (lo, hi)}}")
-    for lo, hi in over.values():
-        check_range(where, lo, hi)
+    where = f"argmax_several({as_block('argmax_several: the law', law).name})"
+    check_ranges(where, over)
     if starts != int(starts) or starts < 1:
         raise BadInput(f"{where}: starts = {starts} must be a whole number >= 1")
     value, _, p = objective_functions(where, law, list(over), maximise, dict(at or {}))
@@ -280,7 +271,7 @@ def argmax_block(
     """
     from slipctl.seek import objective, open_law, refuse_names
 
-    where = f"argmax_block({law.name})"
+    where = f"argmax_block({as_block('argmax_block: the law', law).name})"
     maximise = objective(where, law, over, maximise)
     check_range(where, lo, hi)
     if points != int(points) or points < 3 or newton != int(newton) or newton < 0:

@@ -11,7 +11,7 @@ import casadi as ca
 
 from slipctl import wichmann_hill as wh
 from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_range, nearest
 from slipctl.signals import Output, Param, Signal, State
 
 FORMS = ("consistent", "printed-alg1")
@@ -186,8 +186,7 @@ def refuse_names(where: str, law: Block, settings: Sequence[str]) -> None:
 def _check(
     where: str, lo: float, hi: float, n: int, crossover: float, generations: int, form: str
 ) -> None:
-    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
-        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+    check_range(where, lo, hi)
     if n != int(n) or not 4 <= n <= 500:
         raise BadInput(f"{where}: population = {n} must be a whole number in 4..500")
     if not 0 <= crossover <= 1:

@@ -63,6 +63,10 @@ def simulate(
         raise BadInput(f"{loop.name} is continuous; sampled({loop.name}, h, method) first")
     if loop.period is None:
         raise BadInput(f"{loop.name} has no period; one of its blocks must say it")
+    if not isinstance(scenario, Scenario):
+        raise BadInput(
+            f"simulate: {scenario!r} is no scenario; write Scenario(name, duration, ...)"
+        )
     h = loop.period
     ticks = round(scenario.duration / h)
     if ticks < 1:

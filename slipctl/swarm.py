@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from slipctl import wichmann_hill as wh
-from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput
+from slipctl.block import Block, Exprs, about, as_block, make_block
+from slipctl.errors import BadInput, check_ranges
 from slipctl.seek import BLOCK, objective, open_law, refuse_names, repeated
 from slipctl.signals import Output, Param, State
 
@@ -52,21 +51,18 @@ def particle_swarm(
     Raises:
         BadInput: unknown names, an empty range, or settings that make no search.
     """
-    where = f"particle_swarm({law.name})"
+    where = f"particle_swarm({as_block('particle_swarm: the law', law).name})"
+    check_ranges(where, over)
     names = list(over)
-    if not names:
-        raise BadInput(f"{where}: over= needs at least one input and its range")
-    for name, (low, high) in over.items():
+    for name in names:
         minimise = objective(where, law, name, minimise)
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise BadInput(f"{where}: range {low:g} to {high:g} of {name} is none; give low < high")
     if particles != int(particles) or not 2 <= particles <= 1000:
         raise BadInput(f"{where}: particles = {particles} must be a whole number in 2..1000")
     if iterations != int(iterations) or iterations < 1:
         raise BadInput(f"{where}: iterations = {iterations} must be a whole number >= 1")
     clamps = np.ravel(np.asarray(clamp, dtype=float))
     if clamps.size not in (1, len(names)):
-        raise BadInput(f"{where}: clamp has {clamps.size} numbers; give 1 or {len(names)}")
+        raise BadInput(f"{where}: clamp has {clamps.size} numbers; give one, or {len(names)}")
     assert minimise is not None
     given, value_of = open_law(law, names, minimise)
     n, d, m = int(particles), len(names), len(given)

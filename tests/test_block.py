@@ -28,6 +28,7 @@ from slipctl import (
     step,
 )
 from slipctl.block import about
+from slipctl.codegen import c_module
 from slipctl.models import subway_braking as subway
 from slipctl.models import subway_braking_control as control
 
@@ -356,6 +357,19 @@ def one_law(body):
         (lambda: sampled("car", 1e-3), "is no block but of type str"),
         (lambda: sampled(subway.wheelset(), "1 ms"), "h = 1 ms s must be positive"),
         (lambda: simulate("car", Scenario("base", 1.0)), "the loop is no block"),
+        (lambda: simulate(sampled(subway.wheelset(), 1e-3), "base"),
+         "'base' is no scenario; write Scenario"),
+        (lambda: connect("loop", ["a.T_b", "b.T"], a=subway.wheelset()),
+         "loop: wires name a source by destination"),
+        (lambda: c_module(subway.double_exponential, None), "folder to write is None; write its"),
+        (lambda: one_law(lambda x: "text"), "b returns 'text' as output 'y'; return an"),
+        (lambda: subway.wheelset().with_params(m="heavy"),
+         "wheel.m takes a number in kg or an expression; 'heavy' uses 'heavy'; it has"),
+        (lambda: subway.wheelset().with_params(omega="v / R"), "uses 'R'; did you mean 'r'"),
+        (lambda: law(y=Output("1"), name="b", conditions={"dry": {"C": 1.0}})(lambda u=Input("1"),
+         c=Param("1"): u * c), "b: condition 'dry' sets 'C'; did you mean 'c'"),
+        (lambda: law(y=Output("1"), name="b", conditions={"dry": {"c": -1.0}})(lambda u=Input("1"),
+         c=Param("1", lo=0): u * c), "b: condition 'dry': c = -1 1 is out of range"),
         (lambda: connect("loop", {}, a=subway.wheelset()).swap("a", None), "the new a is no block"),
     ],
 )  # fmt: skip

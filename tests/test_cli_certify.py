@@ -95,6 +95,7 @@ def test_certificate_written_checked_and_altered(capsys):
     (("super_twisting", "--set", "k1"), "write NAME=VALUE"),
     (("super_twisting", "--set", "k1=inf", "k2=1", "L=1"), "k1=inf is no finite number"),
     (("super_twisting", "--set", "k1=1/0", "k2=1", "L=1"), "k1=1/0 is no finite number"),
+    (("super_twisting", "--set", "k1=1e999", "k2=1", "L=1"), "k1=1e999 is no finite number"),
     (("super_twisting", "--set", "k1=-1", "k2=1", "L=1"), "k1 = -1 m^.5/s^1.5 must be more than"),
     (("super_twisting", "--set", "k1=0", "k2=1", "L=1"), "k1 = 0 m^.5/s^1.5 must be more than"),
     (("super_twisting", "--set", "k1=1", "k2=1", "L=0"), "L = 0 m/s^3 must be more than"),

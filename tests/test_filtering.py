@@ -739,6 +739,10 @@ BAD = [
     (lambda: adhesion(prior=0.0), "must be positive; 1 would pass"),
     (lambda: adhesion(noise=-1.0), "noise of omega is -1.0 (rad/s)^2/s and must be positive"),
     (lambda: adhesion(noise={"omga": 1.0}), "did you mean 'omega'"),
+    (
+        lambda: ctukf(wheel, "omega", ("omega", "F_a"), prior=4e6, noise=R_W),
+        "prior is 4000000.0; give each its own, {",
+    ),
     (lambda: adhesion(noise={}), "noise lacks 'omega' in (rad/s)^2/s"),
     (lambda: adhesion(floor=0.0), "floor of F_a is 0.0 N^2 and must be positive"),
     (lambda: adhesion(cap=-1.0), "cap of F_a"),

@@ -118,7 +118,7 @@ def test_other_bad_input():
         identify(
             specific_resistance, data(), search=misfit_search(specific_resistance, {"a1": (0, 1)})
         )
-    with pytest.raises(BadInput, match="clamp has 2 numbers; give 1 or 3"):
+    with pytest.raises(BadInput, match="clamp has 2 numbers; give one, or 3"):
         misfit_search(specific_resistance, BOX, clamp=[0.1, 0.2])
     with pytest.raises(BadInput, match="period = 0 s must be positive"):
         models.balance(0.0)

@@ -192,6 +192,8 @@ def no_law(x=Input("1", "argument")):
         (lambda: argmax(valley, "x", "y", lo=0, hi=1, at={"q": 1}), "no input or parameter 'q'"),
         (lambda: argmax(double_exponential, "v_s", lo=1, hi=1), "range 1 to 1 is none"),
         (lambda: argmax(double_exponential, "v_s", lo=0, hi=math.nan), "range 0 to nan is none"),
+        (lambda: argmax(double_exponential, "v_s", lo="0", hi=1), "is '0'; give numbers, lo < hi"),
+        (lambda: argmax("burckhardt", "v_s", lo=0, hi=1), "the law is no block but of type str"),
         (lambda: argmax(double_exponential, "v_s", at={"c": -1}, **RANGE), "out of range"),
         (lambda: argmax(root, "x", lo=-3, hi=-2), "is NaN all over -3 to -2"),
         (lambda: argmax(no_law, "x", lo=0, hi=1), "only a law of scalar expressions"),

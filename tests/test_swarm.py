@@ -81,8 +81,10 @@ def test_swarm_stays_in_its_box_and_depends_on_its_seed():
 
 def test_what_a_swarm_refuses():
     for options, said in [
-        (dict(over={}), "at least one input"), (dict(over={"a9": (0, 1)}), "no input 'a9'"),
-        (dict(over={"a1": (1, 1)}), "give low < high"),
+        (dict(over={}), "has no ranges; give over="), (dict(over={"a9": (0, 1)}), "no input 'a9'"),
+        (dict(over={"a1": (1, 1)}), "a1: range 1 to 1 is none; give lo < hi"),
+        (dict(over=["a1"]), "has no ranges; give over="),
+        (dict(over={"a1": 2}), "over has 'a1': 2; give its range"),
         (dict(over=BOX, particles=1), "particles = 1 must"),
         (dict(over=BOX, iterations=0), "iterations = 0 must"),
     ]:  # fmt: skip
