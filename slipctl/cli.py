@@ -531,9 +531,15 @@ def _pil(options: argparse.Namespace, command: str) -> int:
     out = Path(options.out) if options.out else None
     if out is not None:
         store.check_folder(out.parent)
-    found = processor.compare(
-        options.name, options.target, options.real, options.faults, out, options.seconds
-    )
+    floats = len(processor.ROUNDINGS) if options.real == "float" and not options.faults else 0
+    progress = Progress(2 + floats, sys.stderr, options.quiet)
+    try:
+        found = processor.compare(
+            options.name, options.target, options.real, options.faults, out, options.seconds,
+            progress,
+        )  # fmt: skip
+    finally:
+        progress.end()
     print(found)
     if not found.passed:
         raise RunFailed(f"{options.name}: the loop differs with its controller on {options.target}")

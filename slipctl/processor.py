@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,7 @@ def compare(
     faults: Sequence[str] = (),
     out: Path | None = None,
     seconds: float | None = None,
+    report: Callable[[str, float], object] = lambda what, share: None,
 ) -> Comparison:
     """Run a loop of a study with its controller on a processor, and compare.
 
@@ -93,6 +95,7 @@ def compare(
         faults: what happens on purpose, ``"1500=lost"``, ``late`` or ``broken``.
         out: file for the numbers.
         seconds: length of the run, where the scenario is longer.
+        report: called with what is running and the share of it that is done.
 
     Raises:
         BadInput: no such loop, target or fault; no tick in so many seconds, or no such tick; a
@@ -114,16 +117,17 @@ def compare(
     wanted = _faults(faults, round(case.scenario.duration / (loop.period or 1.0)))
     targets.tool(target)
     targets.emulator(target)
+    report("Python", 0.0)
     python = simulate(loop, case.scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
     plan = Plan(loop[part], part.replace(".", "_"), loop.period, real)
     params = codegen.logged_params(loop, part, python)
     began = time.perf_counter()
     with Rig(plan, codegen.texts(plan), target, params) as rig:
-        got = run_in_loop(loop, part, case.scenario, rig, wanted)
+        got = run_in_loop(loop, part, case.scenario, rig, wanted, partial(report, target))
     took = time.perf_counter() - began
     data: dict[str, Any] = {
         "name": name, "part": part, "target": target, "real": real, "seconds": took,
-        **_judged(study, case, loop, part, python, got, wanted, real, params),
+        **_judged(study, case, loop, part, python, got, wanted, real, params, report),
     }  # fmt: skip
     failed = []
     if not wanted and real == "double" and max(data["signals"].values()) > TRAJECTORY:
@@ -175,6 +179,7 @@ def _judged(
     faults: dict[int, str],
     real: str,
     params: Mapping[str, Any],
+    report: Callable[[str, float], object],
 ) -> dict[str, Any]:
     outside = [
         str(n)
@@ -186,7 +191,7 @@ def _judged(
     pairs = {n: (m, here.get(n)) for n, m in metrics.items()}
     moved = {}
     if real == "float" and not faults:
-        moved = _moved(study, case, loop, part, params, metrics)
+        moved = _moved(study, case, loop, part, params, metrics, report)
     differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
     expected = _told(_statuses(loop, part, python), faults)
     numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
@@ -230,13 +235,16 @@ def _metrics(study: Study, case: Case, data: Any) -> dict[str, float | None]:
 
 def _moved(
     study: Study, case: Case, loop: Block, part: str, params: Mapping[str, Any],
-    wanted: Mapping[str, float | None],
+    wanted: Mapping[str, float | None], report: Callable[[str, float], object],
 ) -> dict[str, float]:  # fmt: skip
     """Largest change of each metric where the controller in double keeps its numbers as floats."""
     found = dict.fromkeys(wanted, 0.0)
     for seed in ROUNDINGS:
-        stored = Stored(loop[part], params, seed)
-        again = _metrics(study, case, run_in_loop(loop, part, case.scenario, stored).data)
+        how = "floats to nearest" if seed is None else f"floats at random, seed {seed}"
+        got = run_in_loop(
+            loop, part, case.scenario, Stored(loop[part], params, seed), report=partial(report, how)
+        )
+        again = _metrics(study, case, got.data)
         for n, value in wanted.items():
             other = again.get(n)
             if value is not None and other is not None:

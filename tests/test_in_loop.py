@@ -114,7 +114,11 @@ def test_faults_are_told_and_the_loop_recovers() -> None:
 @pytest.mark.parametrize("seed", [None, 1])
 def test_floats_stored_alone(seed: int | None) -> None:
     wanted = simulate(loop(), SCENARIO)
-    got = run_in_loop(loop(), "ctl", SCENARIO, Stored(pi, {"k": 3.3}, seed))
+    shares: list[float] = []
+    stored = Stored(pi, {"k": 3.3}, seed)
+    got = run_in_loop(loop(), "ctl", SCENARIO, stored, report=shares.append)
+    assert shares[0] == 0.0
+    assert shares == sorted(shares)
     force = got.data["ctl.F"].values
     assert (force == force.astype(np.float32)).all()
     np.testing.assert_allclose(force, wanted["ctl.F"], atol=3e-6)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 GIVEN, SEEN = "rig_given_", "rig_seen_"
 """Names in the place holder: what the board gave, what it has to see."""
+
+NOW_AND_THEN = 500
+"""Ticks between two reports of how far a run is."""
 
 FAULTS = {"lost": LOST, "late": LATE, "broken": BROKEN}
 """What may happen to a tick on purpose, and the bit of the status that tells it: the frame never
@@ -103,8 +106,9 @@ def place_holder(block: Block) -> Block:
 
 
 def run_in_loop(
-    loop: Block, part: str, scenario: Scenario, rig: Board, faults: Mapping[int, str] | None = None
-) -> InLoop:
+    loop: Block, part: str, scenario: Scenario, rig: Board, faults: Mapping[int, str] | None = None,
+    report: Callable[[float], object] = lambda share: None,
+) -> InLoop:  # fmt: skip
     """Simulate a loop whose part runs on a processor.
 
     In each tick the rest of the loop says what the part sees, the board answers, and the rest makes
@@ -115,6 +119,7 @@ def run_in_loop(
         part: path of the part, ``"ctl"``.
         rig: the part on a board.
         faults: what happens on purpose, by tick: ``"lost"``, ``"late"`` or ``"broken"``.
+        report: called now and then with the share that is done.
 
     Raises:
         BadInput: the part sees at once what it gives.
@@ -150,6 +155,8 @@ def run_in_loop(
     for first, last, p in pieces:
         call, (x_in, u_in, x_out, y_out), _kept = _buffered(f, p)
         for k in range(first, last):
+            if k % NOW_AND_THEN == 0:
+                report(k / ticks)
             x_in[:, 0], u_in[:, 0] = x, u[k]
             call()
             row = y_out[seen, 0]
