@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from numbers import Real
 from typing import Any
 
 
@@ -50,10 +49,11 @@ def check_range(where: str, lo: Any, hi: Any) -> None:
         BadInput: says what the range is, and that lo < hi is needed.
     """
     for end in (lo, hi):
-        if not isinstance(end, Real):
+        if not hasattr(end, "__float__"):
             raise BadInput(f"{where}: an end of the range is {end!r}; give numbers, lo < hi")
-    if not (math.isfinite(lo) and math.isfinite(hi) and lo < hi):
-        raise BadInput(f"{where}: range {lo:g} to {hi:g} is none; give lo < hi")
+    a, b = float(lo), float(hi)
+    if not (math.isfinite(a) and math.isfinite(b) and a < b):
+        raise BadInput(f"{where}: range {a:g} to {b:g} is none; give lo < hi")
 
 
 def check_ranges(where: str, over: Any) -> None:

@@ -92,6 +92,11 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
         name, equals, source = (part.strip() for part in text.partition("="))
         if not equals or not source:
             raise BadInput(f"--swap {text!r}: write name=file.py:block, such as adh=my.py:my_law")
+        if not study.models:
+            raise BadInput(
+                f"{study.name} has no models that --swap replaces; a study of your own may swap any"
+                f" part of its loops, see docs/all_rails.md, 'Rails of your own'"
+            )
         if name not in study.models:
             raise BadInput(
                 f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"

@@ -71,8 +71,8 @@ def changes(results: Results) -> str:
     """Say what was swapped and set, so that nobody takes the results for those of the study."""
     if not results.changed:
         return ""
-    claims = "; claims are of the paper's model, our answers of this one"
-    return f"with {results.changed}{claims if results.study.claims else ''}"
+    claims = "; claims are of the paper's model" if results.study.claims else ""
+    return f"with {results.changed}{claims}"
 
 
 def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:

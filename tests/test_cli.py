@@ -132,7 +132,7 @@ def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture
     assert "--set car.m=8.2t" in got["command"]
     said = (
         "with adh swapped for my.py:mine, car.m=8.2t set, soft:ctl.K=5e3 set, adh.q=0.2 set;"
-        " claims are of the paper's model, our answers of this one"
+        " claims are of the paper's model"
     )
     assert capsys.readouterr().out.splitlines()[1] == said
     page = Path("out/toy/report.html").read_text(encoding="utf-8")
@@ -491,6 +491,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
         (["run", TOY, "--set", "car.m"], "write [loop:]block.param=VALUE[unit], such as"),
         (["run", TOY, "--swap", "ahd=x.py:y"], "no model 'ahd' to swap; did you mean 'adh'?"),
         (["run", TOY, "--swap", "adh=x.py:y"], "there is no file x.py"),
+        (["run", "all_rails", "--swap", "adh=x.py:y"], "see docs/all_rails.md, 'Rails"),
         (["run", TOY, "--swap", "adh=double_exponentail"], "did you mean 'double_exponential'?"),
         (["show", "double_exponentail"], "did you mean 'double_exponential'?"),
         (["show", "subway_braking.weelset"], "no block 'weelset'; did you mean 'wheelset'?"),

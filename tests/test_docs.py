@@ -24,7 +24,7 @@ DOCS = ROOT / "docs"
 RUNNER = Path(__file__).parent / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
-    "fmu.md",
+    "fmu.md", "all_rails.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
