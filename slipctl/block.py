@@ -766,6 +766,10 @@ def _check_conditions(
     name: str, conditions: Mapping[str, Mapping[str, float]], signals: Mapping[str, Signal]
 ) -> None:
     """Refuse a rail condition that sets what the law has not, or a number off range."""
+    if not isinstance(conditions, Mapping) or not all(
+        isinstance(values, Mapping) for values in conditions.values()
+    ):
+        raise BadInput(f"{name}: conditions are values by rail condition, {{'dry': {{'c': 1.0}}}}")
     known = {k: s for k, s in signals.items() if s.role in ("param", "input")}
     for condition, values in conditions.items():
         for k, value in values.items():

@@ -401,7 +401,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
     if study.experiments and not everything:
         log.info("experiments are left out; they run without --loop and --scenario")
     if study.experiments and everything and options.settings:
-        log.info("--set reaches the loops above; an experiment that builds its own keeps its own")
+        log.info("--set reaches the loops of the scenarios, not those that an experiment builds")
     total = sum(len(c.loops) for c in cases) + (len(study.experiments) if everything else 0)
     progress = Progress(total, sys.stderr, options.quiet)
 
