@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -40,6 +41,30 @@ def known(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
     choices = tuple(choices)
     if given not in choices:
         raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
+
+
+def check_number(what: str, given: Any, unit: str = "1") -> None:
+    """Refuse what is no number.
+
+    Raises:
+        BadInput: "what takes a number in unit, not given".
+    """
+    if not isinstance(given, Real):
+        told = "" if unit == "1" else f" in {unit}"
+        raise BadInput(f"{what} takes a number{told}, not {given!r}")
+
+
+def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) -> None:
+    """Refuse what is no whole number from ``least`` on, up to ``most``.
+
+    Raises:
+        BadInput: "what = given must be a whole number >= least".
+    """
+    whole = isinstance(given, Integral) or (isinstance(given, Real) and float(given).is_integer())
+    if not (whole and least <= given and (most is None or given <= most)):
+        shown = given if isinstance(given, Real) else repr(given)
+        wanted = f">= {least}" if most is None else f"in {least}..{most}"
+        raise BadInput(f"{what} = {shown} must be a whole number {wanted}")
 
 
 def check_range(where: str, lo: Any, hi: Any) -> None:

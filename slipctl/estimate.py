@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from slipctl.block import Block, Exprs, make_block
-from slipctl.errors import BadInput, nearest
+from slipctl.block import Block, Exprs, as_block, make_block
+from slipctl.errors import BadInput, check_number, check_whole, nearest
 from slipctl.estimate_model import (
     Model,
     covariance_state,
@@ -77,13 +77,14 @@ def rls(
         BadInput: not a law, an unknown name or form, coordinates that do not give the unknowns
             back, or a number that is no parameter.
     """
+    as_block("rls: the law", law)
     if form not in FORMS:
         raise BadInput(f"rls has no form {form!r}{nearest(form, FORMS)}")
+    check_number(f"rls({law.name}): period", period, "s")
     if not (math.isfinite(period) and period > 0):
         raise BadInput(f"rls({law.name}): period = {period:g} s must be positive")
     for word, count in (("window", window), ("iterations", iterations)):
-        if count != int(count) or count < 1:
-            raise BadInput(f"rls({law.name}): {word} = {count} must be a whole number >= 1")
+        check_whole(f"rls({law.name}): {word}", count)
     if form == "printed-16" and not (coordinates is None and start is None):
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
     model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")

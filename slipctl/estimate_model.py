@@ -57,6 +57,8 @@ class Model:
         if coordinates is None:
             coordinates = [n if plain or law.params[n].lo < 0 else f"log({n})" for n in unknown]
         values = {n: law.params[n].value for n in unknown}
+        if not isinstance(start, Mapping | None):
+            raise BadInput(f"rls({law.name}): start = {start!r} is not {{{unknown[0]!r}: ...}}")
         for n, v in (start or {}).items():
             if n not in values:
                 raise BadInput(f"rls({law.name}): start has {n!r}{nearest(n, unknown)}")

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from slipctl.block import Block
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.filtering_forms import differential_form, sampled_form
 from slipctl.filtering_model import Numbers, Problem, by_name, squared
 from slipctl.filtering_moments import linearised, printed_22, unscented
@@ -180,8 +180,7 @@ def _filter(
             raise BadInput(f"{who} has no {word} {value!r}{nearest(value, known)}")
     if not (math.isfinite(period) and period > 0):
         raise BadInput(f"{who}: period = {period:g} s must be positive")
-    if substeps < 1 or substeps != int(substeps):
-        raise BadInput(f"{who}: substeps = {substeps} must be a whole number >= 1")
+    check_whole(f"{who}: substeps", substeps)
     gamma = float(numbers.get("gamma", 0.0))
     highest = 1.0 if per == "sample" else math.inf
     if not 0 <= gamma <= highest:

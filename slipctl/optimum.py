@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import Block, Exprs, about, as_block, make_block
-from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, nearest
+from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
 from slipctl.signals import Output, Param
 
 Slopes = Callable[[float], tuple[float, float]]
@@ -226,8 +226,7 @@ def argmax_several(
     """
     where = f"argmax_several({as_block('argmax_several: the law', law).name})"
     check_ranges(where, over)
-    if starts != int(starts) or starts < 1:
-        raise BadInput(f"{where}: starts = {starts} must be a whole number >= 1")
+    check_whole(f"{where}: starts", starts)
     value, _, p = objective_functions(where, law, list(over), maximise, dict(at or {}))
     lows, highs = np.array(list(over.values()), dtype=float).T
     places = np.random.default_rng(seed).uniform(lows[:, None], highs[:, None], (len(over), starts))
@@ -274,10 +273,8 @@ def argmax_block(
     where = f"argmax_block({as_block('argmax_block: the law', law).name})"
     maximise = objective(where, law, over, maximise)
     check_range(where, lo, hi)
-    if points != int(points) or points < 3 or newton != int(newton) or newton < 0:
-        raise BadInput(
-            f"{where}: points = {points}, newton = {newton}; give points >= 3, newton >= 0"
-        )
+    check_whole(f"{where}: points", points, 3)
+    check_whole(f"{where}: newton", newton, 0)
     refuse_names(where, law, ("lo", "hi"))
     given, value_of = open_law(law, [over], maximise)
     z, g = ca.SX.sym("z"), ca.SX.sym("g", value_of.size1_in(1))

@@ -10,7 +10,7 @@ import casadi as ca
 
 from slipctl.active_set import ActiveSet
 from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.horizon import Horizon, Soft
 from slipctl.predictive_reference import Sparse, available, nonlinear
 from slipctl.signals import Input, Output, Param, Signal, State
@@ -303,8 +303,7 @@ def _check_numbers(
     if not (math.isfinite(h) and h > 0):
         raise BadInput(f"{where}: h = {h:g} s must be positive")
     for word, count in (("horizon", horizon), ("iterations", iterations), ("passes", passes)):
-        if count != int(count) or count < 1:
-            raise BadInput(f"{where}: {word} = {count} must be a whole number >= 1")
+        check_whole(f"{where}: {word}", count)
     if solver not in SOLVERS:
         raise BadInput(f"{where} has no solver {solver!r}; it has {', '.join(SOLVERS)}")
     if solver != "riccati":

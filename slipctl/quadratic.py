@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_whole
 
 
 def qp_kernel(
@@ -43,8 +43,7 @@ def qp_kernel(
         raise BadInput(f"qp_kernel: H is {H.shape} and A {A.shape}; they must be (n, n) and (m, n)")
     if not np.allclose(H, H.T) or np.linalg.eigvalsh(H)[0] <= 0:
         raise BadInput("qp_kernel: H must be symmetric and positive definite")
-    if iterations < 1 or iterations != int(iterations):
-        raise BadInput(f"qp_kernel: iterations = {iterations} must be a whole number >= 1")
+    check_whole("qp_kernel: iterations", iterations)
     weight = 3 * float(np.trace(H) / np.trace(A.T @ A)) if rho is None else float(rho)
     inverse = np.linalg.inv(H + sigma * np.eye(n) + weight * A.T @ A)
     K, At = ca.DM(inverse), ca.DM(A.T)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_number, check_whole
 
 Feed = float | Sequence[tuple[float, float]] | Callable[[np.ndarray], np.ndarray]
 """Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
@@ -31,11 +30,6 @@ class Section:
     condition: str | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     length: float | None = None
-
-
-def _check_number(where: str, given: Any, unit: str) -> None:
-    if not isinstance(given, Real):
-        raise BadInput(f"{where} takes a number in {unit}, not {given!r}")
 
 
 @dataclass(frozen=True)
@@ -64,9 +58,9 @@ class Rail:
         for k, s in enumerate(self.sections):
             if not isinstance(s, Section):
                 raise BadInput(f"rail section {k} is {s!r}; write Section(start, condition)")
-            _check_number(f"start of rail section {k}", s.start, unit)
+            check_number(f"start of rail section {k}", s.start, unit)
             if s.length is not None:
-                _check_number(f"length of rail section {k}", s.length, unit)
+                check_number(f"length of rail section {k}", s.length, unit)
         if self.sections[0].start != 0:
             raise BadInput(
                 f"the first rail section starts at {self.sections[0].start:g} {unit}, not 0"
@@ -118,7 +112,8 @@ class Scenario:
         seed: of all noise; each source has its own stream, keyed by seed and signal path.
 
     Raises:
-        BadInput: a duration or noise that is not positive or not finite.
+        BadInput: a duration or noise that is not positive or not finite, a seed that is no whole
+            number, a rail that is none.
     """
 
     name: str
@@ -132,18 +127,15 @@ class Scenario:
     doc: str = ""
 
     def __post_init__(self) -> None:
-        for what, number, unit in (
-            ("duration", self.duration, "s"), ("noise", self.noise, "1"), ("seed", self.seed, "1")
-        ):  # fmt: skip
-            _check_number(f"scenario {self.name}: {what}", number, unit)
+        check_number(f"scenario {self.name}: duration", self.duration, "s")
+        check_number(f"scenario {self.name}: noise", self.noise)
+        check_whole(f"scenario {self.name}: seed", self.seed, 0)
         if not isinstance(self.rail, Rail | None):
             raise BadInput(f"scenario {self.name}: rail is {self.rail!r}; write Rail([...])")
         if not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput(f"scenario {self.name}: duration {self.duration:g} s must be positive")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
-        if self.seed != int(self.seed) or self.seed < 0:
-            raise BadInput(f"scenario {self.name}: seed {self.seed} must be a whole number >= 0")
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some fields replaced."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block import Block, Exprs
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.signals import Signal, names_in
 
 
@@ -36,8 +36,7 @@ def replicate(
     Raises:
         BadInput: n is no whole number from 1 on, an unknown name, or a matrix.
     """
-    if n < 1 or n != int(n):
-        raise BadInput(f"replicate({block.name}, {n}): n must be a whole number >= 1")
+    check_whole(f"replicate({block.name}): n", n)
     n, shared, distinct = int(n), tuple(shared), tuple(distinct)
     for names, known, what in (
         (shared, block.inputs, "input"),

@@ -10,8 +10,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl import wichmann_hill as wh
-from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, check_range, nearest
+from slipctl.block import Block, Exprs, about, as_block, make_block
+from slipctl.errors import BadInput, check_number, check_range, check_whole, nearest
 from slipctl.signals import Output, Param, Signal, State
 
 FORMS = ("consistent", "printed-alg1")
@@ -67,12 +67,11 @@ def differential_evolution(
     Raises:
         BadInput: unknown names, an empty range, or settings that make no search.
     """
-    where = f"differential_evolution({law.name})"
+    where = f"differential_evolution({as_block('differential_evolution: the law', law).name})"
     maximise = objective(where, law, over, maximise)
     _check(where, lo, hi, population, crossover, generations, form)
     per_tick = generations if generations_per_tick is None else generations_per_tick
-    if per_tick != int(per_tick) or not 1 <= per_tick <= generations:
-        raise BadInput(f"{where}: generations_per_tick = {per_tick} must lie in 1..{generations}")
+    check_whole(f"{where}: generations_per_tick", per_tick, 1, int(generations))
     n = int(population)
     given, value_of = open_law(law, [over], maximise)
     worse = -1.0 if form == "printed-alg1" else 1.0
@@ -187,12 +186,11 @@ def _check(
     where: str, lo: float, hi: float, n: int, crossover: float, generations: int, form: str
 ) -> None:
     check_range(where, lo, hi)
-    if n != int(n) or not 4 <= n <= 500:
-        raise BadInput(f"{where}: population = {n} must be a whole number in 4..500")
+    check_whole(f"{where}: population", n, 4, 500)
+    check_number(f"{where}: crossover", crossover)
     if not 0 <= crossover <= 1:
         raise BadInput(f"{where}: crossover = {crossover:g} must lie in 0..1")
-    if generations != int(generations) or generations < 1:
-        raise BadInput(f"{where}: generations = {generations} must be a whole number >= 1")
+    check_whole(f"{where}: generations", generations)
     if form not in FORMS:
         raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipctl import build
 from slipctl.block import Block, as_block, symbol_maker
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.rail import Feed, Rail, Scenario
 from slipctl.signals import Signal
 
@@ -82,8 +82,7 @@ def simulate(
     u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
 
-    if every < 1 or every != int(every):
-        raise BadInput(f"simulate: every = {every} must be a whole number of ticks >= 1")
+    check_whole("simulate: every", every)
 
     x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
     rows = np.arange(0, ticks, int(every))

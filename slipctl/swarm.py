@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl import wichmann_hill as wh
 from slipctl.block import Block, Exprs, about, as_block, make_block
-from slipctl.errors import BadInput, check_ranges
+from slipctl.errors import BadInput, check_number, check_ranges, check_whole
 from slipctl.seek import BLOCK, objective, open_law, refuse_names, repeated
 from slipctl.signals import Output, Param, State
 
@@ -56,11 +56,13 @@ def particle_swarm(
     names = list(over)
     for name in names:
         minimise = objective(where, law, name, minimise)
-    if particles != int(particles) or not 2 <= particles <= 1000:
-        raise BadInput(f"{where}: particles = {particles} must be a whole number in 2..1000")
-    if iterations != int(iterations) or iterations < 1:
-        raise BadInput(f"{where}: iterations = {iterations} must be a whole number >= 1")
-    clamps = np.ravel(np.asarray(clamp, dtype=float))
+    check_whole(f"{where}: particles", particles, 2, 1000)
+    check_whole(f"{where}: iterations", iterations)
+    clamps = np.ravel(np.asarray(clamp, dtype=object))
+    numbers = [("c1", c1), ("c2", c2), *(("clamp", c) for c in clamps)]
+    for what, number in numbers if callable(inertia) else [("inertia", inertia), *numbers]:
+        check_number(f"{where}: {what}", number)
+    clamps = clamps.astype(float)
     if clamps.size not in (1, len(names)):
         raise BadInput(f"{where}: clamp has {clamps.size} numbers; give one, or {len(names)}")
     assert minimise is not None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from numbers import Real
 from typing import Any
 
 import casadi as ca
@@ -11,7 +10,7 @@ import numpy as np
 
 from slipctl.block import Block, Exprs, as_block, make_block, symbol_maker
 from slipctl.certify.steps import METHODS, largest_step
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_number, check_whole, nearest
 from slipctl.signals import Input, Output, State
 
 SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
@@ -53,10 +52,10 @@ def sampled(
         raise BadInput(
             f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
         )
-    if not (isinstance(h, Real) and math.isfinite(h) and h > 0):
-        raise BadInput(f"sampled({block.name}): h = {h} s must be positive")
-    if substeps < 1 or substeps != int(substeps):
-        raise BadInput(f"sampled({block.name}): substeps = {substeps} must be a whole number >= 1")
+    check_number(f"sampled({block.name}): h", h, "s")
+    if not (math.isfinite(h) and h > 0):
+        raise BadInput(f"sampled({block.name}): h = {h:g} s must be positive")
+    check_whole(f"sampled({block.name}): substeps", substeps)
     dt = h / substeps
     if check:
         check_step(block, dt, method, substeps)
@@ -204,10 +203,8 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     """
     if block.kind == "flow":
         raise BadInput(f"every({block.name}): a flow has no ticks; sampled({block.name}, h) first")
-    if not n >= 1 or n != int(n):
-        raise BadInput(f"every({block.name}, {n}): n must be a whole number >= 1")
-    if not 0 <= offset < n or offset != int(offset):
-        raise BadInput(f"every({block.name}): offset {offset} must lie in 0..{n - 1}")
+    check_whole(f"every({block.name}): n", n)
+    check_whole(f"every({block.name}): offset", offset, 0, int(n) - 1)
     n, offset = int(n), int(offset)
     f = block.f
     x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))

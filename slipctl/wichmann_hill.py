@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.errors import BadInput
+from slipctl.errors import check_whole
 
 FACTORS = (171, 172, 170)
 MODULI = (30269, 30307, 30323)
@@ -24,8 +24,7 @@ def seeded(seed: int) -> list[float]:
     Raises:
         BadInput: a seed that is no whole number >= 0.
     """
-    if seed != int(seed) or seed < 0:
-        raise BadInput(f"seed = {seed} must be a whole number >= 0")
+    check_whole("seed", seed, 0)
     state, rest = [], int(seed)
     for modulus in MODULI:
         state.append(float(1 + rest % (modulus - 1)))

@@ -355,7 +355,7 @@ def one_law(body):
          "loop: ctl is no block but of type function; call it, if it makes one"),
         (lambda: connect("loop", {}, ctl=5), "loop: ctl is no block but of type int; @law"),
         (lambda: sampled("car", 1e-3), "is no block but of type str"),
-        (lambda: sampled(subway.wheelset(), "1 ms"), "h = 1 ms s must be positive"),
+        (lambda: sampled(subway.wheelset(), "1 ms"), "h takes a number in s, not '1 ms'"),
         (lambda: simulate("car", Scenario("base", 1.0)), "the loop is no block"),
         (lambda: simulate(sampled(subway.wheelset(), 1e-3), "base"),
          "'base' is no scenario; write Scenario"),

@@ -200,7 +200,7 @@ def no_law(x=Input("1", "argument")):
         (lambda: argmax_several(valley, {}, "y"), "give over={name: (lo, hi)}"),
         (lambda: argmax_several(valley, {"x": (0, 1)}, "y", starts=0), "starts = 0"),
         (lambda: argmax_several(root, {"x": (-3, -2)}), "is NaN at every start"),
-        (lambda: argmax_block(double_exponential, "v_s", points=2, **RANGE), "give points >= 3"),
+        (lambda: argmax_block(double_exponential, "v_s", points=2, **RANGE), "points = 2 must be"),
         (lambda: argmax_block(double_exponential, "v_s", lo=3, hi=2), "range 3 to 2 is none"),
     ],
 )

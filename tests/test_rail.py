@@ -125,8 +125,9 @@ def test_changes_are_those_within_the_run():
         (lambda: Scenario("s", math.inf), "duration inf s must be positive"),
         (lambda: Scenario("s", math.nan), "duration nan s must be positive"),
         (lambda: Scenario("s", 1.0, noise=-1), "noise -1 must be 0 or positive"),
-        (lambda: Scenario("s", 1.0, seed=-1), "seed -1 must be a whole number >= 0"),
-        (lambda: Scenario("s", 1.0, seed=0.5), "seed 0.5 must be a whole number"),
+        (lambda: Scenario("s", 1.0, seed=-1), "seed = -1 must be a whole number >= 0"),
+        (lambda: Scenario("s", 1.0, seed=math.nan), "seed = nan must be a whole number"),
+        (lambda: Scenario("s", 1.0, seed=0.5), "seed = 0.5 must be a whole number"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make, words):

@@ -86,7 +86,15 @@ def test_what_a_swarm_refuses():
         (dict(over=["a1"]), "has no ranges; give over="),
         (dict(over={"a1": 2}), "over has 'a1': 2; give its range"),
         (dict(over=BOX, particles=1), "particles = 1 must"),
+        (dict(over=BOX, particles="x"), "particles = 'x' must be a whole number in 2..1000"),
         (dict(over=BOX, iterations=0), "iterations = 0 must"),
+        (dict(over=BOX, iterations=None), "iterations = None must be a whole number >= 1"),
+        (dict(over=BOX, iterations=np.inf), "iterations = inf must be a whole number >= 1"),
+        (dict(over=BOX, seed="x"), "seed = 'x' must be a whole number >= 0"),
+        (dict(over=BOX, clamp="x"), "clamp takes a number, not 'x'"),
+        (dict(over=BOX, c1="x"), "c1 takes a number, not 'x'"),
+        (dict(over=BOX, inertia=None), "inertia takes a number, not None"),
     ]:  # fmt: skip
-        with pytest.raises(BadInput, match=said):
+        with pytest.raises(BadInput, match=said) as error:
             particle_swarm(misfit, **options)
+        assert "\n" not in str(error.value)

@@ -263,9 +263,9 @@ def test_the_largest_step_is_the_edge_of_stability(size, angle):
         (lambda: sampled(known, 0.1, substeps=1.5), "must be a whole number >= 1"),
         (lambda: sampled(unit_delay(), 0.1), "unit_delay is a step; only a flow can be sampled"),
         (lambda: every(known, 2), "a flow has no ticks; sampled"),
-        (lambda: every(unit_delay(), 0), "n must be a whole number >= 1"),
-        (lambda: every(unit_delay(), math.nan), "n must be a whole number >= 1"),
-        (lambda: every(unit_delay(), 2, offset=2), "must lie in 0..1"),
+        (lambda: every(unit_delay(), 0), "n = 0 must be a whole number >= 1"),
+        (lambda: every(unit_delay(), math.nan), "n = nan must be a whole number >= 1"),
+        (lambda: every(unit_delay(), 2, offset=2), "offset = 2 must be a whole number in 0..1"),
     ],
 )
 def test_wrong_times_are_refused(make, words):
