@@ -412,10 +412,12 @@ def _all(words: argparse.Namespace) -> int:
                 failed += not passed(rows[name])
                 print(said(name, rows[name]), flush=True)
                 store.write_json(out, {"format": 1, "rows": dict(sorted(rows.items()))})
-        except KeyboardInterrupt:
+        except BaseException as error:  # the others' rows would be lost: end them at once
             pool.shutdown(wait=False, cancel_futures=True)
             for worker in multiprocessing.active_children():
                 worker.terminate()
+            if not isinstance(error, KeyboardInterrupt):
+                raise
             print(f"slipctl: stopped; {out} has what was done", file=sys.stderr)
             return 130
     return 1 if failed else 0
