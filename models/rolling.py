@@ -100,6 +100,9 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
     Returns:
         Step with the law as its part ``adh``. Outputs: ``v_s`` is the creep at the start of the
         step, ``F``, ``mu`` and the powers hold over it; a power is that of all axles.
+
+    Raises:
+        BadInput: a law with other inputs, or without ``mu``.
     """
     if set(adhesion.inputs) != {"v_s", "v"} or "mu" not in adhesion.outputs:
         raise BadInput(

@@ -303,15 +303,17 @@ class Block:
         own signals is a value too.
 
         Raises:
-            BadInput: unknown or derived parameter, value off range or NaN.
+            BadInput: unknown or derived parameter, value off range or NaN, an expression of names
+                that the block has not.
         """
         for name, value in values.items():
             signal = self.states[name] if name in self.states else self._settable(name)
             if not isinstance(value, str):
                 signal.check(f"{self.name}.{name}", value)
                 continue
-            known = [*self.params, *(self.states if name in self.states else ())]
-            beside = [k for n in known if self._sibling(name, k := n.rpartition(".")[2]) == n]
+            full = [*self.params, *(self.states if name in self.states else ())]
+            last = [n.rpartition(".")[2] for n in full]
+            beside = [k for n, k in zip(full, last, strict=True) if self._sibling(name, k) == n]
             for k in names_in(value):
                 if k not in beside:
                     raise BadInput(

@@ -477,10 +477,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
     store.check_folder(out)
     left, colon, loop_name = name.rpartition(":")
     if name in doors.studies():
-        names = doors.loop_names(doors.load_study(name))
-        raise BadInput(
-            f"{name} is a study; write which loop: {', '.join(f'{name}:{n}' for n in names)}"
-        )
+        raise doors.no_loop(name, doors.load_study(name))
     is_loop = colon and (not left.endswith(".py") or doors.has_study(left))
     block = None if is_loop else doors.load_block(name)
     if block is not None and options.part:
@@ -491,12 +488,12 @@ def _c(options: argparse.Namespace, command: str) -> int:
 
     if options.check and compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
+    wanted = {
+        "check": options.check, "real": options.real, "target": options.target,
+        "misra": options.misra, "fmus": options.fmu, "fuzz_seconds": options.fuzz or 0,
+    }  # fmt: skip
     if block is not None:
-        report = codegen.export(
-            block, out, options.module, check=options.check, real=options.real,
-            target=options.target, misra=options.misra, fmus=options.fmu,
-            fuzz_seconds=options.fuzz or 0,
-        )  # fmt: skip
+        report = codegen.export(block, out, options.module, **wanted)
     else:
         study = doors.load_study(left)
         loop, case = doors.find_loop(study, loop_name)
@@ -512,9 +509,7 @@ def _c(options: argparse.Namespace, command: str) -> int:
         report = codegen.export(
             control, out,
             options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
-            inputs=inputs, check=options.check, params=params, period=loop.period,
-            real=options.real, target=options.target, misra=options.misra, fmus=options.fmu,
-            fuzz_seconds=options.fuzz or 0,
+            inputs=inputs, params=params, period=loop.period, **wanted,
         )  # fmt: skip
     print(report)
     if len(report.data["name"]) > codegen.SIGNIFICANT:

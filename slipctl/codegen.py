@@ -326,7 +326,7 @@ def _trials(
 ) -> rounding.Trials | None:
     """Runs of a module with other roundings; none are needed where every machine gives the same.
 
-    In double they are for the boards, which make the first ticks alone.
+    In double they are for the boards alone, which replay no more than the first ticks.
     """
     if plan.real == "double":
         if not rounding.inexact(made[f"{plan.name}.c"]):

@@ -163,6 +163,8 @@ def load_study(name: str) -> Study:
     Raises:
         BadInput: no such study.
     """
+    from slipctl.studying import Study
+
     if name.endswith(".py"):
         module = load_file(name)
     else:
@@ -171,8 +173,6 @@ def load_study(name: str) -> Study:
             raise BadInput(f"there is no study {name!r}{_meant(name, known, 'slipctl list')}")
         module = _import(f"slipctl.studies.{name}")
     study = getattr(module, "study", None)
-    from slipctl.studying import Study
-
     if not isinstance(study, Study):
         raise BadInput(f"{name} has no study; it must end in: study = Study(...)")
     return study
@@ -305,6 +305,12 @@ def pick_loop(study: Study, cases: Sequence[Case], name: str) -> tuple[Block, Ca
 def loop_names(study: Study) -> list[str]:
     """Names of the loops of a study."""
     return list(dict.fromkeys(n for case in build_cases(study) for n in case.loops))
+
+
+def no_loop(name: str, study: Study) -> BadInput:
+    """What to say where a study was named, and one of its loops is needed."""
+    loops = ", ".join(f"{name}:{n}" for n in loop_names(study))
+    return BadInput(f"{name} is a study; write which loop: {loops}")
 
 
 def model_source(name: str) -> tuple[str, str, str]:

@@ -95,7 +95,7 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
         if not study.models:
             raise BadInput(
                 f"{study.name} has no models that --swap replaces; a study of your own may swap any"
-                f" part of its loops, see docs/all_rails.md, 'Rails of your own'"
+                " part of its loops, see docs/all_rails.md, 'Rails of your own'"
             )
         if name not in study.models:
             raise BadInput(

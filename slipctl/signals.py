@@ -59,7 +59,7 @@ class Signal:
             ("slip convention", self.per, ("speed", "ratio")),
         ):
             if given is not None:
-                known(f"{self.name or self.doc or self.unit}", what, given, choices)
+                known(self.name or self.doc or self.unit, what, given, choices)
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -203,3 +204,20 @@ def test_metrics_are_compared_one_by_one() -> None:
     assert "acceleration_variance[0]" in found
     assert "step_time" not in found
     assert all(v is None or isinstance(v, float) for v in found.values())
+
+
+def test_recovery_is_judged_in_the_last_tenth_and_never_by_nan() -> None:
+    study = doors.load_study("hst_braking")
+    time = np.arange(100.0)
+    calm = xarray.Dataset({"plant.wheel.lam": ("time", np.sin(time))}, {"time": time})
+    moved = calm["plant.wheel.lam"].copy()
+    moved[89] += 1.0
+    moved[90] += 0.02
+    other = {"plant.wheel.lam": moved}
+    assert processor._at_the_end(study, calm, other) == pytest.approx(0.02, rel=1e-3)
+    assert np.isnan(processor._at_the_end(study, calm, {}))
+    fine = {"real": "double", "signals": {"v": 0.0}, "metrics_differ": [], "wrong_status": 0,
+            "faults": {}, "difference_at_the_end": np.nan}  # fmt: skip
+    assert processor._failed(fine) == []
+    assert processor._failed(fine | {"faults": {"3": "lost"}}) == ["no recovery"]
+    assert processor._failed(fine | {"signals": {"v": np.nan}}) == ["trajectory"]

@@ -10,6 +10,7 @@ from slipctl.ccode.files import TOOLCHAIN
 from slipctl.ccode.header import CONTENT, STATUS, memory
 from slipctl.ccode.layout import Member
 from slipctl.ccode.plan import Plan, first_sentence, packed
+from slipctl.ccode.readable import table
 
 
 def readme(plan: Plan) -> str:
@@ -28,8 +29,8 @@ def readme(plan: Plan) -> str:
     tick = "once per tick"
     if plan.period:
         tick = (
-            f"every {number(plan.period)} s: the tick is in the equations, and parameters that mean"
-            " it stay;\n   for another one change the model and write the module again"
+            f"every {number(plan.period)} s: this tick is in the equations, so leave the\n  "
+            " parameters that repeat it; for another tick change the model and write the module again"
         )
     return f"""# {n}
 
@@ -116,11 +117,13 @@ their addresses from the firmware's ELF file. Call `{n}_tune` after it wrote a p
 
 def _parts(plan: Plan) -> str:
     """Table of the parts, with the equation that each is made from."""
-    rows = [
-        f"| `{path}` | {first_sentence(leaf.doc).replace('|', chr(92) + '|')} |"
-        for path, leaf in plan.part_docs()
-    ]
-    return "\n".join(["| part | what it does |", "|---|---|", *rows, "", ""]) if rows else ""
+    rows = [(f"`{path}`", _cell(first_sentence(leaf.doc))) for path, leaf in plan.part_docs()]
+    return table(["part", "what it does"], rows) + "\n\n" if rows else ""
+
+
+def _cell(text: str) -> str:
+    """Text for a table, where a bar would end it."""
+    return text.replace("|", r"\|")
 
 
 def _parameters(plan: Plan) -> str:
@@ -128,21 +131,22 @@ def _parameters(plan: Plan) -> str:
     said = []
     if shared := _shared(plan):
         said += [
-            "These are one quantity, which several parts have: change them together.\n",
-            "| quantity | default | members of the struct |\n|---|---|---|",
+            "Several parts have a parameter of one name, unit and default, most likely one"
+            " quantity: change\nthem together.",
+            table(["quantity", "default", "members of the struct"], map(_group, shared)),
         ]
-        for group in shared:
-            s = group[0].signal
-            names = ", ".join(f"`{m.c}`" for m in group)
-            value = number(float(s.value)) if group[0].scalar else "an array"
-            unit = "" if s.unit == "1" else f", in {s.unit}"
-            said.append(f"| {s.doc or s.name}{unit} | {value} | {names} |")
-        said.append("")
     if idle := _idle(plan):
-        said.append(
-            f"Without effect in this form of the law: {', '.join(f'`{c}`' for c in idle)}.\n"
-        )
-    return "\n".join(["## Parameters\n", *said, ""]) if said else ""
+        said.append(f"Without effect in this form of the law: {', '.join(f'`{c}`' for c in idle)}.")
+    return "\n\n".join(["## Parameters", *said, ""]) if said else ""
+
+
+def _group(members: list[Member]) -> tuple[str, str, str]:
+    """Row of parameters that go together: what they are, default and members."""
+    first = members[0]
+    s = first.signal
+    unit = "" if s.unit == "1" else f", in {s.unit}"
+    value = number(float(s.value)) if first.scalar else "an array"
+    return _cell(f"{s.doc or s.name}{unit}"), value, ", ".join(f"`{m.c}`" for m in members)
 
 
 def _shared(plan: Plan) -> list[list[Member]]:

@@ -38,7 +38,6 @@ UP, DOWN, TO_ZERO, AT_RANDOM = range(4)
 RUNS = ((UP, 0), (DOWN, 0), (TO_ZERO, 0), *((AT_RANDOM, seed) for seed in range(1, 6)))
 """Rounding and seed of each run."""
 
-
 _ARITHMETIC = Path(__file__).with_suffix(".hpp")
 
 INEXACT = sorted(
@@ -102,7 +101,11 @@ class Trials:
         return Trials([rows[:ticks] for rows in self.rows], self.status[:, :ticks])
 
     def differ(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest difference of each element from what is wanted, in any tick and of its ends."""
+        """How far each element comes from what is wanted: in any tick, and its least and greatest.
+
+        Returns:
+            Two rows, the largest difference in a tick and that of the two ends.
+        """
         spread, ends = np.zeros((2, wanted.shape[1]))
         for rows in self.rows:
             spread = np.maximum(spread, np.abs(rows - wanted).max(axis=0))
@@ -133,7 +136,7 @@ def trials(
     """Run a float module with other roundings, a module in double with another libm.
 
     Args:
-        plan: the module, in float.
+        plan: the module.
         made: its texts.
         rows: input elements, one row per tick.
         params: parameters of the run.
