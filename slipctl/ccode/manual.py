@@ -30,7 +30,7 @@ def readme(plan: Plan) -> str:
     if plan.period:
         tick = (
             f"every {number(plan.period)} s: this tick is in the equations, so leave the\n  "
-            " parameters that repeat it; for another tick change the model and write the module again"
+            " parameters that repeat it; for another tick change the model, write the module again"
         )
     return f"""# {n}
 
