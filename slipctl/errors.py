@@ -54,6 +54,18 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
         raise BadInput(f"{what} takes a number{told}, not {given!r}")
 
 
+def check_positive(what: str, given: Any, unit: str = "1") -> None:
+    """Refuse what is no number, not finite or not positive.
+
+    Raises:
+        BadInput: "what = given unit must be positive".
+    """
+    check_number(what, given, unit)
+    if not (math.isfinite(given) and given > 0):
+        told = "" if unit == "1" else f" {unit}"
+        raise BadInput(f"{what} = {given:g}{told} must be positive")
+
+
 def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) -> None:
     """Refuse what is no whole number from ``least`` on, up to ``most``.
 

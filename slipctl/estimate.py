@@ -12,13 +12,12 @@ so that no step can leave the curves that make sense.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
 from slipctl.block import Block, Exprs, as_block, make_block
-from slipctl.errors import BadInput, check_number, check_whole, nearest
+from slipctl.errors import BadInput, check_positive, check_whole, nearest
 from slipctl.estimate_model import (
     Model,
     covariance_state,
@@ -80,9 +79,7 @@ def rls(
     as_block("rls: the law", law)
     if form not in FORMS:
         raise BadInput(f"rls has no form {form!r}{nearest(form, FORMS)}")
-    check_number(f"rls({law.name}): period", period, "s")
-    if not (math.isfinite(period) and period > 0):
-        raise BadInput(f"rls({law.name}): period = {period:g} s must be positive")
+    check_positive(f"rls({law.name}): period", period, "s")
     for word, count in (("window", window), ("iterations", iterations)):
         check_whole(f"rls({law.name}): {word}", count)
     if form == "printed-16" and not (coordinates is None and start is None):

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl.active_set import ActiveSet
-from slipctl.block import Block, Exprs, about, make_block
-from slipctl.errors import BadInput, check_whole, nearest
+from slipctl.block import Block, Exprs, about, as_block, make_block
+from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.horizon import Horizon, Soft
 from slipctl.predictive_reference import Sparse, available, nonlinear
 from slipctl.signals import Input, Output, Param, Signal, State
@@ -83,23 +83,25 @@ def nmpc(
         BadInput: unknown names, bounds that leave nothing, a weight that is not positive, a
             horizon shorter than the lag of the actuator, a solver that is not there.
     """
-    where = f"nmpc({plant.name})"
+    where = f"nmpc({as_block('nmpc: the plant', plant).name})"
+    as_block(f"{where}: the cost", cost)
     controls = [control] if isinstance(control, str) else list(control)
     _check_numbers(where, h, horizon, iterations, passes, solver)
     if not controls:
         raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
     full = {c: plant.find(c, "input") for c in controls}
-    limits = _bounds(where, plant, full, dict(bounds or {}))
-    rate = _rates(where, controls, dict(rates or {}))
-    softs = _soft(where, plant, dict(soft or {}))
+    limits = _bounds(where, plant, full, _by_name(where, "bounds", bounds))
+    rate = _rates(where, controls, _by_name(where, "rates", rates))
+    softs = _soft(where, plant, _by_name(where, "soft", soft))
     scale = {c: _scale(*limits[c]) for c in controls}
     tied = _tied(where, horizon, moves)
     problem = Horizon.of(
         plant, cost, controls, terminal, list(softs), horizon, h, method, substeps, scale
     )
+    weigh = _weights(where, cost, _by_name(where, "weights", weights))
     return _Controller(
-        where, problem, controls, limits, rate, softs, _weights(where, cost, dict(weights or {})),
-        tied, int(iterations), int(passes), solver,
+        where, problem, controls, limits, rate, softs, weigh, tied, int(iterations), int(passes),
+        solver,
     ).block(name, h, plant, cost)  # fmt: skip
 
 
@@ -300,8 +302,7 @@ class _Controller:
 def _check_numbers(
     where: str, h: float, horizon: int, iterations: int, passes: int, solver: str
 ) -> None:
-    if not (math.isfinite(h) and h > 0):
-        raise BadInput(f"{where}: h = {h:g} s must be positive")
+    check_positive(f"{where}: h", h, "s")
     for word, count in (("horizon", horizon), ("iterations", iterations), ("passes", passes)):
         check_whole(f"{where}: {word}", count)
     if solver not in SOLVERS:
@@ -320,6 +321,9 @@ def _bounds(
     for c, n in full.items():
         s = plant.inputs[n]
         lo, hi = _entries(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
+        for b in (lo, hi):
+            if not isinstance(b, str):
+                check_number(f"{where}: bounds of {c}: an end", b, s.unit)
         if not isinstance(lo, str) and not isinstance(hi, str) and not lo < hi:
             raise BadInput(
                 f"{where}: {c} from {lo:g} to {hi:g} {s.unit} leaves nothing; give lo < hi"
@@ -335,7 +339,15 @@ def _bounds(
     return found
 
 
+def _by_name(where: str, what: str, given: Any) -> dict[str, Any]:
+    """Settings by name, none where they are left out."""
+    if not isinstance(given, Mapping | None):
+        raise BadInput(f"{where}: {what} = {given!r}; give {what}={{name: ...}}")
+    return dict(given or {})
+
+
 def _entries(where: str, given: Any, form: str) -> Any:
+    """Entries of one setting, refused where they are not of the form."""
     if not isinstance(given, (tuple, list)) or len(given) != len(form.split(",")):
         raise BadInput(f"{where}: {given!r} is not {form}")
     return given
@@ -350,8 +362,7 @@ def _rates(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> d
     for c, r in rates.items():
         if c not in controls:
             raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
-        if not (math.isfinite(r) and r > 0):
-            raise BadInput(f"{where}: the rate {r:g} of {c} must be positive")
+        check_positive(f"{where}: rate of {c}", r)
     return dict(rates)
 
 
@@ -364,12 +375,13 @@ def _soft(
         lo, hi, weight = _entries(f"{where}: soft limits of {n}", entries, "(lo, hi, weight)")
         s = (plant.states | plant.outputs)[name]
         low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
+        for b in (low, high):
+            check_number(f"{where}: soft limits of {n}: an end", b, s.unit)
         if not low < high:
             raise BadInput(f"{where}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
         if math.isinf(low) and math.isinf(high):
             raise BadInput(f"{where}: {n} has no range; give soft={{{n!r}: (lo, hi, weight)}}")
-        if not (math.isfinite(weight) and weight > 0):
-            raise BadInput(f"{where}: the weight {weight:g} of {n} must be positive")
+        check_positive(f"{where}: weight of {n}", weight)
         found[name] = Soft(max(low, -1e12), min(high, 1e12), weight)
     return found
 
@@ -378,18 +390,19 @@ def _weights(where: str, cost: Block, weights: Mapping[str, float]) -> dict[str,
     for n, w in weights.items():
         if n not in cost.outputs:
             raise BadInput(f"{where}: the cost has no residual {n!r}{nearest(n, cost.outputs)}")
-        if not (math.isfinite(w) and w > 0):
-            raise BadInput(f"{where}: the weight {w:g} of {n} must be positive")
+        check_positive(f"{where}: weight of {n}", w)
     return {n: float(weights.get(n, 1.0)) for n in cost.outputs}
 
 
 def _tied(where: str, horizon: int, moves: Sequence[int] | None) -> list[bool]:
     if moves is None:
         return [False] * horizon
-    if any(m != int(m) or m < 1 for m in moves) or sum(moves) != horizon:
-        raise BadInput(
-            f"{where}: moves = {list(moves)} must be whole numbers >= 1 with the sum {horizon}"
-        )
+    if not isinstance(moves, Sequence):
+        raise BadInput(f"{where}: moves = {moves!r} is no list of whole numbers")
+    for m in moves:
+        check_whole(f"{where}: moves: a length", m)
+    if sum(moves) != horizon:
+        raise BadInput(f"{where}: moves = {list(moves)} must have the sum {horizon}")
     return [k > 0 for m in moves for k in range(int(m))]
 
 

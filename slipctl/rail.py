@@ -43,13 +43,16 @@ class Rail:
             of axles behind it), what each axle has of its own changes when that axle gets there.
 
     Raises:
-        BadInput: no sections, first start not 0, sections that overlap or are empty.
+        BadInput: no sections, what is no section, first start not 0, sections that overlap or are
+            empty.
     """
 
     sections: tuple[Section, ...]
     by: str = "time"
 
     def __init__(self, sections: Sequence[Section], by: str = "time") -> None:
+        if not isinstance(sections, Sequence):
+            raise BadInput(f"a Rail takes a list of sections, not {sections!r}")
         object.__setattr__(self, "sections", tuple(sections))
         object.__setattr__(self, "by", by)
         unit = "s" if by == "time" else "m"

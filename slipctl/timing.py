@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl.block import Block, Exprs, as_block, make_block, symbol_maker
 from slipctl.certify.steps import METHODS, largest_step
-from slipctl.errors import BadInput, check_number, check_whole, nearest
+from slipctl.errors import BadInput, check_positive, check_whole, nearest
 from slipctl.signals import Input, Output, State
 
 SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
@@ -52,9 +52,7 @@ def sampled(
         raise BadInput(
             f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
         )
-    check_number(f"sampled({block.name}): h", h, "s")
-    if not (math.isfinite(h) and h > 0):
-        raise BadInput(f"sampled({block.name}): h = {h:g} s must be positive")
+    check_positive(f"sampled({block.name}): h", h, "s")
     check_whole(f"sampled({block.name}): substeps", substeps)
     dt = h / substeps
     if check:

@@ -8,7 +8,6 @@ import re
 from slipctl.formula import HIDDEN, Graph, Node, is_tie
 
 _INFIX = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
-_OPPOSITE = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
 _NEGATED = {"<": ">=", "<=": ">", "==": "!=", "!=": "=="}
 _PRODUCT_OPS = ("mul", "div", "inv", "neg", "twice", "sq")
 

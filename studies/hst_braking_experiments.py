@@ -36,7 +36,6 @@ LENGTH = 2.0
 
 R, I_W, M, N, G = 0.43, 60.35, 13800.0, 4.0, 9.81
 F_Z = M * G / N
-DRY_FORCE = F_Z * float(peak_height(**RAILS["dry"]))
 NEAR_FORCE = 221.0
 """Adhesion force that counts as estimated, 2 % of the steady dry force, in N."""
 

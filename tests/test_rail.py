@@ -120,6 +120,7 @@ def test_changes_are_those_within_the_run():
         (lambda: Rail([Section(0, length=-1)], by="position"), "is -1 m long"),
         (lambda: Rail([Section(0), Section(math.nan)]), "give a finite number"),
         (lambda: Rail([Section(0), Section(math.inf)]), "give a finite number"),
+        (lambda: Rail(5), "a Rail takes a list of sections, not 5"),
         (lambda: Scenario("s", 0.0), "scenario s: duration 0 s must be positive"),
         (lambda: Scenario("s", -1.0), "duration -1 s must be positive"),
         (lambda: Scenario("s", math.inf), "duration inf s must be positive"),

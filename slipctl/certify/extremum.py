@@ -82,11 +82,6 @@ def sliding_zone(k: float, rho: float, curvature: float) -> float:
     return rho / (k * abs(curvature))
 
 
-def climb_time(rho: float, gap: float) -> float:
-    """Time in s to gain ``gap`` in mu while sliding, gap/rho; no seeker of this rho is faster."""
-    return gap / rho
-
-
 def largest_period(beta: float, rho: float) -> float:
     """Period in s at which delta passes a cell in one tick, beta/rho; stay well below it.
 
