@@ -78,6 +78,9 @@ def page() -> str:
         f"{sum(passed(r) for r in rows.values())} of {len(rows)} controllers pass all of it;"
         f" {len(least) - len(few)} of {len(least)} take as few instructions as wanted."
     )
+    seconds = [r["fuzz"]["seconds"] for r in rows.values() if "fuzz" in r]
+    if seconds:
+        summary += f" libFuzzer had {min(seconds)} to {max(seconds)} s for each."
     heads = ["controller", "ticks", "double", "float", "ends", "open", "targets",
              "MISRA", "FMU", "runs"]  # fmt: skip
     costs = ["controller", "text", "instance", "stack", "mean", "most", "CasADi's", "times",
