@@ -162,14 +162,14 @@ def controllers(wanted: list[str]) -> Iterator[Controller]:
     names = [w for w in wanted if w != SEARCHING] if wanted else list(doors.studies())
     for name in dict.fromkeys(w.partition(":")[0] for w in names):
         study = doors.load_study(name)
-        cases, shorter = (doors.build_cases(study, quick) for quick in (False, True))
+        cases = doors.build_cases(study)
         chosen = [w.partition(":")[2] for w in names if w.startswith(f"{name}:")]
         for loop_name in chosen or dict.fromkeys(n for case in cases for n in case.loops):
             loop, case = doors.pick_loop(study, cases, loop_name)
             if study.controller not in loop.parts:  # a bound has no controller
                 continue
             if _numbers(loop, study.controller, case) > LONG:
-                loop, case = doors.pick_loop(study, shorter, loop_name)
+                loop, case = doors.find_loop(study, loop_name, quick=True)
             yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
 
 
