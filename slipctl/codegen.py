@@ -40,7 +40,7 @@ from slipctl.ccode.logged import logged_params as logged_params
 from slipctl.ccode.logged import recorded as recorded
 from slipctl.ccode.module import CModule, input_rows
 from slipctl.ccode.plan import Plan
-from slipctl.ccode.precision import rounded, size
+from slipctl.ccode.precision import rounded
 from slipctl.ccode.readable import readable
 from slipctl.ccode.source import source
 from slipctl.errors import BadInput
@@ -368,10 +368,8 @@ def _facts(
 ) -> dict[str, Any]:
     from slipctl import __version__
 
-    lay, b = plan.layout, plan.block
-    groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
+    b = plan.block
     work = dict(zip(("arg", "res", "iw", "w"), plan.equations.work, strict=True))
-    bytes_ = {k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
     return {
         "format": 1,
         "by": "slipctl",
@@ -384,7 +382,7 @@ def _facts(
         "choices": {k: str(v) for k, v in b.choices.items()},
         "period_s": plan.period,
         "content": content,
-        "memory_bytes": bytes_ | {"state": plan.state_bytes},
+        "memory_bytes": plan.memory_bytes,
         "work": work | {"in_state": plan.work_in_state},
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {

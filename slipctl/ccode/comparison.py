@@ -19,7 +19,6 @@ from slipctl.ccode.back_to_back import compared_bits
 from slipctl.ccode.expected import Expected, differences, start_state
 from slipctl.ccode.module import CModule
 from slipctl.ccode.plan import Plan
-from slipctl.ccode.precision import size
 from slipctl.errors import RunFailed
 
 TRIAL = 200
@@ -82,11 +81,8 @@ def compare(
                 "own_test": said,
             })  # fmt: skip
     largest = max((s["relative"] for s in signals.values()), default=0.0)
-    memory = {k: size(plan.real) * max(sum(m.size for m in g), 1) for k, g in (
-        ("in", plan.layout.inputs), ("param", plan.layout.params), ("out", plan.layout.outputs)
-    )}  # fmt: skip
     return {
-        "memory_bytes": memory | {"state": state_bytes},
+        "memory_bytes": plan.memory_bytes | {"state": state_bytes},
         "compiled": compiled,
         "isolation": apart,
         "signals": signals,

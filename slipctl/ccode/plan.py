@@ -94,7 +94,15 @@ class Plan:
         return sum(m.size for m in self.layout.states) > ON_STACK
 
     @property
-    def state_bytes(self) -> int:
+    def memory_bytes(self) -> dict[str, int]:
+        """Size of each struct of the module, by its short name."""
+        lay = self.layout
+        groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
+        found = {k: size(self.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
+        return found | {"state": self._state_bytes}
+
+    @property
+    def _state_bytes(self) -> int:
         """Size of the state struct, where int has four bytes and a number is aligned to its own."""
         lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
         states = sum(m.size for m in lay.states)
