@@ -9,7 +9,7 @@ from pathlib import Path
 from slipctl.ccode import codegen
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
-from slipctl.run.build import compiler
+from slipctl.run import build
 from slipctl.study import doors
 
 log = logging.getLogger("slipctl")
@@ -31,7 +31,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if block is not None and options.part:
         raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")
 
-    if options.check and compiler() is None:
+    if options.check and build.compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
     wanted = {
         "check": options.check, "real": options.real, "target": options.target,

@@ -469,7 +469,7 @@ def test_instances_and_modules_do_not_disturb_each_other(tmp_path: Path) -> None
 def test_same_block_gives_the_same_bytes(tmp_path: Path) -> None:
     codegen.c_module(control(), tmp_path / "a")
     script = (
-        "import sys; from slipctl import codegen; from slipctl.models import"
+        "import sys; from slipctl.ccode import codegen; from slipctl.models import"
         " subway_braking_control as c; codegen.c_module(c.controller(c.super_twisting()),"
         " sys.argv[1])"
     )

@@ -296,7 +296,7 @@ def test_names_of_files_and_tests_exist(page):
     text = page.read_text(encoding="utf-8")
     tests = {
         n.name
-        for p in (ROOT / "tests").glob("test_*.py")
+        for p in (ROOT / "tests").rglob("test_*.py")
         for n in ast.walk(ast.parse(p.read_text(encoding="utf-8")))
         if isinstance(n, ast.FunctionDef)
     }

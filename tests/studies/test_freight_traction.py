@@ -10,8 +10,7 @@ from slipctl import BadInput, Context, simulate
 from slipctl.ccode import codegen
 from slipctl.certify import barrier as bounds
 from slipctl.run import build
-from slipctl.studies.freight_traction import barrier, experiments
-from slipctl.studies.freight_traction import study as module
+from slipctl.studies.freight_traction import barrier, experiments, study
 from slipctl.studies.freight_traction.loops import (
     K_S,
     LAG,
@@ -214,7 +213,7 @@ def test_a_seeker_that_never_slides_is_named(caplog):
 def test_the_command_asks_before_it_runs():
     with pytest.raises(BadInput, match="these gains give the pole"):
         prepare(
-            module.study, settings=["observer.L_omega_m=-40"], loops=["improved_robust"],
+            study, settings=["observer.L_omega_m=-40"], loops=["improved_robust"],
             scenarios=["base"],
         )  # fmt: skip
 

@@ -14,8 +14,7 @@ from slipctl.certify import prescribed_performance as ppc
 from slipctl.models import hst_braking_control as control
 from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.run import build
-from slipctl.studies.hst_braking import experiments
-from slipctl.studies.hst_braking import study as module
+from slipctl.studies.hst_braking import experiments, study
 from slipctl.studies.hst_braking.loops import MODELS, NAMES, cases, closed_form_distance, sensing
 from slipctl.study.declaration import half_last_digit
 
@@ -289,7 +288,6 @@ def test_peer_in_c_gives_the_same_numbers(needs_compiler):
 
 
 def test_figures_and_claims_are_complete():
-    study = module.study
     assert {f.source for f in study.figures.values() if f.source} == {
         "Fig. 2", "Fig. 5", "Fig. 6", "Fig. 7", "Fig. 8", "Fig. 9"
     }  # fmt: skip

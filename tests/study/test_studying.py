@@ -283,7 +283,7 @@ def test_known_values_must_match_the_rail() -> None:
     case = prepared()[0]
     wrong = Case(case.scenario, case.loops, {"best": Known("1", [1.0])})
     with pytest.raises(BadInput, match="best has 1 values for 2 rail sections"):
-        running._try(wrong, "soft", case.loops["soft"])
+        preparing._try(wrong, "soft", case.loops["soft"])
 
 
 # ---- running and files --------------------------------------------------------------------------
