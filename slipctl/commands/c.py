@@ -8,8 +8,7 @@ from pathlib import Path
 
 from slipctl.ccode import codegen
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import store
-from slipctl.run import build
+from slipctl.run import build, store
 from slipctl.study import doors
 
 log = logging.getLogger("slipctl")
