@@ -152,6 +152,18 @@ def blame(error: Exception) -> NoReturn:
     raise error
 
 
+def reason(error: Exception) -> str:
+    """Say an error in one line, with its place where it is in a model or a study."""
+    try:
+        blame(error)
+    except (BadInput, RunFailed) as known:
+        return str(known)
+    except OSError as known:
+        return f"cannot write {known.filename or ''}: {known.strerror or known}"
+    except Exception as unknown:
+        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
+
+
 def _short(file: str) -> str:
     try:
         relative = os.path.relpath(file)

@@ -98,18 +98,6 @@ def noted(results: Results, what: str) -> Iterator[None]:
         log.debug("%s", what, exc_info=True)
 
 
-def reason(error: Exception) -> str:
-    """Say an error in one line, with its place where it is in a model or a study."""
-    try:
-        blame(error)
-    except (BadInput, RunFailed) as known:
-        return str(known)
-    except OSError as known:
-        return f"cannot write {known.filename or ''}: {known.strerror or known}"
-    except Exception as unknown:
-        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
-
-
 def _run_one(
     results: Results, case: Case, name: str, compile: bool, progress: Callable[[float], None]
 ) -> None:
