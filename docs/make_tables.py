@@ -59,8 +59,10 @@ def metrics(results: Path, words: list[str]) -> str:
     loops = read(results, "metrics.json")["scenarios"][scenario]
     units = {n: m[n]["unit"] for m in loops.values() for n in names if n in m}
     rails = {n: " / ".join(m[n].get("rows", ())) for m in loops.values() for n in names if n in m}
-    head = ["loop", *(f"{n} [{units[n]}]" if units[n] != "1" else n for n in names)]
-    head = [h + (f", {rails[n]}" if rails.get(n) else "") for h, n in zip(head, ["", *names], strict=True)]
+    head = ["loop"]
+    for n in names:
+        unit = f" [{units[n]}]" if units[n] != "1" else ""
+        head.append(n + unit + (f", {rails[n]}" if rails.get(n) else ""))
     rows = []
     for loop, found in loops.items():
         cells = []

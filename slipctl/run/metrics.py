@@ -224,9 +224,7 @@ def rail_names(scenario: Any, changes: Sequence[float]) -> list[str]:
         return []
     twice = {n for n in names if names.count(n) > 1}
     starts = [0.0, *changes]
-    return [
-        f"{n} from {t:.4g} s" if n in twice else n for n, t in zip(names, starts, strict=True)
-    ]
+    return [f"{n} from {t:.4g} s" if n in twice else n for n, t in zip(names, starts, strict=True)]
 
 
 def settling(

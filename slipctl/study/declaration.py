@@ -118,6 +118,9 @@ class Context:
         raise NotRun(f"{scenario}/{loop} was not run")
 
 
+Reason = str | Callable[[Results], str]
+"""A reason that holds whatever the numbers, or a function that reads it off the results."""
+
 REPRODUCED, FAILED, OPEN = "reproduced", "not reproduced", "not checkable"
 KINDS = ("number", "order", "yes/no")
 
@@ -149,7 +152,8 @@ class Claim:
             is given as a number, is slack on top.
         assumption: what we had to assume, because the paper does not say it.
         scenario, loop: where it was checked.
-        why: what explains the outcome, added to the computed reason.
+        why: what explains the outcome, added to the computed reason. What it says of the run it
+            takes from the run: a function of the :class:`Results` that gives the text.
         why_not: the same, only if it is not reproduced.
         not_checkable: why it cannot be checked; the verdict is then "not checkable".
     """
@@ -167,8 +171,8 @@ class Claim:
     assumption: str = ""
     scenario: str = ""
     loop: str = ""
-    why: str = ""
-    why_not: str = ""
+    why: Reason = ""
+    why_not: Reason = ""
     not_checkable: str = ""
 
     def __post_init__(self) -> None:
@@ -322,8 +326,18 @@ def judge(claim: Claim, results: Results) -> Verdict:
     except NotRun as missing:
         return Verdict(claim, None, OPEN, str(missing))
     holds, reason = _compare(claim, ours)
-    texts = [reason, claim.why, "" if holds else claim.why_not]
+    texts = [reason, _said(claim.why, results), "" if holds else _said(claim.why_not, results)]
     return Verdict(claim, ours, REPRODUCED if holds else FAILED, "; ".join(t for t in texts if t))
+
+
+def _said(why: Reason, results: Results) -> str:
+    """Reason in words; a reason that needs what was not run is left out."""
+    if isinstance(why, str):
+        return why
+    try:
+        return why(results)
+    except NotRun:
+        return ""
 
 
 def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
