@@ -119,7 +119,7 @@ class Context:
 
 
 Reason = str | Callable[[Results], str]
-"""A reason that holds whatever the numbers, or a function that reads it off the results."""
+"""Words, or a function that reads them off what was run."""
 
 REPRODUCED, FAILED, OPEN = "reproduced", "not reproduced", "not checkable"
 KINDS = ("number", "order", "yes/no")
@@ -152,8 +152,8 @@ class Claim:
             is given as a number, is slack on top.
         assumption: what we had to assume, because the paper does not say it.
         scenario, loop: where it was checked.
-        why: what explains the outcome, added to the computed reason. What it says of the run it
-            takes from the run: a function of the :class:`Results` that gives the text.
+        why: what explains the outcome, added to the computed reason. A text holds for any numbers
+            of the loop; what a run decides is a function of the :class:`Results` that gives it.
         why_not: the same, only if it is not reproduced.
         not_checkable: why it cannot be checked; the verdict is then "not checkable".
     """
@@ -326,16 +326,17 @@ def judge(claim: Claim, results: Results) -> Verdict:
     except NotRun as missing:
         return Verdict(claim, None, OPEN, str(missing))
     holds, reason = _compare(claim, ours)
-    texts = [reason, _said(claim.why, results), "" if holds else _said(claim.why_not, results)]
+    texts = [reason, _said(claim.why, results)]
+    texts += [] if holds else [_said(claim.why_not, results)]
     return Verdict(claim, ours, REPRODUCED if holds else FAILED, "; ".join(t for t in texts if t))
 
 
-def _said(why: Reason, results: Results) -> str:
-    """Reason in words; a reason that needs what was not run is left out."""
-    if isinstance(why, str):
-        return why
+def _said(reason: Reason, results: Results) -> str:
+    """Reason in words; one that needs what was not run stays away."""
+    if isinstance(reason, str):
+        return reason
     try:
-        return why(results)
+        return reason(results)
     except NotRun:
         return ""
 

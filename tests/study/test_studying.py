@@ -100,12 +100,14 @@ def test_why_is_added_and_why_not_only_where_it_fails() -> None:
     assert verdict(False, kind="yes/no", paper=True, **texts)[1] == "as in Fig. 3; gains saturate"
 
 
-def test_a_reason_can_be_read_off_the_run_and_is_left_out_where_that_was_not_run() -> None:
-    def answer(**why):
-        return verdict(2.0, paper=1, bound="at most", **why)[1]
+def test_a_reason_may_be_read_off_the_run_and_stays_away_without_it() -> None:
+    def reason(results: Results) -> str:
+        return f"settles after {results.metric('base', 'soft', 'settling_time')} s"
 
-    assert answer(why_not=lambda r: f"of {len(r.cases)} cases") == "1 beyond; of 0 cases"
-    assert answer(why=lambda r: f"{r.metric('base', 'soft', 'distance')} m") == "1 beyond"
+    assert verdict(True, kind="yes/no", paper=True, why=lambda r: "of 3")[1] == "of 3"
+    assert verdict(True, kind="yes/no", paper=True, why=reason)[1] == ""
+    assert verdict(False, kind="yes/no", paper=True, why_not=lambda r: "so")[1] == "so"
+    assert verdict(True, kind="yes/no", paper=True, why_not=lambda r: "so")[1] == ""
 
 
 @pytest.mark.parametrize(
