@@ -1,14 +1,15 @@
 """The command line: list, show, copy, run, fit, c, pil, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
-verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
-finished whole. Nothing heavy is imported before a command needs it.
+verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
+with what had finished whole. Nothing heavy is imported before a command needs it.
 """
 
 from __future__ import annotations
 
 import argparse
 import errno
+import io
 import logging
 import os
 import sys
@@ -17,6 +18,7 @@ from importlib import import_module
 
 from slipctl.commands.arguments import parser
 from slipctl.errors import BadInput, RunFailed
+from slipctl.run import stopping
 
 log = logging.getLogger("slipctl")
 
@@ -32,19 +34,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     verbose = "-v" in arguments or "--verbose" in arguments
     try:
-        options = parser().parse_args(arguments)
-        if options.command is None:
-            raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
-        _talk(options)
-        home = import_module(ANSWERS[options.command])
-        code: int = home.answer(options, _written(arguments))
-        sys.stdout.flush()
-        return code
+        with stopping.listening():
+            options = parser().parse_args(arguments)
+            if options.command is None:
+                raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+            _talk(options)
+            home = import_module(ANSWERS[options.command])
+            code: int = home.answer(options, _written(arguments))
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return code
     except KeyboardInterrupt:
         _say("stopped; what had finished is written")
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence()
         return 0
     except Exception as error:
         return _explain(error, verbose)
@@ -68,6 +72,8 @@ def _explain(error: Exception, verbose: bool) -> int:
         _say(f"run failed: {known}")
         return 1
     except OSError as known:
+        if sys.stdout is not None and known.errno in (errno.ENOSPC, errno.EIO, errno.EBADF):
+            _silence()
         what = f" {known.filename}" if known.filename else ""
         _say(f"cannot read or write{what}: {known.strerror or known}")
         return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
@@ -77,12 +83,19 @@ def _explain(error: Exception, verbose: bool) -> int:
         return 1
 
 
+def _silence() -> None:
+    """Send what is left of stdout nowhere, so that its end is quiet."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _say(text: str) -> None:
     print("slipctl: " + " ".join(text.split()), file=sys.stderr)
 
 
 def _talk(options: argparse.Namespace) -> None:
-    """Send warnings and progress to stderr."""
+    """Send warnings and progress to stderr; letters that stdout does not have become others."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
     level = logging.ERROR if options.quiet else logging.DEBUG if options.verbose else logging.INFO
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("slipctl: %(message)s"))

@@ -34,7 +34,9 @@ def check_folder(folder: Path) -> None:
     try:
         str(folder).encode()
     except UnicodeEncodeError:
-        raise BadInput(f"cannot write to {str(folder)!a}: it is no text; choose another --out") from None
+        raise BadInput(
+            f"cannot write to {str(folder)!a}: it is no text; choose another --out"
+        ) from None
     for place in (folder, *folder.absolute().parents):
         if not os.path.lexists(place):
             continue
@@ -86,16 +88,26 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _replacing(path: Path) -> Iterator[Path]:
+    scratch = part(path)
+    try:
+        yield scratch
+        publish(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def part(path: Path) -> Path:
+    """Make an empty file beside ``path`` to be filled, then given to :func:`publish`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=PART, suffix=path.suffix, dir=path.parent)
     os.close(handle)
-    scratch = Path(name)
-    try:
-        yield scratch
-        os.chmod(scratch, 0o666 & ~_umask())
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    return Path(name)
+
+
+def publish(scratch: Path, path: Path) -> None:
+    """Give a file that is whole its name."""
+    os.chmod(scratch, 0o666 & ~_umask())
+    os.replace(scratch, path)
 
 
 def _umask() -> int:

@@ -89,6 +89,10 @@ def _makes_block(f: ast.FunctionDef) -> bool:
 # ---- loading ------------------------------------------------------------------------------------
 
 
+FILE = "slipctl_file_"
+"""How the name of a module begins that is a person's file."""
+
+
 def load_file(path: str) -> ModuleType:
     """Import a Python file of the user.
 
@@ -98,7 +102,7 @@ def load_file(path: str) -> ModuleType:
     place = Path(path)
     if not place.is_file():
         raise BadInput(f"there is no file {path}")
-    name = f"slipctl_file_{abs(hash(str(place.resolve())))}_{place.stem}"
+    name = f"{FILE}{abs(hash(str(place.resolve())))}_{place.stem}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, place)

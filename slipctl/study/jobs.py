@@ -43,7 +43,7 @@ GRACE = 0.5
 
 @dataclass(frozen=True)
 class Outcome(Generic[T]):
-    """What a job gave: a value, or what ended it, a ``NotRun`` or a ``RunFailed`` with its reason."""
+    """What a job gave: a value, or what ended it, ``NotRun`` or ``RunFailed`` with its reason."""
 
     value: T | None = None
     error: Exception | None = None
