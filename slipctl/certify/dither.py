@@ -532,7 +532,7 @@ def flight(
         th_next = th + k * xi // D
         xi, eta = xi + l * (high * s // D - xi) // D, eta + h * high // D
         new_th = e_th + sizes[0] * e_xi + abs(xi) / D + 2
-        new_xi = (1 + sizes[1]) * e_xi + sizes[1] * (e_high + z * e_s + 2) + z + 4
+        new_xi = (1 + sizes[1]) * e_xi + sizes[1] * (e_high + z * e_s + 2) + z + abs(xi) / D + 4
         e_eta = e_eta + sizes[2] * e_high + z + 2
         e_th, e_xi, th = new_th * (1 + 1e-9), new_xi * (1 + 1e-9), th_next
         e_eta *= 1 + 1e-9
