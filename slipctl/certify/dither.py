@@ -1,7 +1,8 @@
-"""What a seeker with a fixed dither does on a parabola, tick by tick: a proof by a Lyapunov function.
+"""What a seeker with a fixed dither does on a parabola, tick by tick, by a Lyapunov function.
 
     y = c/2 (v - v*)^2, v = th + a sin phi, phi+ = phi + w T
-    th+ = th + T k xi,  xi+ = xi + T w_l ((y + n - eta) sin phi - xi),  eta+ = eta + T w_h (y + n - eta)
+    high = y + n - eta,  eta+ = eta + T w_h high
+    th+ = th + T k xi,  xi+ = xi + T w_l (high sin phi - xi)
 
 In x = (th - v*)/a, z = xi/(c a^2), e = (eta - c/2 (th - v*)^2)/(c a^2), and with S = sin phi,
 
@@ -16,10 +17,10 @@ periodic orbit p(phi). With d = (x, z, e) - p(phi) and V^2 = d' P(phi) d, both t
 if M = -(J'P+ + P+ J + W J'P+ J + (P+ - P)/W) >= 2 mu P for all phi, where P+ = P(phi + W), J is the
 Jacobian at the orbit, alpha bounds the product and rho what the sum for the orbit leaves over, and
 the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from wherever it is below the
-larger one. ``find`` looks for P and p with floats; ``proven`` needs neither: it bounds each of these
-functions with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller
-(Math. Z. 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes
-divided by cos(pi D/N).
+larger one. ``find`` looks for P and p with floats; ``proven`` needs no search: it bounds each of
+these functions with balls at equally spaced nodes, and between them by the theorem of Ehlich and
+Zeller (Math. Z. 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N
+nodes divided by cos(pi D/N).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,9 +38,10 @@ from slipctl.certify.ball import Ball
 
 DEGREE = 8
 NODES = 1024
+FINE = 2 * np.pi * np.arange(64) / 64
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
-Coefficients = list[list[float]]
+Coefficients = tuple[tuple[float, ...], ...]
 """Row by row 1, cos phi, sin phi, cos 2 phi, sin 2 phi, ..."""
 
 
@@ -46,7 +49,7 @@ class Loop(NamedTuple):
     """A seeker without dimensions: q, l, h, W as above, noise as a share of |c| a^2."""
 
     q: Any
-    l: Any  # noqa: E741
+    l: Any
     h: Any
     W: Any
     noise: Any
@@ -57,7 +60,7 @@ class Proof(NamedTuple):
 
     orbit: Coefficients
     P: Coefficients
-    units: list[float]
+    units: tuple[float, float, float]
     mu: float
 
 
@@ -83,8 +86,8 @@ class Found:
     def from_start(self, start: float) -> float | None:
         """V at a start at x = start or -start, xi = 0, eta = y; None if it lies too far out."""
         worst = 0.0
-        at = Ball.of(self.proof.orbit).dot(Ball.of(_basis(np.zeros(1), self.proof.orbit)))
-        P = _matrix(Ball.of(self.proof.P).dot(Ball.of(_basis(np.zeros(1), self.proof.P))))
+        at = Ball.of(self.proof.orbit).dot(Ball.of(_basis(np.zeros(1), _degree(self.proof.orbit))))
+        P = _matrix(Ball.of(self.proof.P).dot(Ball.of(_basis(np.zeros(1), _degree(self.proof.P)))))
         for x in (start, -start):
             d = [(Ball.of(v) - at[i]) * Ball.of(1.0).over(self.proof.units[i])
                  for i, v in enumerate((x, 0.0, 0.0))]  # fmt: skip
@@ -113,10 +116,10 @@ class Found:
         fall = self.mu - self.alpha * (V + self.last) * (1 + 1e-12)
         slow = fall * float(W.low()) * tick * (1 - 1e-9)
         near = (self.last + V * math.exp(-max(slow, 0.0))) * (1 + 1e-9)
-        degree = (len(self.proof.orbit[0]) - 1) // 2
+        degree = _degree(self.proof.orbit)
         angle = float(W.mid) * tick
         error = degree * (angle * 1e-15 + tick * float(W.rad) + 1e-14)
-        basis = Ball.near(_basis(np.array([angle]), self.proof.orbit), error)
+        basis = Ball.near(_basis(np.array([angle]), degree), error)
         at = Ball.of(self.proof.orbit[:1]).dot(basis)
         return float((abs(at.mid) - at.rad).min()) * (1 - 1e-12) - self.spread * near
 
@@ -133,7 +136,7 @@ class Found:
         first = math.ceil(max(math.log(V / spare), 0.0) / (fall * W) + 10 / (fall * W))
         ticks = first + np.arange(4000)
         row = np.asarray(self.proof.orbit[0])
-        x = np.abs(row @ _basis(np.remainder(ticks * W, 2 * np.pi), self.proof.orbit))
+        x = np.abs(row @ _basis(np.remainder(ticks * W, 2 * np.pi), _degree(self.proof.orbit)))
         best = int(ticks[int(x.argmax())])
         return best if self.at_least(loop, start, best) > limit * (1 + 1e-9) else None
 
@@ -141,11 +144,12 @@ class Found:
 # ---- the proof ----------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=64)
 def proven(loop: Loop, proof: Proof) -> Found | None:
     """Check a proof, without any search; None if it proves nothing.
 
     Args:
-        loop: floats, or balls around the numbers that are meant. proof: as ``find`` gives it.
+        loop: rationals, or floats as they are. proof: as ``find`` gives it.
     """
     try:
         return _proven(Loop(*(Ball.of(v) for v in loop)), proof)
@@ -154,10 +158,10 @@ def proven(loop: Loop, proof: Proof) -> Found | None:
 
 
 def _proven(loop: Loop, proof: Proof) -> Found | None:
-    q, l, h, W, noise = loop  # noqa: E741
-    degree = (len(proof.P[0]) - 1) // 2
+    q, l, h, W, noise = loop
+    degree = _degree(proof.P)
     angles = 2 * np.pi * np.arange(NODES) / NODES
-    here = Ball.near(_basis(angles, proof.P), 1e-14 * (degree + 1))
+    here = Ball.near(_basis(angles, degree), 1e-14 * (degree + 1))
     turned, slope = _shifted(here, W, degree)
     S = here[2]
     units = [Ball.of(u) for u in proof.units]
@@ -234,8 +238,11 @@ def _stacked(rows: Sequence[Ball]) -> Ball:
     return Ball(np.stack([r.mid for r in rows]), np.stack([r.rad for r in rows]))
 
 
-def _basis(angles: np.ndarray, like: Sequence[Sequence[float]]) -> np.ndarray:
-    degree = (len(like[0]) - 1) // 2
+def _degree(sums: Coefficients) -> int:
+    return (len(sums[0]) - 1) // 2
+
+
+def _basis(angles: np.ndarray, degree: int) -> np.ndarray:
     n = np.outer(np.arange(1, degree + 1), angles)
     rows = np.empty((2 * degree + 1, len(angles)))
     rows[0], rows[1::2], rows[2::2] = 1.0, np.cos(n), np.sin(n)
@@ -302,7 +309,7 @@ def _positive(F: list[list[Ball]], degree: int) -> bool:
     """
     mid = np.array([[F[i][j].mid for j in range(3)] for i in range(3)]).transpose(2, 0, 1)
     least = float(np.linalg.eigvalsh(mid).min()) * (1 - 1e-6)
-    most = max(float(sum(F[i][j].size() for j in range(3)).max()) for i in range(3))
+    most = max(float((F[i][0].size() + F[i][1].size() + F[i][2].size()).max()) for i in range(3))
     drop = (most - least) / 2 * (_between(degree) - 1)
     return least - drop * (1 + 1e-9) > 0 and _definite(F, least)
 
@@ -325,6 +332,7 @@ def _dominated(P: list[list[Ball]], N: list[list[Ball]], degree: int) -> float |
 # ---- the search ---------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=64)
 def find(loop: Loop, start: float, reach: float | None = None) -> Found | None:
     """Look for a proof that holds from |x| <= start, and within ``reach`` if that is given.
 
@@ -346,25 +354,26 @@ def _find(loop: Loop, start: float, reach: float | None) -> Found | None:
     orbit = _orbit(loop)
     if orbit is None:
         return None
-    best: tuple[float, tuple[float, float]] | None = None
-    for second in (0.3, 1.0, 3.0, 10.0, 30.0):
-        for third in 10.0 ** np.arange(-3.5, 1.0, 0.5):
-            score = _score(loop, orbit, (second, float(third)), start, reach)
-            if score is not None and (best is None or score > best[0]):
-                best = score, (second, float(third))
+    solutions = _solutions(loop, orbit)
+    best: tuple[float, _Trial] | None = None
+    for second in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0):
+        for third in 10.0 ** np.arange(-4, 1.0, 0.5):
+            trial = _trial(solutions, (second, float(third)))
+            score = None if trial is None else _score(loop, orbit, trial, start, reach)
+            if trial is not None and score is not None and (best is None or score > best[0]):
+                best = score, trial
     if best is None:
         return None
-    found = _solved(loop, orbit, best[1])
-    assert found is not None
-    P, rate = found
-    units = [2.0 ** -round(math.log2(P[n][0]) / 2) for n in (0, 3, 5)]
+    P, rate = best[1].P, best[1].mu
+    first, second, third = (2.0 ** -round(math.log2(P[n][0]) / 2) for n in (0, 3, 5))
+    units = first, second, third
     scaled = [[v * units[i] * units[j] for v in P[n]] for n, (i, j) in enumerate(PAIRS)]
     size = max(row[0] for row in scaled)
-    short = [[float(f"{v / size:.13g}") for v in row] for row in scaled]
+    short = tuple(tuple(float(f"{v / size:.13g}") for v in row) for row in scaled)
+    path = tuple(tuple(float(f"{v:.15g}") for v in row) for row in orbit)
     for share in (0.995, 0.97, 0.9, 0.7):
         mu = float(f"{rate * share:.6g}")
-        done = proven(loop, Proof([[float(f"{v:.15g}") for v in row] for row in orbit], short,
-                                  units, mu))  # fmt: skip
+        done = proven(loop, Proof(path, short, units, mu))
         if done is not None:
             return done
     return None
@@ -372,13 +381,13 @@ def _find(loop: Loop, start: float, reach: float | None) -> Found | None:
 
 def _collocation(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     angles = 2 * np.pi * np.arange(2 * degree + 1) / (2 * degree + 1)
-    basis = _basis(angles, [[0.0] * (2 * degree + 1)]).T
+    basis = _basis(angles, degree).T
     return angles, basis, np.linalg.inv(basis)
 
 
 def _turn(W: float, degree: int) -> np.ndarray:
     """Values at phi + W less those at phi, over W, from values at the nodes of collocation."""
-    angles, basis, inverse = _collocation(degree)
+    _, basis, inverse = _collocation(degree)
     rows = np.zeros_like(basis)
     for n in range(1, degree + 1):
         c, s = basis[:, 2 * n - 1], basis[:, 2 * n]
@@ -389,8 +398,8 @@ def _turn(W: float, degree: int) -> np.ndarray:
 
 def _orbit(loop: Loop) -> np.ndarray | None:
     """Coefficients of the periodic orbit, by Newton's method on a collocation."""
-    q, l, h, W, _ = loop  # noqa: E741
-    angles, basis, inverse = _collocation(DEGREE)
+    q, l, h, W, _ = loop
+    angles, _, inverse = _collocation(DEGREE)
     turn, S = _turn(W, DEGREE), np.sin(angles)
     n = len(angles)
     w = np.zeros((3, n))
@@ -415,7 +424,7 @@ def _orbit(loop: Loop) -> np.ndarray | None:
 
 
 def _jacobians(loop: Loop, angles: np.ndarray, at: np.ndarray) -> np.ndarray:
-    q, l, h, W, _ = loop  # noqa: E741
+    q, l, h, W, _ = loop
     S, x, z = np.sin(angles), at[0], at[1]
     J = np.zeros((len(angles), 3, 3))
     J[:, 0, 1] = -q
@@ -424,10 +433,8 @@ def _jacobians(loop: Loop, angles: np.ndarray, at: np.ndarray) -> np.ndarray:
     return J
 
 
-def _solved(
-    loop: Loop, orbit: np.ndarray, weights: tuple[float, float]
-) -> tuple[np.ndarray, float] | None:
-    """P of M = diag(1, weights) by collocation, and its rate mu; None if it is not definite."""
+def _solutions(loop: Loop, orbit: np.ndarray) -> np.ndarray:
+    """P for M = diag(1, 0, 0), diag(0, 1, 0) and diag(0, 0, 1), by collocation."""
     angles, basis, inverse = _collocation(DEGREE)
     turn, n = _turn(loop.W, DEGREE), len(angles)
     J = _jacobians(loop, angles, orbit @ basis.T)
@@ -441,17 +448,30 @@ def _solved(
             part[:, row, col] = both[:, a, b]
     later = np.eye(n) + loop.W * turn
     big = np.einsum("jab,jk->jakb", part, later) + np.einsum("jk,ab->jakb", turn, np.eye(6))
-    wanted = np.tile([-1.0, 0.0, 0.0, -weights[0], 0.0, -weights[1]], n)
-    values = np.linalg.solve(big.reshape(6 * n, 6 * n), wanted).reshape(n, 6)
-    P = np.asarray((inverse @ values).T)
-    fine = 2 * np.pi * np.arange(64) / 64
-    at = _full(P @ _basis(fine, P))
-    least = np.linalg.eigvalsh(at)
-    if not least.min() > 0:
+    wanted = np.zeros((n, 6, 3))
+    wanted[:, 0, 0] = wanted[:, 3, 1] = wanted[:, 5, 2] = -1.0
+    values = np.linalg.solve(big.reshape(6 * n, 6 * n), wanted.reshape(6 * n, 3))
+    return np.asarray(np.einsum("kj,jes->sek", inverse, values.reshape(n, 6, 3)))
+
+
+class _Trial(NamedTuple):
+    """P with some weights of M, at 64 angles too, the inverse of its root, and its rate mu."""
+
+    P: np.ndarray
+    at: np.ndarray
+    roots: np.ndarray
+    mu: float
+
+
+def _trial(solutions: np.ndarray, weights: tuple[float, float]) -> _Trial | None:
+    scale = np.array([1.0, *weights])
+    P = np.tensordot(scale, solutions, 1)
+    at = _full(P @ _basis(FINE, DEGREE))
+    if not np.linalg.eigvalsh(at).min() > 0:
         return None
     roots = np.linalg.inv(np.linalg.cholesky(at))
-    M = roots @ np.diag([1.0, *weights]) @ roots.transpose(0, 2, 1)
-    return P, float(np.linalg.eigvalsh(M).min()) / 2
+    M = (roots * scale) @ roots.transpose(0, 2, 1)
+    return _Trial(P, at, roots, float(np.linalg.eigvalsh(M).min()) / 2)
 
 
 def _full(entries: np.ndarray) -> np.ndarray:
@@ -462,27 +482,21 @@ def _full(entries: np.ndarray) -> np.ndarray:
 
 
 def _score(
-    loop: Loop, orbit: np.ndarray, weights: tuple[float, float], start: float, reach: float | None
+    loop: Loop, orbit: np.ndarray, trial: _Trial, start: float, reach: float | None
 ) -> float | None:
     """How far from the orbit a proof with these weights carries, or how near it keeps."""
-    solved = _solved(loop, orbit, weights)
-    if solved is None:
-        return None
-    P, mu = solved
-    fine = 2 * np.pi * np.arange(64) / 64
-    at = _full(P @ _basis(fine, P))
-    roots = np.linalg.inv(np.linalg.cholesky(at))
-    q, l, h, W, noise = loop  # noqa: E741
+    q, l, h, W, noise = loop
+    at, roots, mu = trial.at, trial.roots, trial.mu
     N = np.array([[0, q / 2, 0], [q / 2, -q * q * W / 2, 0], [0, 0, 0]])
     nu = float(abs(np.linalg.eigvalsh(roots @ N @ roots.transpose(0, 2, 1))).max())
     alpha = nu * math.sqrt(float(at[:, 2, 2].max()))
-    heard = np.stack([0 * fine, l * np.sin(fine), h + 0 * fine], 1)
+    heard = np.stack([0 * FINE, l * np.sin(FINE), h + 0 * FINE], 1)
     rho = noise * math.sqrt(float(np.einsum("ji,jik,jk->j", heard, at, heard).max()))
     room = mu * mu - 4 * alpha * rho
     if not room > 0:
         return None
     farthest = (mu + math.sqrt(room)) / (2 * alpha)
-    p = orbit @ _basis(np.zeros(1), orbit)[:, 0]
+    p = orbit @ _basis(np.zeros(1), DEGREE)[:, 0]
     worst = max(math.sqrt((d := np.array([s, 0, 0]) - p) @ at[0] @ d) for s in (start, -start))
     if worst <= farthest * 0.95:
         spread = float(np.linalg.inv(at)[:, 0, 0].max())
@@ -511,7 +525,7 @@ def flight(
         n: k, w, w_l, w_h, a, curvature, T as rationals.
     """
     D = 10**DIGITS
-    k, l, h, a, c, step = (  # noqa: E741
+    k, l, h, a, c, step = (
         _units(x, D) for x in (n["T"] * n["k"], n["T"] * n["w_l"], n["T"] * n["w_h"], n["a"],
                                n["curvature"] / 2, n["w"] * n["T"])
     )  # fmt: skip

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import chi_squared, filters, forgetting, outward
-from slipctl.certify.entries import DoesNotHold, mapping, whole
+from slipctl.certify.entries import DoesNotHold, whole
 from slipctl.certify.forgetting import (
     covariance_bounds,
     covariance_growth,
@@ -16,6 +16,7 @@ from slipctl.certify.forgetting import (
     overflow_samples,
 )
 from slipctl.certify.registry import register
+from slipctl.certify.seal import opened, sealed
 from slipctl.certify.systems import (
     CONTINUOUS,
     EXACT,
@@ -69,9 +70,7 @@ def _rls_guard(n: Numbers) -> None:
         raise BadInput(f"forgetting = {float(n['forgetting']):g} must be above 0 and at most 1")
     _whole("rls", n, "samples", "idle")
     if n.get("least", 0) > n["most"]:
-        raise BadInput(
-            f"least = {float(n['least']):g} must not exceed most = {float(n['most']):g}"
-        )
+        raise BadInput(f"least = {float(n['least']):g} must not exceed most = {float(n['most']):g}")
 
 
 def _rls_values(n: Numbers) -> dict[str, Quantity]:
@@ -115,12 +114,12 @@ def _allowed_quiet(n: Numbers) -> int | None:
 
 def _find_growth(n: Numbers) -> Entries | None:
     if n["forgetting"] >= 1:
-        return {"windows": 0, "quiet": 0} if n["P"] > n["limit"] else None
+        return sealed(n, {"windows": 0, "quiet": 0}) if n["P"] > n["limit"] else None
     lam, rate = float(n["forgetting"]), -math.log(float(n["forgetting"]))
     allowed = _allowed_quiet(n)
     if allowed is None:
         more = (math.log(float(n["limit"])) - math.log(float(n["P"]))) / rate
-        return {"windows": 0, "quiet": max(math.ceil(more * (1 + 1e-9)), 0) + 1}
+        return sealed(n, {"windows": 0, "quiet": max(math.ceil(more * (1 + 1e-9)), 0) + 1})
     found: list[tuple[int, int]] = [(0, allowed)]
     if n.get("least"):
         S = int(n["samples"])
@@ -128,7 +127,7 @@ def _find_growth(n: Numbers) -> Entries | None:
             found.append((m, allowed - (S - 1)))
         found = [f for f in found if f[1] >= 0 and lam < 1]
     for windows, still in found:
-        run = {"windows": windows, "quiet": still}
+        run = sealed(n, {"windows": windows, "quiet": still})
         try:
             _replay_growth(n, run)
         except DoesNotHold:
@@ -142,7 +141,7 @@ def _replay_growth(n: Numbers, run: Entries) -> str:
 
     The last window counts S - 1 quiet samples itself, so that so many fewer may follow it.
     """
-    run = mapping(run, ("windows", "quiet"), "run", True)
+    run = opened(n, run, ("windows", "quiet"), "run")
     windows = whole(run["windows"], "run.windows", 0, 10**12)
     still = whole(run["quiet"], "run.quiet", 0, 10**18)
     allowed = _allowed_quiet(n)
@@ -184,8 +183,8 @@ def _rls_start(n: Numbers) -> str:
 
 RLS = register(System(
     "rls",
-    "P+ = (P - ...)/forgetting: does the covariance stay below a limit, with excitation least <= sum"
-    " of phi phi' <= most over any `samples`, and through one pause of `idle` samples without any?",
+    "P+ = (P - ...)/forgetting: does the covariance stay below a limit, with excitation least <="
+    " sum of phi phi' <= most over any `samples`, and through one pause of `idle` samples?",
     {
         "forgetting": Number("1", "forgetting factor, at most 1"),
         "P": Number("1", "covariance at the start", 1.0),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from slipctl.certify import dither, sliding
 from slipctl.certify import extremum as bounds
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
+from slipctl.certify.entries import DoesNotHold, rational, rows, whole
 from slipctl.certify.registry import register
+from slipctl.certify.seal import opened, sealed
 from slipctl.certify.systems import (
     ASIDE,
     EXACT,
@@ -156,14 +158,16 @@ def _find_behind(n: Numbers) -> Entries | None:
                     start = share * p.beta
                     tick, _ = sliding.behind(p, slope, start, against, ticks)
                     if tick:
-                        return {"slope": str(slope), "start": str(start),
-                                "noise": "against" if against else "none", "ticks": tick}  # fmt: skip
+                        return sealed(n, {
+                            "slope": str(slope), "start": str(start), "ticks": tick,
+                            "noise": "against" if against else "none",
+                        })  # fmt: skip
     return None
 
 
 def _replay_behind(n: Numbers, run: Entries) -> str:
     p = _seeker(n)
-    run = mapping(run, ("slope", "start", "noise", "ticks"), "run", True)
+    run = opened(n, run, ("slope", "start", "noise", "ticks"), "run")
     slope, start = (rational(run[k], f"run.{k}") for k in ("slope", "start"))
     ticks = whole(run["ticks"], "run.ticks", 1, sliding.MOST_TICKS)
     if p.lag or not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
@@ -178,13 +182,13 @@ def _find_late(n: Numbers) -> Entries | None:
     p = _seeker(n)
     late = sliding.gained_at_most(p, n["slope"], n["time"]) < n["gap"]
     late = late or n["k"] * n["slope"] * n["time"] < n["gap"]
-    return {"slope": str(n["slope"])} if late else None
+    return sealed(n, {"slope": str(n["slope"])}) if late else None
 
 
 def _replay_late(n: Numbers, run: Entries) -> str:
     """A bound of what that start can have gained, not a run: it may have any number of ticks."""
     p = _seeker(n)
-    slope = rational(mapping(run, ("slope",), "run", True)["slope"], "run.slope")
+    slope = rational(opened(n, run, ("slope",), "run")["slope"], "run.slope")
     if not _least(n) <= slope <= n["slope"]:
         raise DoesNotHold("run: its slope is not one that was asked")
     most = n["k"] * slope * n["time"]
@@ -199,29 +203,29 @@ def _replay_late(n: Numbers, run: Entries) -> str:
 def _find_swing(n: Numbers) -> Entries | None:
     p = _seeker(n)
     if not n.get("curvature"):
-        return {} if p.k * p.T * math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T)) > n["ripple"] \
-            else None  # fmt: skip
+        ticks = math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
+        return sealed(n, {"ticks": ticks}) if p.k * p.T * ticks > n["ripple"] else None
     if p.lag:
         return None
     start = Fraction(-p.k * p.beta / (2 * p.rho)).limit_denominator(10**9)
-    f = p._replace(**{k: float(getattr(p, k)) for k in ("k", "rho", "beta", "T", "noise")})
+    f = sliding.Seeker(float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late)
     for count in (4, 20, 100, 300):
         parts = (count, count) if p.noise else (2, 2 * count - 2)
         found = list(sliding.turns(f, float(n["curvature"]), float(start), *parts))
         if sliding.last_swing(found, *parts) > float(n["ripple"]) * (1 + 1e-9):
-            return {"start": str(start), "left": parts[0], "right": parts[1]}
+            return sealed(n, {"start": str(start), "left": parts[0], "right": parts[1]})
     return None
 
 
 def _replay_swing(n: Numbers, run: Entries) -> str:
     p = _seeker(n)
     if not n.get("curvature"):
-        mapping(run, (), "run")
-        ticks = math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
-        if not p.k * p.T * ticks > n["ripple"]:
+        ticks = whole(opened(n, run, ("ticks",), "run")["ticks"], "run.ticks", 1, 10**300)
+        allowed = ticks <= math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
+        if not (allowed and p.k * p.T * ticks > n["ripple"]):
             raise DoesNotHold("run: v does not move that far between two turns")
         return f"on a flat top v moves one way for {ticks} ticks"
-    run = mapping(run, ("start", "left", "right"), "run", True)
+    run = opened(n, run, ("start", "left", "right"), "run")
     start = rational(run["start"], "run.start")
     left, right = (whole(run[k], f"run.{k}", 2, sliding.MOST_TURNS) for k in ("left", "right"))
     if p.lag or abs(start) > sliding.zone(p, n["curvature"]) or max(
@@ -310,8 +314,7 @@ SLIDING_SEEK = register(System(
 
 # ---- perturbation -------------------------------------------------------------------------------
 
-MOST_DITHER_TICKS = 20_000
-DIGITS = 10**60
+MOST_DITHER_TICKS = 60_000
 
 
 def _loop(n: Numbers) -> dither.Loop:
@@ -344,22 +347,24 @@ def _slow(n: Numbers) -> Sequence[Side]:
     return [Side("5 |pole| <= w", bounds.SEPARATION * max(abs(x) for x in p), float(n["w"]))]
 
 
-def _find_return(n: Numbers) -> Entries | None:
-    if not n["k"] * n["curvature"] < 0 or not n["w"] * n["T"] < Fraction(3):
+PROOF = ("units", "rate", "orbit", "P")
+
+
+def _find_return(n: Numbers, target: str) -> Entries | None:
+    if not n["k"] * n["curvature"] < 0 or not n["w"] * n["T"] < 3:
         return None
-    start = float(_from(n) / n["a"])
-    reach = float(n["reach"] / n["a"]) if "reach" in n else None
-    found = dither.find(_loop(n), start, reach)
+    reach = float(n["reach"] / n["a"]) if target == "reach" and "reach" in n else None
+    found = dither.find(_loop({k: float(v) for k, v in n.items()}), float(_from(n) / n["a"]), reach)
     if found is None:
         return None
-    entries: dict[str, Any] = {
+    entries = sealed(n, {
         "units": [int(math.log2(u)) for u in found.proof.units],
         "rate": str(Fraction(str(found.proof.mu))),
-        "orbit": [[f"{v!r}" for v in row] for row in found.proof.orbit],
-        "P": [[f"{v!r}" for v in row] for row in found.proof.P],
-    }
+        "orbit": [[repr(v) for v in row] for row in found.proof.orbit],
+        "P": [[repr(v) for v in row] for row in found.proof.P],
+    })  # fmt: skip
     try:
-        _check_return(n, entries)
+        _check_return(n, entries, target)
     except DoesNotHold:
         return None
     return entries
@@ -371,74 +376,81 @@ def _read_return(n: Numbers, entries: Entries) -> dither.Found:
     Raises:
         DoesNotHold: it proves nothing. BadInput: it is malformed.
     """
-    entries = mapping(entries, ("units", "rate", "orbit", "P"), "evidence", True)
-    units = [2.0 ** whole(u, "evidence.units", -60, 60)
-             for u in rows(entries["units"], "evidence.units", 3, 3)]  # fmt: skip
-    mu = float(rational(entries["rate"], "evidence.rate"))
-    sums = [
-        [[_decimal(v, f"evidence.{k}") for v in rows(row, f"evidence.{k}", 2 * dither.DEGREE + 1,
-                                                     2 * dither.DEGREE + 1)]
-         for row in rows(entries[k], f"evidence.{k}", count, count)]
+    units = [2.0 ** whole(u, "units", -60, 60) for u in rows(entries["units"], "units", 3, 3)]
+    mu = float(rational(entries["rate"], "rate"))
+    length = 2 * dither.DEGREE + 1
+    orbit, P = (
+        tuple(tuple(_decimal(v, k) for v in rows(row, k, length, length))
+              for row in rows(entries[k], k, count, count))
         for k, count in (("orbit", 3), ("P", 6))
-    ]  # fmt: skip
-    loop = dither.Loop(*(dither.Ball.of(Fraction(v)) for v in _loop(n)))
-    found = dither.proven(loop, dither.Proof(sums[0], sums[1], units, mu))
+    )  # fmt: skip
+    exact = _loop({k: Fraction(v) for k, v in n.items()})
+    found = dither.proven(exact, dither.Proof(orbit, P, (units[0], units[1], units[2]), mu))
     if found is None:
-        raise DoesNotHold("evidence: its function need not fall")
+        raise DoesNotHold("its function need not fall")
     return found
 
 
 def _decimal(text: Any, where: str) -> float:
     """Number of a text; a proof may be any numbers, so that its last digit is no matter."""
-    if not isinstance(text, str) or len(text) > 30 or not text.isascii():
-        raise BadInput(f"{where} must hold decimal numbers as texts")
     try:
-        value = float(text)
+        value = float(text) if isinstance(text, str) and len(text) < 30 else math.nan
     except ValueError:
-        raise BadInput(f"{where} must hold decimal numbers as texts") from None
+        value = math.nan
     if not abs(value) <= 1e6 or repr(value) != text:
-        raise BadInput(f"{where}: {text} must be a decimal number of at most 1e6, written shortest")
+        raise BadInput(f"{where} must hold decimal numbers of at most 1e6, written shortest")
     return value
 
 
-def _check_return(n: Numbers, entries: Entries) -> None:
-    found = _read_return(n, entries)
-    a = float(n["a"])
-    start = float(_from(n)) / a * (1 + 1e-12)
-    reach, rest = found.reach(start), found.rest()
-    if reach is None:
+def _check_return(n: Numbers, entries: Entries, target: str) -> None:
+    found = _read_return(n, opened(n, entries, PROOF, "evidence"))
+    value = _bounds_of(n, found)[target]
+    if value is None:
         raise DoesNotHold("evidence: it does not return from as far as that")
-    for name, value in (("reach", reach), ("rest", rest)):
-        if name in n and not value * a * (1 + 1e-12) < float(n[name]):
-            raise DoesNotHold(f"evidence: {name} is {value * a:.6g}, more than what was asked")
+    if target in n and not value < n[target]:
+        raise DoesNotHold(f"evidence: {target} is {float(value):.6g}, more than what was asked")
+
+
+def _bounds_of(n: Numbers, found: dither.Found) -> dict[str, Fraction | None]:
+    """What is proven in m/s, as rationals that are rounded up."""
+    a, start = Fraction(n["a"]), float(_from(n) / n["a"]) * (1 + 1e-12)
+    reach = found.reach(start)
+    if reach is None:
+        return {"reach": None, "rest": None}
+    return {"reach": rounded_up(Fraction(reach) * a, 9),
+            "rest": rounded_up(Fraction(found.rest()) * a, 9)}  # fmt: skip
+
+
+def _farthest(n: Numbers) -> Any:
+    """What a run must exceed to leave: what was asked, or ten times its start."""
+    return n["reach"] if "reach" in n else 10 * max(_from(n), n["a"])
 
 
 def _return_claim(name: str) -> Any:
     def claim(n: Numbers, entry: Entries) -> str:
         words = {"reach": "|th - v*| never exceeds {}",
                  "rest": "in the end |th - v*| stays below {}"}[name]  # fmt: skip
-        if name in n:
-            return words.format(spelled(n[name], "m/s"))
-        if "evidence" not in entry:
-            return words.format("a bound")
-        found, a = _read_return(n, entry["evidence"]), float(n["a"])
-        value = found.reach(float(_from(n)) / a * (1 + 1e-12)) if name == "reach" else found.rest()
-        shown = rounded_up(Fraction((value or 0.0) * a * (1 + 1e-12)))
-        return words.format(spelled(shown, "m/s"))
+        wanted = n.get(name, _farthest(n) if name == "reach" else max(_from(n), n["a"]))
+        if name not in n and "evidence" in entry:
+            proof = opened(n, entry["evidence"], PROOF, "evidence")
+            wanted = _bounds_of(n, _read_return(n, proof))[name] or wanted
+            wanted = rounded_up(wanted)
+        return words.format(spelled(wanted, "m/s"))
 
     return claim
 
 
 def _find_flight(n: Numbers) -> Entries | None:
     """Run that leaves: from either end of the starts, with floats."""
-    limit, noise = float(n["reach"] if "reach" in n else 10 * max(_from(n), n["a"])), 0.0
-    noise = float(n.get("noise", 0))
+    limit, noise = float(_farthest(n)), float(n.get("noise", 0))
     for start in (float(_from(n)), -float(_from(n))):
         for against in dict.fromkeys((bool(noise), False)):
             tick = _flight(n, start, limit, against)
             if tick:
-                return {"start": str(Fraction(_from(n)) * (1 if start > 0 else -1)),
-                        "noise": "outward" if against else "none", "ticks": tick}  # fmt: skip
+                return sealed(n, {
+                    "start": str(_from(n) * (1 if start > 0 else -1)), "ticks": tick,
+                    "noise": "outward" if against else "none",
+                })  # fmt: skip
     return None
 
 
@@ -457,12 +469,12 @@ def _flight(n: Numbers, start: float, limit: float, against: bool) -> int:
 
 def _replay_flight(n: Numbers, run: Entries) -> str:
     """Whole numbers of 60 digits, with a bound of their error that grows at every tick."""
-    run = mapping(run, ("start", "noise", "ticks"), "run", True)
+    run = opened(n, run, ("start", "noise", "ticks"), "run")
     start = rational(run["start"], "run.start")
     ticks = whole(run["ticks"], "run.ticks", 1, MOST_DITHER_TICKS)
     if abs(start) > _from(n) or run["noise"] not in ("outward", "none"):
         raise DoesNotHold("run: its start or its noise is outside of what was asked")
-    limit = n["reach"] if "reach" in n else 10 * max(_from(n), n["a"])
+    limit = _farthest(n)
     far = dither.flight(
         {k: n[k] for k in ("k", "w", "w_l", "w_h", "a", "curvature", "T")}, start,
         n.get("noise", Fraction(0)) if run["noise"] == "outward" else Fraction(0), ticks,
@@ -472,27 +484,34 @@ def _replay_flight(n: Numbers, run: Entries) -> str:
     return f"after {ticks} ticks |th - v*| exceeds {float(limit):.6g} m/s"
 
 
+def _quiet(n: Numbers) -> dict[str, Any]:
+    """The same seeker without noise, from an amplitude or less: one of its starts."""
+    kept = {k: v for k, v in n.items() if k not in ("reach", "rest", "noise")}
+    return kept | {"start": min(_from(n), n["a"])}
+
+
 def _find_swings_on(n: Numbers) -> Entries | None:
-    plain = {k: v for k, v in n.items() if k not in ("reach", "rest", "noise")}
-    plain["start"] = min(_from(n), n["a"])
-    entries = _find_return(plain)
-    if entries is None or "rest" not in n:
+    if "rest" not in n:
         return None
-    found = _read_return(plain, entries)
-    tick = found.beyond(_loop({k: float(v) for k, v in plain.items()}),
-                        float(plain["start"] / n["a"]), float(n["rest"] / n["a"]))  # fmt: skip
-    return None if tick is None else {"ticks": tick, **entries}
+    plain = _quiet(n)
+    entries = _find_return(plain, "rest")
+    if entries is None:
+        return None
+    proof = opened(plain, entries, PROOF, "run")
+    tick = _read_return(plain, proof).beyond(
+        _loop({k: float(v) for k, v in plain.items()}), float(plain["start"] / n["a"]),
+        float(n["rest"] / n["a"]),
+    )  # fmt: skip
+    return None if tick is None else sealed(n, {"ticks": tick, **proof})
 
 
 def _replay_swings_on(n: Numbers, run: Entries) -> str:
-    plain = {k: v for k, v in n.items() if k not in ("reach", "rest", "noise")}
-    plain["start"] = min(_from(n), n["a"])
-    run = mapping(run, ("ticks", "units", "rate", "orbit", "P"), "run", True)
-    tick = whole(run["ticks"], "run.ticks", 1, 10**12)
-    found = _read_return(plain, {k: v for k, v in run.items() if k != "ticks"})
-    loop = dither.Loop(*(dither.Ball.of(Fraction(v)) for v in _loop(plain)))
-    least = found.at_least(loop, float(plain["start"] / n["a"]) * (1 + 1e-12), tick)
-    if "rest" not in n or not least * (1 - 1e-12) * float(n["a"]) > float(n["rest"]) * (1 + 1e-12):
+    plain = _quiet(n)
+    proof = opened(n, run, ("ticks", *PROOF), "run")
+    tick = whole(proof["ticks"], "run.ticks", 1, 10**12)
+    start = float(plain["start"] / n["a"]) * (1 + 1e-12)
+    least = _read_return(plain, proof).at_least(_loop(plain), start, tick)
+    if "rest" not in n or not Fraction(least) * n["a"] > n["rest"]:
         raise DoesNotHold("run: th does not swing that far")
     return (f"th follows a periodic orbit, and at tick {tick} |th - v*| is above"
             f" {least * float(n['a']):.6g} m/s")  # fmt: skip
@@ -561,9 +580,11 @@ PERTURBATION_SEEK = register(System(
                        role=TARGET),
     },
     {
-        "returns": Criterion("a periodic Lyapunov function falls, tick by tick",
-                             evidence=Evidence(_find_return, _check_return),
-                             proves=("reach", "rest"), covers=("T", "noise")),
+        **{name: Criterion(f"a periodic Lyapunov function falls, tick by tick: {name}",
+                           evidence=Evidence(partial(_find_return, target=name),
+                                             partial(_check_return, target=name)),
+                           proves=(name,), covers=("T", "noise"))
+           for name in ("reach", "rest")},
         "averaged": Criterion("the averaged loop is stable (for w -> infinity)", _seeks),
         "separated": Criterion("the dither is 5 times faster than both corners (a rule)",
                                _separated, margins=("smallest_w", "largest_w_l", "largest_w_h")),
