@@ -212,7 +212,7 @@ RLS = register(System(
                            "that the estimate's error tends to zero"),
     },
     start=_rls_start,
-    refuters={"grows": Refuter("bounded", _find_growth, _replay_growth)},
+    refuters={"bounded": Refuter("bounded", _find_growth, _replay_growth)},
     never=("rounding",),
     values=_rls_values,
     witness=_rls_witness,

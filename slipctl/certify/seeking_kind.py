@@ -298,9 +298,9 @@ SLIDING_SEEK = register(System(
     },
     start=_sliding_start,
     refuters={
-        "plane_lost": Refuter("climbs", _find_behind, _replay_behind),
-        "too_late": Refuter("in_time", _find_late, _replay_late),
-        "swings": Refuter("ripple", _find_swing, _replay_swing),
+        "climbs": Refuter("climbs", _find_behind, _replay_behind),
+        "in_time": Refuter("in_time", _find_late, _replay_late),
+        "ripple": Refuter("ripple", _find_swing, _replay_swing),
     },
     never=("a map whose slope varies faster than its parabola at the peak", "limits of v"),
     values=_sliding_values,
@@ -599,8 +599,8 @@ PERTURBATION_SEEK = register(System(
     },
     start=lambda n: f"every |th - v*| <= {spelled(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0",
     refuters={
-        "leaves": Refuter("reach", _find_flight, _replay_flight),
-        "swings_on": Refuter("rest", _find_swings_on, _replay_swings_on),
+        "reach": Refuter("reach", _find_flight, _replay_flight),
+        "rest": Refuter("rest", _find_swings_on, _replay_swings_on),
     },
     never=("a dead time", "a lag", "a map that is no parabola"),
     values=_perturbation_values,
