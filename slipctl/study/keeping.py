@@ -15,6 +15,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,11 +176,10 @@ def _digest(files: Iterable[Path]) -> str:
 @lru_cache(maxsize=1)
 def _source() -> str:
     """Hash of the source of the engine, models and studies."""
-    import slipctl
-    from slipctl import models, studies
-
-    folders = [Path(slipctl.__file__).parent / room for room in ROOMS[:-2]]
-    folders += [Path(package.__path__[0]) for package in (models, studies)]
+    folders = []
+    for room in ROOMS:
+        spec = find_spec(f"slipctl.{room}")
+        folders += [Path(p) for p in (spec.submodule_search_locations or [])] if spec else []
     kinds = (".py", ".csv", ".toml", ".json")
     return _digest(p for f in folders for p in sorted(f.rglob("*")) if p.suffix in kinds)
 

@@ -21,7 +21,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.results import Case, NotRun, Results, Table
+from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
 from slipctl.run.simulation import simulate
 from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
 from slipctl.study.doors import reason
@@ -106,6 +106,8 @@ def noted(results: Results, what: str) -> Iterator[None]:
     """Note what breaks, so that the rest goes on and nothing computed is lost."""
     try:
         yield
+    except LeftToFull:
+        log.debug("%s is left to --full", what)
     except NotRun as missing:
         log.info("%s is left out: %s", what, missing)
     except Exception as error:
@@ -115,11 +117,15 @@ def noted(results: Results, what: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Ran:
-    """What the run of a loop gives: its log, metrics, and files that wait for their names."""
+    """What the run of a loop gives: its log, metrics, and files that wait for their names.
+
+    ``trouble`` says why there are no files.
+    """
 
     data: xarray.Dataset
     metrics: dict[str, Metric]
     files: Sequence[tuple[Path, Path]] = ()
+    trouble: str = ""
 
 
 def _loop_job(
@@ -141,10 +147,11 @@ def _loop_job(
         if keep is None or found:
             return _Ran(data, metrics)
         data = data.assign_attrs(key=keep.of(scenario, name))
-        folder = keep.out / "logs" / scenario
-        return _Ran(
-            data, metrics, files.draft_log(data.assign_attrs(command=command), folder, name)
-        )
+        folder, whole = keep.out / "logs" / scenario, data.assign_attrs(command=command)
+        try:
+            return _Ran(data, metrics, files.draft_log(whole, folder, name))
+        except Exception as error:
+            return _Ran(data, metrics, trouble=reason(error))
 
     return job
 
@@ -174,8 +181,11 @@ def _take(results: Results, case: Case, name: str, ran: _Ran) -> None:
     results.data.setdefault(scenario, {})[name] = ran.data
     results.metrics.setdefault(scenario, {})[name] = ran.metrics
     log.debug("%s/%s done", scenario, name)
-    with noted(results, f"log of {scenario}/{name}"):
+    what = f"log of {scenario}/{name}"
+    with noted(results, what):
         files.publish(ran.files)
+    if ran.trouble:
+        results.failed[what] = ran.trouble
 
 
 def _finish(results: Results, case: Case) -> None:
