@@ -1,0 +1,298 @@
+"""Explicit super-twisting comes from every start into a bounded set: a polygon that shrinks.
+
+In z = root(y), y = x1/T^2, and w = x2/T a tick in the half z > 0 is z+^2 = z^2 - k1 z + w, w+ =
+w - c, a <= c <= b, a = k2 - L, b = k2 + L. Since root(z^2 + p) <= z + p/(2 z),
+
+    n z+ + m w+ <= n z + m w + (n (w - k1 z) - 2 m c z)/(2 z)        for n >= 0:
+
+a convex polygon whose edges the continuous motion crosses inwards is crossed inwards by a tick of
+any length. V is the size of the polygon through a state: the polygon runs from (0, 1) through
+z > 0 to (0, -q), q < 1, and is mirrored for z < 0. From V >= ``level`` on, V falls by at least
+``fall`` in each tick, whatever d does; so every run comes to V <= ``level`` and stays in V <=
+``kept``. ``Levels.check`` proves it with rationals.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
+
+Point = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The polygon and what it proves.
+
+    Attributes:
+        law: what moves the state.
+        corners: (z, w) from (0, 1) over (z1, 1) to (0, -q).
+        level, fall: V falls by ``fall`` a tick from ``level`` on.
+    """
+
+    law: Law
+    corners: tuple[Point, ...]
+    level: Fraction
+    fall: Fraction
+
+    def holds(self) -> bool:
+        """Whether V falls as it says: every inequality below is decided with rationals.
+
+        Proof note, for a state with V = lam >= level, in z >= 0 with the sign taken as +1 (the
+        other half is its mirror; at z = 0 V is the larger of both sides):
+
+        * Same half, from edge i >= 2 towards edge j: what is added to n z + m w times 2 z is the
+          bracket B_j; B_j + 2 fall z <= K (lam - n z - m w) holds along edge i if it does at both
+          its corners, and K <= 2 z then leaves lam - fall. w < 0 stays in this half only if
+          z^2 >= -w.
+        * From the top edge w = lam: w+ <= lam - a; z+^2 is convex in z, so its ends z = 0 and z1
+          lam decide.
+        * Across: z+^2 <= k1^2/4 + q lam, -q lam - b <= w+ <= k1^2/4 - a.
+
+        Each is convex in lam where it has a root and linear elsewhere: its value and its slope at
+        ``level`` decide for all larger ones.
+        """
+        k1, lam, fall = self.law.k1, self.level, self.fall
+        a, b = self.law.k2 - self.law.L, self.law.k2 + self.law.L
+        P = self.corners
+        if not self._shaped() or not 0 < fall <= a or lam < b:
+            return False
+        q, z1 = -P[-1][1], P[1][0]
+        edges = list(self._edges())
+        quarter = k1 * k1 / 4
+        for j, (n, m) in enumerate(edges):
+            up, down = max(m, Fraction(0)), max(-m, Fraction(0))
+            # across
+            spare = lam - fall - up * (q * lam + b) - down * quarter
+            slope = 1 - up * q
+            inside = quarter + q * lam
+            if spare < 0 or spare**2 < n * n * inside or slope < 0:
+                return False
+            if 4 * slope**2 * inside < (n * q) ** 2:
+                return False
+            if j == 0:
+                continue
+            # from the top edge
+            spare, slope = (1 - up) * lam + up * a - fall, 1 - up
+            if spare < 0 or spare**2 < n * n * lam or 4 * slope**2 * lam < n * n:
+                return False
+            end = z1 * lam + (1 - k1 * z1) / (2 * z1)
+            if 1 - n * z1 - up < 0 or n * end + up * (lam - a) > lam - fall:
+                return False
+            # from every other edge
+            c = a if m > 0 else b
+            bracket = [n * (w - k1 * z) - 2 * m * c * z + 2 * fall * z for z, w in P]
+            gap = [1 - n * z - m * w for z, w in P]
+            for i in range(1, len(edges)):
+                K = Fraction(0)
+                for x in (i, i + 1):
+                    if bracket[x] > 0:
+                        if gap[x] == 0:
+                            return False
+                        K = max(K, bracket[x] / gap[x])
+                least = min(P[i][0], P[i + 1][0])
+                under = max(Fraction(0), -max(P[i][1], P[i + 1][1]))
+                if K > 2 * least * lam and K * K > 4 * under * lam:
+                    return False
+        return True
+
+    def kept(self) -> Fraction:
+        """V stays below this once it has been below ``level``; rounded up.
+
+        Proof note: from V <= level a tick in the same half leads to z+ <= zm level + 1/(2 zm),
+        -q level - b <= w+ <= level; across to z+^2 <= k1^2/4 + q level, |w+| <= q level + b or
+        w+ <= k1^2/4.
+        """
+        k1, lam = self.law.k1, self.level
+        b = self.law.k2 + self.law.L
+        q, far = -self.corners[-1][1], max(z for z, _ in self.corners)
+        same = far * lam + 1 / (2 * far)
+        root = math.isqrt(math.ceil(k1 * k1 / 4 + q * lam)) + 1
+        found = lam
+        for n, m in self._edges():
+            up, down = max(m, Fraction(0)), max(-m, Fraction(0))
+            found = max(found, n * same + up * lam + down * (q * lam + b),
+                        n * root + up * (q * lam + b) + down * k1 * k1 / 4)  # fmt: skip
+        return found
+
+    def rows(self, grid: Grid) -> Rows:
+        """Rows that cover V <= ``kept``.
+
+        Raises:
+            OverflowError: that takes too many, or too many units.
+        """
+        kept = self.kept()
+        n = math.ceil(kept / grid.height)
+        if 2 * n > MOST_ROWS:
+            raise OverflowError(f"{2 * n} rows are needed")
+        z, w = np.array([[float(x) for x in corner] for corner in self.corners]).T
+        edges = np.arange(-n, n + 1) * float(grid.height) / float(kept)
+        low, high = edges[:-1] - 1e-12, edges[1:] + 1e-12
+        # z is concave in w: largest in a row at an end of it, or at the corner that reaches far
+        order, tip = np.argsort(w[1:], kind="stable") + 1, int(z.argmax())
+        across = np.maximum(np.interp(low, w[order], z[order]), np.interp(high, w[order], z[order]))
+        across = np.where((low <= w[tip]) & (w[tip] <= high), z[tip], across)
+        y = (across * float(kept)) ** 2 / float(grid.unit) * (1 + 1e-9)
+        ends = np.where(high < w[-1], 0.0, np.ceil(y))
+        if ends.max() > LONGEST:
+            raise OverflowError("y has too many units")
+        return Rows(grid, ends)
+
+    def _edges(self) -> Iterator[Point]:
+        """Give (n, m) with n z + m w = 1 along each edge."""
+        for (z, w), (z2, w2) in zip(self.corners, self.corners[1:], strict=False):
+            size = z * w2 - w * z2
+            yield (w2 - w) / size, (z - z2) / size
+
+    def _shaped(self) -> bool:
+        """Whether it is convex, turns clockwise around the origin, and has 0 < q < 1."""
+        P = self.corners
+        if len(P) < 4 or P[0] != (0, 1) or P[1][1] != 1 or P[1][0] <= 0 or P[-1][0] != 0:
+            return False
+        if not 0 < -P[-1][1] < 1 or min(z for z, _ in P[1:-1]) <= 0:
+            return False
+        if any(z * w2 - w * z2 >= 0 for (z, w), (z2, w2) in zip(P, P[1:], strict=False)):
+            return False
+        return all(n >= 0 and all(n * z + m * w <= 1 for z, w in P) for n, m in self._edges())
+
+
+# ---- finding one --------------------------------------------------------------------------------
+
+
+def find(law: Law) -> Levels | None:
+    """Polygon with a small ``level``, by a search over its shape; None if none is found.
+
+    What it gives holds: it is checked with rationals.
+    """
+    if law.k2 <= law.L or law.k1 <= 0:
+        return None
+    scaled = float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L)
+    slow = max(0.0, 1.5 * scaled[0] ** 2 / 8 / (scaled[1] + 1) - 1)
+    best: dict[str, float] = {}
+    value = math.inf
+    starts = itertools.product((1.0, 0.4, 0.15, 0.06, 0.025), (0.5, 0.2, 0.07), (0.05, 0.2, 0.6))
+    for fine, first, damp in starts:
+        if math.isinf(value) or fine > 0.1:  # a finer polygon has a higher level
+            tried = {"first": first, "turn": 0.7 * fine, "damp": damp * fine,
+                     "fall": 0.1 * fine, "push": 0.1 * fine + slow}  # fmt: skip
+            found = _level(*scaled, tried)
+            if found < value:
+                best, value = tried, found
+    if not math.isfinite(value):
+        return None
+    for factor in (2.0, 1.4, 1.15):
+        for name in best:
+            for move in (factor, 1 / factor):
+                while True:
+                    tried = {**best, name: best[name] * move}
+                    found = _level(*scaled, tried)
+                    if not found < value:
+                        break
+                    best, value = tried, found
+    return _proved(law, best, value)
+
+
+def _proved(law: Law, shape: dict[str, float], value: float) -> Levels | None:
+    """Give it in rationals and in the unit of the law, a little wider if rounding needs it."""
+    corners = _corners(float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L), shape)
+    if corners is None:
+        return None
+    fall = Fraction(shape["fall"] / 2).limit_denominator(10**6) * (law.k2 - law.L)
+    scale = 10**7
+    wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(10**6)
+    exact = [(Fraction(round(z * scale), scale) * wide, Fraction(round(w * scale), scale))
+             for z, w in corners]  # fmt: skip
+    for wider in (1.001, 1.01, 1.1, 1.5):
+        level = Fraction(math.ceil(value * wider * 1000), 1000) * law.L
+        found = Levels(law, tuple(exact), level, fall)
+        if fall > 0 and found.holds():
+            return found
+    return None
+
+
+def _corners(k1: float, k2: float, shape: dict[str, float]) -> np.ndarray | None:
+    """Tangents of the worst continuous motion, each begun where the last one ends: outside it."""
+    a, b = k2 - 1, k2 + 1
+    k1 = k1 * (1 - min(shape["damp"], 0.5))
+    down, turn = math.sqrt(2 * b), shape["turn"]
+    P = [(0.0, 1.0), (shape["first"] / down, 1.0)]
+    for c in (a * (1 - min(shape["fall"], 0.5)), b * (1 + shape["push"])):
+        first = c < a
+        while len(P) < 600:
+            z, w = P[-1]
+            dz, dw = w - k1 * z, -2 * c * z
+            if first and dz <= 0:
+                break
+            ddz, ddw = dw - k1 * dz, -2 * c * dz
+            bend = abs(dz * ddw - dw * ddz) * down / ((dz * down) ** 2 + dw * dw)
+            far = math.hypot(dz * down, dw) / math.hypot(z * down, w)
+            step = turn / max(bend, far, 1e-12)
+            if z + step * dz <= 0:
+                w -= z / dz * dw
+                P.append((0.0, w))
+                return np.array(P) if -1 < w < 0 else None
+            P.append((z + step * dz, w + step * dw))
+    return None
+
+
+def _level(k1: float, k2: float, shape: dict[str, float]) -> float:
+    """Level of a shape in doubles, inf if it has none; the inequalities of ``Levels.holds``."""
+    if max(shape["turn"], shape["first"]) > 1.5 or min(shape.values()) < 1e-5:
+        return math.inf
+    P = _corners(k1, k2, shape)
+    if P is None:
+        return math.inf
+    a, b = k2 - 1, k2 + 1
+    q, z1, fall = -P[-1, 1], P[1, 0], shape["fall"] / 2 * a
+    z, w = P.T
+    size = z[:-1] * w[1:] - w[:-1] * z[1:]
+    if size.max() >= 0:
+        return math.inf
+    n, m = (w[1:] - w[:-1]) / size, (z[:-1] - z[1:]) / size
+    gap = 1 - n[:, None] * z - m[:, None] * w
+    gap[abs(gap) < 1e-9] = 0
+    c = np.where(m > 0, a, b)
+    bracket = n[:, None] * (w - k1 * z) - 2 * (m * c)[:, None] * z + 2 * fall * z
+    own = (gap[1:] == 0) & (z > 0)
+    if gap.min() < 0 or n.min() < -1e-12 or (bracket[1:][own] > -1e-4 * fall * z.max()).any():
+        return math.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        K = np.where(bracket > 0, bracket / gap, 0.0)[1:]
+    worst = np.maximum(K[:, 1:-1], K[:, 2:]).max(axis=0)
+    least = np.minimum(z[1:-1], z[2:])
+    under = np.maximum(0, -np.maximum(w[1:-1], w[2:]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        need = np.minimum(worst / (2 * least), worst**2 / (4 * under))
+    low = max(b, float(np.where(worst > 0, need, 0.0).max()))
+    up, down, quarter = np.maximum(m, 0), np.maximum(-m, 0), k1 * k1 / 4
+
+    def fits(lam: float) -> bool:
+        root = math.sqrt(quarter + q * lam)
+        if (n * root + up * (q * lam + b) + down * quarter > lam - fall).any():
+            return False
+        if (2 * (1 - up * q) * root < n * q).any():
+            return False
+        N, U = n[1:], up[1:]
+        if (N * math.sqrt(lam) + U * (lam - a) > lam - fall).any():
+            return False
+        if (2 * (1 - U) * math.sqrt(lam) < N).any() or (1 - N * z1 - U < -1e-9).any():
+            return False
+        end = z1 * lam + (1 - k1 * z1) / (2 * z1)
+        return bool((N * end + U * (lam - a) <= lam - fall).all())
+
+    high = max(low, 1e-9)
+    while not fits(high):
+        high *= 1.5
+        if high > 1e7 * b:
+            return math.inf
+    for _ in range(20):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if fits(middle) else (middle, high)
+    return high
