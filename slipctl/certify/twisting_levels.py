@@ -14,17 +14,20 @@ z > 0 to (0, -q), q < 1, and is mirrored for z < 0. From V >= ``level`` on, V fa
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
 from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]
+
+MOST_CORNERS = 100
+"""Most corners of a polygon."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ class Levels:
                         K = max(K, bracket[x] / gap[x])
                 least = min(P[i][0], P[i + 1][0])
                 under = max(Fraction(0), -max(P[i][1], P[i + 1][1]))
-                if K > 2 * least * lam and K * K > 4 * under * lam:
+                if max(2 * least * lam - K, 4 * under * lam - K * K) < 0:
                     return False
         return True
 
@@ -147,152 +150,23 @@ class Levels:
 
     def _edges(self) -> Iterator[Point]:
         """Give (n, m) with n z + m w = 1 along each edge."""
-        for (z, w), (z2, w2) in zip(self.corners, self.corners[1:], strict=False):
+        for (z, w), (z2, w2) in pairwise(self.corners):
             size = z * w2 - w * z2
             yield (w2 - w) / size, (z - z2) / size
 
     def _shaped(self) -> bool:
         """Whether it is convex, turns clockwise around the origin, and has 0 < q < 1."""
         P = self.corners
-        if len(P) < 4 or P[0] != (0, 1) or P[1][1] != 1 or P[1][0] <= 0 or P[-1][0] != 0:
+        if (
+            not 4 <= len(P) <= MOST_CORNERS
+            or P[0] != (0, 1)
+            or P[1][1] != 1
+            or P[1][0] <= 0
+            or P[-1][0] != 0
+        ):
             return False
         if not 0 < -P[-1][1] < 1 or min(z for z, _ in P[1:-1]) <= 0:
             return False
-        if any(z * w2 - w * z2 >= 0 for (z, w), (z2, w2) in zip(P, P[1:], strict=False)):
+        if any(z * w2 - w * z2 >= 0 for (z, w), (z2, w2) in pairwise(P)):
             return False
         return all(n >= 0 and all(n * z + m * w <= 1 for z, w in P) for n, m in self._edges())
-
-
-# ---- finding one --------------------------------------------------------------------------------
-
-
-def find(law: Law) -> Levels | None:
-    """Polygon with a small ``level``, by a search over its shape; None if none is found.
-
-    What it gives holds: it is checked with rationals.
-    """
-    if law.k2 <= law.L or law.k1 <= 0:
-        return None
-    scaled = float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L)
-    slow = max(0.0, 1.5 * scaled[0] ** 2 / 8 / (scaled[1] + 1) - 1)
-    best: dict[str, float] = {}
-    value = math.inf
-    starts = itertools.product((1.0, 0.4, 0.15, 0.06, 0.025), (0.5, 0.2, 0.07), (0.05, 0.2, 0.6))
-    for fine, first, damp in starts:
-        if math.isinf(value) or fine > 0.1:  # a finer polygon has a higher level
-            tried = {"first": first, "turn": 0.7 * fine, "damp": damp * fine,
-                     "fall": 0.1 * fine, "push": 0.1 * fine + slow}  # fmt: skip
-            found = _level(*scaled, tried)
-            if found < value:
-                best, value = tried, found
-    if not math.isfinite(value):
-        return None
-    for factor in (2.0, 1.4, 1.15):
-        for name in best:
-            for move in (factor, 1 / factor):
-                while True:
-                    tried = {**best, name: best[name] * move}
-                    found = _level(*scaled, tried)
-                    if not found < value:
-                        break
-                    best, value = tried, found
-    return _proved(law, best, value)
-
-
-def _proved(law: Law, shape: dict[str, float], value: float) -> Levels | None:
-    """Give it in rationals and in the unit of the law, a little wider if rounding needs it."""
-    corners = _corners(float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L), shape)
-    if corners is None:
-        return None
-    fall = Fraction(shape["fall"] / 2).limit_denominator(10**6) * (law.k2 - law.L)
-    scale = 10**7
-    wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(10**6)
-    exact = [(Fraction(round(z * scale), scale) * wide, Fraction(round(w * scale), scale))
-             for z, w in corners]  # fmt: skip
-    for wider in (1.001, 1.01, 1.1, 1.5):
-        level = Fraction(math.ceil(value * wider * 1000), 1000) * law.L
-        found = Levels(law, tuple(exact), level, fall)
-        if fall > 0 and found.holds():
-            return found
-    return None
-
-
-def _corners(k1: float, k2: float, shape: dict[str, float]) -> np.ndarray | None:
-    """Tangents of the worst continuous motion, each begun where the last one ends: outside it."""
-    a, b = k2 - 1, k2 + 1
-    k1 = k1 * (1 - min(shape["damp"], 0.5))
-    down, turn = math.sqrt(2 * b), shape["turn"]
-    P = [(0.0, 1.0), (shape["first"] / down, 1.0)]
-    for c in (a * (1 - min(shape["fall"], 0.5)), b * (1 + shape["push"])):
-        first = c < a
-        while len(P) < 600:
-            z, w = P[-1]
-            dz, dw = w - k1 * z, -2 * c * z
-            if first and dz <= 0:
-                break
-            ddz, ddw = dw - k1 * dz, -2 * c * dz
-            bend = abs(dz * ddw - dw * ddz) * down / ((dz * down) ** 2 + dw * dw)
-            far = math.hypot(dz * down, dw) / math.hypot(z * down, w)
-            step = turn / max(bend, far, 1e-12)
-            if z + step * dz <= 0:
-                w -= z / dz * dw
-                P.append((0.0, w))
-                return np.array(P) if -1 < w < 0 else None
-            P.append((z + step * dz, w + step * dw))
-    return None
-
-
-def _level(k1: float, k2: float, shape: dict[str, float]) -> float:
-    """Level of a shape in doubles, inf if it has none; the inequalities of ``Levels.holds``."""
-    if max(shape["turn"], shape["first"]) > 1.5 or min(shape.values()) < 1e-5:
-        return math.inf
-    P = _corners(k1, k2, shape)
-    if P is None:
-        return math.inf
-    a, b = k2 - 1, k2 + 1
-    q, z1, fall = -P[-1, 1], P[1, 0], shape["fall"] / 2 * a
-    z, w = P.T
-    size = z[:-1] * w[1:] - w[:-1] * z[1:]
-    if size.max() >= 0:
-        return math.inf
-    n, m = (w[1:] - w[:-1]) / size, (z[:-1] - z[1:]) / size
-    gap = 1 - n[:, None] * z - m[:, None] * w
-    gap[abs(gap) < 1e-9] = 0
-    c = np.where(m > 0, a, b)
-    bracket = n[:, None] * (w - k1 * z) - 2 * (m * c)[:, None] * z + 2 * fall * z
-    own = (gap[1:] == 0) & (z > 0)
-    if gap.min() < 0 or n.min() < -1e-12 or (bracket[1:][own] > -1e-4 * fall * z.max()).any():
-        return math.inf
-    with np.errstate(divide="ignore", invalid="ignore"):
-        K = np.where(bracket > 0, bracket / gap, 0.0)[1:]
-    worst = np.maximum(K[:, 1:-1], K[:, 2:]).max(axis=0)
-    least = np.minimum(z[1:-1], z[2:])
-    under = np.maximum(0, -np.maximum(w[1:-1], w[2:]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        need = np.minimum(worst / (2 * least), worst**2 / (4 * under))
-    low = max(b, float(np.where(worst > 0, need, 0.0).max()))
-    up, down, quarter = np.maximum(m, 0), np.maximum(-m, 0), k1 * k1 / 4
-
-    def fits(lam: float) -> bool:
-        root = math.sqrt(quarter + q * lam)
-        if (n * root + up * (q * lam + b) + down * quarter > lam - fall).any():
-            return False
-        if (2 * (1 - up * q) * root < n * q).any():
-            return False
-        N, U = n[1:], up[1:]
-        if (N * math.sqrt(lam) + U * (lam - a) > lam - fall).any():
-            return False
-        if (2 * (1 - U) * math.sqrt(lam) < N).any() or (1 - N * z1 - U < -1e-9).any():
-            return False
-        end = z1 * lam + (1 - k1 * z1) / (2 * z1)
-        return bool((N * end + U * (lam - a) <= lam - fall).all())
-
-    high = max(low, 1e-9)
-    while not fits(high):
-        high *= 1.5
-        if high > 1e7 * b:
-            return math.inf
-    for _ in range(20):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if fits(middle) else (middle, high)
-    return high

@@ -4,10 +4,10 @@ One tick of the law as it is computed, y = x1/T^2, w = x2/T (with the matched di
 
     y+ = y - k1 root(y + n) + w + m,   w+ = w - k2 sgn(y + n) + d,   |d| <= L, |n| <= N, |m| <= M.
 
-T is gone. The set is cut into rows i h <= w <= (i + 1) h; each row holds one interval of y. h divides
-k2 - L, so the slowest fall of w takes rows to rows and nothing is lost there, tick after tick; y
-loses h in all, not h a tick. The set is its own mirror image (y, w) -> (-y, -w), so the upper ends
-of all rows are the whole set. sgn 0 may be -1, 0 or 1.
+T is gone. The set is cut into rows i h <= w <= (i + 1) h; each row holds one interval of y. h
+divides k2 - L, so the slowest fall of w takes rows to rows and nothing is lost there, tick after
+tick; y loses h in all, not h a tick. The set is its own mirror image (y, w) -> (-y, -w), so the
+upper ends of all rows are the whole set. sgn 0 may be -1, 0 or 1.
 
 y is counted in whole units h/2^bits. Sums are exact; a root in doubles is right to 3e-16 and is
 moved outwards by 1e-14, then to a whole number. So what is left out here cannot be reached.
@@ -93,7 +93,7 @@ class Grid:
 
     @cached_property
     def turn(self) -> float:
-        """y = k1^2/4 in units, where y - k1 root(y) is least; rounded up."""
+        """Where y - k1 root(y) is least, y = k1^2/4, in units; rounded up."""
         return float(math.ceil(self.law.k1**2 / 4 / self.unit))
 
     @cached_property
@@ -202,7 +202,7 @@ def _tick(grid: Grid, up: Ends) -> Ends:
 
 
 def _moved(values: Ends, first: int, last: int, room: int) -> Ends:
-    """Largest value that rows moved by ``first`` to ``last`` bring, ``room`` more rows each side."""
+    """Largest value that rows moved by ``first`` to ``last`` bring; ``room`` more each side."""
     n, width, done = len(values), last - first + 1, 1
     wide = np.full(n + 2 * room + width - 1, EMPTY)
     # out[t] = max of values[t - room - last .. t - room - first]

@@ -17,7 +17,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from slipctl.certify.twisting_levels import Levels, find
+from slipctl.certify.twisting_levels import Levels
+from slipctl.certify.twisting_polygons import find
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows
 
 BITS = 10
@@ -60,8 +61,8 @@ def _work(rows: Rows) -> float:
 def replay(levels: Levels, plan: Plan) -> Rows | None:
     """Rows after the ticks of a plan; None if they take too much.
 
-    Proof note: V <= ``kept`` is kept once V <= ``level``, and that is reached from every start; what
-    is in rows that hold that set is, n ticks later, in the rows after n ticks.
+    Proof note: every start leads to V <= ``level``, and then V <= ``kept``. What is in rows that
+    hold that set is, n ticks later, in the rows after n ticks.
     """
     rows, work = None, 0.0
     try:
@@ -91,13 +92,14 @@ def bound(law: Law, wanted: Fraction | None = None) -> Bound | None:
     levels = find(law)
     if levels is None:
         return None
-    parts = max(1, math.ceil(2 * (law.k2 - law.L) / law.L)) if law.k2 > 3 * law.L else 1
+    parts = max(1, math.ceil(100 * (law.k2 - law.L) / levels.kept()))
     plan: list[tuple[int, int]] = []
     best, work = None, 0.0
     try:
         rows = levels.rows(Grid(law, parts, BITS))
         while work < MOST_WORK:
             ticks, before, settled = 0, math.inf, False
+            pause = max(32, int(rows.widest() / (law.k2 - law.L) / 8))
             while not settled and work < MOST_WORK:
                 new = rows.tick()
                 work, ticks = work + _work(new), ticks + 1
@@ -105,9 +107,9 @@ def bound(law: Law, wanted: Fraction | None = None) -> Bound | None:
                 rows = new
                 if wanted is not None and ticks % 8 == 0 and rows.largest() <= wanted:
                     break
-                if ticks % 32 == 0:
+                if ticks % pause == 0:
                     size = float(rows.ends[rows.ends > EMPTY].sum() * len(rows.ends))
-                    settled, before = settled or size > 0.999 * before, size
+                    settled, before = settled or size > 0.998 * before, size
             plan.append((rows.grid.parts, ticks))
             y = rows.largest()
             if best is not None and not y < best.y:

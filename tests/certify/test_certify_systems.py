@@ -439,8 +439,10 @@ def test_a_proof_that_is_missing_is_missed():
 def test_a_proof_that_does_not_cover_an_input_proves_nothing():
     """The continuous proof of super-twisting is none of the law as sampled."""
     payload = payload_of("super_twisting", GOOD["super_twisting"])
-    with_T = payload["asked"] | {"T": {"value": "1/1000", "unit": "s"}}
-    told = proofs.write(SYSTEMS["super_twisting"], exactly(GOOD["super_twisting"] | {"T": 1e-3}))
+    with_T = payload["asked"] | {"T": {"value": "1/1000", "unit": "s"},
+                                 "delta": {"value": "1/10", "unit": "m^.5/s^1.5"}}  # fmt: skip
+    more = exactly(GOOD["super_twisting"] | {"T": 1e-3}) | {"delta": F(1, 10)}
+    told = proofs.write(SYSTEMS["super_twisting"], more)
     assert told["verdict"] == UNDECIDED
     with pytest.raises(certificate.DoesNotHold, match="no proof of"):
         certificate.check(payload | {"asked": with_T, "promise": told["promise"],
