@@ -89,21 +89,40 @@ class Levels:
             end = z1 * lam + (1 - k1 * z1) / (2 * z1)
             if 1 - n * z1 - up < 0 or n * end + up * (lam - a) > lam - fall:
                 return False
-            # from every other edge
-            c = a if m > 0 else b
-            bracket = [n * (w - k1 * z) - 2 * m * c * z + 2 * fall * z for z, w in P]
-            gap = [1 - n * z - m * w for z, w in P]
-            for i in range(1, len(edges)):
-                K = Fraction(0)
+        return self._crossed_inwards()
+
+    def _crossed_inwards(self) -> bool:
+        """From every edge but the top one: K <= 2 z, or K^2 <= 4 |w| where w < 0.
+
+        In whole numbers, because there are many: z and w over D, rates over R; K is
+        bracket/(R D gap) with the common factors left out.
+        """
+        a, b = self.law.k2 - self.law.L, self.law.k2 + self.law.L
+        D = math.lcm(*(x.denominator for corner in self.corners for x in corner))
+        R = math.lcm(*(x.denominator for x in (self.law.k1, a, b, self.fall)))
+        k1, slow, fast, fall = (int(x * R) for x in (self.law.k1, a, b, self.fall))
+        P = [(int(z * D), int(w * D)) for z, w in self.corners]
+        top, bottom = self.level.numerator, self.level.denominator
+        pull = [w * R - k1 * z for z, w in P]
+        limits = []  # of K and K^2 along each edge, times D bottom
+        for (z, w), (z2, w2) in pairwise(P[1:]):
+            limits.append((2 * min(z, z2) * top, 4 * max(0, -max(w, w2)) * top))
+        for (z1, w1), (z2, w2) in pairwise(P[1:]):
+            across, along = w2 - w1, z1 - z2
+            size = -(z1 * w2 - w1 * z2)
+            rate = 2 * along * (fast if along >= 0 else slow)  # m > 0 where along < 0
+            lean = 2 * fall * size
+            bracket = [
+                lean * z - D * (across * p - rate * z) for (z, _), p in zip(P, pull, strict=True)
+            ]
+            gap = [size + across * z + along * w for z, w in P]
+            for i, (of_K, of_square) in enumerate(limits, 1):
                 for x in (i, i + 1):
                     if bracket[x] > 0:
-                        if gap[x] == 0:
+                        scale = R * D * gap[x]
+                        K = bracket[x] * bottom * D
+                        if of_K * scale < K and K * bracket[x] > of_square * scale * R * D * gap[x]:
                             return False
-                        K = max(K, bracket[x] / gap[x])
-                least = min(P[i][0], P[i + 1][0])
-                under = max(Fraction(0), -max(P[i][1], P[i + 1][1]))
-                if max(2 * least * lam - K, 4 * under * lam - K * K) < 0:
-                    return False
         return True
 
     def kept(self) -> Fraction:

@@ -24,8 +24,11 @@ def find(law: Law) -> Levels | None:
     if law.k2 <= law.L or law.k1 <= 0:
         return None
     k1, k2 = float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L)
-    found = [_best(k1, k2, family, starts) for family, starts in FAMILIES]
-    value, family, shape = min(found, key=lambda x: x[0])
+    value, family, shape = math.inf, _box, FAMILIES[0][1][0]
+    for one, starts in FAMILIES:
+        level, best = _best(k1, k2, one, starts, value)
+        if level < value:
+            value, family, shape = level, one, best
     if not math.isfinite(value):
         return None
     corners = family(k1, k2, shape)
@@ -33,25 +36,27 @@ def find(law: Law) -> Levels | None:
 
 
 def _best(
-    k1: float, k2: float, family: Family, starts: tuple[Shape, ...]
-) -> tuple[float, Family, Shape]:
-    """Shape of the least level: from the best start, one number after the other."""
-    best, value = starts[0], math.inf
+    k1: float, k2: float, family: Family, starts: tuple[Shape, ...], below: float
+) -> tuple[float, Shape]:
+    """Shape of the least level, from the best start, one number after the other."""
+    best, value = starts[0], below
     for tried in starts:
-        if math.isinf(value) or tried["fall"] > 0.01:  # a finer polygon has a higher level
-            found = _level(k1, k2, family, tried)
+        if math.isinf(value) or tried["fall"] > 0.005:  # a finer polygon has a higher level
+            found = _level(k1, k2, family, tried, value)
             if found < value:
                 best, value = tried, found
-    for factor in (2.0, 1.4, 1.15) if math.isfinite(value) else ():
+    if value == below:
+        return math.inf, best
+    for factor in (2.0, 1.4, 1.15):
         for name in best:
             for move in (factor, 1 / factor):
                 while True:
                     tried = {**best, name: best[name] * move}
-                    found = _level(k1, k2, family, tried)
+                    found = _level(k1, k2, family, tried, value)
                     if not found < value:
                         break
                     best, value = tried, found
-    return value, family, best
+    return value, best
 
 
 def _proved(law: Law, corners: np.ndarray, fall: float, value: float) -> Levels | None:
@@ -107,8 +112,8 @@ def _spiral(k1: float, k2: float, shape: Shape) -> np.ndarray | None:
     return None
 
 
-def _level(k1: float, k2: float, family: Family, shape: Shape) -> float:
-    """Level of a shape in doubles, inf if it has none; the inequalities of ``Levels.holds``."""
+def _level(k1: float, k2: float, family: Family, shape: Shape, below: float) -> float:
+    """Level of a shape in doubles, inf if not ``below``; the inequalities of ``Levels.holds``."""
     P = family(k1, k2, shape) if min(shape.values()) > 1e-5 else None
     if P is None or shape["fall"] > 0.5:
         return math.inf
@@ -151,12 +156,10 @@ def _level(k1: float, k2: float, family: Family, shape: Shape) -> float:
         end = z1 * lam + (1 - k1 * z1) / (2 * z1)
         return bool((N * end + U * (lam - a) <= lam - fall).all())
 
-    high = max(low, 1e-9)
-    while not fits(high):
-        high *= 1.5
-        if high > 1e7 * b:
-            return math.inf
-    for _ in range(20):
+    high = min(0.98 * below, 1e7 * b)
+    if low >= high or not fits(high):
+        return math.inf
+    while high > 1.01 * low:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if fits(middle) else (middle, high)
     return high

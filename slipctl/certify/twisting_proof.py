@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from functools import lru_cache
 from typing import Any
 
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
 from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
 from slipctl.certify.twisting_rows import Law
-from slipctl.certify.twisting_sampled import Bound, Run, bound, replay_run, worst_run
+from slipctl.certify.twisting_sampled import Bound, bound, quick_run, replay_run, worst_run
 
 MOST_TICKS = 20_000
 """Most ticks of a run or a plan that are gone through."""
@@ -40,6 +39,8 @@ def _find(n: Numbers) -> Entries | None:
     if at is None:
         return None
     wanted = n["band"] / at[1] if "band" in n else None
+    if wanted is not None and quick_run(at[0], wanted):
+        return None  # a bound would be in vain
     found = bound(at[0], wanted)
     if found is None or (wanted is not None and found.y > wanted):
         return None
@@ -88,16 +89,11 @@ def claim(n: Numbers, entry: Entries) -> str:
     return f"|x1| stays below {spelled(limit, 'm/s')} at every tick in the end"
 
 
-@lru_cache(maxsize=8)
-def _worst(at: Law, wanted: Fraction) -> Run | None:
-    return worst_run(at, wanted)
-
-
 def _find_run(n: Numbers) -> Entries | None:
     at = law(n)
     if at is None:
         return None
-    found = _worst(at[0], n["band"] / at[1])
+    found = worst_run(at[0], n["band"] / at[1])
     if found is None:
         return None
     scale = at[1] / n["T"] ** 2

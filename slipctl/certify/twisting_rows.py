@@ -153,42 +153,16 @@ def origin(grid: Grid) -> Rows:
 
 
 def _tick(grid: Grid, up: Ends) -> Ends:
-    """Upper ends one tick later.
-
-    Proof note: a row has y between -up[mirror] and up. Where y + n >= 0 is possible, y - k1
-    root(max(y - N, 0)) is y below N and convex above: largest at an end of the interval or at N.
-    Where y + n <= 0 is possible, mirrored: k1 root(y + N) - y is concave, largest at y + N =
-    k1^2/4, where it is k1^2/4 + N. w adds at most its upper end. sgn 0 = 0 needs |y| <= N.
-    """
-    n, noise = len(up) // 2, grid.noise
-    live = up > EMPTY
-    down = -up[::-1]  # least y
+    """Upper ends one tick later: what the root leaves or throws, w's upper end, and moved rows."""
+    n = len(up) // 2
     shift = np.arange(1 - n, n + 1) * 2.0**grid.bits + grid.matched
-
-    plus = live & (up >= -noise)
-    b = np.where(plus, up, 0.0)
-    a = np.where(plus, np.maximum(down, -noise), 0.0)
-    far = b - grid.least_root(np.maximum(b - noise, 0.0))
-    inner = np.maximum(a, np.minimum(b, noise))
-    near = inner - grid.least_root(np.maximum(inner - noise, 0.0))
-    falling = np.where(plus, np.maximum(far, near) + shift, EMPTY)
-
-    # the mirrored interval: -y from -up to -down
-    minus = live & (down <= noise)
-    b = np.where(minus, -down, 0.0)
-    a = np.where(minus, np.maximum(-up, -noise), 0.0)
-    most = np.maximum(grid.most_root(a + noise) - a, grid.most_root(b + noise) - b)
-    inside = (a + noise <= grid.turn) & (grid.turn - 1 <= b + noise)
-    rise = np.where(inside, np.maximum(most, grid.turn + noise), most)
-    rising = np.where(minus, rise + shift, EMPTY)
-
-    zero = np.where(plus & minus, np.minimum(up, noise) + shift, EMPTY)
+    falling, rising, zero = (_noisy if grid.noise else _plain)(grid, up)
     out = np.maximum(
         np.maximum(
-            _moved(falling, -grid.reach, -grid.parts, grid.reach),
-            _moved(rising, grid.parts, grid.reach, grid.reach),
+            _moved(falling + shift, -grid.reach, -grid.parts, grid.reach),
+            _moved(rising + shift, grid.parts, grid.reach, grid.reach),
         ),
-        _moved(zero, -grid.still, grid.still, grid.reach),
+        _moved(zero + shift, -grid.still, grid.still, grid.reach),
     )
     found = np.flatnonzero(out > EMPTY)
     if not len(found):
@@ -199,6 +173,56 @@ def _tick(grid: Grid, up: Ends) -> Ends:
     if 2 * keep > MOST_ROWS or out.max() > LONGEST:
         raise OverflowError("the set has too many rows")
     return out
+
+
+def _plain(grid: Grid, up: Ends) -> tuple[Ends, Ends, Ends]:
+    """Upper bounds of y - k1 root(y), y >= 0, of y + k1 root(-y), y <= 0, and of y = 0 by row.
+
+    Proof note: a row has y between -up[mirror] and up. y - k1 root(y) is convex: largest at an end;
+    mirrored it is least, k1^2/4 below 0, at y = k1^2/4.
+    """
+    size = np.abs(up)
+    square = np.sqrt(grid.square * size)
+    with np.errstate(invalid="ignore"):
+        left = size - np.floor(square * (1 - 1e-14))
+        thrown = np.ceil(square * (1 + 1e-14)) - size
+    plus, empty = up >= 0, up == EMPTY
+    mirrored = plus[::-1]
+    far = np.where(mirrored, 0.0, left[::-1])
+    falling = np.where(plus, np.maximum(left, np.where(empty[::-1], EMPTY, far)), EMPTY)
+    near = np.where(plus, 0.0, thrown)
+    inside = (size[::-1] >= grid.turn - 1) & (plus | (size <= grid.turn))
+    most = np.where(inside, grid.turn, np.maximum(thrown[::-1], near))
+    rising = np.where(mirrored & ~empty, most, EMPTY)
+    return falling, rising, np.where(plus & mirrored, 0.0, EMPTY)
+
+
+def _noisy(grid: Grid, up: Ends) -> tuple[Ends, Ends, Ends]:
+    """As ``_plain``, where the law sees y + n, |n| <= noise.
+
+    Proof note: where y + n >= 0 is possible, y - k1 root(max(y - N, 0)) is y below N and convex
+    above: largest at an end of the interval or at N. Where y + n <= 0 is possible, mirrored:
+    k1 root(y + N) - y is concave, largest at y + N = k1^2/4, where it is k1^2/4 + N. sgn 0 = 0
+    needs |y| <= N.
+    """
+    noise, live, down = grid.noise, up > EMPTY, -up[::-1]
+
+    plus = live & (up >= -noise)
+    b = np.where(plus, up, 0.0)
+    a = np.where(plus, np.maximum(down, -noise), 0.0)
+    far = b - grid.least_root(np.maximum(b - noise, 0.0))
+    inner = np.maximum(a, np.minimum(b, noise))
+    near = inner - grid.least_root(np.maximum(inner - noise, 0.0))
+    falling = np.where(plus, np.maximum(far, near), EMPTY)
+
+    minus = live & (down <= noise)
+    b = np.where(minus, -down, 0.0)
+    a = np.where(minus, np.maximum(-up, -noise), 0.0)
+    most = np.maximum(grid.most_root(a + noise) - a, grid.most_root(b + noise) - b)
+    inside = (a + noise <= grid.turn) & (grid.turn - 1 <= b + noise)
+    rise = np.where(inside, np.maximum(most, grid.turn + noise), most)
+    zero = np.where(plus & minus, np.minimum(up, noise), EMPTY)
+    return falling, np.where(minus, rise, EMPTY), zero
 
 
 def _moved(values: Ends, first: int, last: int, room: int) -> Ends:

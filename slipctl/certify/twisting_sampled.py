@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -141,17 +142,27 @@ class Run:
 
 def worst_run(law: Law, wanted: Fraction) -> Run | None:
     """Look for a run from the origin with |y| > ``wanted``; None if none is found."""
-    if law.k2 <= law.L or law.N or law.M:
-        return None
-    for d in (_by_ends(law, wanted), *(_by_cells(law, wanted, n) for n in (60, 150))):
-        reached = replay_run(law, d) if d else None
-        if d and reached is not None and reached > wanted:
-            return Run(tuple(d), reached)
-    return None
+    found = quick_run(law, wanted)
+    for search in (_by_ends, lambda law, wanted: _by_cells(law, wanted, 150)):
+        found = found or _run(law, wanted, search(law, wanted))
+    return found
+
+
+@lru_cache(maxsize=8)
+def quick_run(law: Law, wanted: Fraction) -> Run | None:
+    """Run that the shortest search finds."""
+    return _run(law, wanted, _by_cells(law, wanted, 60))
+
+
+def _run(law: Law, wanted: Fraction, d: Sequence[Fraction] | None) -> Run | None:
+    reached = replay_run(law, d) if d else None
+    return Run(tuple(d), reached) if d and reached is not None and reached > wanted else None
 
 
 def _by_cells(law: Law, wanted: Fraction, n: int) -> list[Fraction] | None:
     """Search in width: one point in each of n x n cells that has been reached is followed."""
+    if law.k2 <= law.L or law.N or law.M:
+        return None
     L, k2, k1 = float(law.L), float(law.k2), float(law.k1)
     moves = np.linspace(-1, 1, 9)
     top = 1.05 * float(wanted)
@@ -198,6 +209,8 @@ def _by_ends(law: Law, wanted: Fraction, ticks: int = 1500) -> list[Fraction] | 
     stability the worst swing builds up over many turns.
     """
     slow, L = law.k2 - law.L, law.L
+    if slow <= 0 or law.N or law.M:
+        return None
     parts = max(1, math.ceil(8 * slow / L)) if slow > L / 12 else 1
     height = max(slow / parts, L / 40)
     h, k1 = float(height), float(law.k1)

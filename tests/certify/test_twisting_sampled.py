@@ -106,6 +106,24 @@ def test_a_tick_of_rows_contains_a_tick_of_points():
             assert inside.all()
 
 
+def test_rows_without_noise_are_those_with_very_little():
+    """Two ways through a tick: the short one gives the limit of the other, to a few units."""
+    rng = np.random.default_rng(1)
+    law, small = gains(1.7, 1.4), F(1, 10**7)
+    grid = twisting_rows.Grid(law, 4, 10)
+    noisy = twisting_rows.Grid(Law(law.k1, law.k2, law.L, small), 4, 10)
+    for _ in range(50):
+        centre, reach = np.round(rng.uniform(-3e3, 3e3, 12)), np.round(rng.uniform(0, 2e3, 12))
+        ends = np.concatenate([reach - centre, (reach + centre)[::-1]])  # a row and its mirror
+        ends[rng.permutation(12)[:4]] = -np.inf
+        ends[(ends == -np.inf)[::-1]] = -np.inf
+        one, two = (twisting_rows._tick(g, ends) for g in (grid, noisy))
+        assert (one <= two).all()
+        step = 1.7 * math.sqrt(3 / float(grid.unit)) + 4  # a root over the two units of noise
+        finite = one > -np.inf
+        assert (two[finite] <= one[finite] + step).all()
+
+
 def test_the_polygon_shrinks_for_points():
     """V of random states from ``level`` to far beyond falls by ``fall`` in every tick."""
     law = gains(1.5, 1.1)
