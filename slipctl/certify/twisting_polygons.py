@@ -24,7 +24,8 @@ def find(law: Law) -> Levels | None:
     if law.k2 <= law.L or law.k1 <= 0:
         return None
     k1, k2 = float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L)
-    value, family, shape = math.inf, _box, FAMILIES[0][1][0]
+    value, shape = math.inf, FAMILIES[0][1][0]
+    family: Family = _box
     for one, starts in FAMILIES:
         level, best = _best(k1, k2, one, starts, value)
         if level < value:
