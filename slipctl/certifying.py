@@ -11,7 +11,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from slipctl import __version__, store
-from slipctl.certify import catalogue, certificate, proofs, systems
+from slipctl.certify import catalogue, certificate, proofs, reading, smtlib, systems
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.studying import Gains, Study
@@ -47,12 +47,11 @@ def certify(
         if path.is_dir():
             raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
         store.check_folder(path.parent)
-        if system == "super_twisting":
-            gains = {k: numbers[k] for k in ("k1", "k2", "L", "delta") if k in numbers}
-            payload = certificate.certify_super_twisting(**gains).payload()
-        else:
-            payload = proofs.write(chosen, numbers)
-        store.write_json(path, payload)
+        payload = proofs.write(chosen, numbers)
+        store.write_text(path, store.json_text(payload))
+        problems = smtlib.steps(chosen, payload)
+        if problems:
+            store.write_text(path.with_suffix(".smt2"), smtlib.script(problems))
     if as_json:
         said = {"format": store.FORMAT, **report.payload()}
         return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
@@ -108,7 +107,7 @@ def needs(report: Report) -> str:
                 f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})" for m, v in ends
             ]
             missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
-        elif f.holds and _hard(report.system, name):
+        elif f.verdict == systems.CERTIFIED:
             for m, v in ends:
                 now = report.gains[m.partition("_")[2]]
                 if now and v and max(v / now, now / v) < closest[0]:
@@ -116,11 +115,6 @@ def needs(report: Report) -> str:
     if missing:
         return "needs " + "; ".join(missing)
     return f"nearest limit {closest[1]}" if closest[1] else "no limit near"
-
-
-def _hard(system: str, name: str) -> bool:
-    criterion = catalogue.SYSTEMS[system].criteria.get(name)
-    return criterion is None or criterion.kind in (systems.EXACT, systems.NECESSARY)
 
 
 def _bound(margin: str, value: float) -> str:
@@ -242,7 +236,7 @@ def check(file: str) -> str:
         BadInput: it is no certificate.
         RunFailed: it does not hold.
     """
-    payload = store.read_json(Path(file))
+    payload = reading.read(Path(file))
     try:
         return f"{file} holds: {certificate.check(payload)}"
     except certificate.DoesNotHold as error:
@@ -253,19 +247,20 @@ def check(file: str) -> str:
 
 def table(report: Report) -> str:
     """Report as text."""
-    rows = [str(report), f"  {told(report.gains, report.units)}", ""]
+    rows = [str(report), f"  {told(report.gains, report.units)}", "", *promised(report), ""]
     names = list(dict.fromkeys(m for f in report.criteria.values() for m in f.margins))
     wide = max(18, *(len(n) + 2 for n in report.criteria))
     columns = [max(14, len(n) + 1, len(report.units[n.partition("_")[2]]) + 1) for n in names]
     pairs = list(zip(names, columns, strict=True))
     head = "".join(f" {n.replace('_', ' ', 1):>{w}}" for n, w in pairs)
-    rows.append(f"  {'criterion':<{wide}} {'verdict':<32}{head}".rstrip())
+    rows.append(f"  {'criterion':<{wide}} {'holds':<6} {'verdict':<10}{head}".rstrip())
     units = "".join(f" {report.units[n.partition('_')[2]]:>{w}}" for n, w in pairs)
-    rows.append(f"  {'':<{wide}} {'':<32}{units}".rstrip())
+    rows.append(f"  {'':<{wide}} {'':<6} {'':<10}{units}".rstrip())
     for name, f in report.criteria.items():
         ends = "".join(f" {_end(f.margins.get(n)):>{w}}" for n, w in pairs)
         mark = "*" if f.unit_dependent else ""
-        rows.append(f"  {name + mark:<{wide}} {f.verdict:<32}{ends}".rstrip())
+        holds = {True: "yes", False: "no", None: ""}[f.holds]
+        rows.append(f"  {name + mark:<{wide}} {holds:<6} {f.verdict:<10}{ends}".rstrip())
     rows.append("")
     if any(f.unit_dependent for f in report.criteria.values()):
         rows.append("  * its verdict depends on the unit of length")
@@ -275,6 +270,27 @@ def table(report: Report) -> str:
     if report.witness is not None:
         rows += [f"  {line}" for line in report.witness.lines()]
     return "\n".join(rows)
+
+
+def promised(report: Report) -> list[str]:
+    """Promise, what is missing for it, and what is not in it, as lines."""
+    found = report.decision
+    head = {
+        systems.CERTIFIED: "proved", systems.REFUTED: "refuted", systems.UNDECIDED: "undecided"
+    }[report.verdict]  # fmt: skip
+    lines = [f"{head}: {found.promise}"]
+    if found.shows:
+        lines.append(f"counterexample: {found.shows}")
+    elif found.open:
+        claims = (found.promise.claims[k] for k in found.open)
+        lines.append(f"neither proved nor refuted: {'; '.join(claims)}")
+    if found.promise.not_promised:
+        lines.append(f"not promised: {'; '.join(found.promise.not_promised)}")
+    return [
+        row
+        for line in lines
+        for row in textwrap.wrap(line, 96, initial_indent="  ", subsequent_indent="    ")
+    ]
 
 
 def told(gains: Mapping[str, float], units: Mapping[str, str]) -> str:

@@ -363,9 +363,16 @@ def leaves(value, path=()):
     """Paths of all texts."""
     if isinstance(value, str):
         yield path
+    if not isinstance(value, (dict, list)):
         return
     for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
         yield from leaves(inner, (*path, key))
+
+
+def payload_at(payload, path):
+    for key in path:
+        payload = payload[key]
+    return payload
 
 
 def test_every_altered_number_fails():
@@ -373,7 +380,7 @@ def test_every_altered_number_fails():
     certificate.check(payload)
     tried = 0
     for path in leaves(payload):
-        if path[-1] in ("kind", "system", "unit", "because", "verdict"):
+        if not payload_at(payload, path)[-1].isdigit() or path[-1] in ("text", "unit"):
             continue
 
         def last_digit(text):
@@ -382,16 +389,16 @@ def test_every_altered_number_fails():
         with pytest.raises((certificate.DoesNotHold, BadInput)):
             certificate.check(altered(payload, path, last_digit))
         tried += 1
-    assert tried == 4 + 2 + 4 + 1 + 3 + 1
-    with pytest.raises(certificate.DoesNotHold, match="but the gains are CERTIFIED"):
+    assert tried > 20
+    with pytest.raises(certificate.DoesNotHold, match="it says REFUTED and has the entry"):
         certificate.check(payload | {"verdict": "REFUTED"})
     with pytest.raises(BadInput, match="no check for the system 'funnel'"):
         certificate.check(payload | {"system": "funnel"})
-    with pytest.raises(BadInput, match=r"gains\.k1 has the unit None"):
-        certificate.check(altered(payload, ("gains", "k1"), lambda e: {"value": e["value"]}))
+    with pytest.raises(BadInput, match=r"asked\.k1\.unit is missing"):
+        certificate.check(altered(payload, ("asked", "k1"), lambda e: {"value": e["value"]}))
     for wrong in ("1/0", "9" * 5000, "1e999999999", "nan", 1.5, None):
-        with pytest.raises(BadInput, match=r"gains.k1: .* must be a text"):
-            certificate.check(altered(payload, ("gains", "k1", "value"), lambda _, w=wrong: w))
+        with pytest.raises(BadInput, match=r"asked.k1: .* must be a text"):
+            certificate.check(altered(payload, ("asked", "k1", "value"), lambda _, w=wrong: w))
 
 
 def nodes(value, path=()):

@@ -8,17 +8,21 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import filters, outward
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     CONTINUOUS,
     EXACT,
+    INPUT,
     NECESSARY,
     SAMPLED,
+    TARGET,
     Criterion,
     Number,
     Numbers,
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -72,7 +76,7 @@ def _excited(n: Numbers) -> Sequence[Side]:
 
 def _bounded(n: Numbers) -> Sequence[Side]:
     if n["forgetting"] >= 1:
-        return _forgets(n)
+        return [*_forgets(n), Side("P < limit", n["P"], n["limit"])]
     growth = n["idle"] * -_ln(n["forgetting"])
     return [Side("idle ln(1/forgetting) < ln(limit/P)", growth, _ln(n["limit"] / n["P"]))]
 
@@ -108,14 +112,15 @@ def _rls_witness(n: Numbers) -> Witness:
     )  # fmt: skip
 
 
-RLS = System(
+RLS = register(System(
     "rls",
     "P+ = (P - ...)/forgetting: is the covariance bounded, with excitation least <= sum of phi phi'"
     " over `samples` <= most, and through `idle` samples without any?",
     {
         "forgetting": Number("1", "forgetting factor"),
         "P": Number("1", "covariance when the excitation ends", 1.0),
-        "idle": Number("1", "samples without excitation", 0.0, "not negative"),
+        "idle": Number("1", "samples without excitation", 0.0, "not negative", role=INPUT,
+                       says="{} samples without excitation"),
         "limit": Number("1", "largest covariance allowed; the default is that of float",
                         3.4028234663852886e38),
         "least": Number("1", "least excitation of any direction in a window", 0.0, "not negative"),
@@ -125,14 +130,18 @@ RLS = System(
     {
         "forgets": Criterion("0 < forgetting <= 1", _forgets, NECESSARY),
         "idle": Criterion("the covariance stays below the limit without excitation", _bounded,
-                          EXACT, ("largest_idle", "smallest_forgetting", "smallest_limit")),
+                          EXACT, ("largest_idle", "smallest_forgetting", "smallest_limit"),
+                          proves=("bounded",), covers=("idle",),
+                          refutes="a regressor that is zero in one direction"),
         "excited": Criterion("persistently excited: the error dies out as forgetting^k",
                              _excited, margins=("largest_forgetting",)),
     },
-    _rls_values,
-    _rls_witness,
+    {"bounded": Target("the covariance stays below {limit}")},
+    start="P = {P}",
+    values=_rls_values,
+    witness=_rls_witness,
     time=lambda n: SAMPLED,
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- the filter ---------------------------------------------------------------------------------
@@ -206,7 +215,7 @@ def _filter_witness(n: Numbers) -> Witness:
     )
 
 
-FILTER = System(
+FILTER = register(System(
     "filter",
     "Zhang 2021 (18)-(33): force from the increments of a speed with slope H, P- = (1 + gamma) P"
     " per sample of dt, or P' = gamma P - ... for dt = 0: does the error die out, in time, and is"
@@ -217,21 +226,30 @@ FILTER = System(
         "H": Number("1/(kg m)", "slope of the speed's rate by the force, r/I_w"),
         "dt": Number("s", "sample period; 0 for the continuous reading", 1e-3, "not negative"),
         "P": Number("N^2", "variance at the start", 4e6),
-        "share": Number("1", "share of the error that may be left", optional=True),
-        "time": Number("s", "after which time", optional=True),
+        "share": Number("1", "share of the error that may be left", optional=True, role=TARGET),
+        "time": Number("s", "after which time", optional=True, role=TARGET),
         "q": Number("N^2/s", "drift of the force", None, "not negative", 0.0, True),
         "band_samples": Number("1", "samples of the band of 95 %", 1000.0),
     },
     {
-        "pole": Criterion("the error dies out: pole 1/(1 + gamma)", _dies_out, EXACT),
+        "pole": Criterion("the error dies out: pole 1/(1 + gamma)", _dies_out, EXACT,
+                          proves=("dies_out",)),
         "lemma_2": Criterion("conditions of Lemma 2: noise positive, P bounded, slopes bounded",
                              _lemma),
         "in_time": Criterion("that share of the error is left after that time", _settles, EXACT,
-                             ("smallest_gamma", "smallest_P", "smallest_time"), ("share", "time")),
+                             ("smallest_gamma", "smallest_P", "smallest_time"), ("share", "time"),
+                             proves=("in_time",), refutes="none; a constant force"),
         "consistent": Criterion("the mean NIS lies in its band of 95 %", _consistent,
                                 margins=("largest_q", "smallest_q"), needs=("q",)),
     },
-    _filter_values,
-    _filter_witness,
+    {
+        "dies_out": Target("the error tends to zero on a constant force without noise"),
+        "in_time": Target("at most the share {share} of it is left after {time}",
+                          ("share", "time"), "a time"),
+        "true": Target("the variance it states is true on a drift of {q}", ("q",),
+                       "that the variance is true"),
+    },
+    values=_filter_values,
+    witness=_filter_witness,
     time=lambda n: SAMPLED if n["dt"] else CONTINUOUS,
-)  # fmt: skip
+))  # fmt: skip

@@ -11,8 +11,10 @@ from typing import Any
 from slipctl.certify import barrier, outward
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify.bisection import bisect
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
+    INPUT,
     NECESSARY,
     SAMPLED,
     SUFFICIENT,
@@ -22,6 +24,7 @@ from slipctl.certify.systems import (
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -178,52 +181,67 @@ def worst_run(kappa: float, om: float, most: int = 20_000) -> list[float]:
     return signed
 
 
-PRESCRIBED_PERFORMANCE = System(
+_LEAVES: dict[str, Any] = {
+    "proves": ("stays",), "refuted_under": ("T", "W", "step", "F_error", "a")
+}  # fmt: skip
+
+PRESCRIBED_PERFORMANCE = register(System(
     "prescribed_performance",
     "Zhang 2021 (34): an error inside -delta_l eta < e < delta_u eta, e' = -K1 eps/l + e eta'/eta"
     " + w, |w| <= W, input held over T: does it stay inside?",
     {
         "K1": Number("1/s", "gain"),
-        "T": Number("s", "sample period"),
+        "T": Number("s", "sample period", role=INPUT, says="an input held over T = {}"),
         "eta_inf": Number("1", "least eta", power=1.0),
         "delta_l": Number("1", "width below, over eta"),
         "delta_u": Number("1", "width above, over eta"),
         "W": Number("1/s", "largest disturbance of the slip ratio's rate", 0.0, "not negative",
-                    1.0),
-        "step": Number("1", "step of the reference from no error", None, "not negative", 1.0, True),
+                    1.0, role=INPUT, says="every |w| <= {}", absent="a disturbance w"),
+        "step": Number("1", "step of the reference from no error", None, "not negative", 1.0, True,
+                       INPUT, "a step of the reference by {}", "a step of the reference"),
         "v": Number("m/s", "speed", optional=True),
         "r": Number("m", "wheel radius", optional=True),
         "I_w": Number("kg m^2", "wheel inertia", optional=True, power=-1.0),
-        "F_error": Number("N", "error of the adhesion estimate", None, "not negative", 0.0, True),
+        "F_error": Number("N", "error of the adhesion estimate", None, "not negative", 0.0, True,
+                          INPUT, "every error of the adhesion estimate up to {}",
+                          "an error of the adhesion estimate"),
         "a": Number("m/s^2", "deceleration whose term is neglected", None, "not negative", 1.0,
-                    True),
+                    True, INPUT, "every neglected deceleration up to {}"),
         "slip": Number("1", "least slip ratio", None, "not negative", 0.0, True),
     },
     {
         "continuous": Criterion("T -> 0: invariant for every |w| <= W", _held, NECESSARY,
-                                ("largest_W", "smallest_K1", "smallest_eta_inf")),
+                                ("largest_W", "smallest_K1", "smallest_eta_inf"), **_LEAVES,
+                                refutes="the constant w = W, outward"),
         "window": Criterion("sampled, w = 0: nothing inside leaves; K1 T < 1/W(1/e)", _window,
                             EXACT, ("largest_K1", "largest_T")),
         "sampled": Criterion("sampled: invariant from the middle for every |w| <= W", _sampled,
-                             EXACT, ("largest_W", "largest_K1", "smallest_K1", "largest_T")),
+                             EXACT, ("largest_W", "largest_K1", "smallest_K1", "largest_T"),
+                             proves=("stays",), covers=("T", "W")),
         "dies_out": Criterion("sampled, w = 0: errors die out", _stable,
                               margins=("largest_K1", "largest_T")),
         "reference_step": Criterion("a step of the reference stays inside", _step, EXACT,
-                                    ("largest_step", "smallest_eta_inf"), ("step",)),
+                                    ("largest_step", "smallest_eta_inf"), ("step",), **_LEAVES,
+                                    refutes="none; the step itself"),
         "adhesion_budget": Criterion("the error of the adhesion estimate is held at this speed",
                                      _budget, EXACT, ("largest_F_error", "smallest_v"),
-                                     ("F_error", "v", "r", "I_w")),
+                                     ("F_error", "v", "r", "I_w"), **_LEAVES,
+                                     refutes="a constant error of the estimate, outward"),
         "neglected_term": Criterion("the vehicle's motion may be neglected at this speed",
                                     _neglected, EXACT, ("smallest_v", "largest_a"),
-                                    ("a", "slip", "v")),
+                                    ("a", "slip", "v"), **_LEAVES,
+                                    refutes="the neglected term, constant"),
     },
-    _funnel_values,
-    _funnel_witness,
-    ({"K1": 100.0, "T": 1e-3, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.2, "W": 0.2},
+    {"stays": Target("the error stays inside its bounds for all ticks")},
+    start="no error",
+    never=("a funnel that shrinks", "a lag of the actuator", "measurement noise"),
+    values=_funnel_values,
+    witness=_funnel_witness,
+    panel=({"K1": 100.0, "T": 1e-3, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.2, "W": 0.2},
      {"K1": 100.0, "T": 3e-2, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.0, "W": 0.02,
       "step": 5e-3}),
     time=lambda n: SAMPLED,
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- barrier Lyapunov ---------------------------------------------------------------------------
@@ -331,7 +349,7 @@ def _barrier_witness(n: Numbers) -> Witness:
                     "e": ("m/s", [r[1] for r in rows[::every]])})  # fmt: skip
 
 
-BARRIER = System(
+BARRIER = register(System(
     "barrier_lyapunov",
     "Cheng 2022 (42), (44), signs put right: e' = -2 k e (k_x^2 - e^2) + w, k_x = k_a for e < 0"
     " else k_s, |w| <= W, input held over T: does e stay in (-k_a, k_s)?",
@@ -339,8 +357,9 @@ BARRIER = System(
         "k": Number("s/m^2", "gain", power=-2.0),
         "k_a": Number("m/s", "barrier below", power=1.0),
         "k_s": Number("m/s", "barrier above", power=1.0),
-        "W": Number("m/s^2", "largest |w|", 0.0, "not negative", 1.0),
-        "T": Number("s", "sample period"),
+        "W": Number("m/s^2", "largest |w|", 0.0, "not negative", 1.0, role=INPUT,
+                    says="every |w| <= {}", absent="a disturbance w"),
+        "T": Number("s", "sample period", role=INPUT, says="an input held over T = {}"),
     },
     {
         "disturbance": Criterion("T -> 0: invariant for every |w| <= W", _pulls, NECESSARY,
@@ -351,11 +370,15 @@ BARRIER = System(
                               ("largest_T", "largest_k", "largest_k_a")),
         "together": Criterion("sampled and disturbed: an interval of errors is invariant",
                               _together, SUFFICIENT, ("largest_W", "largest_T"),
-                              find=_recoverable, multipliers=("a", "b")),
+                              find=_recoverable, multipliers=("a", "b"), proves=("stays",),
+                              covers=("T", "W")),
     },
-    _barrier_values,
-    _barrier_witness,
-    ({"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 5e-3, "T": 2e-4},
+    {"stays": Target("e stays in (-{k_a}, {k_s}) for all ticks")},
+    start="no error",
+    never=("a lag of the actuator", "measurement noise"),
+    values=_barrier_values,
+    witness=_barrier_witness,
+    panel=({"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 5e-3, "T": 2e-4},
      {"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 1e-2, "T": 1e-3}),
     time=lambda n: SAMPLED,
-)  # fmt: skip
+))  # fmt: skip

@@ -5,17 +5,23 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
+from slipctl.certify import outward
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
+    INPUT,
     SAMPLED,
+    TARGET,
     Criterion,
     Number,
     Numbers,
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -63,11 +69,13 @@ def _jury(n: Numbers) -> Sequence[Side]:
     K, T = n["K"], n["T"]
     if n["lag"] == 0:
         return [Side("K T < 2", K * T, 2)]
-    K, lag, T = float(K), float(n["lag"]), float(T)
-    E = math.exp(-T / lag)
+    lag = n["lag"]
+    exact = isinstance(lag, Fraction)
+    E = outward.Interval.of(-T / lag, 60).exp() if exact else math.exp(-T / lag)
     reach = T - lag * (1 - E)
     one, zero = K * reach - 1 - E, E + K * (lag * (1 - E) - T * E)
-    return [Side("p0 < 1", zero, 1.0), Side("0 < 1 - p1 + p0", 0.0, 1 - one + zero)]
+    return [Side("p0 < 1", zero, 1), Side("0 < 1 + p1 + p0", 0, 1 + one + zero),
+            Side("0 < 1 - p1 + p0", 0, 1 - one + zero)]  # fmt: skip
 
 
 def _lag_witness(n: Numbers) -> Witness:
@@ -88,24 +96,28 @@ def _lag_witness(n: Numbers) -> Witness:
     )  # fmt: skip
 
 
-LAGGED_LOOP = System(
+LAGGED_LOOP = register(System(
     "lagged_loop",
     "A feedback-linearised loop, e' = a, lag a' = u - a, u = -K e held over T: is it stable, with"
     " which margins?",
     {
         "K": Number("1/s", "gain"),
-        "T": Number("s", "sample period"),
-        "lag": Number("s", "time constant of the actuator", 0.0, "not negative"),
+        "T": Number("s", "sample period", role=INPUT, says="an input held over T = {}"),
+        "lag": Number("s", "time constant of the actuator", 0.0, "not negative", role=INPUT,
+                      says="a lag of {}", absent="a lag of the actuator"),
     },
     {
         "poles": Criterion("poles inside the unit circle (Jury)", _jury, EXACT,
-                           ("largest_K", "largest_T")),
+                           ("largest_K", "largest_T"), proves=("dies_out",), covers=("T", "lag"),
+                           refutes="none; e = 1 and a = 0 at the start"),
     },
-    lambda n: loop_margins(n["K"], n["lag"], n["T"]),
-    _lag_witness,
-    ({"K": 100.0, "T": 1e-3, "lag": 0.05},),
+    {"dies_out": Target("e tends to zero")},
+    never=("a disturbance", "a dead time"),
+    values=lambda n: loop_margins(n["K"], n["lag"], n["T"]),
+    witness=_lag_witness,
+    panel=({"K": 100.0, "T": 1e-3, "lag": 0.05},),
     time=lambda n: SAMPLED,
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- observer of a load -------------------------------------------------------------------------
@@ -158,7 +170,7 @@ def _observer_witness(n: Numbers) -> Witness:
     )  # fmt: skip
 
 
-LOAD_OBSERVER = System(
+LOAD_OBSERVER = register(System(
     "load_observer",
     "Cheng 2022 (11)-(13): w^' = (T - T_L^)/J + L1 (w - w^), T_L^' = L2 (w - w^): does the error"
     " die out?",
@@ -166,14 +178,21 @@ LOAD_OBSERVER = System(
         "L1": Number("1/s", "gain of the speed", low="any"),
         "L2": Number("kg m^2/s^2", "gain of the load", low="any"),
         "J": Number("kg m^2", "inertia at the motor"),
-        "slowest": Number("1/s", "least decay wanted", optional=True),
+        "slowest": Number("1/s", "least decay wanted", optional=True, role=TARGET),
     },
     {
-        "poles": Criterion("both poles left of 0 (Routh, Hurwitz)", _hurwitz, EXACT),
+        "poles": Criterion("both poles left of 0 (Routh, Hurwitz)", _hurwitz, EXACT,
+                           proves=("dies_out",), refutes="none; T_L^ wrong by 1 N m at the start"),
         "fast": Criterion("both poles left of -slowest", _fast, EXACT,
-                          ("smallest_L1", "largest_slowest"), ("slowest",)),
+                          ("smallest_L1", "largest_slowest"), ("slowest",), proves=("fast",),
+                          refutes="none; an error along the slower pole"),
     },
-    _observer_values,
-    _observer_witness,
-    ({"L1": 80.0, "L2": -64000.0, "J": 40.0},),
-)  # fmt: skip
+    {
+        "dies_out": Target("the errors of speed and load tend to zero, while the load is constant"),
+        "fast": Target("and faster than exp(-{slowest} t)", ("slowest",), "a rate of decay"),
+    },
+    never=("a load that changes", "the observer computed once per period", "measurement noise"),
+    values=_observer_values,
+    witness=_observer_witness,
+    panel=({"L1": 80.0, "L2": -64000.0, "J": 40.0},),
+))  # fmt: skip

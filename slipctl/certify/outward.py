@@ -79,6 +79,13 @@ class Interval:
             self.down.next_minus(self.down.ln(self.low)), self.up.next_plus(self.up.ln(self.high))
         )
 
+    def exp(self) -> Interval:
+        """Exponential; that of ``decimal`` is correctly rounded, widened by one unit here."""
+        return self._new(
+            max(Decimal(0), self.down.next_minus(self.down.exp(self.low))),
+            self.up.next_plus(self.up.exp(self.high)),
+        )
+
     def magnitude(self) -> Decimal:
         """Largest absolute value."""
         return max(self.low.copy_abs(), self.high.copy_abs())

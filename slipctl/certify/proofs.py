@@ -1,194 +1,306 @@
-"""Certificates of every system: both sides of each inequality as exact rationals or enclosures.
+"""From numbers to a verdict: each clause proved, or a counterexample that replays, or neither.
 
-``write`` decides each criterion with rationals and keeps the two sides. ``check`` computes the
-sides again from the numbers in the file, and from the multipliers that it brings, and compares
-them: it needs no search and no solver.
+``decide`` looks for proofs and counterexamples with rationals and outward-rounded enclosures.
+``write`` puts what it found into a file; ``check`` computes all of it again from the numbers in
+the file and from what stands beside them, without a search: what does not come out is no proof.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
+from slipctl.certify.entries import DoesNotHold, brief, mapping, only, rational
 from slipctl.certify.outward import Interval
-from slipctl.certify.systems import (
+from slipctl.certify.promise import (
     CERTIFIED,
-    EXACT,
-    NECESSARY,
     REFUTED,
-    SUFFICIENT,
+    UNDECIDED,
     Criterion,
+    Entries,
+    Promise,
     Side,
     System,
     checked,
-    verdict_of,
 )
 from slipctl.errors import BadInput
 
 KIND = "certificate"
+FORMAT = 2
+"""Of certificates; format 1 left out what its proofs did not use."""
+
+ENTRIES = ("format", "kind", "system", "asked", "promise", "verdict", "time", "proofs",
+           "counterexample")  # fmt: skip
 
 
-class Asked(dict[str, Fraction]):
-    """Numbers that remember which of them were used; a certificate holds no others."""
+@dataclass(frozen=True)
+class Decision:
+    """What was found about a promise.
 
-    def __init__(self, numbers: Mapping[str, Fraction]) -> None:
-        super().__init__(numbers)
-        self.used: set[str] = set()
+    Attributes:
+        verdict: CERTIFIED, REFUTED or UNDECIDED.
+        promise: the promise.
+        proofs: what the file holds of each criterion that proves a clause.
+        counterexample: what the file holds of a counterexample, None if there is none.
+        open: clauses without a proof.
+        shows: what the counterexample does, in a line.
+    """
 
-    def __getitem__(self, name: str) -> Fraction:
-        if name not in self:
-            raise BadInput(f"gains.{name} is missing")
-        self.used.add(name)
-        return super().__getitem__(name)
+    verdict: str
+    promise: Promise
+    proofs: Mapping[str, Entries] = field(default_factory=dict)
+    counterexample: Entries | None = None
+    open: tuple[str, ...] = ()
+    shows: str = ""
 
-    def beside(self, found: Mapping[str, Fraction]) -> Asked:
-        """Give the same numbers and further ones, with a memory of their own."""
-        return Asked({**self, **found})
+
+def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False) -> Decision:
+    """Prove each clause that is asked, or find a counterexample.
+
+    Args:
+        system: the system. numbers: as ``checked`` gives them.
+        every: whether each criterion that proves a clause is kept, not only the first.
+    """
+    inputs, clauses = system.inputs(numbers), system.clauses(numbers)
+    criteria = system.asked(numbers)
+    tried: dict[str, Entries | None] = {}
+    first: dict[str, str] = {}
+    for clause in clauses:
+        for name, c in criteria.items():
+            if clause in c.proves and inputs <= set(c.covers):
+                if name not in tried:
+                    tried[name] = proof(c, numbers)
+                if tried[name] is not None:
+                    first.setdefault(clause, name)
+                    if not every:
+                        break
+    proofs = {k: v for k, v in tried.items() if v is not None}
+    by = {clause: proofs[name] for clause, name in first.items()}
+    promise = system.promise(numbers, by)
+    left = tuple(k for k in clauses if k not in first)
+    if not left:
+        return Decision(CERTIFIED, promise, proofs)
+    against, shows = counterexample(system, numbers)
+    return Decision(REFUTED if against else UNDECIDED, promise, proofs, against, left, shows)
+
+
+def proof(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | None:
+    """What a file holds of a criterion that holds; None if it does not, or cannot be shown."""
+    if criterion.evidence is not None:
+        found = criterion.evidence.find(numbers)
+        return None if found is None else {"evidence": dict(found)}
+    multipliers = criterion.find(dict(numbers))
+    if criterion.multipliers and multipliers is None:
+        return None
+    sides = _sides(criterion, {**numbers, **(multipliers or {})})
+    if not all(s.holds() for s in sides) or not _finite(sides):
+        return None
+    return _entry(sides, multipliers or {})
+
+
+def counterexample(
+    system: System, numbers: Mapping[str, Fraction]
+) -> tuple[dict[str, Any] | None, str]:
+    """First counterexample that replays, as the file holds it, and what it does; else None."""
+    inputs, clauses = system.inputs(numbers), system.clauses(numbers)
+    for name, c in system.asked(numbers).items():
+        clause = _refuted(c, inputs, clauses)
+        if clause:
+            sides = _sides(c, numbers)
+            if _finite(sides) and any(s.holds() is False for s in sides):
+                entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
+                return entry, c.refutes
+    for name, r in system.refuters.items():
+        if r.target in clauses:
+            found = r.find(numbers)
+            if found is not None:
+                try:
+                    shows = r.replay(numbers, found)
+                except DoesNotHold:
+                    continue  # the run leaves by less than what rounding may be
+                return {"clause": r.target, "by": name, "run": dict(found)}, shows
+    return None, ""
+
+
+def _refuted(c: Criterion, inputs: set[str], clauses: Mapping[str, Any]) -> str:
+    """Clause that a criterion in closed form refutes where it fails, empty if none."""
+    under = c.covers if c.refuted_under is None else c.refuted_under
+    if not c.refutes or not inputs <= set(under):
+        return ""
+    return next((k for k in c.proves if k in clauses), "")
+
+
+# ---- the file -----------------------------------------------------------------------------------
 
 
 def write(system: System, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of a certificate.
+    """Entries of a certificate: all that was asked, the promise, and what proves or refutes it.
 
     Raises:
-        BadInput: numbers that mean nothing, or a verdict that needs more than rationals.
+        BadInput: numbers that mean nothing.
     """
-    numbers = Asked(checked(system, given))
-    proofs, held = {}, {}
-    for name, c in system.asked(numbers).items():
-        found = c.find(dict(numbers)) or {}
-        own = numbers.beside(found)
-        sides = c.sides(own)
-        hard = c.kind in (EXACT, NECESSARY)
-        if not _finite(sides):
-            if hard:
-                raise BadInput(
-                    f"{system.name}: '{name}' has no finite exact check at these numbers"
-                    f" ({sides[-1].text}); leave out --out"
-                )
-            continue
-        holds = _decided(sides)
-        if hard or (holds and c.kind == SUFFICIENT):
-            held[name] = holds
-            numbers.used |= own.used
-            proofs[name] = _written(holds, found, sides)
-    system.time(numbers)  # so that the certificate names what tells the time
-    gains = {
-        k: {"value": str(v), "unit": system.numbers[k].unit}
-        for k, v in numbers.items()
-        if k in numbers.used
+    numbers = checked(system, given)
+    return written(system, numbers, decide(system, numbers, every=True))
+
+
+def written(system: System, numbers: Mapping[str, Fraction], found: Decision) -> dict[str, Any]:
+    """Entries of a certificate of a decision."""
+    asked = {k: {"value": str(v), "unit": system.numbers[k].unit} for k, v in numbers.items()}
+    payload: dict[str, Any] = {
+        "format": FORMAT, "kind": KIND, "system": system.name, "asked": asked,
+        "promise": found.promise.payload(), "verdict": found.verdict, "time": found.promise.time,
     }  # fmt: skip
-    verdict = verdict_of(system, held)
-    return {
-        "kind": KIND, "system": system.name, "gains": gains, "verdict": verdict, "proofs": proofs
-    }  # fmt: skip
+    if found.verdict == CERTIFIED:
+        payload["proofs"] = dict(found.proofs)
+    if found.counterexample is not None:
+        payload["counterexample"] = found.counterexample
+    return payload
 
 
 def check(system: System, payload: Mapping[str, Any]) -> str:
     """Check a certificate of a system; gives what it proves, in one line.
 
     Raises:
-        DoesNotHold: a proof fails, or its numbers do not belong to the gains.
+        DoesNotHold: a proof fails, or its numbers do not belong to what was asked.
         BadInput: it is malformed.
     """
-    from slipctl.certify.certificate import DoesNotHold, only
-
-    only(payload, ("format", "kind", "system", "gains", "verdict", "proofs"), "the certificate")
-    numbers = Asked(_numbers(system, payload.get("gains")))
-    proofs, asked = payload.get("proofs"), system.asked(numbers)
-    if not isinstance(proofs, Mapping):
-        raise BadInput("the entry 'proofs' is missing; it says why the verdict holds")
-    held = {}
-    numbers.used.clear()
-    for name, given in proofs.items():
-        if name not in asked:
-            raise BadInput(f"proofs: {system.name} has no criterion {str(name)[:40]!r} here")
-        held[name] = _check_proof(name, asked[name], numbers, given)
-    missing = [k for k, c in asked.items() if c.kind in (EXACT, NECESSARY) and k not in held]
-    if missing:
-        raise BadInput(f"proofs: no proof of {', '.join(missing)}")
-    time = system.time(numbers)
-    for name in numbers:
-        if name not in numbers.used:
-            raise BadInput(f"gains.{name} plays no role in the proofs; leave it out")
-    verdict = verdict_of(system, held)
-    if payload.get("verdict") != verdict:
-        said = str(payload.get("verdict"))[:40]
-        raise DoesNotHold(f"it says {said!r}, but its proofs say {verdict}")
-    shown = ", ".join(f"{k}={v}" for k, v in numbers.items())
-    return f"{system.name} {shown}: {verdict} {time} ({', '.join(held)} checked)"
+    only(payload, ENTRIES, "the certificate")
+    numbers = _numbers(system, payload.get("asked"))
+    verdict = payload.get("verdict")
+    if verdict not in (CERTIFIED, REFUTED, UNDECIDED):
+        raise BadInput(f"the verdict must be {CERTIFIED}, {REFUTED} or {UNDECIDED}")
+    for name, belongs in (("proofs", CERTIFIED), ("counterexample", REFUTED)):
+        if (name in payload) != (verdict == belongs):
+            said = "has" if name in payload else "lacks"
+            raise DoesNotHold(f"it says {verdict} and {said} the entry {name!r}")
+    by: Mapping[str, Entries] = {}
+    how = ""
+    if verdict == CERTIFIED:
+        by, names = _check_proofs(system, numbers, payload["proofs"])
+        how = f"{', '.join(names)} checked"
+    elif verdict == REFUTED:
+        how = _check_counterexample(system, numbers, payload["counterexample"])
+    promise = system.promise(numbers, by)
+    if payload.get("promise") != promise.payload() or payload.get("time") != promise.time:
+        raise DoesNotHold("the promise in it is not the one that its numbers make")
+    if verdict == UNDECIDED:
+        return f"{system.name}: {UNDECIDED} {promise.time}: nothing is promised"
+    said = "" if verdict == CERTIFIED else "it is false that, "
+    gains = ", ".join(promise.of[1:])
+    return f"{system.name}, {gains}: {verdict} {said}{promise} ({how})"
 
 
-def _check_proof(name: str, criterion: Criterion, numbers: Asked, given: Any) -> bool:
-    from slipctl.certify.certificate import DoesNotHold, only, rational
+def _check_proofs(
+    system: System, numbers: Mapping[str, Fraction], given: Any
+) -> tuple[dict[str, Entries], list[str]]:
+    """What proves each clause, and the names of all criteria that were checked."""
+    inputs, criteria = system.inputs(numbers), system.asked(numbers)
+    given = mapping(given, tuple(criteria), "proofs")
+    by: dict[str, Entries] = {}
+    for clause in system.clauses(numbers):
+        for name, c in criteria.items():
+            if name in given and clause in c.proves and inputs <= set(c.covers):
+                by.setdefault(clause, given[name])
+    left = [k for k in system.clauses(numbers) if k not in by]
+    if left:
+        raise DoesNotHold(f"proofs: no proof of {', '.join(left)} that covers all that was asked")
+    for name, entry in given.items():
+        _check_proof(f"proofs.{name}", criteria[name], numbers, entry)
+    return by, list(given)
 
-    where = f"proofs.{name}"
-    if not isinstance(given, Mapping):
-        raise BadInput(f"{where} must hold verdict and sides")
-    only(given, ("verdict", "multipliers", "sides"), where)
-    brought = given.get("multipliers", {})
-    if not isinstance(brought, Mapping) or (brought and set(brought) != set(criterion.multipliers)):
+
+def _check_proof(
+    where: str, criterion: Criterion, numbers: Mapping[str, Fraction], given: Any
+) -> None:
+    if criterion.evidence is not None:
+        entry = mapping(given, ("evidence",), where, True)["evidence"]
+        if not isinstance(entry, Mapping):
+            raise BadInput(f"{where}.evidence must hold what was found")
+        criterion.evidence.check(numbers, entry)
+        return
+    entry = mapping(given, ("sides", "multipliers"), where)
+    brought = entry.get("multipliers", {})
+    if not isinstance(brought, Mapping) or set(brought) != set(criterion.multipliers):
         wanted = ", ".join(criterion.multipliers) or "nothing"
         raise BadInput(f"{where}.multipliers must hold {wanted}")
     found = {k: rational(v, f"{where}.multipliers.{k}") for k, v in brought.items()}
-    own = numbers.beside(found)
     try:
-        sides = criterion.sides(own)
+        sides = _sides(criterion, {**numbers, **found})
     except ZeroDivisionError:
         raise DoesNotHold(f"{where}: a multiplier is zero") from None
-    numbers.used |= own.used
     if not _finite(sides):
         raise BadInput(f"{where} has no finite exact check at these numbers")
-    holds = _decided(sides)
-    if criterion.kind == SUFFICIENT and not holds:
-        raise DoesNotHold(f"{where}: {_failing(sides).text} is false")
-    if dict(given) != _written(holds, found, sides):
-        raise DoesNotHold(f"{where}: its sides or its verdict do not belong to the gains")
-    return holds
+    for side in sides:
+        if not side.holds():
+            raise DoesNotHold(f"{where}: {side.text} is not shown")
+    if dict(entry) != _entry(sides, found):
+        raise DoesNotHold(f"{where}: its sides do not belong to what was asked")
+
+
+def _check_counterexample(system: System, numbers: Mapping[str, Fraction], given: Any) -> str:
+    where = "counterexample"
+    entry = mapping(given, ("clause", "by", "disturbance", "sides", "run"), where)
+    by, clause = entry.get("by"), entry.get("clause")
+    inputs, clauses = system.inputs(numbers), system.clauses(numbers)
+    if isinstance(by, str) and by in system.refuters and "run" in entry:
+        only(entry, ("clause", "by", "run"), where)
+        refuter = system.refuters[by]
+        if refuter.target != clause or clause not in clauses:
+            raise DoesNotHold(f"{where}: {by} does not refute {brief(clause)}")
+        if not isinstance(entry["run"], Mapping):
+            raise BadInput(f"{where}.run must hold a start and a disturbance")
+        return f"{by} replayed: {refuter.replay(numbers, entry['run'])}"
+    criteria = system.asked(numbers)
+    if not isinstance(by, str) or by not in criteria:
+        raise BadInput(f"{where}.by: {system.name} has no counterexample {brief(by)}")
+    c = criteria[by]
+    if not clause or _refuted(c, inputs, clauses) != clause:
+        raise DoesNotHold(f"{where}: {by} does not refute {brief(clause)} here")
+    sides = _sides(c, numbers)
+    if not _finite(sides) or not any(s.holds() is False for s in sides):
+        raise DoesNotHold(f"{where}: {by} is not violated")
+    if dict(entry) != {"clause": clause, "by": by, "disturbance": c.refutes, **_entry(sides)}:
+        raise DoesNotHold(f"{where}: its sides do not belong to what was asked")
+    return f"{by} violated: {c.refutes}"
 
 
 def _numbers(system: System, given: Any) -> dict[str, Fraction]:
-    from slipctl.certify.certificate import only, rational
-
-    if not isinstance(given, Mapping):
-        raise BadInput(f"the entry 'gains' is missing; it holds {', '.join(system.numbers)}")
-    only(given, tuple(system.numbers), "gains")
+    given = mapping(given, tuple(system.numbers), "asked")
     out = {}
     for name, number in system.numbers.items():
-        entry = given.get(name)
         if name not in given:
-            continue  # a proof that uses it says so
-        if not isinstance(entry, Mapping):
-            raise BadInput(f"gains.{name} must be {{'value': '3/2', 'unit': '{number.unit}'}}")
-        if entry.get("unit") != number.unit:
+            if number.value is not None:
+                raise BadInput(f"asked.{name} is missing")
+            continue
+        entry = mapping(given[name], ("value", "unit"), f"asked.{name}", True)
+        if entry["unit"] != number.unit:
             raise BadInput(
-                f"gains.{name} has the unit {entry.get('unit')!r}, it must be {number.unit!r}"
+                f"asked.{name} has the unit {brief(entry['unit'])}, it must be {number.unit!r}"
             )
-        out[name] = rational(entry.get("value"), f"gains.{name}")
-    return {k: v for k, v in checked(system, out, whole=False).items() if k in out}
+        out[name] = rational(entry["value"], f"asked.{name}")
+        if str(out[name]) != entry["value"]:
+            raise BadInput(f"asked.{name} must be written {str(out[name])[:40]!r}")
+    return checked(system, out)
+
+
+# ---- sides --------------------------------------------------------------------------------------
+
+
+def _sides(criterion: Criterion, numbers: Mapping[str, Any]) -> Sequence[Side]:
+    return criterion.sides(numbers) if criterion.sides else []
 
 
 def _finite(sides: Sequence[Side]) -> bool:
-    return not any(isinstance(x, float) for s in sides for x in (s.left, s.right))
+    """Whether all of it is exact: rationals and enclosures; a float proves nothing."""
+    return bool(sides) and not any(isinstance(x, float) for s in sides for x in (s.left, s.right))
 
 
-def _decided(sides: Sequence[Side]) -> bool:
-    found = [s.holds() for s in sides]
-    if False in found:
-        return False
-    if None in found:
-        text = sides[found.index(None)].text
-        raise BadInput(f"on the boundary of '{text}'; change a number in its last digit")
-    return True
-
-
-def _failing(sides: Sequence[Side]) -> Side:
-    return next(s for s in sides if s.holds() is False)
-
-
-def _written(holds: bool, found: Mapping[str, Fraction], sides: Sequence[Side]) -> dict[str, Any]:
-    shown = [{"text": s.text, "left": _text(s.left), "right": _text(s.right)} for s in sides]
-    entry: dict[str, Any] = {"verdict": CERTIFIED if holds else REFUTED, "sides": shown}
+def _entry(sides: Sequence[Side], found: Mapping[str, Fraction] | None = None) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "sides": [{"text": s.text, "left": _text(s.left), "right": _text(s.right)} for s in sides]
+    }
     return entry | ({"multipliers": {k: str(v) for k, v in found.items()}} if found else {})
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from slipctl.certify import extremum as bounds
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
     Criterion,
@@ -14,6 +15,7 @@ from slipctl.certify.systems import (
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -74,7 +76,7 @@ def _sliding_witness(n: Numbers) -> Witness:
     )  # fmt: skip
 
 
-SLIDING_SEEK = System(
+SLIDING_SEEK = register(System(
     "sliding_seek",
     "Cheng 2022 (22)-(36): v' = k sgn sin(pi (mu(v) - g)/beta), g' = rho: is there a sliding mode,"
     " in which mu climbs at rho, where mu has its steepest slope?",
@@ -99,11 +101,12 @@ SLIDING_SEEK = System(
         "in_time": Criterion("mu climbs at rho at most, so that the gap takes gap/rho", _in_time,
                              margins=("smallest_rho",), needs=("gap", "time")),
     },
-    _sliding_values,
-    _sliding_witness,
-    ({"k": 1.0, "rho": 0.1, "beta": 0.02, "slope": 0.66, "T": 2e-4, "ripple": 0.1},
+    {"climbs": Target("v climbs to the peak")},
+    values=_sliding_values,
+    witness=_sliding_witness,
+    panel=({"k": 1.0, "rho": 0.1, "beta": 0.02, "slope": 0.66, "T": 2e-4, "ripple": 0.1},
      {"k": 1.0, "rho": 1.0, "beta": 0.1, "slope": 0.66, "T": 2e-4}),
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- perturbation -------------------------------------------------------------------------------
@@ -165,7 +168,7 @@ def _perturbation_witness(n: Numbers) -> Witness:
     )
 
 
-PERTURBATION_SEEK = System(
+PERTURBATION_SEEK = register(System(
     "perturbation_seek",
     "v = th + a sin wt, th' = k xi, xi' = w_l ((y - eta) sin wt - xi), eta' = w_h (y - eta): does"
     " the averaged loop seek the extremum?",
@@ -189,8 +192,9 @@ PERTURBATION_SEEK = System(
         "carried": Criterion("ten ticks to a period of the dither (a rule)", _carried,
                              margins=("largest_w", "largest_T")),
     },
-    _perturbation_values,
-    _perturbation_witness,
-    ({"k": 200.0, "w": 12.566, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544},
+    {"seeks": Target("th tends to the neighbourhood of the extremum")},
+    values=_perturbation_values,
+    witness=_perturbation_witness,
+    panel=({"k": 200.0, "w": 12.566, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544},
      {"k": -2.0, "w": 1.0, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544, "T": 1.0}),
-)  # fmt: skip
+))  # fmt: skip

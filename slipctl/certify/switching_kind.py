@@ -6,15 +6,19 @@ import math
 from collections.abc import Sequence
 
 from slipctl.certify import reaching_law
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
+    INPUT,
     SAMPLED,
+    TARGET,
     Criterion,
     Number,
     Numbers,
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -72,32 +76,40 @@ def _reaching_witness(n: Numbers) -> Witness:
     )
 
 
-REACHING_LAW = System(
+REACHING_LAW = register(System(
     "reaching_law",
     "Huang 2020 (23), sampled: s' = u + d, u = -g1 s - g2 sgn s held over T, behind a lag; is s ->"
     " band?",
     {
         "g1": Number("1/s", "proportional reaching", low="not negative"),
         "g2": Number("m/s^2", "constant reaching", power=1.0),
-        "T": Number("s", "sample period"),
-        "lag": Number("s", "time constant of the actuator", 0.0, "not negative"),
-        "D": Number("m/s^2", "largest |d|", 0.0, "not negative", 1.0),
-        "band": Number("m/s", "wanted half-swing", power=1.0, optional=True),
+        "T": Number("s", "sample period", role=INPUT, says="a command held over T = {}"),
+        "lag": Number("s", "time constant of the actuator", 0.0, "not negative", role=INPUT,
+                      says="a lag of {}", absent="a lag of the actuator"),
+        "D": Number("m/s^2", "largest |d|", 0.0, "not negative", 1.0, role=INPUT,
+                    says="every |d| <= {}", absent="a disturbance d"),
+        "band": Number("m/s", "wanted |s| in the end", power=1.0, optional=True, role=TARGET),
     },
     {
         "drives": Criterion("continuous: s = 0 is reached against every |d| <= D", _drives, EXACT,
                             ("largest_D", "smallest_g2")),
         "sampled": Criterion("sampled: large errors die out", _sampled, EXACT,
-                             ("largest_g1", "largest_T")),
+                             ("largest_g1", "largest_T"), proves=("ends", "band"),
+                             refuted_under=("T", "lag", "D"), refutes="none; a large s"),
         "band": Criterion("sampled, d = 0: the largest orbit fits into the wanted band", _band,
                           EXACT, ("largest_T", "smallest_band"), ("band",)),
     },
-    _reaching_values,
-    _reaching_witness,
-    ({"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 5.0, "band": 0.01},
+    {
+        "ends": Target("|s| is bounded in the end", unless=("band",)),
+        "band": Target("|s| stays below {band} in the end", ("band",)),
+    },
+    never=("measurement noise", "a limit of the command"),
+    values=_reaching_values,
+    witness=_reaching_witness,
+    panel=({"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 5.0, "band": 0.01},
      {"g1": 5.0, "g2": 1.0, "T": 0.5, "D": 2.0, "band": 0.3}),
     time=lambda n: SAMPLED,
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- saturation compensation --------------------------------------------------------------------
@@ -153,7 +165,7 @@ def _compensated_witness(n: Numbers) -> Witness:
     )
 
 
-SATURATION = System(
+SATURATION = register(System(
     "saturation_compensation",
     "Wang 2025 (34)-(36): lam' = -k3 lam - (F_HO - F)/M keeps s' = u - delta/M in any saturation;"
     " do the errors die out, with which poles, and is the force enough?",
@@ -163,16 +175,24 @@ SATURATION = System(
         "M": Number("kg", "mass"),
         "F_min": Number("N", "least force", low="any"),
         "F_max": Number("N", "largest force", low="any"),
-        "F_low": Number("N", "least force that the profile needs after the event", low="any"),
-        "F_high": Number("N", "largest force that it needs", low="any"),
+        "F_low": Number("N", "least force that the profile needs after the event", low="any",
+                        role=INPUT,
+                        says="every need from {}"),
+        "F_high": Number("N", "largest force that it needs", low="any", role=INPUT,
+                         says="every need up to {}"),
     },
     {
         "poles": Criterion("poles -k1 and -k3 of the motion on s = 0", _poles, EXACT),
         "authority": Criterion("the force that is needed lies strictly inside the limits",
                                _authority, EXACT, ("largest_F_high", "smallest_F_low",
-                                                   "smallest_F_max", "largest_F_min")),
+                                                   "smallest_F_max", "largest_F_min"),
+                               proves=("dies_out",), refuted_under=("F_low", "F_high"),
+                               refutes="the constant need that is out of reach, e1 = 0, e2 = -1"),
     },
-    _compensated_values,
-    _compensated_witness,
-    ({"k1": 0.5, "k3": 0.2, "M": 5e5, "F_min": -1e5, "F_max": 1e5, "F_low": 0.0, "F_high": 5e4},),
-)  # fmt: skip
+    {"dies_out": Target("e1 and e2 tend to zero")},
+    never=("the law computed once per period", "a lag of the actuator"),
+    values=_compensated_values,
+    witness=_compensated_witness,
+    panel=({"k1": 0.5, "k3": 0.2, "M": 5e5, "F_min": -1e5, "F_max": 1e5,
+            "F_low": 0.0, "F_high": 5e4},),
+))  # fmt: skip

@@ -14,18 +14,23 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import adhesion_observer, higher_order, outward, turning
+from slipctl.certify import adhesion_observer, higher_order, outward, smtlib, turning
 from slipctl.certify import super_twisting as sta
+from slipctl.certify.quadratic import find_quadratic, minors
+from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
+    INPUT,
     PRINTED,
     SUFFICIENT,
     Criterion,
+    Entries,
     Number,
     Numbers,
     Quantity,
     Side,
     System,
+    Target,
     Witness,
 )
 
@@ -59,8 +64,6 @@ def quadratic_sides(
     """
     a, b, c = names
     if P:
-        from slipctl.certify.certificate import minors
-
         gains = {"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)}
         found = minors(gains, ((P[0], P[1]), (P[1], P[2])), Fraction(1))
         texts = ("minor 1", "minor 2", "minor 3", "det P")
@@ -73,8 +76,6 @@ def quadratic_sides(
 
 def matrix(k1: Fraction, k2: Fraction, L: Fraction) -> dict[str, Fraction] | None:
     """Matrix of a quadratic Lyapunov function as multipliers; None if there is none."""
-    from slipctl.certify.certificate import find_quadratic
-
     found = find_quadratic({"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)})
     if found is None:
         return None
@@ -83,6 +84,26 @@ def matrix(k1: Fraction, k2: Fraction, L: Fraction) -> dict[str, Fraction] | Non
 
 
 MATRIX = ("P11", "P12", "P22")
+
+
+def fall(k1: Fraction, k2: Fraction, L: Fraction, P: Sequence[Fraction]) -> str:
+    """Step of the proof by P as SMT-LIB: V > 0 and V' < 0 for all zeta but 0.
+
+    V' is |x1|^(1/2) times that in time, zeta = (y, z), y = |x1|^(1/2) sgn x1, w = d |y|,
+    so that w^2 <= L^2 y^2.
+    """
+    y, z, w = "y", "z", "w"
+    first = smtlib.plus(smtlib.times(-k1 / 2, y), smtlib.times(Fraction(1, 2), z))
+    second = smtlib.plus(smtlib.times(-k2, y), w)
+    rows = [smtlib.plus(smtlib.times(P[i], y), smtlib.times(P[i + 1], z)) for i in (0, 1)]
+    V = smtlib.plus(smtlib.times(rows[0], y), smtlib.times(rows[1], z))
+    slope = smtlib.plus(smtlib.times(rows[0], first), smtlib.times(rows[1], second))
+    facts = [
+        smtlib.term("<=", smtlib.times(w, w), smtlib.times(L * L, y, y)),
+        smtlib.term("=", smtlib.plus(smtlib.times(y, y), smtlib.times(z, z)), 1),
+    ]
+    claim = smtlib.term("and", smtlib.term(">", V, 0), smtlib.term("<", slope, 0))
+    return smtlib.problem((y, z, w), facts, claim)
 
 
 def _told(n: Numbers) -> list[Any]:
@@ -100,6 +121,10 @@ def _observer_exact(n: Numbers) -> Sequence[Side]:
 
 def _observer_quadratic(n: Numbers) -> Sequence[Side]:
     return quadratic_sides(n["K1"], n["K2"] / 2, n["L"], OBSERVER, _told(n))
+
+
+def _observer_fall(n: Numbers, entry: Entries) -> str:
+    return fall(n["K1"], n["K2"] / 2, n["L"], [Fraction(entry["multipliers"][k]) for k in MATRIX])
 
 
 def _observer_root(n: Numbers) -> Sequence[Side]:
@@ -144,8 +169,9 @@ def _run_witness(found: turning.Turns, law: str, units: tuple[str, str, str]) ->
 
 
 WORST = "d = L sgn x1 while |x1| grows, -L sgn x1 while it falls"
+NEVER = ("the law computed once per period", "measurement noise")
 
-ADHESION_OBSERVER = System(
+ADHESION_OBSERVER = register(System(
     "adhesion_observer",
     "Wang 2025 (17), (18): e' = z - K1 Phi1(e), z' = f' - K2 Phi2(e), |f'| < L: is e -> 0 in finite"
     " time? Phi1 = |e|^.5 sgn e + K3 |e|^1.5 sgn e, Phi2 = Phi1 Phi1'",
@@ -153,26 +179,32 @@ ADHESION_OBSERVER = System(
         "K1": Number("rad^.5/s^1.5", "gain of the root", power=0.5),
         "K2": Number("rad/s^3", "gain of the integral", power=1.0),
         "K3": Number("s/rad", "gain of the far part", 0.0, "not negative", -1.0),
-        "L": Number("rad/s^3", "bound of |f'|, f = -r F/J", power=1.0),
+        "L": Number("rad/s^3", "bound of |f'|, f = -r F/J", power=1.0, role=INPUT,
+                    says="every |f'| <= {}"),
     },
     {
         "exact": Criterion("q(K1, K2/2, L) < 1, any K3 >= 0", _observer_exact, EXACT,
-                           ("largest_L", "smallest_K1", "smallest_K2")),
+                           ("largest_L", "smallest_K1", "smallest_K2"), proves=("settles",),
+                           covers=("L",), refutes=WORST),
         "quadratic": Criterion("bounded-real lemma: any quadratic function of (Phi1, z)",
                                _observer_quadratic, SUFFICIENT,
                                ("largest_L", "smallest_K1", "smallest_K2"),
                                find=lambda n: matrix(n["K1"], n["K2"] / 2, n["L"]),
-                               multipliers=MATRIX),
+                               multipliers=MATRIX, proves=("settles",), covers=("L",),
+                               step=_observer_fall),
         "theorem_1": Criterion("Theorem 1 with its root: K1 > sqrt(2 K2), K2 > 2 L",
-                               _observer_root, margins=("largest_L", "smallest_K1")),
+                               _observer_root, margins=("largest_L", "smallest_K1"),
+                               proves=("settles",), covers=("L",)),
         "printed_theorem_1": Criterion("Theorem 1 as our text has it, K1 > 2 K2; proves nothing",
                                        _observer_printed, PRINTED, ("largest_L", "smallest_K1")),
     },
-    _observer_values,
-    lambda n: _run_witness(_observer_run(n), WORST, ("rad/s", "rad/s^2", "rad/s^3")),
-    ({"K1": 98.5, "K2": 4400.0, "L": 2000.0, "K3": 0.5}, {"K1": 2.0, "K2": 0.3, "L": 0.1},
+    {"settles": Target("e is 0 after a finite time, and stays there")},
+    never=NEVER,
+    values=_observer_values,
+    witness=lambda n: _run_witness(_observer_run(n), WORST, ("rad/s", "rad/s^2", "rad/s^3")),
+    panel=({"K1": 98.5, "K2": 4400.0, "L": 2000.0, "K3": 0.5}, {"K1": 2.0, "K2": 0.3, "L": 0.1},
      {"K1": 0.5, "K2": 0.2, "L": 0.09}, {"K1": 1.0, "K2": 2.2, "L": 1.0}),
-)  # fmt: skip
+))  # fmt: skip
 
 
 # ---- adaptive higher-order sliding mode ---------------------------------------------------------
@@ -237,6 +269,11 @@ def _higher_matrix(n: Numbers) -> dict[str, Fraction] | None:
     return matrix(n["k4"], n["beta"] * n["k4"], n["eta"])
 
 
+def _higher_fall(n: Numbers, entry: Entries) -> str:
+    P = [Fraction(entry["multipliers"][k]) for k in MATRIX]
+    return fall(n["k4"], n["beta"] * n["k4"], n["eta"], P)
+
+
 def _weight(n: Numbers) -> dict[str, Fraction]:
     theta = best_weight(float(n["alpha"]), float(n["beta"]), float(n["eta"]))
     return {"theta": Fraction(theta).limit_denominator(10**9)}
@@ -274,8 +311,9 @@ def _higher_values(n: Numbers) -> dict[str, Quantity]:
 
 
 _ENDS = ("largest_eta", "smallest_k4")
+_SETTLES: dict[str, Any] = {"proves": ("settles",), "covers": ("eta",)}
 
-HIGHER_ORDER = System(
+HIGHER_ORDER = register(System(
     "higher_order",
     "Wang 2025 (37), (38) at the least gain k4: s' = -k4 phi1(s) + v, v' = -2 beta k4 phi2(s) + d,"
     " |d| <= eta: is s -> 0 in finite time? phi1 = |s|^.5 sgn s + s, phi2 = phi1 phi1'",
@@ -283,23 +321,28 @@ HIGHER_ORDER = System(
         "k4": Number("m^.5/s^1.5", "least gain of the adaptation", power=0.5),
         "alpha": Number("m/s^3", "of P in the proof", power=1.0),
         "beta": Number("m^.5/s^1.5", "k2H = 2 beta k1H", power=0.5),
-        "eta": Number("m/s^3", "bound of |delta'|/M", None, "not negative", 1.0),
+        "eta": Number("m/s^3", "bound of |delta'|/M", None, "not negative", 1.0, role=INPUT,
+                      says="every |d| <= {}", absent="a disturbance d"),
     },
     {
-        "exact": Criterion("q(k4, beta k4, eta) < 1", _higher_exact, EXACT, _ENDS),
+        "exact": Criterion("q(k4, beta k4, eta) < 1", _higher_exact, EXACT, _ENDS, **_SETTLES,
+                           refutes=WORST.replace("L", "eta")),
         "quadratic": Criterion("bounded-real lemma: any quadratic function of (phi1, v)",
                                _higher_quadratic, SUFFICIENT, _ENDS, find=_higher_matrix,
-                               multipliers=MATRIX),
+                               multipliers=MATRIX, **_SETTLES, step=_higher_fall),
         "homogenised_49": Criterion("the matrix of (49), best weight in Young's inequality",
                                     _higher_weighted, SUFFICIENT, _ENDS, find=_weight,
-                                    multipliers=("theta",)),
+                                    multipliers=("theta",), **_SETTLES),
         "printed_49": Criterion("Wang 2025, (49) as printed: weight 1", _higher_printed,
-                                margins=_ENDS),
+                                margins=_ENDS, **_SETTLES),
     },
-    _higher_values,
-    lambda n: _run_witness(_higher_run(n), WORST.replace("L", "eta"), ("m/s", "m/s^2", "m/s^3")),
-    ({"k4": 0.25, "alpha": 0.02, "beta": 0.09, "eta": 0.009},
+    {"settles": Target("s is 0 after a finite time, and stays there, at the least gain k4")},
+    never=(*NEVER, "gains that adapt"),
+    values=_higher_values,
+    witness=lambda n: _run_witness(_higher_run(n), WORST.replace("L", "eta"),
+                                   ("m/s", "m/s^2", "m/s^3")),
+    panel=({"k4": 0.25, "alpha": 0.02, "beta": 0.09, "eta": 0.009},
      {"k4": 1.0, "alpha": 0.69, "beta": 0.28, "eta": 0.1},
      {"k4": 1.0, "alpha": 0.56, "beta": 0.375, "eta": 0.2},
      {"k4": 0.4, "alpha": 0.1, "beta": 0.12, "eta": 0.03}),
-)  # fmt: skip
+))  # fmt: skip

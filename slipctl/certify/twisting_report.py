@@ -15,7 +15,7 @@ from typing import Any
 
 from slipctl.certify import outward, turning
 from slipctl.certify import super_twisting as sta
-from slipctl.certify.systems import CERTIFIED, REFUTED, SILENT, Finding, Report
+from slipctl.certify.systems import CERTIFIED, REFUTED, Report, end
 from slipctl.errors import BadInput
 
 Test = Callable[[float, float, float], bool]
@@ -242,6 +242,18 @@ def unit_dependent(name: str, scale: float = 1000.0) -> bool:
     )
 
 
+def orbit_margins(k1: float, k2: float, T: float, band: float) -> dict[str, float | None]:
+    """Ends at which explicit Euler's period-2 orbit still fits into a band."""
+
+    def fits(k: float, T: float) -> bool:
+        return sta.explicit_amplitude(k, k2, T) <= band
+
+    return {
+        "largest_k1": end(lambda k: fits(k, T), k1, True),
+        "largest_T": end(lambda t: fits(k1, t), T, True),
+    }
+
+
 # ---- witness and report -------------------------------------------------------------------------
 
 
@@ -286,23 +298,6 @@ def super_twisting_report(
     Raises:
         BadInput: numbers that mean nothing, or gains on the boundary of stability.
     """
-    gains = checked(k1, k2, L, delta)
-    verdict = exact_verdict(gains)
-    n = {name: float(value) for name, value in gains.items()}
-    criteria = {}
-    for name, test in TESTS.items():
-        said, holds = verdict, verdict == CERTIFIED
-        if name != "exact":
-            holds = bool(test(n["k1"] - n["delta"], n["k2"], n["L"]))
-            # rounding may put gains on the wrong side of a bound, but never beyond the exact one
-            said = CERTIFIED if holds and verdict == CERTIFIED else SILENT
-        criteria[name] = Finding(
-            said, margins(name, **n), unit_dependent(name), TITLES[name], holds
-        )
-    least, most = sta.reaching_time_bounds(n["k1"], n["k2"], n["L"], 1.0, n["delta"])
-    values = {
-        "ln_q": (sta.log_ratio(**n), "1"),
-        "longest_reaching_time_per_x2_at_least": (least, "s^3/m"),
-        "longest_reaching_time_per_x2_at_most": (most, "s^3/m"),
-    }
-    return Report("super_twisting", n, sta.UNITS, verdict, criteria, values, witness(**n))
+    from slipctl.certify.catalogue import certify
+
+    return certify("super_twisting", k1=k1, k2=k2, L=L, delta=delta)

@@ -1,0 +1,68 @@
+"""Steps of proofs as SMT-LIB 2, so that a solver of another house can be asked.
+
+What is written is the negation of a step: ``unsat`` means that nothing breaks it. Terms are texts
+over reals; numbers are exact rationals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+from slipctl.certify.promise import System
+
+
+def number(x: Fraction | int) -> str:
+    """Rational as a term."""
+    x = Fraction(x)
+    size = f"(/ {abs(x.numerator)}.0 {x.denominator}.0)"
+    size = f"{abs(x.numerator)}.0" if x.denominator == 1 else size
+    return f"(- {size})" if x < 0 else size
+
+
+def term(operator: str, *parts: Any) -> str:
+    """Operator of terms; rationals among them are written as numbers."""
+    texts = [p if isinstance(p, str) else number(p) for p in parts]
+    return f"({operator} {' '.join(texts)})"
+
+
+def plus(*parts: Any) -> str:
+    """Sum."""
+    return term("+", *parts) if len(parts) > 1 else str(parts[0])
+
+
+def times(*parts: Any) -> str:
+    """Product."""
+    return term("*", *parts)
+
+
+def problem(variables: Iterable[str], facts: Sequence[str], negated: str) -> str:
+    """Problem that is ``unsat`` where the facts imply what is negated.
+
+    Args:
+        variables: names of reals. facts: what holds. negated: the step that is claimed.
+    """
+    rows = ["(set-logic QF_NRA)", *(f"(declare-const {v} Real)" for v in variables)]
+    rows += [f"(assert {f})" for f in facts]
+    return "\n".join([*rows, f"(assert (not {negated}))", "(check-sat)"]) + "\n"
+
+
+def steps(system: System, payload: Mapping[str, Any]) -> dict[str, str]:
+    """Problems of a certificate by the name of the criterion, of those that are polynomial."""
+    numbers = {k: Fraction(v["value"]) for k, v in payload["asked"].items()}
+    found = {}
+    for name, entry in payload.get("proofs", {}).items():
+        step = system.criteria[name].step
+        text = step(numbers, entry) if step else None
+        if text:
+            found[name] = text
+    return found
+
+
+def script(problems: Mapping[str, str]) -> str:
+    """One script of all problems, each from an empty state; every answer must be ``unsat``."""
+    return "\n".join(
+        f"; {name}: the negation of its step, to be answered unsat\n(reset)\n{text}"
+        for name, text in problems.items()
+    )
