@@ -36,6 +36,8 @@ from slipctl.errors import BadInput
 
 DIGITS = 60
 
+MIDDLE = Interval(Decimal(0), Decimal(0))
+
 
 @cache
 def peak_enclosure() -> outward.Interval:
@@ -184,11 +186,13 @@ def _lagged(n: Numbers, number: Callable[[Any], Any], standing: bool = False) ->
 
 
 def _polygon(n: Numbers) -> Entries | None:
-    law = _lagged(n, float)
+    if not _behind(n):
+        return None
+    law, start = _lagged(n, float), float(n["start"])
     if law.r != 1 and law.dead:
         return None
     return holding.find_polygons(
-        law, _lagged(n, float, True), lambda: _decimal_laws(n), float(n["start"]),
+        law, _lagged(n, float, True), lambda: _decimal_laws(n), Interval(-start, start),
         float(_share(n, n.get("step", 0))), _start_and_step(n),
     )  # fmt: skip
 
@@ -198,12 +202,15 @@ def _decimal_laws(n: Numbers) -> tuple[Any, Any]:
         return _lagged(n, scalar_maps.exactly), _lagged(n, scalar_maps.exactly, True)
 
 
-def _start_and_step(n: Numbers) -> tuple[Decimal, Decimal]:
-    return (scalar_maps.exactly(n["start"]),
+def _start_and_step(n: Numbers) -> tuple[Interval, Decimal]:
+    start = scalar_maps.exactly(n["start"])
+    return (Interval(-start, start),
             scalar_maps.exactly(_share(n, Fraction(n.get("step", 0)))))  # fmt: skip
 
 
 def _check_polygon(n: Numbers, given: Entries) -> None:
+    if not _behind(n):
+        raise DoesNotHold("proofs.polygon: nothing is behind an actuator")
     with holding.refused():
         law, standing = _decimal_laws(n)
         if law.r != 1 and law.dead:
@@ -227,13 +234,13 @@ def _run(n: Numbers) -> Entries | None:
     law, start = _floats(n), float(n["start"])
     found = scalar_runs.outward(law.ticks(), Interval(-start, start))
     if found is not None:
-        return holding.told_run(found, law.ticks(), "start", start)
+        return holding.told_run(found, law.ticks(), "start", Interval(-start, start))
     share = float(_share(n, n.get("step", 0)))
     if share or _moves(n):
         tick = law.standing()
         found = scalar_runs.outward(lambda i: tick, Interval(0.0, 0.0), share)
         if found is not None:
-            return holding.told_run(found, lambda i: tick, "middle", 0.0, share)
+            return holding.told_run(found, lambda i: tick, "middle", Interval(0.0, 0.0), share)
     return None
 
 
@@ -246,7 +253,7 @@ def _replay(n: Numbers, given: Entries) -> str:
             tick = law.standing()
             start, step = _start_and_step(n)
             after = holding.replay(given, {"start": law.ticks(), "middle": lambda i: tick},
-                                   {"start": start, "middle": Decimal(0)}, step)  # fmt: skip
+                                   {"start": start, "middle": MIDDLE}, step)  # fmt: skip
         return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -255,13 +262,21 @@ def _run_behind(n: Numbers) -> Entries | None:
     if not _behind(n):
         return None
     law, standing = _lagged_in_time(n, float), _lagged(n, float, True)
+    start_at = float(n["start"])
     if _moves(n) and standing.dead:
         return None
-    found, start = lagged_runs.outward(law, float(n["start"])), "start"
+    found, start = lagged_runs.outward(law, Interval(-start_at, start_at)), "start"
     if found is None:
         share = float(_share(n, n.get("step", 0)))
-        found, start = lagged_runs.outward(lambda i: standing, 0.0, share), "middle"
-    return None if found is None else holding.told_path(found, start)
+        found, start = lagged_runs.outward(lambda i: standing, Interval(0.0, 0.0), share), "middle"
+    if found is None:
+        return None
+    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+        still = _lagged(n, scalar_maps.exactly, True)
+        laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: still}
+        path = lagged_runs.exact(laws[start], found, _start_and_step(n)[1])
+        return None if path is None else holding.told_path(path, start)
+    return None
 
 
 def _lagged_in_time(n: Numbers, number: Callable[[Any], Any]) -> Callable[[int], Any]:
@@ -294,7 +309,7 @@ def _replay_behind(n: Numbers, given: Entries) -> str:
                 raise DoesNotHold("counterexample: no dead time while the funnel shrinks")
             start, step = _start_and_step(n)
             laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: standing}
-            after = holding.replay_path(given, laws, {"start": start, "middle": Decimal(0)}, step)
+            after = holding.replay_path(given, laws, {"start": start, "middle": MIDDLE}, step)
         return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -380,8 +395,7 @@ PRESCRIBED_PERFORMANCE = register(System(
                               margins=("largest_K1", "largest_T")),
         "together": Criterion("sampled: an interval of errors is never left", _together, EXACT,
                               ("largest_W", "largest_K1", "smallest_K1", "largest_T",
-                               "largest_step", "largest_F_error", "largest_a", "smallest_v",
-                               "smallest_eta_inf"),
+                               "largest_step"),
                               evidence=Evidence(_find, _check), proves=("stays",),
                               covers=(*_INPUTS, "eta_0")),
         "polygon": Criterion("sampled, behind the actuator: a polygon of errors and actuator is"

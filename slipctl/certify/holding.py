@@ -83,7 +83,7 @@ def standing(tick: Tick, start: float, step: float) -> tuple[float, float]:
 
     Both are exact for a bound that stands still, in floats.
     """
-    inner = scalar_maps.smallest(tick, Interval(0.0, 0.0))
+    inner = scalar_maps.smallest(tick, Interval(0.0, 0.0)) if step else Interval(0.0, 0.0)
     if inner is None:
         return 1.0, 0.0
     hull = Interval(min(-start * float(tick.below.width), inner.low - step),
@@ -104,7 +104,7 @@ def _part(x: float, most: Any) -> float:
 
 
 def told_run(
-    run: Run, ticks: Callable[[int], Tick], start: str, most: float, step: float = 0.0
+    run: Run, ticks: Callable[[int], Tick], start: str, most: Interval, step: float = 0.0
 ) -> Entries:
     """Run as a file holds it: the start as a share of its set, then rows of equal ticks.
 
@@ -120,12 +120,13 @@ def told_run(
     for row, equal in groupby(moves):
         count = len(list(equal))
         rows += [[count, *row]] if row[2] == "0" else [[1, *row]] * count
-    return {"from": start, "at": text(_part(run.start, most)), "ticks": rows}
+    return {"from": start, "at": text(_part(run.start, most.high if run.start > 0 else -most.low)), "ticks": rows}
 
 
 def replay(
-    given: Entries, laws: Mapping[str, Callable[[int], Tick]], starts: Mapping[str, Any], step: Any
-) -> int:
+    given: Entries, laws: Mapping[str, Callable[[int], Tick]], starts: Mapping[str, Interval],
+    step: Any,
+) -> int:  # fmt: skip
     """Run a file's run with decimals; gives the tick at which the error is out.
 
     Raises:
@@ -153,7 +154,8 @@ def replay(
     at = decimal(entry["at"], f"{where}.at")
     if abs(at) > 1 or steps > 1 or (steps and name == "start"):
         raise DoesNotHold(f"{where}: a start or a step that is not allowed")
-    after = scalar_runs.leaves(law, Run(at * starts[name], moves))
+    begin = at * (starts[name].high if at > 0 else -starts[name].low)
+    after = scalar_runs.leaves(law, Run(begin, moves))
     if after is None:
         raise DoesNotHold(f"{where}: the error does not leave")
     return after
@@ -163,8 +165,8 @@ def replay(
 
 
 def find_polygons(
-    law: Lagged, still: Lagged, exact: Callable[[], tuple[Lagged, Lagged]], start: float,
-    step: float, sizes: tuple[Decimal, Decimal],
+    law: Lagged, still: Lagged, exact: Callable[[], tuple[Lagged, Lagged]],
+    start: Interval, step: float, sizes: tuple[Interval, Decimal],
 ) -> Entries | None:  # fmt: skip
     """Polygons that prove that nothing leaves behind an actuator; None if none are found.
 
@@ -174,11 +176,10 @@ def find_polygons(
     """
     if law.dead > 10_000:
         return None
-    inner = lagged_maps.grown(still, 0.0) if step else None
+    inner = lagged_maps.grown(still, Interval(0.0, 0.0)) if step else None
     if step and inner is None:
         return None
-    outer = (lagged_maps.stepped(law, inner[0], start, step) if inner is not None
-             else lagged_maps.grown(law, start))  # fmt: skip
+    outer = lagged_maps.grown(law, start, None if inner is None else inner[0], step)
     if outer is None:
         return None
     entry: dict[str, Any] = {"kept": _told_levels(outer)}
@@ -204,7 +205,9 @@ def _levels(given: Any, where: str) -> tuple[list[Decimal], Decimal]:
     return levels, decimal(entry["moved"], f"{where}.moved")
 
 
-def check_polygons(law: Lagged, still: Lagged, start: Any, step: Any, given: Entries) -> None:
+def check_polygons(
+    law: Lagged, still: Lagged, start: Interval, step: Any, given: Entries
+) -> None:
     """Check polygons with decimals.
 
     Raises:
@@ -214,7 +217,8 @@ def check_polygons(law: Lagged, still: Lagged, start: Any, step: Any, given: Ent
     kept, moved = _levels(entry["kept"], "evidence.kept")
     with localcontext(Context(prec=scalar_maps.DIGITS)):
         size = [abs(n0) for n0, _ in NORMALS]
-        if any(level < n * start + SLOP * n for level, n in zip(kept, size, strict=True)):
+        least = [max(n0 * start.low, n0 * start.high) + abs(n0) * SLOP for n0, _ in NORMALS]
+        if any(level < x for level, x in zip(kept, least, strict=True)):
             raise DoesNotHold("evidence.kept does not hold the start set")
         if step:
             inner, inner_moved = _levels(entry["settled"], "evidence.settled")
@@ -238,8 +242,9 @@ def told_path(path: lagged_runs.Path, start: str) -> Entries:
 
 
 def replay_path(
-    given: Entries, laws: Mapping[str, Callable[[int], Lagged]], starts: Mapping[str, Any], step: Any
-) -> int:
+    given: Entries, laws: Mapping[str, Callable[[int], Lagged]], starts: Mapping[str, Interval],
+    step: Any,
+) -> int:  # fmt: skip
     """Run a file's run behind an actuator with decimals; gives the tick at which the error is out.
 
     Raises:
@@ -254,15 +259,15 @@ def replay_path(
     errors = [decimal(x, f"{where}.errors")
               for x in rows(entry["errors"], f"{where}.errors", lagged_runs.MOST + 1)]  # fmt: skip
     noise = [whole(x, f"{where}.noise", -1, 1)
-             for x in rows(entry["noise"], f"{where}.noise", len(errors), len(errors))]  # fmt: skip
+             for x in rows(entry["noise"], f"{where}.noise", lagged_runs.MOST)]  # fmt: skip
     stepped = whole(entry["stepped"], f"{where}.stepped", -1, lagged_runs.MOST)
     forward = whole(entry["forward"], f"{where}.forward", -1, 1)
-    if not errors or abs(errors[0]) > starts[name] or (stepped >= 0 and name == "start"):
+    if len(errors) not in (1, len(noise)) or not starts[name].low <= errors[0] <= starts[name].high or (stepped >= 0 and name == "start"):
         raise DoesNotHold(f"{where}: a start or a step that is not allowed")
     path = lagged_runs.Path(errors, noise, stepped, forward * step)
     if not lagged_runs.leaves(laws[name], path):
         raise DoesNotHold(f"{where}: the error does not leave, or more than is allowed drives it")
-    return len(errors) - 1
+    return len(noise) - 1
 
 
 # ---- for a person -------------------------------------------------------------------------------
@@ -272,7 +277,7 @@ def witness(entries: Entries, T: float, W: float, unit: str, what: str) -> Witne
     """What a counterexample does, in words and as a list."""
     if "errors" in entries:
         errors = [float(Fraction(x)) for x in entries["errors"]]
-        count = len(errors) - 1
+        count = len(entries["noise"]) - 1
     else:
         errors, count = [], sum(row[0] for row in entries["ticks"]) - 1
     start = "the start set" if entries["from"] == "start" else "the middle"

@@ -20,20 +20,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slipctl.certify.scalar_maps import DIGITS, SLOP, Pull
+from slipctl.certify.scalar_maps import DIGITS, SLOP, Interval, Pull
 
 SIDES = 64
 """Number of normals."""
 
-SLICES = 160
-"""Number of slices, each of the same width, of a proof."""
+SLICES = 80
+"""Number of slices on either side of zero, each of the same width."""
+
+MOST = 6000
+"""Longest search in ticks."""
 
 NORMALS = tuple(
     (round(10**6 * math.cos(2 * math.pi * k / SIDES)), round(10**6 * math.sin(2 * math.pi * k / SIDES)))
@@ -120,40 +123,45 @@ def _pulls(law: Lagged, low: Floats, high: Floats) -> tuple[Floats, Floats]:
 
 
 def grown(
-    law: Lagged, start: float, step: float = 0.0, most: int = 6000
+    law: Lagged, start: Interval, inner: Floats | None = None, step: float = 0.0
 ) -> tuple[Floats, float] | None:
-    """Levels of a polygon that holds |z| <= start, alpha = 0, and that nothing leaves; its noise.
+    """Levels of a polygon that nothing leaves, and how far z moves in a tick at most; or None.
 
-    None if none is found. ``step`` shifts z by as much, either way, at the start.
+    It holds the start, with the actuator at rest, and ``inner`` shifted by a step either way. Tried
+    are large strides first, then small ones that overshoot less.
     """
     normals = np.array(NORMALS, dtype=float)
-    levels = np.abs(normals[:, 0]) * (start + step)
-    return _grown(law, normals, levels, most)
+    levels = needed(start, normals[:, 0])
+    if inner is not None:
+        levels = np.maximum(levels, inner + np.abs(normals[:, 0]) * step)
+    for spare, stride in ((1e-3, 8.0), (1e-4, 2.0)):
+        found = _grown(law, normals, levels, spare, stride)
+        if found is not None:
+            return found
+    return None
 
 
-def stepped(law: Lagged, inner: Floats, start: float, step: float) -> tuple[Floats, float] | None:
-    """Same, of a polygon that holds another one shifted by a step either way."""
-    normals = np.array(NORMALS, dtype=float)
-    size = np.abs(normals[:, 0])
-    return _grown(law, normals, np.maximum(inner + size * step, size * start), 6000)
+def needed(start: Interval, n0: Any) -> Any:
+    """Levels of a polygon that just holds a start, actuator at rest."""
+    return np.maximum(n0 * start.low, n0 * start.high)
 
 
 def _grown(
-    law: Lagged, normals: Floats, levels: Floats, most: int
+    law: Lagged, normals: Floats, levels: Floats, spare: float, stride: float
 ) -> tuple[Floats, float] | None:
     near, far = float(law.above.width), float(law.below.width)
     size, scale = np.abs(normals[:, 0]), float(law.scale)
-    spare, moved = 1e-3, 0.0
+    moved = 0.0
     pull = max(float(law.above.at(law.above.peak)), float(law.below.at(law.below.peak)))
-    more = 1e6 * min(spare * float(law.push) + 1e-4 * pull, 1e-3 * near)
+    more = 1e6 * spare * min(float(law.push) + 0.1 * pull, near)
     levels = levels + 1e-9 * near * 1e6
     leap = 1.0
-    for _ in range(most):
+    for _ in range(MOST):
         low, high = -levels[SIDES // 2] / 1e6, levels[0] / 1e6
         noise = float(law.noise) + law.dead * moved
         if high + noise >= near or low - noise <= -far:
             return None
-        edges = np.linspace(low, high, SLICES + 1)
+        edges = np.array(_edges(low, high))
         points, moves = _images(law, normals, levels, edges, noise)
         move = (np.abs(moves).max() + float(law.push)) * (1 + spare)
         reach = (points[:, 0][:, None] * normals[:, 0] + points[:, 1][:, None] / scale
@@ -163,8 +171,15 @@ def _grown(
         wanted = reach + more
         levels = np.maximum(levels, levels + leap * (wanted - levels))
         moved = max(moved, move) if law.dead else 0.0
-        leap = min(leap * 1.02, 8.0)
+        leap = min(leap * 1.02, stride)
     return None
+
+
+def _edges(low: Any, high: Any) -> list[Any]:
+    """Edges of the slices."""
+    zero = low - low
+    below = [low * (SLICES - i) / SLICES for i in range(SLICES)]
+    return [*below, zero, *(high * i / SLICES for i in range(1, SLICES)), high]
 
 
 def _images(
@@ -224,8 +239,7 @@ def keeps(law: Lagged, levels: Levels, moved: Any) -> bool:
         low, high = -levels[SIDES // 2] / 10**6, levels[0] / 10**6
         if not (-law.below.width < low - noise and high + noise < law.above.width):
             return False
-        width = (high - low) / SLICES
-        edges = [low + width * i for i in range(SLICES)] + [high]
+        edges = _edges(low, high)
         tables = [_table(levels, law.scale, sign) for sign in (1, -1)]
         most_move = Decimal(0)
         points = set()
@@ -318,8 +332,3 @@ def decimal_levels(levels: Sequence[float]) -> tuple[Decimal, ...]:
     """Levels as whole numbers and six digits, rounded up."""
     step = Decimal("1e-6")
     return tuple(Decimal(float(x)).quantize(step, ROUND_CEILING) for x in levels)
-
-
-def lifted(law: Lagged, share: float) -> Lagged:
-    """Same law with a push and noise that are larger by a share; a search that leaves room."""
-    return replace(law, push=law.push * (1 + share), noise=law.noise * (1 + share))

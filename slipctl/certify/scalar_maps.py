@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from slipctl.certify.bisection import bisect
@@ -63,6 +64,14 @@ class Pull(Protocol):
         """Its slope."""
         ...
 
+    def where(self, slope: float) -> float:
+        """Distance at which its slope has come down to this one, below that at zero; a float."""
+        ...
+
+    def roots(self, push: float) -> tuple[float, float]:
+        """Least and largest distance at which it is a push below its largest value; floats."""
+        ...
+
 
 @dataclass(frozen=True)
 class AtanhPull:
@@ -79,6 +88,15 @@ class AtanhPull:
     def slope(self, y: Any) -> Any:
         """kappa (1 - 2 y atanh y), which falls."""
         return self.kappa * (1 - 2 * y * _atanh(y))
+
+    def where(self, slope: float) -> float:
+        """Root of 2 y atanh y = 1 - slope/kappa."""
+        level = (1 - slope / float(self.kappa)) / 2
+        return bisect(lambda y: y * math.atanh(y), level, 0.0, 1 - 1e-16)
+
+    def roots(self, push: float) -> tuple[float, float]:
+        """Of (1 - y^2) atanh y = push/kappa."""
+        return _funnel_roots(push / float(self.kappa))
 
 
 @dataclass(frozen=True)
@@ -100,6 +118,25 @@ class CubicPull:
     def slope(self, y: Any) -> Any:
         """gain (width^2 - 3 y^2), which falls."""
         return self.gain * (self.width * self.width - 3 * y * y)
+
+    def where(self, slope: float) -> float:
+        """Root of gain (width^2 - 3 y^2) = slope."""
+        return math.sqrt(max(float(self.width) ** 2 - slope / float(self.gain), 0.0) / 3)
+
+    def roots(self, push: float) -> tuple[float, float]:
+        """Of the cubic, by its trigonometric solution."""
+        top = math.acos(max(-1.0, -push / float(self.at(self.peak))))
+        low, high = math.cos((top + 4 * math.pi) / 3), math.cos(top / 3)
+        return 2 * self.peak * low, 2 * self.peak * high
+
+
+@lru_cache(256)
+def _funnel_roots(load: float) -> tuple[float, float]:
+    def h(y: float) -> float:
+        return (1 - y * y) * math.atanh(y)
+
+    peak = AtanhPull.peak
+    return bisect(h, load, 0.0, peak), bisect(h, load, 1 - 1e-16, peak)
 
 
 def _atanh(y: Any) -> Any:
@@ -186,13 +223,8 @@ def turn(tick: Tick, low: Any, high: Any) -> Any:
     ratio = float(tick.q) / float(tick.r)
     far, near = -float(low), -float(high)
 
-    slope = _floats(tick.below).slope
-    if slope(near) <= ratio:
-        y = near
-    elif slope(far) >= ratio:
-        y = far
-    else:
-        y = bisect(slope, ratio, near, far)
+    pull = _floats(tick.below) if isinstance(low, Decimal) else tick.below
+    y = min(max(pull.where(ratio), near), far) if pull.slope(0.0) > ratio else near
     found = Decimal(-y) if isinstance(low, Decimal) else -y
     return min(max(found, low), high)
 
@@ -214,12 +246,9 @@ def keeps(tick: Tick, z: Interval, slop: Any = 0) -> bool:
 
 def roots(pull: Pull, push: float) -> tuple[float, float]:
     """Least and largest distance at which a side still pulls as much as the push; inf, 0 if none."""
-    width, peak = float(pull.width), float(pull.peak)
-    if push > pull.at(peak):
+    if push > pull.at(pull.peak):
         return math.inf, 0.0
-    if push <= 0:
-        return 0.0, width
-    return bisect(pull.at, push, 0.0, peak), bisect(pull.at, push, width * (1 - 1e-16), peak)
+    return pull.roots(push) if push > 0 else (0.0, float(pull.width))
 
 
 def limits(tick: Tick) -> tuple[float, float]:

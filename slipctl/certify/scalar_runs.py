@@ -51,7 +51,7 @@ def outward(
                 return found_run
     sets, shifted = [start], -1
     z = start
-    for i in range(most):
+    for i in range(most // 5):
         tick = ticks(i)
         found = image(tick, z)
         if found is None:
