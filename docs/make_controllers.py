@@ -13,9 +13,9 @@ from typing import Any
 
 from made import made
 
-from slipctl.ccode.readable import table
-from slipctl.processor import METRIC
-from slipctl.studies.c_targets import passed
+from slipctl.ccode.ship.readable import table
+from slipctl.studies.bench.c_targets import passed
+from slipctl.study.processor import METRIC
 
 HERE = Path(__file__).parent
 PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence"

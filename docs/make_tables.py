@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from slipctl.texts import number
+from slipctl.study.texts import number
 
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
 

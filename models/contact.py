@@ -23,10 +23,10 @@ from typing import Any
 from casadi import atan, exp, fabs, fmax, pi
 
 from slipctl import BadInput, Block, Input, Output, Param, argmax, argmax_table, law, make_block
+from slipctl.analysis.optimum import Peak
 from slipctl.errors import nearest
+from slipctl.estimate.tables import read_table
 from slipctl.models.hertz import E_STEEL, NU_STEEL, c11, ellipse
-from slipctl.optimum import Peak
-from slipctl.tables import read_table
 
 log = logging.getLogger("slipctl")
 

@@ -22,7 +22,7 @@ from casadi import exp
 
 from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, one, opened, step
 from slipctl.errors import known
-from slipctl.identification import linear_fit, swarm_fit
+from slipctl.estimate.identification import linear_fit, swarm_fit
 from slipctl.models.freight_traction import GUESS, TABLE_2, resistance
 
 BOX = {"a1": (0.0, 1.0), "a2": (0.0, 0.1), "a3": (0.0, 0.01)}

@@ -40,7 +40,6 @@ from slipctl import (
 from slipctl.certify import barrier as barrier_bounds
 from slipctl.certify import extremum, observers
 from slipctl.errors import known
-from slipctl.extremum import warn_regime
 from slipctl.models.freight_traction import (
     GUESS,
     TABLE_2,
@@ -48,6 +47,7 @@ from slipctl.models.freight_traction import (
     resistance,
     shaft,
 )
+from slipctl.seek.extremum import warn_regime
 
 FORMS = ("robust", "consistent", "printed-42")
 SECTION_4 = "Cheng 2022, section 4"

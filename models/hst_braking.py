@@ -30,6 +30,10 @@ from slipctl import (
 SOURCE = "Zhang 2021"
 TABLE_2 = "Zhang 2021, Table 2"
 SECTION_5 = "Zhang 2021, section 5.1"
+TABLE_3 = "Zhang 2021, Table 3"
+GUESS = "guess, not in the paper"
+
+M, N, I_W, R, G = 13800.0, 4.0, 60.35, 0.43, 9.81
 
 RAILS = {
     "dry": {"a0": 0.3546, "a1": 23.129, "a2": 0.1246},
@@ -181,11 +185,11 @@ def wheel(
     T_b=Input("N m", "brake torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_R=Input("N", "resistance to motion", value=0.0),
-    m=Param("kg", 13800.0, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
-    n=Param("1", 4.0, "wheels", TABLE_2, lo=1, hi=64),
-    I_w=Param("kg m^2", 60.35, "wheel inertia", TABLE_2, lo=1, hi=5000),
-    r=Param("m", 0.43, "wheel radius", TABLE_2, lo=0.2, hi=1),
-    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+    m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
+    n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+    I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    g=Param("m/s^2", G, "gravity", "not stated in the paper"),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
     omega_0=Param("rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3),
 ):
@@ -254,9 +258,9 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
         mu=Input("1", "adhesion coefficient", positive="traction"),
         lam_held=Input("1", "slip ratio held", positive="braking", per="ratio"),
         F_R=Input("N", "resistance to motion", value=0.0),
-        m=Param("kg", 13800.0, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
-        n=Param("1", 4.0, "wheels", TABLE_2, lo=1, hi=64),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
+        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+        g=Param("m/s^2", G, "gravity", "not stated in the paper"),
         v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3),
     ):
         """M v' = n F_a - F_R at a slip that is held."""

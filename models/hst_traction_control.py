@@ -37,7 +37,9 @@ from slipctl import (
     sampled,
     step,
 )
-from slipctl.block import about
+from slipctl.analysis.quadratic import qp_kernel
+from slipctl.block.block import about
+from slipctl.block.smooth import root
 from slipctl.certify import higher_order as bounds
 from slipctl.errors import known
 from slipctl.models.contact import polach
@@ -50,8 +52,6 @@ from slipctl.models.hst_traction_adhesion import (
     characteristic,
     usable_adhesion,
 )
-from slipctl.quadratic import qp_kernel
-from slipctl.smooth import root
 
 TABLE_5 = "Wang 2025, Table 5"
 T_C = 5e-3

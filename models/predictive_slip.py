@@ -26,7 +26,7 @@ from slipctl import (
     speed_to_ratio,
     step,
 )
-from slipctl.estimate_model import unknown_parameters
+from slipctl.estimate.model import unknown_parameters
 from slipctl.models.common_form import ADDED, T_S, Wheel
 
 

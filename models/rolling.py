@@ -26,10 +26,10 @@ from typing import Any
 import casadi as ca
 
 from slipctl import BadInput, Block, Input, Output, Param, State, make_block
-from slipctl.block import Exprs
-from slipctl.replication import widened, with_derived
-from slipctl.rooting import bracketed_newton
-from slipctl.signals import Signal
+from slipctl.analysis.rooting import bracketed_newton
+from slipctl.block.block import Exprs
+from slipctl.block.replication import widened, with_derived
+from slipctl.block.signals import Signal
 
 STAGES = ((0, 0), (0, 0), (3, 3, 3), (24, 24, 24, 24, 24, 24))
 """Newton updates of each axle in each sweep over the axles, beside the one between two sweeps. A

@@ -12,83 +12,71 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "errors": ["BadInput", "RunFailed"],
-    "signals": ["Signal", "State", "Input", "Param", "Noise", "Output"],
-    "block": ["Block", "law", "flow", "step", "make_block"],
-    "connection": ["connect"],
-    "timing": ["sampled", "every", "unit_delay"],
-    "replication": ["replicate"],
-    "adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
-    "units": ["one"],
-    "rail": ["Section", "Rail", "Scenario"],
-    "simulation": ["simulate"],
-    "estimate": ["rls", "probe", "peak_bound", "opened"],
-    "filtering": ["ctukf", "ekf", "observability", "lipschitz"],
-    "seek": ["differential_evolution"],
-    "extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
-    "extremum_lock": ["locking_seek"],
-    "observing": ["luenberger"],
-    "fitting": ["fit", "Fitted"],
-    "swarm": ["particle_swarm", "least_squares", "Fit"],
-    "identification": ["identify", "Identified", "linear_fit", "misfit_search", "swarm_fit"],
-    "optimum": ["argmax", "argmax_block"],
-    "lookup": ["argmax_table"],
-    "predictive": ["nmpc"],
-    "trials": ["feasibility", "Feasibility"],
-    "clairvoyant": ["trajectory", "Trajectory"],
-    "linearise": ["linear", "nonlinear", "operating_point"],
-    "studying": [
-        "Study",
-        "Case",
-        "Claim",
-        "Context",
-        "Experiment",
-        "Figure",
-        "Gains",
-        "Known",
-        "Results",
-        "Signals",
-        "Table",
+    "block.signals": ["Signal", "State", "Input", "Param", "Noise", "Output"],
+    "block.block": ["Block", "make_block"],
+    "block.declare": ["law", "flow", "step"],
+    "block.connection": ["connect"],
+    "block.timing": ["sampled", "every", "unit_delay"],
+    "block.replication": ["replicate"],
+    "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
+    "block.units": ["one"],
+    "run.rail": ["Section", "Rail", "Scenario"],
+    "run.simulation": ["simulate"],
+    "estimate.least_squares": ["rls", "probe", "peak_bound", "opened"],
+    "estimate.kalman.filters": ["ctukf", "ekf", "observability", "lipschitz"],
+    "seek.evolution": ["differential_evolution"],
+    "seek.extremum": ["sliding_seek", "perturbation_seek", "seek_limits", "SeekLimits"],
+    "seek.lock": ["locking_seek"],
+    "analysis.observing": ["luenberger"],
+    "estimate.fitting": ["fit", "Fitted"],
+    "seek.swarm": ["particle_swarm", "least_squares", "Fit"],
+    "estimate.identification": [
+        "identify",
+        "Identified",
+        "linear_fit",
+        "misfit_search",
+        "swarm_fit",
     ],
-    "codegen": ["c_module", "CModule"],
+    "analysis.optimum": ["argmax", "argmax_block"],
+    "analysis.lookup": ["argmax_table"],
+    "predict.nmpc": ["nmpc"],
+    "predict.trials": ["feasibility", "Feasibility"],
+    "predict.trajectory": ["trajectory", "Trajectory"],
+    "analysis.linearise": ["linear", "nonlinear", "operating_point"],
+    "run.roles": ["Signals"],
+    "run.results": ["Case", "Known", "Results", "Table"],
+    "study.declaration": ["Study", "Claim", "Context", "Experiment", "Figure", "Gains"],
+    "ccode.codegen": ["c_module", "CModule"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
-    from slipctl.adaptors import flip_sign, mirror, ratio_to_speed, speed_to_ratio
-    from slipctl.block import Block, flow, law, make_block, step
-    from slipctl.clairvoyant import Trajectory, trajectory
-    from slipctl.codegen import CModule, c_module
-    from slipctl.connection import connect
+    from slipctl.analysis.linearise import linear, nonlinear, operating_point
+    from slipctl.analysis.lookup import argmax_table
+    from slipctl.analysis.optimum import argmax, argmax_block
+    from slipctl.block.adaptors import flip_sign, mirror, ratio_to_speed, speed_to_ratio
+    from slipctl.block.block import Block, make_block
+    from slipctl.block.connection import connect
+    from slipctl.block.declare import flow, law, step
+    from slipctl.block.replication import replicate
+    from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
+    from slipctl.block.timing import every, sampled, unit_delay
+    from slipctl.block.units import one
+    from slipctl.ccode.codegen import CModule, c_module
     from slipctl.errors import BadInput, RunFailed
-    from slipctl.estimate import opened, peak_bound, probe, rls
-    from slipctl.filtering import ctukf, ekf, lipschitz, observability
-    from slipctl.fitting import Fitted, fit
-    from slipctl.linearise import linear, nonlinear, operating_point
-    from slipctl.lookup import argmax_table
-    from slipctl.optimum import argmax, argmax_block
-    from slipctl.predictive import nmpc
-    from slipctl.rail import Rail, Scenario, Section
-    from slipctl.replication import replicate
-    from slipctl.seek import differential_evolution
-    from slipctl.signals import Input, Noise, Output, Param, Signal, State
-    from slipctl.simulation import simulate
-    from slipctl.studying import (
-        Case,
-        Claim,
-        Context,
-        Experiment,
-        Figure,
-        Gains,
-        Known,
-        Results,
-        Signals,
-        Study,
-        Table,
-    )
-    from slipctl.timing import every, sampled, unit_delay
-    from slipctl.trials import Feasibility, feasibility
-    from slipctl.units import one
+    from slipctl.estimate.fitting import Fitted, fit
+    from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
+    from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
+    from slipctl.predict.nmpc import nmpc
+    from slipctl.predict.trajectory import Trajectory, trajectory
+    from slipctl.predict.trials import Feasibility, feasibility
+    from slipctl.run.rail import Rail, Scenario, Section
+    from slipctl.run.results import Case, Known, Results, Table
+    from slipctl.run.roles import Signals
+    from slipctl.run.simulation import simulate
+    from slipctl.seek.evolution import differential_evolution
+    from slipctl.study.declaration import Claim, Context, Experiment, Figure, Gains, Study
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 import sys
 
-from slipctl.cli import main
+from slipctl.commands.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

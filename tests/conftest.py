@@ -9,10 +9,11 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 
-from slipctl import Block, Rail, Scenario, Section, build, connect, sampled
+from slipctl import Block, Rail, Scenario, Section, connect, sampled
 from slipctl.models import subway_braking as subway
 from slipctl.models import subway_braking_control as control
 from slipctl.models.brakes import brake
+from slipctl.run import build
 
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25, database=None)
 settings.register_profile("hunt", deadline=None, max_examples=2000, database=None)

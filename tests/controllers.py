@@ -9,7 +9,9 @@ from collections.abc import Callable
 
 from slipctl import Block
 from slipctl.models import freight_traction_control
-from slipctl.studies import hst_braking_loops, hst_traction_loops, subway_braking_loops
+from slipctl.studies.hst_braking import loops as hst_braking_loops
+from slipctl.studies.hst_traction import loops as hst_traction_loops
+from slipctl.studies.subway_braking import loops as subway_braking_loops
 
 
 def _subway() -> Block:

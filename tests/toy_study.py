@@ -138,7 +138,7 @@ def seeds(context: Context) -> Table:
 
 def slip(results: Results) -> Any:
     """Slip and torque."""
-    from slipctl import plots
+    from slipctl.draw import plots
 
     return plots.traces(results, "base", signals=[("slip", "reference"), "torque"])
 

@@ -1,1 +1,5 @@
-"""C of a Block: expressions, kernel, struct layout, header, source, the files beside them."""
+"""C of a block: its text, the program, the checks, and what is handed over.
+
+Does a line serve the C of a controller? Then it lives here, in one of the four rooms: ``write``,
+``compile``, ``check``, ``ship``; ``codegen`` is their front door.
+"""

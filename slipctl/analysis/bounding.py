@@ -1,0 +1,133 @@
+"""Bounds that a criterion needs, from the model or from a run: how steep, how fast, how much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.certify.enclosure import enclose, expanded, largest
+from slipctl.errors import BadInput, nearest
+
+METHODS = ("interval", "grid")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """An upper bound of a magnitude.
+
+    Attributes:
+        value: the bound.
+        reached: the largest magnitude that was seen; the true one lies between both.
+        method: how it was found, in words.
+    """
+
+    value: float
+    reached: float
+    method: str
+
+
+def largest_slope(
+    block: Block,
+    output: str,
+    wrt: str,
+    over: Mapping[str, tuple[float, float]],
+    method: str = "interval",
+    cells: int = 400,
+    **at: float,
+) -> Bound:
+    """Largest |d output/d wrt| of a block over a box, from its exact Jacobian.
+
+    Args:
+        block: any block. output, wrt: names of an output (or derivative) and of what it varies by.
+        over: range of each signal that varies; the rest has its declared value, or that of ``at``.
+        method: ``"interval"``: interval arithmetic on boxes that are halved until bound and largest
+            slope found differ by 0.1 %. ``"grid"``: the slope at the middle of each cell of a grid,
+            and a Lipschitz remainder, the enclosed second derivatives times half the cell. Both
+            are proven.
+        cells: cells along each range of the grid.
+        **at: values of the other signals.
+
+    Raises:
+        BadInput: an unknown name or method, an empty range, an operation without an interval rule.
+    """
+    if method not in METHODS:
+        raise BadInput(f"largest_slope has no method {method!r}{nearest(method, METHODS)}")
+    f = slope_function(block, output, wrt, list(over), at)
+    ends = np.array([[float(a), float(b)] for a, b in over.values()])
+    for name, (a, b) in over.items():
+        if not (np.isfinite([a, b]).all() and a < b):
+            raise BadInput(f"largest_slope: the range {a:g}..{b:g} of {name} is empty")
+    low, high = ends[:, 0], ends[:, 1]
+    if method == "interval":
+        middle = np.abs(np.array(f((low + high) / 2).full())).max()
+        found = largest(
+            f, low, high, 1e-3 * max(float(middle), 1e-12),
+            lambda y: np.abs(y[0]), lambda a, b: np.maximum(np.abs(a[0]), np.abs(b[0])),
+        )  # fmt: skip
+        how = f"interval arithmetic on {found.boxes} boxes"
+        return Bound(found.bound, found.reached, how)
+    x = ca.SX.sym("x", len(low))
+    second = ca.Function("second", [x], [ca.densify(ca.gradient(f(x), x))])
+    edges = [np.linspace(a, b, cells + 1) for a, b in ends]
+    lows = np.array([g.ravel() for g in np.meshgrid(*(e[:-1] for e in edges), indexing="ij")])
+    highs = np.array([g.ravel() for g in np.meshgrid(*(e[1:] for e in edges), indexing="ij")])
+    seen = np.abs(np.array(f(lows / 2 + highs / 2).full())).ravel()
+    least, most = enclose(second, lows, highs)
+    rest = (np.maximum(np.abs(least), np.abs(most)) * (highs - lows) / 2).sum(axis=0)
+    how = f"grid of {lows.shape[1]} cells with a Lipschitz remainder"
+    return Bound(float((seen + rest).max()), float(seen.max()), how)
+
+
+def slope_function(
+    block: Block, output: str, wrt: str, varying: Sequence[str], at: Mapping[str, float]
+) -> ca.Function:
+    """Slope of an output by a signal as a Function of the column of varying signals.
+
+    Raises:
+        BadInput: an unknown name.
+    """
+    jacobian = expanded(block.jacobian(output, wrt))
+    names = [n.partition("_")[2] for n in jacobian.name_in()]
+    for name in (*varying, *at):
+        if name not in names:
+            raise BadInput(f"{block.name} has no signal {name!r}{nearest(name, names)}")
+    declared: dict[str, Any] = {
+        **block.start(), **{n: s.value for n, s in block.inputs.items()}, **block.param_values()
+    }  # fmt: skip
+    x = ca.SX.sym("x", len(varying))
+    arguments = []
+    for name in names:
+        value = x[list(varying).index(name)] if name in varying else at.get(name, declared[name])
+        if value is None:
+            raise BadInput(f"{block.name}: give a value or a range of {name}")
+        arguments.append(value)
+    return ca.Function("slope", [x], [ca.densify(jacobian(*arguments))])
+
+
+def fastest(
+    time: np.ndarray, values: np.ndarray, apart: Sequence[float] = (), within: float = 0.0
+) -> Bound:
+    """Largest rate of a logged signal, |difference|/period, seen in a run.
+
+    Args:
+        time: in s, evenly spaced. values: of the signal.
+        apart: times of events, such as a change of the rail.
+        within: how long after an event rates are left out, in s; the event itself always is.
+
+    Raises:
+        BadInput: fewer than two values.
+    """
+    if len(values) < 2:
+        raise BadInput("fastest needs two values or more")
+    step = float(time[1] - time[0])
+    rates = np.abs(np.diff(values)) / step
+    keep = np.ones(len(rates), bool)
+    for t in apart:
+        keep &= (time[1:] < t - 1e-9) | (time[:-1] > t + within + 1e-9)
+    seen = float(rates[keep].max()) if keep.any() else 0.0
+    return Bound(seen, seen, "seen in a run, no proof")

@@ -1,0 +1,137 @@
+"""Peaks of a law over another of its inputs as a table: the optimum for C, without a search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.analysis.optimum import highest_peak, objective_functions
+from slipctl.block.block import Block, Exprs, about, make_block
+from slipctl.block.signals import Output
+from slipctl.block.units import one
+from slipctl.errors import BadInput, RunFailed, check_range, nearest
+
+MOST = 400
+"""Largest number of nodes of a table."""
+
+
+def argmax_table(
+    law: Block,
+    over: str,
+    by: str,
+    maximise: str | None = None,
+    *,
+    lo: float,
+    hi: float,
+    span: tuple[float, float],
+    error: float = 1e-3,
+    conditions: Mapping[str, Mapping[str, float]] | None = None,
+) -> Block:
+    """Make a law that knows the peak of another one on each of its rail conditions.
+
+    Place and height of the peak are computed at nodes of ``by``, which are set closer where they
+    bend, and are straight lines between them: y = y_0 + sum_k s_k min(max(x - x_k, 0), x_k+1 -
+    x_k). There is no search, no division and no index, so it runs in C, in float too.
+
+    Args:
+        law: a law of scalar expressions.
+        over: input whose best value is wanted. lo, hi: its range, in its unit.
+        by: input that the table goes by. span: its range; outside, the ends hold.
+        maximise: output that is maximised; may be left out if there is only one.
+        error: largest relative error of place and of height, at the middles of all intervals.
+        conditions: parameters by name; those of the law's rail conditions by default.
+
+    Returns:
+        A law. Input: ``by``. Outputs: ``best`` (places) and ``value`` (heights), one element per
+        condition, in the order of ``choices["conditions"]``.
+
+    Raises:
+        BadInput: unknown names, an empty range, or no condition.
+        RunFailed: the error is not reached with 400 nodes.
+    """
+    where = f"argmax_table({law.name})"
+    check_range(where, lo, hi)
+    check_range(where, *span)
+    if by not in law.inputs or by == over:
+        others = [n for n in law.inputs if n != over]
+        raise BadInput(f"{where} has no other input {by!r}{nearest(by, others)}")
+    rails = dict(conditions if conditions is not None else law.conditions)
+    if not rails:
+        raise BadInput(f"{where}: {law.name} has no conditions; give conditions={{...}}")
+    found = [
+        objective_functions(where, law, [over], maximise, {by: span[0], **values})
+        for values in rails.values()
+    ]
+    column = [n for n in law.inputs if n != over].index(by)
+
+    def peaks(x: float) -> np.ndarray:
+        """Places and heights at x, one row each."""
+        rows = []
+        for value, slope, p in found:
+            p[column] = x
+            peak = highest_peak(where, value, slope, p, lo, hi)
+            rows.append((peak.location, peak.value))
+        return np.array(rows).T
+
+    xs, ys, worst = _nodes(where, peaks, span, error)
+    slopes = np.diff(ys, axis=0) / np.diff(xs)[:, None, None]
+    x = law.inputs[by]
+
+    target, height = law.inputs[over], law.outputs[maximise or next(iter(law.outputs))]
+
+    def body(states: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        to = one(x.unit)
+        ramps = [
+            ca.fmin(ca.fmax(u[by] - float(a) * to, 0.0), float(b - a) * to) for a, b in pairwise(xs)
+        ]
+
+        def line(k: int, i: int, unit: str) -> Any:
+            """Height of row k of condition i over the ramps."""
+            per = one(f"({unit})/({x.unit})")
+            steps = [float(s) * per * r for s, r in zip(slopes[:, k, i], ramps, strict=True)]
+            return sum(steps, float(ys[0, k, i]) * one(unit))
+
+        return {}, {
+            name: ca.vertcat(*[line(k, i, unit) for i in range(len(rails))])
+            for k, (name, unit) in enumerate((("best", target.unit), ("value", height.unit)))
+        }
+
+    n = len(rails)
+    outputs: list[Any] = [
+        Output(target.unit, f"best {target.doc}", positive=target.positive, per=target.per,
+               shape=(n,)).named("best"),
+        height.as_role("output", doc="value there", shape=(n,)).named("value"),
+    ]  # fmt: skip
+    return make_block(
+        "argmax_table", "law", body, inputs=[x], outputs=outputs,
+        choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
+                 "nodes": len(xs), "error": float(f"{worst:.2g}")},
+        doc=about(argmax_table),
+    )  # fmt: skip
+
+
+def _nodes(
+    where: str, peaks: Any, span: tuple[float, float], error: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Nodes, peaks there (node, place or height, condition), and the error in the middles."""
+    known = {x: peaks(x) for x in map(float, span)}
+    waiting, worst = [(float(span[0]), float(span[1]))], 0.0
+    while waiting:
+        a, b = waiting.pop()
+        middle = a + (b - a) / 2
+        true = known[middle] = peaks(middle)
+        miss = np.abs((known[a] + known[b]) / 2 - true) / np.abs(true)
+        if not miss.max() <= error:
+            waiting += [(a, middle), (middle, b)]
+            if len(known) > MOST:
+                raise RunFailed(f"{where}: {MOST} nodes do not reach an error of {error:g}")
+        else:
+            worst = max(worst, float(miss.max()))
+            if miss.max() <= error / 16:  # as good without it
+                del known[middle]
+    xs = np.array(sorted(known))
+    return xs, np.array([known[x] for x in xs]), worst

@@ -1,0 +1,731 @@
+"""The Block: one page of equations that is called, differentiated, simulated and generated as C.
+
+A block is written as a Python function whose default arguments declare its signals and whose body
+is the paper's formulas. ``@law`` is algebra, ``@flow`` gives x' = f, ``@step`` gives x+ = f.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.signals import Signal, evaluate, names_in, total_size
+from slipctl.errors import BadInput, nearest
+
+Exprs = dict[str, Any]
+Body = Any
+"""Function of dictionaries (x, u, p) of expressions, giving (x' or x+, outputs)."""
+Rebuild = Callable[[dict[str, "Block"]], "Block"]
+
+ROLES = ("state", "input", "param", "output")
+_PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
+
+
+def symbol_maker(sx: bool) -> Callable[..., Any]:
+    """``SX.sym`` or ``MX.sym``."""
+    return ca.SX.sym if sx else ca.MX.sym
+
+
+class Block:
+    """Equations with declared signals; see the module text for how to write one.
+
+    Attributes:
+        name: name of the block.
+        kind: ``"law"``, ``"flow"`` or ``"step"``.
+        period: sample period in s of a step that insists on one, otherwise None.
+        doc: what the block is, with its source.
+        choices: structural choices by keyword, for name, report and C header.
+        conditions: parameter sets by the name of a rail condition, ``{"dry": {"c": 1.0}}``.
+        closed_form: for a law, function of its parameters giving the argument of its peak.
+        coordinates: for a law, the expressions of its parameters that an estimator works in.
+        readings: for a law, its signals as expressions of what a measured curve has in place of
+            them, ``{"v_s": "creep * v"}``.
+        expects: orders that a law's parameters usually keep, ``("k_A >= k_S",)``.
+        units: ``"checked"``, or ``"printed"`` for a printed form that cannot be made consistent.
+        sx: whether the body works on CasADi SX (scalar expressions) or on MX.
+        parts: the blocks this one was made of, by name.
+        wires: for a connected block, source by destination.
+        prefixed: whether signals carry their part's name in front (made by ``connect``).
+        transparent: whether it is its only part in another time (``sampled``, ``every``), so that
+            paths and swaps look through it.
+        own: names of states and parameters whose values this block keeps for itself, although a
+            part has the name too (``replicate``: one value per copy).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        body: Body,
+        signals: Iterable[Signal],
+        *,
+        period: float | None = None,
+        doc: str = "",
+        sx: bool = True,
+        choices: Mapping[str, Any] | None = None,
+        parts: Mapping[str, Block] | None = None,
+        rebuild: Rebuild | None = None,
+        wires: Mapping[str, str] | None = None,
+        units: str = "checked",
+        conditions: Mapping[str, Mapping[str, float]] | None = None,
+        closed_form: Callable[..., Any] | None = None,
+        coordinates: Iterable[str] = (),
+        readings: Mapping[str, str] | None = None,
+        expects: Iterable[str] = (),
+        prefixed: bool = False,
+        transparent: bool = False,
+        own: Iterable[str] = (),
+    ) -> None:
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+            raise BadInput(
+                f"a block's name must be a letter, then letters, digits, _; not {name!r}"
+            )
+        if name.lower() in ("null", "jac", "hess"):
+            raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
+        self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
+        self.choices: dict[str, Any] = dict(choices or {})
+        self.parts: dict[str, Block] = dict(parts or {})
+        self.wires: dict[str, str] = dict(wires or {})
+        self.units = units
+        self.conditions = {k: dict(v) for k, v in (conditions or {}).items()}
+        self.closed_form = closed_form
+        self.coordinates = tuple(coordinates)
+        self.readings = dict(readings or {})
+        self.expects = tuple(expects)
+        self.prefixed = prefixed
+        self.transparent = transparent
+        self.own = frozenset(own)
+        self._body, self._rebuild = body, rebuild
+        self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
+        seen: set[str] = set()
+        for s in signals:
+            if s.name in seen and s.role != "output":
+                raise BadInput(f"{name} declares {s.name!r} twice")
+            seen.add(s.name)
+            if s.role == "output" and s.name in self._signals["output"]:
+                raise BadInput(f"{name} declares the output {s.name!r} twice")
+            self._signals[s.role][s.name] = s
+        if kind == "law" and self.states:
+            raise BadInput(f"{name} is a law and cannot have states; make it a flow or a step")
+        for p in self.params.values():
+            if not p.derived and p.value is not None:
+                p.check(f"{name}.{p.name}", p.value)
+        for y in self.outputs.values():
+            if y.safe is not None:
+                replace(y, shape=()).check(f"safe value of {name}.{y.name}", y.safe)
+
+    # ---- signals ------------------------------------------------------------------------------
+
+    @property
+    def states(self) -> dict[str, Signal]:
+        """States in order."""
+        return self._signals["state"]
+
+    @property
+    def inputs(self) -> dict[str, Signal]:
+        """Inputs in order."""
+        return self._signals["input"]
+
+    @property
+    def params(self) -> dict[str, Signal]:
+        """Parameters in order, derived ones included."""
+        return self._signals["param"]
+
+    @property
+    def outputs(self) -> dict[str, Signal]:
+        """Outputs in order."""
+        return self._signals["output"]
+
+    @property
+    def signals(self) -> list[Signal]:
+        """All signals: states, inputs, parameters, outputs."""
+        return [s for role in ROLES for s in self._signals[role].values()]
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(self._signals[r])} {r}s" for r in ROLES if self._signals[r])
+        return f"<{self.kind} {self.name}: {counts}>"
+
+    def _repr_latex_(self) -> str:
+        from slipctl.draw import show
+
+        return show.latex(self)
+
+    def __getitem__(self, path: str) -> Block:
+        """Return a part by its path, ``loop["plant.adh"]``."""
+        if self.transparent:
+            return next(iter(self.parts.values()))[path]
+        head, _, rest = path.partition(".")
+        if head not in self.parts:
+            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, self.parts)}")
+        return self.parts[head][rest] if rest else self.parts[head]
+
+    def leaves(self, prefix: str = "") -> Iterable[tuple[str, Block]]:
+        """Yield path and block of every block without parts, depth first."""
+        if not self.parts:
+            yield prefix, self
+        for name, part in self.parts.items():
+            path = prefix if self.transparent else f"{prefix}.{name}" if prefix else name
+            yield from part.leaves(path)
+
+    # ---- values -------------------------------------------------------------------------------
+
+    def derive(self, free: Mapping[str, Any]) -> dict[str, Any]:
+        """Complete the parameters: derived ones from the free ones (numbers or symbols)."""
+        values = {k: v for k, v in free.items() if k in self.params}
+        waiting = {n: s.value for n, s in self.params.items() if s.derived}
+        while waiting:
+            ready = [
+                n
+                for n, e in waiting.items()
+                if all(self._sibling(n, k) in values for k in names_in(e))
+            ]
+            if not ready:
+                name, expression = next(iter(waiting.items()))
+                for k in names_in(expression):
+                    if self._sibling(name, k) not in self.params:
+                        raise BadInput(
+                            f"{self.name}.{name} = {expression!r} uses {k!r}"
+                            f"{nearest(k, self.params)}"
+                        )
+                raise BadInput(f"{self.name}.{name} = {expression!r} depends on itself")
+            for n in ready:
+                e = waiting.pop(n)
+                local = {k: values[self._sibling(n, k)] for k in names_in(e)}
+                values[n] = evaluate(e, local, f"{self.name}.{n}")
+        return {n: values[n] for n in self.params if n in values}
+
+    @staticmethod
+    def _sibling(name: str, other: str) -> str:
+        """Full name of ``other`` beside ``name``: expressions speak of their own block."""
+        return name.rpartition(".")[0] + "." + other if "." in name else other
+
+    def param_values(self, **override: Any) -> dict[str, np.ndarray]:
+        """Values of all parameters, checked against their ranges, derived ones computed.
+
+        Raises:
+            BadInput: a parameter without value, off range, unknown, or derived and overridden.
+        """
+        free: dict[str, Any] = {}
+        for n in override:
+            self._settable(n)
+        for n, s in self.params.items():
+            if s.derived:
+                continue
+            value = override.get(n, s.value)
+            if value is None:
+                raise BadInput(f"{self.name}.{n} has no value; set it, in {s.unit}")
+            free[n] = s.check(f"{self.name}.{n}", value)
+        values = self.derive(free)
+        return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
+
+    def orders(self) -> list[tuple[str, str]]:
+        """Pairs (larger, smaller) of parameters that the law expects in this order.
+
+        Raises:
+            BadInput: an expectation of another form, or of an unknown parameter.
+        """
+        found = []
+        for text in self.expects:
+            larger, _, smaller = (part.strip() for part in text.partition(">="))
+            for n in (larger, smaller):
+                if n not in self.params:
+                    raise BadInput(
+                        f"{self.name} expects {text!r}; write 'p >= q' of two parameters"
+                    )
+            found.append((larger, smaller))
+        return found
+
+    def start(self, **override: Any) -> dict[str, np.ndarray]:
+        """Start values of the states; expressions such as ``"v / r"`` are computed.
+
+        Raises:
+            BadInput: unknown state, value off range, or an expression that cannot be computed.
+        """
+        for n in override:
+            if n not in self.states:
+                raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
+        given: dict[str, Any] = {n: v for n, v in override.items() if isinstance(v, str)}
+        for n, s in self.states.items():
+            if n in override and n not in given:
+                given[n] = s.check(f"{self.name}.{n}", override[n])
+        return self._start(given, self.param_values())
+
+    def _start(self, given: Mapping[str, Any], params: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Start values beside the given ones, which may lie off range."""
+        values: dict[str, Any] = {}
+        waiting: dict[str, str] = {}
+        for n, s in self.states.items():
+            value = given.get(n, s.value)
+            if isinstance(value, str):
+                waiting[n] = value
+            else:
+                values[n] = value if n in given else s.check(f"{self.name}.{n}", value)
+        while waiting:
+            progress = False
+            for n, e in list(waiting.items()):
+                needed = {k: self._sibling(n, k) for k in names_in(e)}
+                known = {**values, **params}
+                if all(full in known for full in needed.values()):
+                    local = {k: known[full] for k, full in needed.items()}
+                    number = evaluate(e, local, f"{self.name}.{n}")
+                    values[n] = self.states[n].check(f"{self.name}.{n}", number)
+                    del waiting[n]
+                    progress = True
+            if not progress:
+                n, e = next(iter(waiting.items()))
+                raise BadInput(f"{self.name}.{n}: start value {e!r} cannot be computed")
+        return {n: values[n] for n in self.states}
+
+    def _settable(self, name: str) -> Signal:
+        if name not in self.params:
+            raise BadInput(f"{self.name} has no parameter {name!r}{nearest(name, self.params)}")
+        signal = self.params[name]
+        if signal.derived:
+            raise BadInput(
+                f"{self.name}.{name} is derived, {signal.value}; set "
+                + " or ".join(names_in(signal.value))
+            )
+        return signal
+
+    def with_params(self, **values: Any) -> Block:
+        """Return the block with other parameter values (or start values of its states).
+
+        Names may carry dots when passed as ``**{"car.m": 9000}``. An expression of the block's
+        own signals is a value too.
+
+        Raises:
+            BadInput: unknown or derived parameter, value off range or NaN, an expression of names
+                that the block has not.
+        """
+        for name, value in values.items():
+            signal = self.states[name] if name in self.states else self._settable(name)
+            if not isinstance(value, str):
+                signal.check(f"{self.name}.{name}", value)
+                continue
+            full = [*self.params, *(self.states if name in self.states else ())]
+            last = [n.rpartition(".")[2] for n in full]
+            beside = [k for n, k in zip(full, last, strict=True) if self._sibling(name, k) == n]
+            for k in names_in(value):
+                if k not in beside:
+                    raise BadInput(
+                        f"{self.name}.{name} takes a number in {signal.unit} or an expression;"
+                        f" {value!r} uses {k!r}{nearest(k, beside)}"
+                    )
+        return self._with_values(values)
+
+    def _with_values(self, values: Mapping[str, Any]) -> Block:
+        """Give each value to the part that owns it; what no part owns stays with this block."""
+        handed: dict[str, dict[str, Any]] = {}
+        own: dict[str, Any] = {}
+        for name, value in values.items():
+            owner = self._owner(name)
+            if owner is None:
+                own[name] = value
+            else:
+                handed.setdefault(owner[0], {})[owner[1]] = value
+        if handed:
+            assert self._rebuild is not None
+            parts = {
+                k: part._with_values(handed[k]) if k in handed else part
+                for k, part in self.parts.items()
+            }
+            return self._rebuild(parts)._keep_values(self, own)
+        return self._keep_values(self, own)
+
+    def _keep_values(self, before: Block, new: Mapping[str, Any]) -> Block:
+        """Take over, from the block as it was, the values that belong to no part."""
+        changed = []
+        for s in self.signals:
+            old = before._signals[s.role].get(s.name)
+            if s.role not in ("param", "state") or self._owner(s.name) is not None:
+                changed.append(s)
+            elif s.name in new:
+                changed.append(s.valued(new[s.name]))
+            else:
+                changed.append(s if old is None else s.valued(old.value))
+        block = self._copy(changed)
+        block.name = before.name
+        return block
+
+    def _owner(self, name: str) -> tuple[str, str] | None:
+        """Part that owns state or parameter ``name``, and its name there."""
+        role = "state" if name in self.states else "param"
+        if name in self.own:
+            return None
+        if self.prefixed:
+            head, _, rest = name.partition(".")
+            found = head in self.parts and rest in self.parts[head]._signals[role]
+            return (head, rest) if found else None
+        if self._rebuild is not None:
+            for head, part in self.parts.items():
+                if name in part._signals[role]:
+                    return head, name
+        return None
+
+    def _copy(self, signals: Iterable[Signal]) -> Block:
+        block = Block(
+            self.name, self.kind, self._body, signals,
+            period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
+            rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
+            closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
+            expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
+            own=self.own,
+        )  # fmt: skip
+        return block
+
+    def renamed(self, name: str) -> Block:
+        """Return the same block under another name."""
+        block = self._copy(self.signals)
+        block.name = name
+        return block
+
+    def swap(self, name: str, block: Block) -> Block:
+        """Return the block with part ``name`` (a path, ``"plant.adh"``) replaced.
+
+        Raises:
+            BadInput: no such part, or the new block does not fit the wires.
+        """
+        as_block(f"{self.name}.swap: the new {name}", block)
+        parts = dict(self.parts)
+        if self.transparent:
+            assert self._rebuild is not None
+            ((head, part),) = parts.items()
+            return self._rebuild({head: part.swap(name, block)})._keep_values(self, {})
+        head, _, rest = name.partition(".")
+        if head not in parts:
+            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
+        if self._rebuild is None:
+            raise BadInput(f"{self.name} cannot be rebuilt with another {head!r}")
+        parts[head] = parts[head].swap(rest, block) if rest else block
+        return self._rebuild(parts)._keep_values(self, {})
+
+    # ---- functions ----------------------------------------------------------------------------
+
+    def expr(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        """Evaluate the body on CasADi expressions by name; returns (x' or x+, outputs)."""
+        n, y = self._body(x, u, p)
+        self._complete("state", n, "derivative" if self.kind == "flow" else "next state")
+        self._complete("output", y, "output")
+        return _columns(n), _columns(y)
+
+    def _complete(self, role: str, given: Mapping[str, Any], what: str) -> None:
+        wanted = self._signals[role]
+        for name in wanted:
+            if name not in given:
+                raise BadInput(f"{self.name} does not return its {what} {name!r}")
+        for name, value in given.items():
+            if name not in wanted:
+                raise BadInput(
+                    f"{self.name} returns an undeclared {what} {name!r}{nearest(name, wanted)}"
+                )
+            if value is None or isinstance(value, (str, Mapping)):
+                raise BadInput(
+                    f"{self.name} returns {value!r} as {what} {name!r}; return an expression"
+                )
+
+    def symbols(self, role: str) -> Exprs:
+        """CasADi symbols of one role by name, named as in the equations."""
+        sym = symbol_maker(self.sx)
+        return {
+            n: sym(n, *(s.shape if len(s.shape) == 2 else (s.size, 1)))
+            for n, s in self._signals[role].items()
+        }
+
+    def pack(self, role: str, values: Mapping[str, Any]) -> Any:
+        """Stack values (numbers or expressions) of one role to one column vector."""
+        columns = []
+        for n, s in self._signals[role].items():
+            v = values[n]
+            shape = s.shape if len(s.shape) == 2 else (s.size, 1)
+            if isinstance(v, (list, tuple)):
+                v = ca.vertcat(*v)
+            if isinstance(v, np.ndarray) and v.size == s.size:
+                v = ca.DM(np.asarray(v, dtype=float).reshape(shape))
+            elif isinstance(v, (np.generic, np.ndarray)) or not hasattr(v, "shape"):
+                v = ca.DM(float(v)) if np.size(v) == 1 else ca.DM(v)
+            if tuple(v.shape) != tuple(shape):
+                if v.shape == (1, 1):
+                    v = ca.repmat(v, *shape)
+                elif v.numel() == s.size and 1 in v.shape:
+                    v = ca.reshape(v, *shape)
+                else:
+                    raise BadInput(
+                        f"{self.name}.{n} has shape {tuple(v.shape)}, declared {tuple(shape)}"
+                    )
+            v = ca.densify(v)
+            columns.append(ca.reshape(v, s.size, 1) if len(s.shape) == 2 else v)
+        return ca.vertcat(*columns) if columns else ca.DM(0, 1)
+
+    def unpack(self, role: str, vector: Any) -> Exprs:
+        """Split a column vector into values of one role by name, in their shapes."""
+        out: Exprs = {}
+        at = 0
+        for n, s in self._signals[role].items():
+            piece = vector[at : at + s.size]
+            out[n] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
+            at += s.size
+        return out
+
+    @cached_property
+    def f(self) -> ca.Function:
+        """Packed function ``(x, u, p) -> (n, y)``; n is x' of a flow and x+ of a step."""
+        sym = symbol_maker(self.sx)
+        x, u, p = (
+            sym(letter, total_size(self._signals[role].values()))
+            for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
+        )
+        n, y = self.expr(self.unpack("state", x), self.unpack("input", u), self.unpack("param", p))
+        out = [self.pack("state", n), self.pack("output", y)]
+        f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
+        if self.sx and not self.parts:
+            _refuse_nan(self.name, f)
+        return f
+
+    def _c_name(self) -> str:
+        return re.sub(r"_+", "_", self.name).strip("_")
+
+    def _io_names(self, role: str, letter: str) -> list[str]:
+        names: list[str] = []
+        for n in self._signals[role]:
+            base = re.sub(r"_+", "_", f"{letter}_{n.replace('.', '_')}").rstrip("_")
+            while base in names:
+                base += "a"
+            names.append(base)
+        return names
+
+    def _named_symbols(self) -> tuple[list[Any], list[str], tuple[Exprs, Exprs, Exprs]]:
+        args: list[Any] = []
+        names: list[str] = []
+        groups = []
+        for role in ("state", "input", "param"):
+            symbols = self.symbols(role)
+            groups.append(symbols)
+            args += list(symbols.values())
+            names += self._io_names(role, _PREFIX[role])
+        return args, names, (groups[0], groups[1], groups[2])
+
+    def function(self) -> ca.Function:
+        """CasADi Function with one named argument per signal.
+
+        Inputs are ``x_<state>, u_<input>, p_<param>``, outputs ``d_<state>`` (flow) or
+        ``n_<state>`` (step) and ``y_<output>``; dots of composite names become underscores.
+        """
+        args, names, groups = self._named_symbols()
+        n, y = self.expr(*groups)
+        letter = "d" if self.kind == "flow" else "n"
+        results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
+        out = self._io_names("state", letter) + self._io_names("output", "y")
+        f = ca.Function(self._c_name(), args, results, names, out)
+        if self.sx and not self.parts:
+            _refuse_nan(self.name, f)
+        return f
+
+    def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
+        """Exact Jacobian of an output or of a state's equation, as a named Function.
+
+        Args:
+            of: name of an output, or of a state (its derivative or next value).
+            wrt: one or more names of states, inputs or parameters; columns in this order.
+
+        Returns:
+            Function with the arguments of ``function()`` and one result ``J``.
+
+        Raises:
+            BadInput: unknown name.
+        """
+        wanted = [wrt] if isinstance(wrt, str) else list(wrt)
+        args, names, groups = self._named_symbols()
+        n, y = self.expr(*groups)
+        results = {**n, **y}
+        if of not in results:
+            raise BadInput(f"{self.name} has no output or state {of!r}{nearest(of, results)}")
+        known = {**groups[0], **groups[1], **groups[2]}
+        for w in wanted:
+            if w not in known:
+                raise BadInput(f"{self.name} has no signal {w!r}{nearest(w, known)}")
+        J = ca.horzcat(*[ca.jacobian(results[of], known[w]) for w in wanted])
+        return ca.Function(f"jac_{self._c_name()}", args, [J], names, ["J"])
+
+    def feedthrough(self) -> dict[str, list[str]]:
+        """Inputs that each output depends on directly, by structure."""
+        return self._feedthrough
+
+    @cached_property
+    def _feedthrough(self) -> dict[str, list[str]]:
+        if not self.outputs:
+            return {}
+        if not self.inputs:
+            return {name: [] for name in self.outputs}
+        pattern: Any = np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
+        out: dict[str, list[str]] = {}
+        row = 0
+        for name, s in self.outputs.items():
+            hit = pattern[row : row + s.size].any(axis=0)
+            row += s.size
+            used, column = [], 0
+            for u, su in self.inputs.items():
+                if hit[column : column + su.size].any():
+                    used.append(u)
+                column += su.size
+            out[name] = used
+        return out
+
+    def find(self, name: str, *roles: str) -> str:
+        """Full name of a signal given by its full name or its unique last part.
+
+        Raises:
+            BadInput: unknown, or the last part of several names.
+        """
+        known = list(dict.fromkeys(n for role in roles for n in self._signals[role]))
+        hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
+        if len(hits) == 1:
+            return hits[0]
+        if hits:
+            raise BadInput(f"{self.name}: {name!r} could be {' or '.join(hits)}; write which")
+        raise BadInput(f"{self.name} has no {' or '.join(roles)} {name!r}{nearest(name, known)}")
+
+    def point(self, **numbers: Any) -> tuple[Exprs, Exprs, Exprs]:
+        """Numbers of all states, inputs and parameters; what is not given has its declared value.
+
+        Raises:
+            BadInput: unknown name, an input without value, a parameter off range.
+        """
+        known = {**self.states, **self.inputs, **self.params}
+        for n in numbers:
+            if n not in known:
+                raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
+        p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
+        given_x = {
+            k: s.shaped(f"{self.name}.{k}", numbers[k])
+            for k, s in self.states.items()
+            if k in numbers
+        }
+        x = given_x if len(given_x) == len(self.states) else self._start(given_x, p)
+        u: Exprs = {}
+        for n, s in self.inputs.items():
+            value = numbers.get(n, s.value)
+            if value is None:
+                raise BadInput(f"{self.name} needs the input {n} [{s.unit}]")
+            u[n] = s.shaped(f"{self.name}.{n}", value)
+        return x, u, p
+
+    def __call__(self, **numbers: Any) -> Any:
+        """Evaluate with numbers; what is not given has its declared value.
+
+        Returns:
+            What the body returns: outputs of a law; (derivatives or next states, outputs)
+            otherwise. Scalars are floats, the rest arrays.
+
+        Raises:
+            BadInput: unknown name, an input without value, a parameter off range.
+        """
+        x, u, p = self.point(**numbers)
+        nx, y = self.f(self.pack("state", x), self.pack("input", u), self.pack("param", p))
+        outputs = self._numbers("output", y)
+        if self.kind == "law":
+            return outputs
+        return self._numbers("state", nx), outputs
+
+    def _numbers(self, role: str, vector: Any) -> dict[str, Any]:
+        out = {}
+        for n, v in self.unpack(role, vector).items():
+            shape = self._signals[role][n].shape
+            out[n] = float(v) if shape == () else np.array(v.full()).reshape(shape)
+        return out
+
+    # ---- units --------------------------------------------------------------------------------
+
+    def check_units(self) -> list[str]:
+        """Unit errors of every equation, in the paper's letters; an empty list is a pass."""
+        if self.parts:
+            found = []
+            for part in self.parts.values():
+                found += part.check_units()
+            return found
+        if self.units == "printed" or not self.sx:
+            return []
+        from slipctl.block import formula, unit_walk, units
+
+        with units.checking_units(), formula.letters(self._body.__code__) as names:
+            x, u, p = (self.symbols(r) for r in ("state", "input", "param"))
+            n, y = self.expr(x, u, p)
+            flow = self.kind == "flow"
+            equations = {k + ("'" if flow else "+"): n[k] for k in self.states} | y
+            wanted = {k + ("'" if flow else "+"): s.unit for k, s in self.states.items()}
+            if flow:
+                wanted = {k: f"({unit}) / s" for k, unit in wanted.items()}
+            wanted |= {k: s.unit for k, s in self.outputs.items()}
+            given = {s.name: s.unit for s in self.signals if s.role != "output"}
+            for s in (*self.params.values(), *self.states.values()):
+                if s.derived:
+                    local = {k: v for k, v in (x | p).items() if k in names_in(s.value)}
+                    equations[f"{s.name} ="] = evaluate(s.value, local, s.name)
+                    wanted[f"{s.name} ="] = s.unit
+            try:
+                found = unit_walk.check(equations, given, wanted, names)
+            except BadInput as error:
+                raise BadInput(f"{self.name}: {error}") from None
+        return [f"{self.name}: {e}" for e in found]
+
+
+def as_block(where: str, thing: Any) -> Block:
+    """Return ``thing``, refused where it is no block.
+
+    Raises:
+        BadInput: says what it is, and how a block is made.
+    """
+    if isinstance(thing, Block):
+        return thing
+    how = "call it, if it makes one" if callable(thing) else "@law, @flow and @step make one"
+    raise BadInput(f"{where} is no block but of type {type(thing).__name__}; {how}")
+
+
+def about(maker: Callable[..., Block]) -> str:
+    """What a block says of itself: the docstring of what makes it, without Args and the like."""
+    return re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(maker) or "")[0]
+
+
+def make_block(
+    name: str,
+    kind: str,
+    body: Body,
+    *,
+    states: Iterable[Signal] = (),
+    inputs: Iterable[Signal] = (),
+    params: Iterable[Signal] = (),
+    outputs: Iterable[Signal] = (),
+    **options: Any,
+) -> Block:
+    """Make a block from named signals and a body on dictionaries; for transforms of blocks.
+
+    Args:
+        name: name of the block.
+        kind: ``"law"``, ``"flow"`` or ``"step"``.
+        body: ``body(x, u, p) -> (n, y)`` on dictionaries of CasADi expressions.
+        states, inputs, params, outputs: signals that carry their names.
+        **options: as of :class:`Block` (``period``, ``sx``, ``parts``, ``rebuild``, ...).
+    """
+    return Block(name, kind, body, [*states, *inputs, *params, *outputs], **options)
+
+
+def _refuse_nan(name: str, f: ca.Function) -> None:
+    """Refuse equations that hold a NaN, which ``math.exp`` and ``float`` make of a symbol."""
+    for k in range(f.n_instructions()):
+        if f.instruction_id(k) == ca.OP_CONST and math.isnan(f.instruction_constant(k)):
+            raise BadInput(
+                f"{name} gives NaN whatever the numbers; float(x) and math.exp(x) cannot read a"
+                " symbol: from casadi import exp, and so for every function of math"
+            )
+
+
+def _columns(values: Exprs) -> Exprs:
+    """Values by name, with a list of elements as a column."""
+    return {k: ca.vertcat(*v) if isinstance(v, (list, tuple)) else v for k, v in values.items()}

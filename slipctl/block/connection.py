@@ -1,0 +1,311 @@
+"""Connecting blocks by name; units, conventions, missing wires and algebraic loops are checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Block, Exprs, as_block, symbol_maker
+from slipctl.block.signals import Signal
+from slipctl.errors import BadInput, nearest
+
+Call = tuple[str, list[str], bool]
+"""One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
+
+
+def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
+    """Connect blocks to one block.
+
+    Args:
+        name: name of the new block.
+        wires: source by destination: ``{"car.T_b": "ctl.T_b"}``. A source without a dot is an
+            input of the new block (``{"car.mu": "mu", "est.mu": "mu"}``), a destination without
+            one is an output of it (``{"T_b": "ctl.T_b"}``). A state may be a source too.
+        **blocks: the parts. Flows go with flows and laws, steps with steps and laws.
+
+    Returns:
+        A block with the signals of its parts, named ``part.signal``; inputs fed by no wire stay
+        inputs.
+
+    Raises:
+        BadInput: unknown signal, wrong unit, sign or slip convention, parts of different kind or
+            period, an algebraic loop (told by its path).
+    """
+    if not blocks:
+        raise BadInput(f"connect({name!r}) needs at least one block")
+    if not isinstance(wires, Mapping) or not all(isinstance(s, str) for s in wires.values()):
+        raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
+    for b, block in blocks.items():
+        as_block(f"{name}: {b}", block)
+    kind, period = _common_kind(name, blocks)
+    inner: dict[tuple[str, str], tuple[str, str]] = {}
+    outer_inputs: dict[str, Signal] = {}
+    outer_outputs: dict[str, tuple[str, str]] = {}
+    renamed: dict[tuple[str, str], str] = {}
+    for destination, source in wires.items():
+        if "." not in destination:
+            outer_outputs[destination] = _source(name, blocks, source)
+            continue
+        part, port = _find(name, blocks, destination, "input")
+        signal = blocks[part].inputs[port]
+        if "." not in source:
+            known = outer_inputs.get(source)
+            if known is None:
+                outer_inputs[source] = signal.named(source)
+            else:
+                _check_wire(name, source, known, destination, signal)
+                outer_inputs[source] = _both(known, signal)
+            renamed[part, port] = source
+            continue
+        from_part, from_port = _source(name, blocks, source)
+        _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
+        inner[part, port] = (from_part, from_port)
+
+    signals: list[Signal] = []
+    for role in ("state", "param"):
+        for b, block in blocks.items():
+            signals += [s.named(f"{b}.{n}") for n, s in block._signals[role].items()]
+    signals += list(outer_inputs.values())
+    free: dict[tuple[str, str], str] = dict(renamed)
+    for b, block in blocks.items():
+        for n, s in block.inputs.items():
+            if (b, n) not in inner and (b, n) not in renamed:
+                free[b, n] = f"{b}.{n}"
+                signals.append(s.named(f"{b}.{n}"))
+    for b, block in blocks.items():
+        signals += [s.named(f"{b}.{n}") for n, s in block.outputs.items()]
+    for out, (b, n) in outer_outputs.items():
+        signals.append(_signal(blocks[b], n).as_role("output", value=None).named(out))
+
+    plan = _schedule(name, blocks, inner)
+    sx = all(block.sx for block in blocks.values())
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        results: dict[tuple[str, str], Any] = {
+            (b, n): x[f"{b}.{n}"]
+            for b, block in blocks.items()
+            for n in block.states
+            if n not in block.outputs
+        }
+        nxt: Exprs = {}
+        for b, outputs, last in plan:
+            block = blocks[b]
+            args = [
+                block.pack("state", {n: x[f"{b}.{n}"] for n in block.states}),
+                block.pack("input", _inputs(b, block, inner, free, results, u)),
+                block.pack("param", {n: p[f"{b}.{n}"] for n in block.params}),
+            ]
+            function = block.f if last else _part(block, outputs)
+            n, y = function(*args)
+            if last:
+                nxt |= {f"{b}.{k}": v for k, v in block.unpack("state", n).items()}
+                values = block.unpack("output", y)
+            else:
+                values = _unpack_some(block, outputs, y)
+            results |= {(b, k): values[k] for k in outputs}
+        y_all = {f"{b}.{k}": results[b, k] for b, block in blocks.items() for k in block.outputs}
+        y_all |= {out: results[source] for out, source in outer_outputs.items()}
+        return nxt, y_all
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return connect(name, wires, **parts)
+
+    conditions: dict[str, dict[str, float]] = {}
+    for b, block in blocks.items():
+        for condition, values in block.conditions.items():
+            conditions.setdefault(condition, {}).update({f"{b}.{k}": v for k, v in values.items()})
+    doc = f"Connection of {', '.join(blocks)}."
+    return Block(
+        name, kind, body, signals, period=period, doc=doc, sx=sx, parts=blocks, rebuild=rebuild,
+        wires=wires, conditions=conditions, prefixed=True,
+    )  # fmt: skip
+
+
+def _common_kind(name: str, blocks: Mapping[str, Block]) -> tuple[str, float | None]:
+    flows = [b for b, block in blocks.items() if block.kind == "flow"]
+    steps = [b for b, block in blocks.items() if block.kind == "step"]
+    if flows and steps:
+        raise BadInput(
+            f"{name}: {flows[0]} is continuous and {steps[0]} is sampled;"
+            f" discretise it first, sampled({flows[0]}, h, method)"
+        )
+    periods = {b: h for b in steps if (h := blocks[b].period) is not None}
+    slow, fast = (f(periods, key=lambda b: periods[b], default="") for f in (max, min))
+    if periods and not math.isclose(periods[slow], periods[fast], rel_tol=1e-9):
+        raise BadInput(
+            f"{name}: {slow} runs every {periods[slow]:g} s and {fast} every {periods[fast]:g} s;"
+            f" wrap it in every({slow}, {periods[slow] / periods[fast]:g})"
+        )
+    kind = "flow" if flows else "step" if steps else "law"
+    return kind, next(iter(periods.values()), None)
+
+
+def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> tuple[str, str]:
+    part, dot, port = path.partition(".")
+    if part not in blocks or not dot:
+        raise BadInput(f"{name}: {path!r} names no part{nearest(part, blocks)}")
+    known = blocks[part]._signals[role]
+    if port not in known:
+        raise BadInput(f"{name}: {part} has no {role} {port!r}{nearest(port, known)}")
+    return part, port
+
+
+def _source(name: str, blocks: Mapping[str, Block], path: str) -> tuple[str, str]:
+    """Part and name of an output, or of a state, whose value at the start of the tick it is."""
+    part, dot, port = path.partition(".")
+    if part in blocks and dot and port in blocks[part].states:
+        return part, port
+    return _find(name, blocks, path, "output")
+
+
+def _signal(block: Block, port: str) -> Signal:
+    return block.outputs.get(port) or block.states[port]
+
+
+def _check_wire(name: str, source: str, s: Signal, destination: str, d: Signal) -> None:
+    from slipctl.block import units
+
+    where = f"{name}: {source} [{s.unit}] cannot feed {destination} [{d.unit}]"
+    if s.unit != d.unit:
+        if not units.dimension_equal(s.unit, d.unit):
+            raise BadInput(f"{where}; the units differ in dimension")
+        if units.factor(s.unit, d.unit) != 1.0:
+            raise BadInput(f"{where}; write both in {d.unit}, or put a gain of the ratio between")
+    if s.positive and d.positive and s.positive != d.positive:
+        raise BadInput(
+            f"{name}: {source} is positive for {s.positive}, {destination} for {d.positive};"
+            f" put flip_sign({s.unit!r}) between them"
+        )
+    if s.per and d.per and s.per != d.per:
+        adaptor = "speed_to_ratio" if d.per == "ratio" else "ratio_to_speed"
+        raise BadInput(
+            f"{name}: {source} is a slip {s.per}, {destination} takes a slip {d.per};"
+            f" put {adaptor}() between them"
+        )
+    if s.shape != d.shape:
+        raise BadInput(f"{name}: {source} has shape {s.shape}, {destination} takes {d.shape}")
+
+
+def _both(a: Signal, b: Signal) -> Signal:
+    """Input that feeds two parts: in both ranges, and of the convention that either declares."""
+    return replace(
+        a,
+        value=b.value if a.value is None else a.value,
+        lo=max(a.lo, b.lo),
+        hi=min(a.hi, b.hi),
+        positive=a.positive or b.positive,
+        per=a.per or b.per,
+    )
+
+
+def _schedule(
+    name: str,
+    blocks: Mapping[str, Block],
+    inner: Mapping[tuple[str, str], tuple[str, str]],
+) -> list[Call]:
+    """Order of evaluation; a part whose outputs become known in pieces is called in pieces."""
+    known = {(b, n) for b, block in blocks.items() for n in block.states if n not in block.outputs}
+    waiting = dict.fromkeys(blocks)
+    plan: list[Call] = []
+
+    def is_known(b: str, port: str) -> bool:
+        source = inner.get((b, port))
+        return source is None or source in known
+
+    while waiting:
+        whole = next((b for b in waiting if all(is_known(b, n) for n in blocks[b].inputs)), None)
+        if whole is not None:
+            outputs = [n for n in blocks[whole].outputs if (whole, n) not in known]
+            plan.append((whole, outputs, True))
+            known |= {(whole, n) for n in outputs}
+            del waiting[whole]
+            continue
+        for b in waiting:
+            ready = [
+                n for n, needs in blocks[b].feedthrough().items()
+                if (b, n) not in known and all(is_known(b, k) for k in needs)
+            ]  # fmt: skip
+            if ready:
+                plan.append((b, ready, False))
+                known |= {(b, n) for n in ready}
+                break
+        else:
+            raise BadInput(f"{name}: algebraic loop {_loop_path(blocks, inner, known)}")
+    return plan
+
+
+def _loop_path(
+    blocks: Mapping[str, Block],
+    inner: Mapping[tuple[str, str], tuple[str, str]],
+    known: set[tuple[str, str]],
+) -> str:
+    """Walk back from an output that cannot be computed until one comes again."""
+    node = next(
+        (b, n)
+        for b, block in blocks.items()
+        for n in block.outputs
+        if (b, n) not in known and any((b, k) in inner for k in block.feedthrough()[n])
+    )
+    trail: list[tuple[str, str]] = []
+    while node not in trail:
+        trail.append(node)
+        b, n = node
+        node = next(
+            inner[b, k]
+            for k in blocks[b].feedthrough()[n]
+            if (b, k) in inner and inner[b, k] not in known
+        )
+    cycle = trail[trail.index(node) :][::-1]
+    path = " -> ".join(f"{b}.{n}" for b, n in [*cycle, cycle[0]])
+    return f"{path}; break it with a unit_delay() or with a state"
+
+
+def _inputs(
+    b: str,
+    block: Block,
+    inner: Mapping[tuple[str, str], tuple[str, str]],
+    free: Mapping[tuple[str, str], str],
+    results: Mapping[tuple[str, str], Any],
+    u: Exprs,
+) -> Exprs:
+    values: Exprs = {}
+    for n, s in block.inputs.items():
+        if (b, n) in free:
+            values[n] = u[free[b, n]]
+        else:
+            # not yet computed: an output evaluated now does not depend on it
+            values[n] = results.get(inner[b, n], ca.DM.zeros(s.size, 1))
+    return values
+
+
+def _part(block: Block, outputs: list[str]) -> ca.Function:
+    """Function of the part that gives only these outputs (and no next state).
+
+    It is made from the equations and not from the part's Function: what the outputs do not need, an
+    iteration say, is not computed for them.
+    """
+    full = block.f
+    sym = symbol_maker(block.sx)
+    args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
+    roles = ("state", "input", "param")
+    _, y = block.expr(*[block.unpack(role, a) for role, a in zip(roles, args, strict=True)])
+    wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
+    found = block.unpack("output", wanted)
+    column = ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
+    name = f"{full.name()}_part{len(outputs)}"
+    return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})
+
+
+def _unpack_some(block: Block, outputs: list[str], y: Any) -> Exprs:
+    values: Exprs = {}
+    at = 0
+    for k in outputs:
+        s = block.outputs[k]
+        piece = y[at : at + s.size]
+        values[k] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
+        at += s.size
+    return values

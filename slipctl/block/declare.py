@@ -1,0 +1,122 @@
+"""Blocks written as Python functions: ``@law``, ``@flow`` and ``@step``."""
+
+from __future__ import annotations
+
+import inspect
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from slipctl.block.block import Block, Exprs
+from slipctl.block.signals import Signal
+from slipctl.errors import BadInput, nearest
+
+_SETTINGS = (
+    "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
+    "choices", "name",
+)  # fmt: skip
+
+
+def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any]], Block]:
+    outputs = {k: v for k, v in options.items() if isinstance(v, Signal)}
+    rest = {k: v for k, v in options.items() if not isinstance(v, Signal)}
+    for k in rest:
+        if k not in _SETTINGS:
+            raise BadInput(f"@{kind} takes Output(...) signals and settings, not {k}={rest[k]!r}")
+    for k, s in outputs.items():
+        if s.role != "output":
+            raise BadInput(f"@{kind}({k}=...) must be an Output(...)")
+
+    def make(function: Callable[..., Any]) -> Block:
+        name = rest.pop("name", function.__name__)
+        declared: list[Signal] = []
+        for k, parameter in inspect.signature(function).parameters.items():
+            s = parameter.default
+            if not isinstance(s, Signal):
+                raise BadInput(
+                    f"{name}: argument {k!r} needs a default State(...), Input(...) or Param(...)"
+                )
+            declared.append(s.named(k))
+        _check_conditions(name, rest.get("conditions") or {}, {s.name: s for s in declared})
+        declared += [s.named(k) for k, s in outputs.items()]
+
+        def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+            try:
+                result = function(**x, **u, **p)
+            except RuntimeError as error:
+                _explain_truth(name, function, error)
+                raise
+            if kind == "law":
+                return {}, _as_dict(name, result, list(outputs))
+            if not (isinstance(result, tuple) and len(result) == 2):
+                raise BadInput(f"{name} must return (dict of states, dict of outputs)")
+            return dict(result[0]), dict(result[1])
+
+        doc = inspect.getdoc(function) or ""
+        return Block(name, kind, body, declared, doc=doc, **rest)
+
+    return make
+
+
+def _check_conditions(
+    name: str, conditions: Mapping[str, Mapping[str, float]], signals: Mapping[str, Signal]
+) -> None:
+    """Refuse a rail condition that sets what the law has not, or a number off range."""
+    if not isinstance(conditions, Mapping) or not all(
+        isinstance(values, Mapping) for values in conditions.values()
+    ):
+        raise BadInput(f"{name}: conditions are values by rail condition, {{'dry': {{'c': 1.0}}}}")
+    known = {k: s for k, s in signals.items() if s.role in ("param", "input")}
+    for condition, values in conditions.items():
+        for k, value in values.items():
+            if k not in known:
+                raise BadInput(f"{name}: condition {condition!r} sets {k!r}{nearest(k, known)}")
+            known[k].check(f"{name}: condition {condition!r}: {k}", value)
+
+
+def _explain_truth(name: str, function: Callable[..., Any], error: RuntimeError) -> None:
+    """Say what to write in place of ``if``, ``max`` and ``min``, where they were asked a symbol."""
+    if "truth value" in str(error):
+        file = function.__code__.co_filename
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        raise BadInput(
+            f"{name}, line {lines[-1]}: if, and, or, max and min cannot read a symbol; write"
+            " if_else(x > 0, a, b), logic_and, logic_or, fmax and fmin of casadi"
+        ) from error
+
+
+def _as_dict(name: str, result: Any, outputs: list[str]) -> Exprs:
+    if isinstance(result, Mapping):
+        return dict(result)
+    if len(outputs) == 1:
+        return {outputs[0]: result}
+    raise BadInput(f"{name} must return a dict of its outputs {', '.join(outputs)}")
+
+
+def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function an algebraic block: ``@law(mu=Output("1", "adhesion coefficient"))``.
+
+    Args:
+        **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
+            ``closed_form`` (argument of the peak), ``coordinates`` (expressions of the parameters
+            that an estimator works in), ``readings`` (its signals by what a measured curve has),
+            ``expects`` (orders of its parameters), ``units``, ``choices``, ``name``.
+    """
+    return _decorate("law", options)
+
+
+def flow(**options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function a continuous block; it returns (state derivatives, outputs)."""
+    return _decorate("flow", options)
+
+
+def step(period: float | None = None, **options: Any) -> Callable[[Callable[..., Any]], Block]:
+    """Make a function a sampled block; it returns (next states, outputs).
+
+    Args:
+        period: sample period in s if the equations insist on one, otherwise the loop's.
+        **options: one ``Output`` per result; other settings as of ``law``.
+    """
+    if period is not None and not period > 0:
+        raise BadInput(f"@step(period={period}) must be positive, in s")
+    return _decorate("step", {"period": period, **options})

@@ -1,0 +1,265 @@
+"""Time: discretise a flow, run a step every n-th tick, delay a signal by one tick."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block, Exprs, as_block, make_block, symbol_maker
+from slipctl.block.signals import Input, Output, State
+from slipctl.certify.steps import METHODS, largest_step
+from slipctl.errors import BadInput, check_positive, check_whole, nearest
+
+SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
+"""Shares of a Newton step among which an implicit method chooses."""
+
+UNROLL = 20_000
+"""Instructions above which substeps become a loop instead of straight-line code."""
+
+
+def sampled(
+    block: Block,
+    h: float,
+    method: str = "rk4",
+    substeps: int = 1,
+    newton: int = 8,
+    check: bool = True,
+) -> Block:
+    """Discretise a flow block: inputs are held over the step h, outputs are those at its start.
+
+    Args:
+        block: a flow.
+        h: step (the tick) in s.
+        method: ``"euler"`` and ``"rk4"`` are explicit; ``"implicit_euler"`` (order 1) and
+            ``"sdirk2"`` (order 2) are L-stable, for stiff wheels.
+        substeps: number of equal steps inside one tick.
+        newton: Newton iterations of an implicit stage, on the exact Jacobian.
+        check: refuse a step too long for the fastest mode at the start and on each rail condition.
+
+    Returns:
+        A step block with the same signals and period h.
+
+    Raises:
+        BadInput: not a flow, unknown method, h not positive, or an explicit step that is too
+            long; the message names a step, a number of substeps and a method that would do.
+    """
+    if as_block("sampled: what is to be sampled", block).kind != "flow":
+        raise BadInput(f"{block.name} is a {block.kind}; only a flow can be sampled")
+    if method not in METHODS:
+        raise BadInput(
+            f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
+        )
+    check_positive(f"sampled({block.name}): h", h, "s")
+    check_whole(f"sampled({block.name}): substeps", substeps)
+    dt = h / substeps
+    if check:
+        check_step(block, dt, method, substeps)
+    one_step = _one_step(block, dt, method, newton)
+    loop = one_step.n_instructions() * substeps > UNROLL or not block.sx
+    f = block.f
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        X, U, P = block.pack("state", x), block.pack("input", u), block.pack("param", p)
+        y = f(X, U, P)[1]
+        if loop and substeps > 1:
+            X = one_step.fold(substeps)(X, ca.repmat(U, 1, substeps), ca.repmat(P, 1, substeps))
+        else:
+            for _ in range(substeps):
+                X = one_step(X, U, P)
+        return block.unpack("state", X), block.unpack("output", y)
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return sampled(parts[block.name], h, method, substeps, newton, check)
+
+    return Block(
+        block.name, "step", body, block.signals, period=h, sx=block.sx and not loop,
+        doc=f"{block.doc}\n\nSampled: {method}, {h:g} s in {substeps} substeps.",
+        choices=block.choices | {"method": method, "h": h, "substeps": substeps},
+        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
+        transparent=True,
+    )  # fmt: skip
+
+
+def _one_step(block: Block, dt: float, method: str, newton: int) -> ca.Function:
+    f = block.f
+    sym = symbol_maker(block.sx)
+    x, u, p = (sym("xup"[i], f.size1_in(i)) for i in range(3))
+
+    def rate(at: Any) -> Any:
+        return f(at, u, p)[0]
+
+    if method == "euler":
+        following = x + dt * rate(x)
+    elif method == "rk4":
+        k1 = rate(x)
+        k2 = rate(x + dt / 2 * k1)
+        k3 = rate(x + dt / 2 * k2)
+        k4 = rate(x + dt * k3)
+        following = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    elif method == "implicit_euler":
+        following = x + dt * _stage(block, x, u, p, dt, newton)
+    else:
+        g = 1 - 1 / math.sqrt(2)
+        k1 = _stage(block, x, u, p, g * dt, newton)
+        k2 = _stage(block, x + (1 - g) * dt * k1, u, p, g * dt, newton)
+        following = x + dt * ((1 - g) * k1 + g * k2)
+    return ca.Function(f"{f.name()}_{method}", [x, u, p], [following], {"cse": True})
+
+
+def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
+    """Rate k that solves k = f(x + gh k, u, p), by damped Newton steps on the exact Jacobian.
+
+    It starts at k = 0, because x + gh f(x) of a stiff wheel lies far beyond the adhesion curve. Of
+    each Newton step the share is taken after which the next correction, with the same Jacobian, is
+    smallest. Source: Deuflhard, Newton Methods for Nonlinear Problems, section 3.3.
+    """
+    f = block.f
+    n = f.size1_in(0)
+    sym = symbol_maker(block.sx)
+    z = sym("z", n)
+    a, b, c = (sym("abc"[i], f.size1_in(i)) for i in range(3))
+
+    def residual(k: Any) -> Any:
+        return k - f(a + gh * k, b, c)[0]
+
+    J = ca.jacobian(residual(z), z)
+    whole = -ca.solve(J, residual(z))
+    trials = [z + share * whole for share in SHARES]
+    corrections = ca.solve(J, ca.horzcat(*[residual(t) for t in trials]))
+    best, smallest = trials[0], ca.inf
+    for column, trial in enumerate(trials):
+        # fmin turns a NaN beyond the curve into a large number
+        size = ca.fmin(ca.sumsqr(corrections[:, column] / (1 + ca.fabs(a))), 1e300)
+        best = ca.if_else(size < smallest, trial, best)
+        smallest = ca.fmin(size, smallest)
+    step = ca.Function(f"{f.name()}_newton", [z, a, b, c], [best], {"cse": True})
+    k = ca.DM.zeros(n, 1)
+    for _ in range(newton):
+        k = step(k, x, u, p)
+    return k
+
+
+def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
+    """Refuse an explicit step longer than the fastest mode allows.
+
+    The Jacobian of the flow is taken at the start values with zero inputs (the nearest number in
+    their range), once per rail condition of the block.
+
+    Raises:
+        BadInput: with the mode, the longest step and what to use instead.
+    """
+    if method in ("implicit_euler", "sdirk2") or not block.states:
+        return
+    try:
+        x = block.pack("state", block.start())
+    except BadInput:
+        return  # start values that come later are checked when the loop is simulated
+    f = block.f
+    jac = f.factory(f"{f.name()}_jac", ["x", "u", "p"], ["jac:n:x"])
+    u = block.pack(
+        "input",
+        {n: np.full(s.shape, s.value if s.value is not None else min(max(0.0, s.lo), s.hi))
+         for n, s in block.inputs.items()},
+    )  # fmt: skip
+    longest, mode, rail = math.inf, 0.0, ""
+    for condition, values in (block.conditions or {"": {}}).items():
+        known = {k: v for k, v in values.items() if k in block.params}
+        p = block.pack("param", block.param_values(**known))
+        slopes = np.array(ca.DM(jac(x, u, p)).full())
+        if not np.isfinite(slopes).all():
+            continue  # a root at zero, say: there is no time constant to check
+        for eigenvalue in np.linalg.eigvals(slopes):
+            allowed = largest_step(complex(eigenvalue), method)
+            if allowed < longest:
+                longest, mode = allowed, abs(eigenvalue)
+                rail = f" on {condition}" if condition else ""
+    if dt > longest:
+        needed = math.ceil(round(substeps * dt / longest, 9))
+        raise BadInput(
+            f"{block.name}: a step of {dt * 1e3:g} ms is too long for {method}: the fastest"
+            f" time constant{rail} is {1e3 / mode:.3g} ms, which allows {longest * 1e3:.3g} ms;"
+            f" use substeps={needed}, or method='implicit_euler' or 'sdirk2'"
+        )
+
+
+def every(block: Block, n: int, offset: int = 0) -> Block:
+    """Run a step block every n-th tick; between, states and outputs hold and nothing is computed.
+
+    Args:
+        block: a step (a law is sampled and held).
+        n: ticks from one run to the next.
+        offset: tick of the first run, 0 <= offset < n.
+
+    Returns:
+        A step block; its period, if the block insists on one, is the block's divided by n.
+
+    Raises:
+        BadInput: n or offset is not a whole number in range, or the block is a flow.
+    """
+    if block.kind == "flow":
+        raise BadInput(f"every({block.name}): a flow has no ticks; sampled({block.name}, h) first")
+    check_whole(f"every({block.name}): n", n)
+    check_whole(f"every({block.name}): offset", offset, 0, int(n) - 1)
+    n, offset = int(n), int(offset)
+    f = block.f
+    x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+    held = ca.MX.sym("h", f.size1_out(1))
+    run = ca.Function(f"{f.name()}_run", [x, u, p, held], [*f(x, u, p)])
+    hold = ca.Function(f"{f.name()}_hold", [x, u, p, held], [x, held])
+    choose = ca.Function.if_else(f"{f.name()}_every", run, hold)
+    taken = {s.name for s in block.signals}
+    counter = _new_name("tick", taken)
+    hold_names = {_new_name(f"held_{k}", taken): k for k in block.outputs}
+    states = [
+        *block.states.values(),
+        State("1", float((n - offset) % n), "ticks since the last run").named(counter),
+        *(
+            # zero until the first run, even where the range of the output excludes zero
+            s.as_role("state", value=0.0, doc=f"held: {s.doc}", lo=-math.inf, hi=math.inf).named(h)
+            for h, s in zip(hold_names, block.outputs.values(), strict=True)
+        ),
+    ]
+
+    def body(xs: Exprs, us: Exprs, ps: Exprs) -> tuple[Exprs, Exprs]:
+        old = block.pack("output", {k: xs[h] for h, k in hold_names.items()})
+        due = xs[counter] == 0
+        nxt, y = choose(
+            due, block.pack("state", xs), block.pack("input", us), block.pack("param", ps), old
+        )
+        outputs = block.unpack("output", y)
+        tick = ca.if_else(xs[counter] >= n - 1, 0, xs[counter] + 1)
+        new = block.unpack("state", nxt) | {counter: tick}
+        return new | {h: outputs[k] for h, k in hold_names.items()}, outputs
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return every(parts[block.name], n, offset)
+
+    return Block(
+        block.name, "step", body,
+        [*states, *block.inputs.values(), *block.params.values(), *block.outputs.values()],
+        period=None if block.period is None else block.period / n, sx=False,
+        doc=f"{block.doc}\n\nRuns every {n} ticks.", choices=block.choices | {"every": n},
+        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
+        transparent=True,
+    )  # fmt: skip
+
+
+def _new_name(name: str, taken: set[str]) -> str:
+    """Name for a state that is added to a block; ``_`` is added while the block has it already."""
+    while name in taken:
+        name += "_"
+    return name
+
+
+def unit_delay(unit: str = "1", value: float = 0.0, shape: tuple[int, ...] = ()) -> Block:
+    """Delay by one tick: output is the input of the tick before; breaks an algebraic loop."""
+    return make_block(
+        "unit_delay", "step", lambda x, u, p: ({"last": u["u"]}, {"y": x["last"]}),
+        states=[State(unit, value, "input of the tick before", shape=shape).named("last")],
+        inputs=[Input(unit, "signal", shape=shape).named("u")],
+        outputs=[Output(unit, "signal one tick later", shape=shape).named("y")],
+        doc="Delay by one tick.",
+    )  # fmt: skip

@@ -1,0 +1,389 @@
+"""The test that goes with a module: a C program that replays vectors, and the vectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from slipctl.ccode.check.expected import Expected
+from slipctl.ccode.write.comments import spelled
+from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.header import CONTENT, STATUS, bit, head
+from slipctl.ccode.write.plan import Plan, packed
+
+ENOUGH, AT_LEAST = 2e10, 1000
+"""Instructions after which a board has replayed enough, some minutes of emulation, and ticks that
+it replays anyhow. A windowed estimator in double takes 7e6 a tick on a Cortex-M4."""
+
+_ROUNDED = """static void rounded(const double *from, real *to, int n)
+{
+    int k;
+    for (k = 0; k < n; ++k) {
+        to[k] = (real)from[k];
+    }
+}
+
+"""
+
+_MAIN = """#ifdef ON_BOARD
+int main(void)
+#else
+int main(int argc, char **argv)
+#endif"""
+
+_COPY = """#ifndef ON_BOARD
+    if (argc > 2) {
+        FILE *copy = fopen(argv[2], "wb");
+        return (copy == NULL) ? 2 : in_binary(file, copy, ticks);
+    }
+#endif
+"""
+
+_STEP = """#ifdef ON_BOARD
+        stack_paint();
+        from = clock_now();
+#endif
+        got_status = {n}_step(&in, &param, &state, &out);
+#ifdef ON_BOARD
+        count = instructions(from, clock_now()) - empty;
+        depth = stack_used();
+        deepest = (depth > deepest) ? depth : deepest;
+        slowest = (count > slowest) ? count : slowest;
+        sum += (double)count;
+#endif
+"""
+
+_ENOUGH = """#ifdef ON_BOARD
+        if ((sum > ENOUGH) && (tick >= (AT_LEAST - 1))) {
+            ticks = tick + 1; /* the last one */
+        }
+#endif
+"""
+
+_PATH = """#ifdef ON_BOARD
+    const char *path = "vectors.bin";
+    unsigned long from = 0;
+    unsigned long count = 0;
+    unsigned long empty = 0; /* of reading the clock twice */
+    unsigned long slowest = 0;
+    unsigned long depth = 0;
+    unsigned long deepest = 0;
+    double sum = 0.0;
+#else
+    const char *path = (argc > 1) ? argv[1] : "vectors.txt";
+#endif
+"""
+
+_EMPTY = """#ifdef ON_BOARD
+    clock_start();
+    from = clock_now();
+    empty = instructions(from, clock_now());
+#endif
+"""
+
+_COUNTED = """#ifdef ON_BOARD
+    (void)printf("instructions per step: mean %.1f, most %lu; bytes of stack: at most %lu\\n",
+           sum / (double)((ticks > 0) ? ticks : 1), slowest, deepest);
+#endif
+"""
+
+
+def compared_bits(real: str) -> int:
+    """Bits of the status that are compared: in float, a limit may be met in another tick."""
+    return sum(v for _, v, _ in STATUS) - (bit("LIMITED") if real == "float" else 0)
+
+
+def test_program(plan: Plan) -> str:
+    """Text of the program that replays the vectors and compares."""
+    n, lay, big = plan.name, plan.layout, plan.layout.big
+    compared = [*lay.outputs, *lay.states]
+    names = ",\n".join(f'    {{"{spelled(m.name)}", {m.size}}}' for m in compared)
+    n_in, n_param, n_out, n_state = (
+        sum(m.size for m in g) for g in (lay.inputs, lay.params, lay.outputs, lay.states)
+    )
+    take_in = take_param = ""
+    if n_in:
+        take_in = "        rounded(row, raw, N_IN);\n        copied(&in, raw, sizeof(in));\n"
+    if n_param:
+        take_param = "    rounded(row, raw, N_PARAM);\n    copied(&param, raw, sizeof(param));\n"
+    give_state = (
+        "        copied(&raw[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n" if n_state else ""
+    )
+    sizes = "".join(
+        f"typedef char {w}_has_no_gaps[(sizeof({n}_{w}) == {size} * sizeof(real)) ? 1 : -1];\n"
+        for w, size in (("in", n_in), ("param", n_param), ("out", n_out))
+        if size
+    )
+    ends = [plan.limits(m) for m in lay.inputs for _ in range(m.size)]
+    beyond = sum(math.isfinite(v) for pair in ends for v in pair)
+    guards, table = (_guards(plan), _table(ends)) if n_in else ("", "")
+    mask = f"{compared_bits(plan.real)}U"
+    return f"""{head(plan, f"test_{n}.c")}
+
+/* Back to back: replay recorded inputs, carry the state here, compare with the recorded outputs,
+ * states and status of the Python model. Exit code 0 when all agree.
+ *
+ * test_{n} [vectors.txt]               replay
+ * test_{n} vectors.txt vectors.bin     write the numbers in binary, for a board that reads slowly
+ */
+
+#include "{n}.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+
+#ifdef ON_BOARD
+#include "cortex_m.h"
+#endif
+
+#define N_IN {n_in}
+#define N_PARAM {n_param}
+#define N_OUT {n_out}
+#define N_STATE {n_state}
+#define N_SIGNALS {len(compared)}
+#define N_LIMITS {2 * len(compared)}
+#define N_ENDS {beyond} /* finite ends of the ranges of inputs */
+#define N_TICK {n_in + n_out + n_state + 1} /* numbers of one tick; the last is the status */
+#define N_ROW {n_in + n_out + n_state + n_param + 1}
+#define COMPARED {mask} /* bits of the status */
+#ifdef ON_BOARD
+#define ENOUGH {ENOUGH!r} /* instructions of all steps after which a board stops, */
+#define AT_LEAST {AT_LEAST} /* but not before so many ticks */
+#endif
+#define CONTENT "{CONTENT}"
+
+typedef {plan.real} real;
+
+{sizes}
+static const struct {{
+    const char *name;
+    int size;
+}} signals[N_SIGNALS] = {{
+{names}
+}};
+
+{table}static bool binary; /* whether the numbers of the file are those of this machine */
+
+static bool numbers(FILE *file, double *x, int n)
+{{
+    int k;
+    if (binary) {{
+        return fread(x, sizeof(double), (size_t)n, file) == (size_t)n;
+    }}
+    for (k = 0; k < n; ++k) {{
+        if (fscanf(file, "%lf", &x[k]) != 1) {{
+            return false;
+        }}
+    }}
+    return true;
+}}
+
+static void copied(void *to, const void *from, size_t n)
+{{
+    (void)memcpy(to, from, n);
+}}
+
+#ifndef ON_BOARD
+static int in_binary(FILE *file, FILE *copy, int ticks)
+{{
+    long left = {n_param + 2 * len(compared)}L + ((long)ticks * N_TICK);
+    double x = 0.0;
+    (void)fprintf(copy, "slipctl-vectors 3 {n} " CONTENT " binary %d %d %d\\n", N_PARAM, N_SIGNALS,
+            ticks);
+    for (; left > 0; --left) {{
+        if (!numbers(file, &x, 1) || (fwrite(&x, sizeof(double), 1, copy) != 1U)) {{
+            return 2;
+        }}
+    }}
+    return (fclose(copy) == 0) ? 0 : 2;
+}}
+#endif
+
+{_ROUNDED if n_in or n_param else ""}{_MAIN}
+{{
+    static double row[N_ROW];
+    static real raw[N_ROW];
+    static double limits[N_LIMITS]; /* largest difference; 1 if only of the envelope */
+    static double worst[N_SIGNALS];
+    static double largest[N_SIGNALS];
+    static double ends[{n_out + n_state}][4]; /* least wanted and got, greatest wanted and got */
+    static {n}_in in;
+    static {n}_param param;
+    static {n}_state state;
+    static {n}_out out;
+{_PATH}    FILE *file = fopen(path, "rb");
+    char line[200] = {{0}};
+    char content[64] = {{0}};
+    char form[64] = {{0}};
+    int params = 0;
+    int compared = 0;
+    bool ours = false;
+    int ticks = 0;
+    int tick;
+    int faults = 0;
+    int refused = 0;
+    int held = 0;
+    int wrong = 0;
+    const int first = N_IN;
+    int at = 0;
+    int got_status;
+    int k;
+    int j;
+    unsigned int differing;
+    bool guarded;
+    double most = 0.0;
+
+    if (file == NULL) {{
+        (void)printf("cannot read %s\\n", path);
+        return 2;
+    }}
+    if (fgets(line, (int)sizeof(line), file) != NULL) {{
+        ours = (sscanf(line, "slipctl-vectors 3 {n} %63s %63s %d %d %d", content, form, &params,
+                       &compared, &ticks) == 5);
+    }}
+    if (!ours || (strcmp(content, CONTENT) != 0) || (params != N_PARAM)
+        || (compared != N_SIGNALS)) {{
+        (void)printf("%s does not belong to {n} " CONTENT "\\n", path);
+        return 2;
+    }}
+    binary = (strcmp(form, "binary") == 0);
+{_COPY}    if (!numbers(file, row, N_PARAM) || !numbers(file, limits, N_LIMITS)) {{
+        (void)printf("%s has no parameters and limits\\n", path);
+        return 2;
+    }}
+    {n}_default(&param);
+{take_param}    if ({n}_init(&param, &state) != {big}_OK) {{
+        (void)printf("init refuses the parameters\\n");
+        return 1;
+    }}
+{_EMPTY}    for (tick = 0; tick < ticks; ++tick) {{
+        int signal;
+        if (!numbers(file, row, N_TICK)) {{
+            (void)printf("%s ends at tick %d\\n", path, tick);
+            return 2;
+        }}
+{take_in}        k = (int)row[N_TICK - 1];
+{_STEP.format(n=n)}        differing = ((unsigned int)got_status ^ (unsigned int)k) & COMPARED;
+        faults += ((k < 0) || (differing == 0U)) ? 0 : 1; /* -1: roundings decide */
+        copied(raw, &out, (size_t)N_OUT * sizeof(real));
+{give_state}        at = 0;
+        for (signal = 0; signal < N_SIGNALS; ++signal) {{
+            for (k = 0; k < signals[signal].size; ++k) {{
+                const double wanted = row[first + at];
+                const double got = (double)raw[at];
+                const double difference = fabs(got - wanted);
+                worst[signal] = (difference <= worst[signal]) ? worst[signal] : difference;
+                largest[signal] = (fabs(wanted) > largest[signal]) ? fabs(wanted) : largest[signal];
+                ends[at][0] = ((tick > 0) && (ends[at][0] < wanted)) ? ends[at][0] : wanted;
+                ends[at][1] = ((tick > 0) && (ends[at][1] < got)) ? ends[at][1] : got;
+                ends[at][2] = ((tick > 0) && (ends[at][2] > wanted)) ? ends[at][2] : wanted;
+                ends[at][3] = ((tick > 0) && (ends[at][3] > got)) ? ends[at][3] : got;
+                ++at;
+            }}
+        }}
+{_ENOUGH}    }}
+    (void)fclose(file);
+    (void)printf("%-32s %12s %12s %12s\\n", "signal", "difference", "relative", "limit");
+    at = 0;
+    for (k = 0; k < N_SIGNALS; ++k) {{
+        const double relative = (largest[k] > 0.0) ? worst[k] / largest[k] : worst[k];
+        const bool envelope = (limits[(2 * k) + 1] > 0.0);
+        double most_of = envelope ? 0.0 : worst[k];
+        for (j = 0; j < signals[k].size; ++j) {{
+            const double low = fabs(ends[at][0] - ends[at][1]);
+            const double high = fabs(ends[at][2] - ends[at][3]);
+            most_of = (envelope && !(low <= most_of)) ? low : most_of;
+            most_of = (envelope && !(high <= most_of)) ? high : most_of;
+            ++at;
+        }}
+        (void)printf("%-32s %12.3g %12.3g %12.3g%s\\n", signals[k].name, worst[k], relative,
+               limits[2 * k], envelope ? " (of least and greatest value)" : "");
+        most = (relative <= most) ? most : relative;
+        wrong += (most_of <= limits[2 * k]) ? 0 : 1;
+    }}
+{guards}    (void)printf("%d ticks, %d faults, ", ticks, faults);
+    (void)printf("%d of %d inputs refuse NaN, %d of %d ends of ranges hold, ", refused, N_IN, held,
+           N_ENDS);
+    (void)printf("largest relative difference %.3g\\n", most);
+{_COUNTED}    guarded = (ticks == 0) || ((refused == N_IN) && (held == N_ENDS));
+    return ((wrong == 0) && (faults == 0) && guarded) ? 0 : 1;
+}}
+"""
+
+
+def _table(ends: list[tuple[float, float]]) -> str:
+    """Ranges of the inputs; infinite where there is no end."""
+    rows = ",\n".join(f"    {{{number(lo)}, {number(hi)}}}" for lo, hi in ends)
+    return f"""static const double range_of[N_IN][2] = {{
+{rows}
+}};
+
+static bool same(const void *one, const void *other, size_t n)
+{{
+    const unsigned char *a = (const unsigned char *)one;
+    const unsigned char *b = (const unsigned char *)other;
+    size_t differ = 0;
+    size_t k;
+    for (k = 0; k < n; ++k) {{
+        differ += (a[k] != b[k]) ? 1U : 0U;
+    }}
+    return differ == 0U;
+}}
+
+"""
+
+
+def _guards(plan: Plan) -> str:
+    """Statements that spoil each input in turn and look that nothing of it is taken."""
+    n, big = plan.name, plan.layout.big
+    safe = "".join(
+        f"            {m.at('good.', k)} = (real){number(plan.safe[m.c])};\n"
+        for m in plan.layout.outputs if m.c in plan.safe for k in range(m.size)
+    )  # fmt: skip
+    return f"""    for (k = 0; (k < N_IN) && (ticks > 0); ++k) {{
+        for (j = -1; j < 2; ++j) {{
+            static {n}_state before;
+            static {n}_out good;
+            const double end = (j < 0) ? (double)NAN : range_of[k][j];
+            const double far = ((j > 0) ? 1.0 : -1.0) * (1.0 + (0.001 * fabs(end)));
+            const double beyond = end + far;
+            const int wanted = (j < 0) ? {big}_BAD_INPUT : {big}_OFF_RANGE;
+            {n}_in broken;
+            if ((j >= 0) && (fabs(end) > DBL_MAX)) {{
+                continue;
+            }}
+            copied(raw, &in, sizeof(in));
+            raw[k] = (real)beyond;
+            copied(&broken, raw, sizeof(broken));
+            before = state;
+            good = out;
+{safe}            got_status = {n}_step(&broken, &param, &state, &out);
+            if ((got_status == wanted) && same(&before, &state, sizeof(state))
+                && same(&good, &out, sizeof(out))) {{
+                refused += (j < 0) ? 1 : 0;
+                held += (j >= 0) ? 1 : 0;
+            }}
+        }}
+    }}
+"""
+
+
+def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected) -> str:
+    """Text of the vectors: parameters, limits, then inputs, outputs, states, status per tick."""
+    flat = [v for m in plan.layout.params for v in packed(m, params[m.name])]
+    members = [*plan.layout.outputs, *plan.layout.states]  # an output and a state may share a name
+    sizes = f"{len(flat)} {len(members)} {len(run.rows)}"
+    lines = [f"slipctl-vectors 3 {plan.name} {content} text {sizes}"]
+    lines += [repr(float(v)) for v in flat]
+    lines += [f"{float(run.limits[m.name])!r} {int(m.name in run.envelope)}" for m in members]
+    rows = np.hstack([run.rows, run.outputs, run.states]).tolist()
+    lines += [
+        " ".join([*map(repr, row), str(status)])
+        for row, status in zip(rows, run.status.tolist(), strict=True)
+    ]
+    return "\n".join(lines) + "\n"

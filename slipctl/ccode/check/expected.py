@@ -1,0 +1,250 @@
+"""What the C is expected to give: the block in Python, with the guards of the C around it.
+
+The block itself neither refuses an input nor limits an output. So a tick with an input out of its
+range is left out of its run, and its outputs are put into their ranges afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.ccode.check.rounding import Trials
+from slipctl.ccode.write.header import bit
+from slipctl.ccode.write.layout import Member
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.precision import epsilon, rounded
+
+LIMIT = 1e-12
+"""Largest allowed difference in double, relative to the largest value of the signal."""
+
+AMPLIFIED = 16
+"""Times the spread of the trials: eight runs do not show the rarest decision."""
+
+ROUNDINGS = 2
+"""Roundings that the limit of a signal in float has besides, of its largest value: of the input
+and of the result."""
+
+UNTRIED = 64
+"""The same where there were no trials of the compiled text, only of rounded states and inputs."""
+
+MOVED = 3
+"""Such trials: runs of the block in double with states and inputs moved at random by eps."""
+
+ENVELOPE = 0.1
+"""Where the limit is a larger part than this of what the signal swings over, it depends on
+decisions or chatters: least and greatest value are compared instead, to this part, or to twice
+what those of the trials differ by where that is more."""
+
+UNKNOWN = float(np.finfo(float).max)
+"""Limit of a signal whose ends differ among the trials by half of what it swings over, as the
+damping of an iteration that has converged does: arithmetic alone decides it."""
+
+UNDECIDED = -1
+"""Status of a tick in which arithmetic decides: trials have another one than the block."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Rows per tick: inputs, outputs, states after it, status; and a limit per signal.
+
+    Attributes:
+        limits: largest allowed absolute difference, by name of output and state.
+        envelope: names of the signals of which only the least and greatest value is compared.
+    """
+
+    rows: np.ndarray
+    outputs: np.ndarray
+    states: np.ndarray
+    status: np.ndarray
+    limits: Mapping[str, float]
+    envelope: frozenset[str]
+
+    @property
+    def refused(self) -> int:
+        """Ticks with an input out of its range."""
+        return int(np.count_nonzero(self.status == bit("OFF_RANGE")))
+
+    @property
+    def undecided(self) -> int:
+        """Ticks whose status depends on arithmetic."""
+        return int(np.count_nonzero(self.status == UNDECIDED))
+
+    def faults(self, status: np.ndarray, mask: int) -> int:
+        """Ticks in which another status was given, of those that are decided."""
+        differ = (status & mask) != (self.status & mask)
+        return int(np.count_nonzero(differ & (self.status != UNDECIDED)))
+
+    @property
+    def limited(self) -> int:
+        """Ticks with an output that was limited."""
+        return int(np.count_nonzero(self.status == bit("LIMITED")))
+
+
+def in_range(plan: Plan, rows: np.ndarray) -> np.ndarray:
+    """Which ticks have all inputs in their ranges."""
+    lo, hi = _ends(plan, plan.layout.inputs)
+    return np.asarray(((rows >= lo) & (rows <= hi)).all(axis=1))
+
+
+def guarded(
+    plan: Plan, rows: np.ndarray, outputs: np.ndarray, states: np.ndarray, start: np.ndarray
+) -> Expected:
+    """Put the guards around the run of a block.
+
+    Args:
+        plan: the module.
+        rows: input elements, one row per tick.
+        outputs, states: what the block gave in the ticks that are in range.
+        start: its start state.
+    """
+    good = in_range(plan, rows)
+    lo, hi = _ends(plan, plan.layout.outputs)
+    limited = outputs.clip(lo, hi)
+    status = np.full(len(rows), bit("OFF_RANGE"))
+    status[good] = np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
+    before = np.zeros(outputs.shape[1]).clip(lo, hi)
+    last = np.cumsum(good)  # number of good ticks so far: 0 is before the first
+    held = np.vstack([before, limited])[last]
+    safe = rounded([np.nan if m.signal.safe is None else m.signal.safe
+                    for m in plan.layout.outputs for _ in range(m.size)], plan.real)  # fmt: skip
+    return Expected(
+        rows, np.where(good[:, np.newaxis] | np.isnan(safe), held, safe),
+        np.vstack([start, states])[last], status, {}, frozenset(),
+    )  # fmt: skip
+
+
+def with_limits(
+    plan: Plan, run: Expected, params: Mapping[str, Any], trials: Trials | None = None
+) -> Expected:
+    """Say how much each signal of the C may differ, with trials by what they differ."""
+    members = [*plan.layout.outputs, *plan.layout.states]
+    wanted = np.hstack([run.outputs, run.states])
+    if plan.real == "double" and trials is None:
+        limits = {
+            m.name: LIMIT * (_largest(w) or 1.0) for m, w in _parts(members, wanted)
+        }  # fmt: skip
+        return Expected(run.rows, run.outputs, run.states, run.status, limits, frozenset())
+    eps, status = epsilon("float"), run.status
+    if trials is None:
+        spread, ends, eps = _spread(plan, run, params), 0 * wanted[:1], UNTRIED * eps
+    else:
+        spread, ends = (found[np.newaxis] for found in trials.differ(wanted))
+        eps = LIMIT if plan.real == "double" else ROUNDINGS * eps
+        other = ((trials.status ^ status) & ~bit("LIMITED")).any(axis=0)
+        status = np.where(other, UNDECIDED, status)
+    limits, envelope = {}, set()
+    parts = (_parts(members, rows) for rows in (wanted, spread, ends))
+    for (m, w), (_, s), (_, e) in zip(*parts, strict=True):
+        limits[m.name] = AMPLIFIED * _largest(s) + eps * (_largest(w) or 1.0)
+        swing = float(np.ptp(w, axis=0).max(initial=0.0))
+        varies = swing > eps * _largest(w)
+        if varies and not limits[m.name] <= ENVELOPE * swing:
+            envelope.add(m.name)
+            limits[m.name] = max(ENVELOPE * swing, 2 * _largest(e), eps * _largest(w))
+            if 2 * _largest(e) > swing:
+                limits[m.name] = UNKNOWN
+    return Expected(run.rows, run.outputs, run.states, status, limits, frozenset(envelope))
+
+
+def differences(plan: Plan, run: Expected, got: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Largest difference of each signal from what is expected, and whether it is allowed.
+
+    Args:
+        plan: the module.
+        run: what is expected.
+        got: outputs and states of the C, one row per tick.
+    """
+    members = [*plan.layout.outputs, *plan.layout.states]
+    wanted = np.hstack([run.outputs, run.states])
+    found: dict[str, dict[str, Any]] = {}
+    for (m, w), (_, g) in zip(_parts(members, wanted), _parts(members, got), strict=True):
+        absolute = float(np.nan_to_num(np.abs(w - g), nan=np.inf).max(initial=0.0))
+        counted = absolute
+        if m.name in run.envelope:
+            ends = np.abs(w.max(axis=0) - g.max(axis=0)), np.abs(w.min(axis=0) - g.min(axis=0))
+            counted = float(np.nan_to_num(np.maximum(*ends), nan=np.inf).max(initial=0.0))
+        largest = _largest(w)
+        found[m.name] = {
+            "absolute": absolute, "relative": absolute / largest if largest > 0 else absolute,
+            "compared": "nothing" if run.limits[m.name] == UNKNOWN
+            else "envelope" if m.name in run.envelope else "every tick",
+            "counted": counted, "limit": run.limits[m.name],
+        }  # fmt: skip
+    return found
+
+
+def start_state(block: Block, params: Mapping[str, Any]) -> np.ndarray:
+    """Elements of the start state with some parameters."""
+    computed = any(s.derived for s in block.states.values())
+    begins = block.with_params(**params) if params and computed else block
+    return np.array(ca.DM(block.pack("state", begins.start())).full()).ravel()
+
+
+def float_params(plan: Plan, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Free parameters as C has them, within their ranges."""
+    return {
+        m.name: rounded(values[m.name], plan.real).clip(m.signal.lo, m.signal.hi)
+        for m in plan.layout.params
+    }
+
+
+def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
+    """Largest difference per element that roundings to float of states and inputs make.
+
+    What holds only whole numbers (counters, choices, random numbers) is exact in float: it is left.
+    """
+    block, rng, eps = plan.block, np.random.default_rng(20), epsilon("float")
+    p = ca.DM(block.pack("param", block.param_values(**params)))
+    start = start_state(block, params)
+    good = in_range(plan, run.rows)
+    rows = run.rows[good]
+    lo, hi = _ends(plan, plan.layout.outputs)
+    wanted = np.hstack([run.outputs, run.states])[good]
+    moved_x = (np.vstack([start, run.states]) % 1 != 0).any(axis=0)
+    moved_u = (rows % 1 != 0).any(axis=0)
+    x = np.repeat(start[:, np.newaxis], MOVED, axis=1)
+    worst = np.zeros(wanted.shape[1])
+    many = block.f.map(MOVED)
+    p = ca.repmat(p, 1, MOVED)
+    for k, row in enumerate(rows):
+        u = np.repeat(row[:, np.newaxis], MOVED, axis=1)
+        x = x * (1 + eps * moved_x[:, np.newaxis] * rng.uniform(-1, 1, x.shape))
+        u = u * (1 + eps * moved_u[:, np.newaxis] * rng.uniform(-1, 1, u.shape))
+        following, y = many(x, u, p)
+        x = np.array(following.full()).reshape(x.shape)
+        y = np.array(y.full()).clip(lo[:, np.newaxis], hi[:, np.newaxis])
+        differ = np.abs(np.vstack([y, x]) - wanted[k][:, np.newaxis]).max(axis=1)
+        worst = np.maximum(worst, np.nan_to_num(differ, nan=np.inf))
+    return worst[np.newaxis, :]
+
+
+def _parts(members: list[Member], rows: np.ndarray) -> list[tuple[Member, np.ndarray]]:
+    """Columns of each signal."""
+    ends = np.cumsum([m.size for m in members])
+    return [(m, rows[:, end - m.size : end]) for m, end in zip(members, ends, strict=True)]
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+def _ends(plan: Plan, members: tuple[Member, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Range of each element."""
+    pairs = [plan.limits(m) for m in members for _ in range(m.size)]
+    lo, hi = (np.array([p[k] for p in pairs], dtype=float) for k in (0, 1))
+    return lo, hi
+
+
+def kept(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Trials | None]:
+    """The first ticks of a run and of its trials; limits are those of a whole run no more."""
+    first = Expected(
+        run.rows[:ticks], run.outputs[:ticks], run.states[:ticks], run.status[:ticks], {},
+        frozenset(),
+    )  # fmt: skip
+    return first, trials and trials.first(ticks)

@@ -1,0 +1,94 @@
+"""What a module must not do: touch memory that is not its own, or another instance or module."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.write.plan import Plan
+from slipctl.errors import RunFailed
+
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+_TWO = """#include "{n}.h"
+
+#include <string.h>
+
+int {n}_twin_init(const {n}_param *param, {n}_state *state);
+int {n}_twin_step(const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out);
+
+static {n}_in in;
+static {n}_param param;
+static {n}_state a, b;
+static {n}_out x, y;
+
+int main(void)
+{{
+    int same;
+    {n}_default(&param);
+    same = {n}_init(&param, &a) == {n}_twin_init(&param, &b);
+    same = same && {n}_step(&in, &param, &a, &x) == {n}_twin_step(&in, &param, &b, &y);
+    return (same && memcmp(&x, &y, sizeof(x)) == 0) ? 0 : 1;
+}}
+"""
+
+
+def sanitized(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
+    """Run the folder's own test under the address and the undefined behaviour sanitizer.
+
+    Returns:
+        What to tell, and whether nothing was found. A compiler without the sanitizers is told and
+        passes.
+    """
+    n, program = plan.name, folder / f"sanitized_{plan.name}"
+    flags = [f for f in cc.FLAGS if f not in ("-Werror", "-O2")]
+    made = subprocess.run(
+        [compiler, *flags, "-O1", *SANITIZERS, f"{n}.c", f"test_{n}.c", "-o", str(program),
+         "-lm"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if made.returncode:
+        return f"not run, {Path(compiler).name} has no sanitizers", True
+    ran = subprocess.run(
+        [str(program), "vectors.txt"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    found = re.search(r"runtime error: .*|ERROR: AddressSanitizer: \S+", ran.stderr)
+    if found or ran.returncode not in (0, 1):
+        return (found[0] if found else f"stopped with {ran.returncode}"), False
+    return "address, undefined: nothing found", True
+
+
+def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool:
+    """Link the module into one program with itself under another name, and run both.
+
+    Whatever the object file would show to others beside its four functions clashes here.
+    """
+    n = plan.name
+    twin, calls, program = (folder / f for f in (f"{n}_twin.o", f"{n}_two.c", f"{n}_two"))
+    calls.write_text(_TWO.format(n=n), encoding="utf-8")
+    renamed = [f"-D{n}_{f}={n}_twin_{f}" for f in ("default", "init", "step", "tune")]
+    try:
+        cc.compile_object(compiler, folder / f"{n}.c", twin, *renamed)
+        cc.compile_object(compiler, calls, calls.with_suffix(".o"))
+        cc.link(compiler, [product, twin, calls.with_suffix(".o")], program)
+    except RunFailed:
+        return False
+    return subprocess.run([str(program)], check=False).returncode == 0
+
+
+def interleaved(module: CModule, rows: np.ndarray, alone: np.ndarray, **params: Any) -> bool:
+    """Whether an instance gives the same bits while another one, on other inputs, runs beside it.
+
+    Args:
+        module: loaded.
+        rows: input elements, one row per tick; the other instance has them in reverse.
+        alone: outputs and states of an instance that ran alone.
+    """
+    together = np.hstack(module.reset(**params).replay_rows(rows, beside=rows[::-1]))
+    return bool((together == alone).all())

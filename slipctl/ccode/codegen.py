@@ -1,0 +1,389 @@
+"""A Block as C99 that a firmware engineer accepts, and as a module to call from Python.
+
+``c_module(block, folder)`` writes the folder; ``check`` and ``export`` also compile it, replay
+logged inputs through it with the state carried in C, and compare every output and state with the
+block itself. What the folder holds is told in docs/c_interface.md.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, rounding
+from slipctl.ccode.check.comparison import compare, reference, trial_rows
+from slipctl.ccode.check.logged import logged_inputs as logged_inputs
+from slipctl.ccode.check.logged import logged_params as logged_params
+from slipctl.ccode.check.logged import recorded as recorded
+from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.compile import (
+    files,
+    targets,  # fmt: skip
+)
+from slipctl.ccode.compile import folder as folders
+from slipctl.ccode.compile.board import board_files
+from slipctl.ccode.compile.module import CModule, input_rows
+from slipctl.ccode.ship import a2l, fmu, manual
+from slipctl.ccode.ship.readable import readable
+from slipctl.ccode.write.header import CONTENT, header
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.precision import rounded
+from slipctl.ccode.write.source import source
+from slipctl.errors import BadInput
+
+LIMIT = expected.LIMIT
+"""Largest difference allowed between C in double and Python, relative to the largest value."""
+
+KEPT = 20_000
+"""Ticks at most that go into the vectors file; ``check`` itself replays all."""
+
+SIGNIFICANT = 29
+"""Letters of a module's name of which C99 promises four functions: it tells external names apart by
+31 characters, and ``_default``, ``_init``, ``_step`` and ``_tune`` differ in their second."""
+
+READABLE = "report.md"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was written and how it compares; ``print(report)`` says it in a few lines.
+
+    Attributes:
+        folder: where the files are.
+        data: content of ``report.json``.
+        module: the module, to be compiled and called from Python.
+    """
+
+    folder: Path
+    data: dict[str, Any]
+    module: CModule
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing differs by more than the limit (true where nothing was compared)."""
+        parts = [*self.data["targets"], self.data.get("analysis", {}), self.data.get("fuzz", {})]
+        return all(p.get("passed", True) for p in (self.data, *parts))
+
+    def __str__(self) -> str:
+        d = self.data
+        lines = [
+            f"{d['name']} in {d['real']}: {len(d['files']) + 1} files in {self.folder},"
+            f" content {d['content']}"
+        ]
+        for c in d["compiled"]:
+            size = c["bytes"] or {}
+            said = "".join(f", {k} {v}" for k, v in size.items())
+            lines.append(f"  {c['compiler']}: no warning{said} bytes")
+        if d["compiled"]:
+            lines.append(f"  one instance: {d['memory_bytes']['state']} bytes of state")
+            worst = max(d["signals"], key=lambda n: d["signals"][n]["relative"])
+            lines.append(
+                f"  {d['ticks']} ticks replayed, largest difference from Python"
+                f" {d['largest_relative']:.3g} of the largest value ({worst}):"
+                f" {'passed' if self.passed else 'FAILED'}"
+            )
+        for t in d["targets"]:
+            size_, stack = t["bytes"] or {}, t["stack"] or {}
+            said = "".join(f", {k} {v}" for k, v in size_.items())
+            lines.append(
+                f"  {t['target']}: no warning{said} bytes, stack {stack.get('worst', '?')},"
+                f" functions of double linked: {len(t['double_helpers'])}"
+            )
+            if "instructions" in t:
+                count = t["instructions"]
+                lines.append(
+                    f"  {t['target']}: {count['mean']:.0f} instructions per step, at most"
+                    f" {count['most']}, {t['stack_used']} bytes of stack used, {t['ticks']} ticks:"
+                    f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
+                )
+        if "analysis" in d:
+            lines.append(f"  {analysis.summary(d['analysis'])}")
+        if "fuzz" in d:
+            f = d["fuzz"]
+            lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
+        if not self.passed:
+            lines += [
+                f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
+                f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"
+                for c in d["compiled"]
+            ]
+            lines += [f"  {k.replace('_', ' ')}: {v}" for k, v in d.get("isolation", {}).items()]
+        return "\n".join(lines)
+
+
+def c_module(
+    block: Block,
+    folder: Path | str,
+    name: str | None = None,
+    *,
+    period: float | None = None,
+    real: str = "double",
+) -> CModule:
+    """Write a folder with the C of a block.
+
+    Args:
+        block: a step or a law; its parts are written with it.
+        folder: made if it is not there; files in it that slipctl did not write are never touched.
+        name: prefix of functions, structs and files, by default the block's name.
+        period: tick in s for the comments, where the block has none of its own.
+        real: type of every number in C, ``"double"`` or ``"float"``.
+
+    Returns:
+        The module: ``c_module(block, folder).compile().load()`` is called like the block.
+
+    Raises:
+        BadInput: a flow; a name that is no C identifier or clashes; a parameter without value; an
+            operation that cannot be generated; a foreign file in the way.
+    """
+    return _produce(block, folder, name, period=period, real=real).module
+
+
+def check(
+    block: Block,
+    inputs: Mapping[str, Any],
+    folder: Path | str,
+    params: Mapping[str, Any] | None = None,
+    *,
+    name: str | None = None,
+    period: float | None = None,
+    real: str = "double",
+    target: str = "host",
+) -> dict[str, Any]:
+    """Write the C, compile it with every compiler found, replay inputs, compare with the block.
+
+    Args:
+        block: a step or a law.
+        inputs: array over ticks by input, ``(ticks, *shape)``; one not given keeps its value.
+        folder: as in :func:`c_module`.
+        params: parameters of the run, by name; the others have their defaults.
+        name, period, real: as in :func:`c_module`.
+        target: as in :func:`export`.
+
+    Returns:
+        Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
+        difference per output and state, ``passed`` whether all stay within their ``limit``:
+        1e-12 of the largest value in double; for float see :mod:`slipctl.ccode.check.expected`.
+
+    Raises:
+        BadInput: as :func:`c_module`; no compiler; inputs that do not fit.
+        RunFailed: a compiler refuses, or the block itself gives NaN on these inputs.
+    """
+    return _produce(
+        block, folder, name, inputs=inputs, params=params, replay=True, period=period,
+        real=real, target=target,
+    ).data  # fmt: skip
+
+
+def export(
+    block: Block,
+    out: Path | str,
+    name: str | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    check: bool = False,
+    params: Mapping[str, Any] | None = None,
+    period: float | None = None,
+    real: str = "double",
+    target: str = "host",
+    misra: bool = False,
+    fmus: bool = False,
+    fuzz_seconds: int = 0,
+) -> Report:
+    """Write the C of a block, and compare it with the block if asked.
+
+    Args:
+        block: a step or a law.
+        out: folder to write.
+        name: prefix of functions and files.
+        inputs: logged inputs of a run (see :func:`logged_inputs`); without them, made-up ones.
+        check: compile, replay, compare.
+        params: parameters of the run.
+        period: tick in s for the comments.
+        real: type of every number in C, ``"double"`` or ``"float"``.
+        target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``, or for
+            several, ``"cortex-m4,cortex-m7"``: bytes, stack, what of double is linked; with
+            ``check`` the same replay on a board of QEMU, with the instructions of a step counted.
+        misra: count the findings of cppcheck and of its MISRA C:2012 addon.
+        fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
+        fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
+
+    Returns:
+        What was written; printable.
+
+    Raises:
+        BadInput, RunFailed: as :func:`check`.
+    """
+    return _produce(
+        block, out, name, inputs=inputs, params=params, replay=check, period=period,
+        real=real, target=target, misra=misra, fmus=fmus,
+        fuzz_seconds=fuzz_seconds,
+    )  # fmt: skip
+
+
+# ---- making -------------------------------------------------------------------------------------
+
+
+def _produce(
+    block: Block,
+    folder: Path | str,
+    name: str | None,
+    *,
+    inputs: Mapping[str, Any] | None = None,
+    params: Mapping[str, Any] | None = None,
+    replay: bool = False,
+    period: float | None = None,
+    real: str = "double",
+    target: str = "host",
+    misra: bool = False,
+    fmus: bool = False,
+    fuzz_seconds: int = 0,
+) -> Report:
+    if not isinstance(folder, (Path, str)):
+        raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
+    folder = Path(folder)
+    boards = [t for t in dict.fromkeys(target.split(",")) if t != "host"]
+    for t in boards:
+        targets.tool(t)
+        if replay:
+            targets.emulator(t)
+    if misra:
+        analysis.tool()
+    if fuzz_seconds:
+        fuzz.tool()
+    plan = Plan(block, name, period, real)
+    made = texts(plan)
+    archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
+    names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
+    folders.check_folder(folder, names)
+    used = cc.compilers() if replay else ()
+    if replay and (real == "float" or boards):
+        rounding.compiler()
+    values = block.param_values(**(params or {}))
+    rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
+    if not len(rows):
+        raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
+    if not np.isfinite(rows).all():
+        raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
+    used_params = dict(params or {}) if real == "double" else expected.float_params(plan, values)
+    rows = rounded(rows, real)
+    good = expected.in_range(plan, rows)
+    if not good.any():
+        raise BadInput(f"{block.name}: no tick has all its inputs in their declared ranges")
+    outputs, states = reference(block, rows[good], used_params, whole=inputs is not None)
+    if len(outputs) < len(rows[good]):
+        rows = rows[: len(outputs)]  # made-up ones, all of them in range
+    if replay and not len(rows):
+        raise BadInput(
+            f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
+            " run, check(block, inputs, folder)"
+        )
+    run = expected.guarded(
+        plan, rows, outputs, states, expected.start_state(block, used_params)
+    )  # fmt: skip
+    trials = (
+        _trials(plan, made, rows, used_params) if replay and (real == "float" or boards) else None
+    )
+    first, tried = expected.kept(run, trials, KEPT)
+    first = expected.with_limits(plan, first, used_params, tried)
+    content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
+    made = {n: text.replace(CONTENT, content) for n, text in made.items()}
+    made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
+    data = _facts(plan, content, made, values, len(rows))
+    with ThreadPoolExecutor() as pool:  # the boards are programs of their own
+        on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
+        if replay:
+            tried = trials if real == "float" else None
+            run = expected.with_limits(plan, run, used_params, tried)
+            data |= compare(plan, made, used, run, dict(params or {}))
+        data["targets"] = [f.result() for f in on_boards]
+    if misra:
+        data["analysis"] = analysis.analysed(plan, made)
+    if fuzz_seconds:
+        data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
+    written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
+    if fmus:
+        written |= fmu.fmus(plan, made, content, cc.found())
+    data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
+    folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
+    return Report(folder, data, CModule(folder, plan))
+
+
+def _trials(
+    plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any]
+) -> rounding.Trials | None:
+    """Runs of a module with other roundings; none are needed where every machine gives the same.
+
+    In double they are for the boards alone, which replay no more than the first ticks.
+    """
+    if plan.real == "double":
+        if not rounding.inexact(made[f"{plan.name}.c"]):
+            return None
+        rows = rows[:KEPT]
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        return rounding.trials(plan, made, rows, params, Path(scratch))
+
+
+def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) -> dict[str, Any]:
+    """What a module is on a target, and how its test went there."""
+    found = targets.compiled_for(target, plan, made)
+    if replay:
+        ran = targets.replayed_on(target, plan, made)
+        found |= ran | {"passed": found["passed"] and ran["passed"]}
+    return found
+
+
+def texts(plan: Plan) -> dict[str, str]:
+    """Text of each file of a module by its name; the content hash is not in them yet."""
+    n = plan.name
+    return {
+        f"{n}.h": header(plan),
+        f"{n}.c": source(plan),
+        f"{n}.a2l": a2l.a2l(plan),
+        "example.c": files.example(plan),
+        f"test_{n}.c": back_to_back.test_program(plan),
+        "Makefile": files.makefile(plan),
+        "CMakeLists.txt": files.cmake(plan),
+        files.TOOLCHAIN: files.toolchain(),
+        "README.md": manual.readme(plan),
+        "LICENSE": files.licence(plan),
+        **board_files(),
+    }
+
+
+def _facts(
+    plan: Plan, content: str, made: Mapping[str, str], values: Mapping[str, Any], ticks: int
+) -> dict[str, Any]:
+    from slipctl import __version__
+
+    b = plan.block
+    work = dict(zip(("arg", "res", "iw", "w"), plan.equations.work, strict=True))
+    return {
+        "format": 1,
+        "by": "slipctl",
+        "slipctl_version": __version__,
+        "casadi_version": ca.CasadiMeta.version(),
+        "name": plan.name,
+        "real": plan.real,
+        "block": b.name,
+        "kind": b.kind,
+        "choices": {k: str(v) for k, v in b.choices.items()},
+        "period_s": plan.period,
+        "content": content,
+        "memory_bytes": plan.memory_bytes,
+        "work": work | {"in_state": plan.work_in_state},
+        "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
+        "parameters": {
+            n: {"value": np.asarray(v).tolist(), "unit": b.params[n].unit}
+            for n, v in values.items()
+        },
+        "ticks": ticks,
+        "compiled": [],
+        "targets": [],
+    }

@@ -1,0 +1,139 @@
+"""C compilers of this machine, what they make of a module, and how big it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from slipctl.ccode.compile.files import OPTIMISE, WARNINGS
+from slipctl.ccode.write.precision import MATH
+from slipctl.errors import BadInput, RunFailed
+
+FLAGS = (*WARNINGS.split(), "-Werror", *OPTIMISE.split())
+
+
+@lru_cache(maxsize=1)
+def compilers() -> tuple[str, ...]:
+    """Compilers found: ``$CC``, gcc and clang, otherwise cc.
+
+    Raises:
+        BadInput: none.
+    """
+    names = [os.environ.get("CC") or "", "gcc", "clang"]
+    found = {path: None for name in names if name and (path := shutil.which(name))}
+    if not found and (path := shutil.which("cc")):
+        found[path] = None
+    if not found:
+        raise BadInput(
+            "no C compiler found; install gcc or clang (Debian, Ubuntu: apt install gcc), or set CC"
+        )
+    return tuple(found)
+
+
+def found() -> str | None:
+    """The first compiler, if there is one."""
+    try:
+        return compilers()[0]
+    except BadInput:
+        return None
+
+
+@lru_cache(maxsize=8)
+def version(compiler: str) -> str:
+    """First line of what a compiler says of itself."""
+    said = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+    return said.stdout.partition("\n")[0].strip()
+
+
+def compile_object(compiler: str, source: Path, target: Path, *flags: str) -> None:
+    """Compile one file with all warnings as errors.
+
+    Raises:
+        RunFailed: with the first complaint.
+    """
+    _run([compiler, *FLAGS, *flags, "-c", source.name, "-o", str(target)], source.parent)
+
+
+def link(compiler: str, objects: Sequence[Path], target: Path, *flags: str) -> None:
+    """Link object files with the mathematics library."""
+    command = [compiler, *flags, *(str(o) for o in objects), "-o", str(target), "-lm"]
+    _run(command, target.parent)
+
+
+def _run(command: list[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = done.stderr.strip().splitlines() or ["no message"]
+        worst = next((line for line in lines if "error" in line), lines[0])
+        raise RunFailed(f"{Path(command[0]).name} refuses the generated C: {worst}")
+
+
+def sizes(target: Path, tools: str = "") -> dict[str, int] | None:
+    """Bytes of text, data and bss of an object file; None without binutils."""
+    tool = shutil.which(f"{tools}size")
+    if tool is None:
+        return None
+    said = subprocess.run([tool, str(target)], capture_output=True, text=True, check=False)
+    numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", said.stdout, flags=re.MULTILINE)
+    if not numbers:
+        return None
+    return dict(zip(("text", "data", "bss"), map(int, numbers[0]), strict=True))
+
+
+def symbols(target: Path, tools: str = "") -> dict[str, list[str]] | None:
+    """Names an object file defines for others, and names it needs; None without binutils."""
+    tool = shutil.which(f"{tools}nm")
+    if tool is None:
+        return None
+    said = subprocess.run([tool, "-g", str(target)], capture_output=True, text=True, check=False)
+    found: dict[str, list[str]] = {"defined": [], "needed": []}
+    for line in said.stdout.splitlines():
+        kind, name = line.split()[-2:]
+        found["needed" if kind in "Uw" else "defined"].append(name.lstrip("_"))
+    return {k: sorted(v) for k, v in found.items()}
+
+
+_HELPER = re.compile(
+    r"aeabi_(d\w+|cd\w+|\w+2d)|(add|sub|mul|div|neg|eq|ne|lt|le|gt|ge|unord|cmp)df\d"
+    r"|extendsfdf2|truncdfsf2|float(un)?[sd]idf|fix(uns)?df[sd]i"
+)
+
+
+def in_double(names: Iterable[str]) -> list[str]:
+    """Those of some functions that take double: of the C library, or of the compiler for it."""
+    return [n for n in names if n in MATH or _HELPER.fullmatch(n)]
+
+
+def stack(compiler: str, source: Path, *flags: str) -> dict[str, int] | None:
+    """Bytes of stack of each function, the C library's not among them; None if not told.
+
+    A function that is inlined has none of its own; ``worst`` is that of the deepest chain if no
+    function called another one twice: the sum of all, which is never too small.
+    """
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        target = Path(scratch) / "sized.o"
+        try:
+            compile_object(compiler, source, target, "-fstack-usage", *flags)
+            text = target.with_suffix(".su").read_text(encoding="utf-8")
+        except (OSError, RunFailed):
+            return None
+    found = {}
+    for line in text.splitlines():
+        place, bytes_, kind = line.split("\t")
+        if kind not in ("static", "dynamic,bounded"):
+            return None
+        found[place.rpartition(":")[2]] = int(bytes_)
+    return found | {"worst": sum(found.values())}
+
+
+def as_json(data: Any) -> str:
+    """JSON text of a report."""
+    return json.dumps(data, indent=1, ensure_ascii=True) + "\n"

@@ -1,0 +1,132 @@
+"""FMU of a module, for Co-Simulation by FMI 2.0 and 3.0: description, sources, binary, zipped.
+
+The same module gives the same bytes: no date, and a token that is a hash of the content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import platform
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from slipctl.block.block import Block
+from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.compile.files import licence
+from slipctl.ccode.ship import fmu_xml
+from slipctl.ccode.ship.fmu_source import interface
+from slipctl.ccode.write.header import CONTENT
+from slipctl.ccode.write.plan import Plan
+from slipctl.errors import BadInput
+
+VERSIONS = (2, 3)
+
+
+def is_plant(block: Block) -> bool:
+    """Whether a block is a discretised flow, whose outputs belong to its present state.
+
+    A controller's outputs are those of its last tick, held until the next one.
+    """
+    kinds = {leaf.kind for _, leaf in block.leaves()}
+    return "step" not in kinds
+
+
+def fmus(
+    plan: Plan, made: Mapping[str, str], content: str, compiler: str | None
+) -> dict[str, bytes]:
+    """Both FMUs by file name.
+
+    Args:
+        plan: the module.
+        made: text of its files by name.
+        content: hash of header and source.
+        compiler: makes the binary; None leaves it out, tools then build the sources.
+
+    Raises:
+        BadInput: a step without a period.
+        RunFailed: the compiler refuses.
+    """
+    if not plan.period and plan.block.kind == "step":
+        raise BadInput(
+            f"{plan.block.name} has no period, which an FMU needs;"
+            " write @step(period=0.01, ...), in s"
+        )
+    now = is_plant(plan.block)
+    own = {n: made[n] for n in (f"{plan.name}.c", f"{plan.name}.h")}
+    found = {}
+    objects: dict[str, bytes] = {}  # the module is compiled once
+    for version in VERSIONS:
+        describe = fmu_xml.description_2 if version == 2 else fmu_xml.description_3
+        token = _token(describe(plan, "", now), interface(plan, version, "", now), *own.values())
+        text = interface(plan, version, token, now).replace(CONTENT, content)
+        sources = own | {f"fmi{version}.c": text}
+        files = {"modelDescription.xml": describe(plan, token, now).encode()}
+        files |= {f"sources/{n}": text.encode() for n, text in sources.items()}
+        files["documentation/index.html"] = fmu_xml.page(plan).encode()
+        if version == 2:
+            files["documentation/LICENSE"] = licence(plan).encode()
+        else:
+            files["documentation/licenses/license.txt"] = licence(plan).encode()
+            files["sources/buildDescription.xml"] = fmu_xml.build_description(plan).encode()
+        where = _place(version)
+        if compiler is not None and where is not None:
+            files[f"binaries/{where}/{plan.name}.so"] = _binary(plan, sources, compiler, objects)
+        found[f"{plan.name}_fmi{version}.fmu"] = _zipped(files)
+    return found
+
+
+def _token(*texts: str) -> str:
+    """Hash of the content in the form that FMI asks for."""
+    h = hashlib.sha256("\0".join(texts).encode()).hexdigest()
+    return "{" + "-".join((h[:8], h[8:12], h[12:16], h[16:20], h[20:32])) + "}"
+
+
+def _place(version: int) -> str | None:
+    """Folder of the binary of this machine."""
+    machine = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64"}.get(
+        platform.machine().lower()
+    )
+    if not sys.platform.startswith("linux") or machine is None:
+        return None
+    if version == 3:
+        return f"{machine}-linux"
+    return "linux64" if machine == "x86_64" else None
+
+
+def _binary(
+    plan: Plan, sources: Mapping[str, str], compiler: str, objects: dict[str, bytes]
+) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        folder = Path(scratch)
+        for name, text in sources.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        linked = [folder / n.replace(".c", ".o") for n in sources if n.endswith(".c")]
+        for o in linked:
+            if o.name in objects:
+                o.write_bytes(objects[o.name])
+                continue
+            cc.compile_object(
+                compiler, o.with_suffix(".c"), o, "-fPIC", "-fvisibility=hidden",
+                "-Wno-unused-parameter",
+            )  # fmt: skip
+            objects[o.name] = o.read_bytes()
+        target = folder / f"{plan.name}.so"
+        cc.link(compiler, linked, target, "-shared", "-Wl,--build-id=none", "-s")
+        return target.read_bytes()
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip without dates, in a fixed order."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            entry.create_system = 3
+            archive.writestr(entry, files[name])
+    return buffer.getvalue()

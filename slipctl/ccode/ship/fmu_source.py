@@ -1,0 +1,134 @@
+"""C of an FMU: the interface of FMI 2.0 or 3.0 for Co-Simulation, around init, tune and step.
+
+The text lies in ``slipctl/templates``. Its declarations are our own, written from the
+specifications, so that the sources compile with nothing beside them. What a sampled module cannot
+do (Model Exchange, derivatives, clocks) is there and refuses.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import textwrap
+from functools import partial
+from pathlib import Path
+
+import casadi as ca
+
+from slipctl.block.signals import evaluate, names_in
+from slipctl.ccode.compile.files import spoken, starting
+from slipctl.ccode.write.expressions import Writer, helper_text, number
+from slipctl.ccode.write.header import head
+from slipctl.ccode.write.layout import Member
+from slipctl.ccode.write.plan import Plan, matrix, shaped
+from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.source import checks, within
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def _template(name: str) -> str:
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def interface(plan: Plan, version: int, token: str, now: bool) -> str:
+    """Text of ``fmi2.c`` or ``fmi3.c``.
+
+    Args:
+        plan: the module.
+        version: of FMI, 2 or 3.
+        token: what the description and the binary must agree on.
+        now: outputs are those of the present state and inputs, not those of the last tick.
+    """
+    file = f"fmi{version}.c"
+    parts = (head(plan, file), core(plan, token, now), _template(file))
+    return "\n\n".join(p.strip() for p in parts) + "\n"
+
+
+def core(plan: Plan, token: str, now: bool) -> str:
+    """Text that both versions of the interface share."""
+    lay = plan.layout
+    counts = {
+        k: sum(m.size for m in g)
+        for k, g in (
+            ("n_in", lay.inputs), ("n_param", lay.params), ("n_derived", lay.derived),
+            ("n_state", lay.states), ("n_out", lay.outputs),
+        )
+    }  # fmt: skip
+    places = (
+        ("n_in", "k < FIRST_PARAM", "in", "k"),
+        ("n_param", "k < FIRST_DERIVED", "param", "k - FIRST_PARAM"),
+        ("n_derived", "k < FIRST_STATE", "state.derived", "k - FIRST_DERIVED"),
+        ("n_state", "k < FIRST_OUT", "state", "k - FIRST_STATE"),
+        ("n_out", "k < STATUS", "out", "k - FIRST_OUT"),
+    )
+    lines: list[str] = []
+    for count, condition, member, at in places:
+        if counts[count]:
+            word = "    if" if not lines else "    } else if"
+            lines += [f"{word} ({condition}) {{", f"        found = (real *)&m->{member} + ({at});"]
+    lines += ["    }"] if lines else ["    (void)m;", "    (void)k;"]
+    inputs = [
+        f"    {m.at('m->in.', k)} = {spoken(v, plan)};"
+        for m in lay.inputs for k, v in enumerate(starting(m))
+    ]  # fmt: skip
+    starts, helpers = _starts(plan)
+    wrong = (
+        "\n            || ".join(f"!{within(plan, m, 'm->state.')}" for m in lay.states) or "false"
+    )
+    tests = checks(wrong)
+    helpers += f"{tests}\n\n" if tests else ""
+    real = partial(in_precision, real=plan.real, where=plan.block.name)
+    filled = {
+        "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
+        "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
+        "inputs": "".join(f"{line}\n" for line in inputs), "starts": real(starts),
+        "helpers": real(helpers), "wrong": real(wrong), **counts,
+    }  # fmt: skip
+    return re.sub(r"@(\w+)@", lambda m: str(filled[m[1]]), _template("fmu.c"))
+
+
+def _starts(plan: Plan) -> tuple[str, str]:
+    """Statements that compute the start values that were not set from those that were.
+
+    ``init`` of the module computes them from its own start values only. Each is computed after
+    those that it uses. Also the text of the functions that the statements call.
+    """
+    block, lay = plan.block, plan.layout
+    groups = ((lay.params, "m->param."), (lay.derived, "m->state.derived."),
+              (lay.states, "m->state."))  # fmt: skip
+    places = {m.name: (m, pointer) for group, pointer in groups for m in group}
+    symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
+    ends_at = itertools.accumulate(m.size for m in lay.states)
+    first = {m.name: end - m.size for m, end in zip(lay.states, ends_at, strict=True)}
+    waiting = [m for m in lay.states if m.signal.derived]
+    text, helpers = "", set()
+    while waiting:
+        for m in list(waiting):
+            value = str(m.signal.value)
+            used = {k: block._sibling(m.name, k) for k in names_in(value)}
+            if not set(used.values()).isdisjoint(w.name for w in waiting):
+                continue
+            result = evaluate(value, {k: symbols[n] for k, n in used.items()}, m.name)
+            names = list(dict.fromkeys(used.values()))
+            f = ca.Function("start", [symbols[n] for n in names],
+                            [shaped(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
+            writer = _written(f, [places[n] for n in names])
+            text += _if_not_given(first[m.name], m, writer)
+            helpers |= set(writer.helpers)
+            waiting.remove(m)
+    return text, helper_text(helpers)
+
+
+def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:
+    return Writer(f, lambda i, k: places[i][0].at(places[i][1], k)).run()
+
+
+def _if_not_given(first: int, m: Member, writer: Writer) -> str:
+    """Statements that give a state, whose elements count from ``first``, its start value."""
+    at = dict(writer.results)
+    lines = ["{", *(f"    {line}" for line in writer.lines)]
+    for k in range(m.size):
+        place, value = m.at("m->state.", k), writer.result(at[0, k])
+        lines += [f"    if (!m->given[{first + k}]) {{", f"        {place} = {value};", "    }"]
+    return textwrap.indent("\n".join([*lines, "}"]) + "\n", " " * 8)

@@ -1,0 +1,302 @@
+"""modelDescription.xml of an FMU: variables with units and ranges, and what depends on what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from xml.sax.saxutils import escape, quoteattr
+
+from slipctl.block import units
+from slipctl.ccode.compile.files import starting
+from slipctl.ccode.write.comments import spelled
+from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.layout import Member
+from slipctl.ccode.write.plan import Plan, packed
+
+DISPLAY = {
+    "m/s": ("km/h", 3.6), "rad/s": ("r/min", 30 / math.pi), "rad": ("deg", 180 / math.pi),
+    "Pa": ("bar", 1e-5), "N": ("kN", 1e-3), "N m": ("kN m", 1e-3), "W": ("kW", 1e-3),
+    "kg": ("t", 1e-3), "s": ("ms", 1e3),
+}  # fmt: skip
+"""Units that a tool may show instead: name, and how many of them one of the unit is."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable: an element of a signal.
+
+    Attributes:
+        name: name of the signal, and indices from 1 on where it is an array.
+        reference: value reference.
+        causality, variability, initial: as FMI has them.
+        start: start value, where it has one.
+    """
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    initial: str
+    member: Member
+    start: float | None = None
+
+
+def variables(plan: Plan) -> list[Variable]:
+    """Variables of the FMU in the order of their value references."""
+    lay = plan.layout
+    groups = (
+        ("input", "discrete", "", lay.inputs), ("parameter", "tunable", "exact", lay.params),
+        ("calculatedParameter", "tunable", "calculated", lay.derived),
+        ("local", "discrete", "exact", lay.states),
+        ("output", "discrete", "calculated", lay.outputs),
+    )  # fmt: skip
+    start = plan.block.start()
+    taken = {m.name for _, _, _, g in groups for m in g if g is not lay.states}
+    found: list[Variable] = []
+    for causality, variability, initial, members in groups:
+        for m in members:
+            name = spelled(m.name)
+            if members is lay.states and m.name in taken:
+                name = f"state.{name}"  # an output may have the name of a state
+            values: list[float | None] = [None] * m.size
+            if causality == "input":
+                values = list(starting(m))
+            elif causality == "parameter":
+                values = [float(v) for v in packed(m, m.signal.value)]
+            elif causality == "local":
+                values = [float(v) for v in packed(m, start[m.name])]
+            # what is computed from others unless it is set has no exact start value
+            begins = "approx" if causality == "local" and m.signal.derived else initial
+            for k, indices in enumerate(_indices(m)):
+                found.append(
+                    Variable(name + indices, len(found), causality, variability, begins, m,
+                             values[k])
+                )  # fmt: skip
+    return found
+
+
+def _indices(m: Member) -> Iterator[str]:
+    """Indices of the elements of a signal in the order of C: column by column."""
+    shape = m.signal.shape
+    if shape == ():
+        yield ""
+    elif len(shape) == 1:
+        yield from (f"[{k + 1}]" for k in range(shape[0]))
+    else:
+        yield from (f"[{i + 1},{j + 1}]" for j in range(shape[1]) for i in range(shape[0]))
+
+
+def feedthrough(plan: Plan) -> dict[int, list[int]]:
+    """For each output element the input elements that it depends on at once, by number."""
+    f = plan.block.f
+    found: dict[int, list[int]] = {}
+    if not f.nnz_in(1) or not f.nnz_out(1):
+        return found
+    pattern = f.jac_sparsity(1, 1)
+    for row, column in zip(*pattern.get_triplet(), strict=True):
+        found.setdefault(int(row), []).append(int(column))
+    return found
+
+
+def unit_definitions(plan: Plan) -> list[str]:
+    """Lines of UnitDefinitions; the same in FMI 2.0 and 3.0."""
+    names = sorted({v.member.signal.unit for v in variables(plan)})
+    lines = []
+    for name in names:
+        inner = ""
+        u = units.unit(name)
+        rad = sum((e for n, e in u.names if n in ("rad", "deg")), Fraction(0))
+        dims = dict(u.dims) | ({"rad": rad} if rad else {})
+        whole = all(e.denominator == 1 for e in dims.values())
+        if whole and set(dims) <= {"kg", "m", "s", "A", "K", "mol", "cd", "rad"}:
+            powers = "".join(f' {n}="{int(e)}"' for n, e in sorted(dims.items()))
+            factor = "" if u.scale == 1.0 else f' factor="{u.scale!r}"'
+            inner += f"<BaseUnit{powers}{factor}/>"
+        if name in DISPLAY:
+            shown, factor_ = DISPLAY[name]
+            inner += f'<DisplayUnit name={quoteattr(shown)} factor="{factor_!r}"/>'
+        lines.append(f"    <Unit name={quoteattr(name)}>{inner}</Unit>")
+    return lines
+
+
+def _description(m: Member) -> str:
+    s = m.signal
+    said = [s.doc or s.name]
+    if s.positive:
+        said.append(f"positive = {s.positive}")
+    if s.source:
+        said.append(f"source: {s.source}")
+    return quoteattr(spelled(" ".join("; ".join(said).split())))
+
+
+def _numbers(v: Variable) -> str:
+    """Attributes unit, min, max, start."""
+    s = v.member.signal
+    text = f" unit={quoteattr(s.unit)}"
+    if math.isfinite(s.lo):
+        text += f' min="{number(s.lo)}"'
+    if math.isfinite(s.hi):
+        text += f' max="{number(s.hi)}"'
+    return text + (f' start="{number(v.start)}"' if v.start is not None else "")
+
+
+def _unknowns(tag: str, rows: Iterable[tuple[int, list[int] | None]], key: str) -> list[str]:
+    lines = []
+    for reference, depends in rows:
+        known = "" if depends is None else f' dependencies="{" ".join(map(str, depends))}"'
+        lines.append(f'    <{tag} {key}="{reference}"{known}/>')
+    return lines
+
+
+def _structure(plan: Plan, now: bool) -> list[tuple[Variable, list[int] | None]]:
+    """Each output with the inputs that it depends on at a communication point.
+
+    Outputs that a tick gave do not change with the inputs until the next one.
+    """
+    outputs = [v for v in variables(plan) if v.causality == "output"]
+    through = feedthrough(plan) if now else {}
+    return [(v, sorted(through.get(k, []))) for k, v in enumerate(outputs)]
+
+
+def _text(plan: Plan) -> tuple[str, str]:
+    """Description, and the name of the tool."""
+    from slipctl import __version__
+    from slipctl.ccode.write.plan import first_sentence
+
+    return quoteattr(spelled(first_sentence(plan.block.doc))), f"slipctl {__version__}"
+
+
+def description_2(plan: Plan, token: str, now: bool) -> str:
+    """Text of modelDescription.xml of FMI 2.0."""
+    found = variables(plan)
+    about, tool = _text(plan)
+    step = f' stepSize="{number(plan.period)}"' if plan.period else ""
+    status = len(found)
+    structure = _structure(plan, now)
+    outputs = [(v.reference + 1, [k + 1 for k in d or []]) for v, d in structure]
+    first = [(v.reference + 1, None) for v in found if v.causality == "calculatedParameter"]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="2.0" modelName="{plan.name}" guid="{token}"'
+        f' description={about} generationTool="{tool}" variableNamingConvention="structured"'
+        ' numberOfEventIndicators="0">',
+        f'  <CoSimulation modelIdentifier="{plan.name}"'
+        ' canHandleVariableCommunicationStepSize="true"'
+        ' canNotUseMemoryManagementFunctions="true" canGetAndSetFMUstate="true"'
+        ' canSerializeFMUstate="true">',
+        "    <SourceFiles>", f'      <File name="{plan.name}.c"/>', '      <File name="fmi2.c"/>',
+        "    </SourceFiles>", "  </CoSimulation>", "  <UnitDefinitions>", *unit_definitions(plan),
+        "  </UnitDefinitions>", "  <LogCategories>", '    <Category name="events"/>',
+        "  </LogCategories>", f"  <DefaultExperiment{step}/>", "  <ModelVariables>",
+    ]  # fmt: skip
+    for v in found:
+        initial = f' initial="{v.initial}"' if v.initial else ""
+        lines.append(
+            f'    <ScalarVariable name={quoteattr(v.name)} valueReference="{v.reference}"'
+            f' description={_description(v.member)} causality="{v.causality}"'
+            f' variability="{v.variability}"{initial}><Real{_numbers(v)}/></ScalarVariable>'
+        )
+    lines += [
+        f'    <ScalarVariable name="{_status_name(plan)}" valueReference="{status}"'
+        f' description={quoteattr(_STATUS)} causality="output" variability="discrete"'
+        ' initial="calculated"><Integer/></ScalarVariable>',
+        "  </ModelVariables>", "  <ModelStructure>", "  <Outputs>",
+        *_unknowns("Unknown", [*outputs, (status + 1, [])], "index"), "  </Outputs>",
+        "  <InitialUnknowns>",
+        *_unknowns("Unknown", [*first, *((k, None) for k, _ in outputs), (status + 1, None)],
+                   "index"),
+        "  </InitialUnknowns>", "  </ModelStructure>", "</fmiModelDescription>",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def description_3(plan: Plan, token: str, now: bool) -> str:
+    """Text of modelDescription.xml of FMI 3.0."""
+    found = variables(plan)
+    about, tool = _text(plan)
+    status = len(found)
+    period = number(plan.period) if plan.period else ""
+    fixed = f' fixedInternalStepSize="{period}"' if period else ""
+    step = f' stepSize="{period}"' if period else ""
+    outputs = [(v.reference, d) for v, d in _structure(plan, now)]
+    first = [(v.reference, None) for v in found if v.causality == "calculatedParameter"]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="3.0" modelName="{plan.name}"'
+        f' instantiationToken="{token}" description={about} generationTool="{tool}"'
+        ' variableNamingConvention="structured">',
+        f'  <CoSimulation modelIdentifier="{plan.name}" canGetAndSetFMUState="true"'
+        f' canSerializeFMUState="true" canHandleVariableCommunicationStepSize="true"{fixed}/>',
+        "  <UnitDefinitions>", *unit_definitions(plan), "  </UnitDefinitions>",
+        "  <LogCategories>", '    <Category name="events"/>', "  </LogCategories>",
+        f"  <DefaultExperiment{step}/>", "  <ModelVariables>",
+        f'    <Float64 name="{_free("time", plan)}" valueReference="{status + 1}"'
+        ' causality="independent" variability="continuous"/>',
+    ]  # fmt: skip
+    for v in found:
+        initial = f' initial="{v.initial}"' if v.initial else ""
+        lines.append(
+            f'    <Float64 name={quoteattr(v.name)} valueReference="{v.reference}"'
+            f' description={_description(v.member)} causality="{v.causality}"'
+            f' variability="{v.variability}"{initial}{_numbers(v)}/>'
+        )
+    lines += [
+        f'    <Int32 name="{_status_name(plan)}" valueReference="{status}"'
+        f' description={quoteattr(_STATUS)} causality="output" variability="discrete"'
+        ' initial="calculated"/>',
+        "  </ModelVariables>", "  <ModelStructure>",
+        *_unknowns("Output", [*outputs, (status, [])], "valueReference"),
+        *_unknowns("InitialUnknown",
+                   [*first, *((k, None) for k, _ in outputs), (status, None)], "valueReference"),
+        "  </ModelStructure>", "</fmiModelDescription>",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+_STATUS = "bits of the last communication step: 1 NaN in, 2 bad result, 8 off range, 16 limited"
+
+
+def _free(name: str, plan: Plan) -> str:
+    """A name that no variable has."""
+    taken = {v.name for v in variables(plan)}
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _status_name(plan: Plan) -> str:
+    return _free("status", plan)
+
+
+def build_description(plan: Plan) -> str:
+    """Text of sources/buildDescription.xml of FMI 3.0."""
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{plan.name}">
+    <SourceFileSet language="C99">
+      <SourceFile name="{plan.name}.c"/>
+      <SourceFile name="fmi3.c"/>
+    </SourceFileSet>
+    <Library name="m" external="true"/>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
+
+
+def page(plan: Plan) -> str:
+    """Text of documentation/index.html."""
+    rows = "".join(
+        f"<tr><td>{escape(v.name)}</td><td>{escape(v.member.signal.unit)}</td>"
+        f"<td>{v.causality}</td><td>{escape(spelled(v.member.signal.doc))}</td></tr>\n"
+        for v in variables(plan)
+    )
+    return (
+        f"<!DOCTYPE html>\n<meta charset='utf-8'><title>{plan.name}</title>\n<h1>{plan.name}</h1>\n"
+        f"<p>{escape(spelled(plan.block.doc))}</p>\n<p>A binary for another platform is built from"
+        " the C files in sources, which need nothing but the C library: <code>cc -std=c99 -O2"
+        f" -ffp-contract=off -fPIC -shared sources/*.c -o {plan.name}.so -lm</code></p>\n"
+        "<table>\n<tr><th>variable</th><th>unit</th>"
+        f"<th>causality</th><th>meaning</th></tr>\n{rows}</table>\n"
+    )

@@ -1,0 +1,151 @@
+"""``report.md``: what ``report.json`` says, to be read by people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from slipctl.ccode.check import analysis
+
+_COMPARED = {
+    "every tick": "every tick",
+    "envelope": "least and greatest value",
+    "nothing": "not compared: arithmetic alone decides it",
+}
+
+
+def readable(data: Mapping[str, Any], layout: Any) -> str:
+    """Text of ``report.md``.
+
+    Args:
+        data: content of ``report.json``.
+        layout: signals of the module, for their units.
+    """
+    memory = data["memory_bytes"]
+    paragraphs = [
+        f"# {data['name']} in `{data['real']}`",
+        f"Written by slipctl {data['slipctl_version']} with CasADi {data['casadi_version']},"
+        f" content {data['content']}. The same numbers, and more, are in `report.json`.",
+        "## Memory",
+        table(["bytes of", *memory], [["one instance", *memory.values()]]),
+        *_compiled(data),
+        *_replayed(data, layout),
+        *_targets(data),
+        *_analysed(data),
+        *_fuzzed(data),
+    ]
+    return "\n\n".join(paragraphs) + "\n"
+
+
+def _compiled(data: Mapping[str, Any]) -> list[str]:
+    if not data["compiled"]:
+        return ["Nothing was compiled or compared; `slipctl c ... --check` does."]
+    rows = [
+        [c["compiler"], *_bytes(c["bytes"]), (c["stack"] or {}).get("worst", ""), c["own_test"]]
+        for c in data["compiled"]
+    ]
+    flags = data["compiled"][0]["flags"]
+    return [
+        "## On this machine",
+        f"`{flags}`: no warning.",
+        table(["compiler", "text", "data", "bss", "stack at most", "own test"], rows),
+        _bullets(f"{k.replace('_', ' ')}: {_yes(v)}" for k, v in data["isolation"].items()),
+    ]
+
+
+def _replayed(data: Mapping[str, Any], layout: Any) -> list[str]:
+    if "signals" not in data:
+        return []
+    units = {m.name: m.signal.unit for m in (*layout.outputs, *layout.states)}
+    rows = [
+        [f"`{n}`", units[n], _short(s["absolute"]), _short(s["relative"]),
+         "" if s["compared"] == "nothing" else _short(s["limit"]), _COMPARED[s["compared"]]]
+        for n, s in data["signals"].items()
+    ]  # fmt: skip
+    return [
+        "## Against Python",
+        f"{data['ticks']} ticks were replayed: {_verdict(data['passed'])}."
+        f" {data['ticks_off_range']} had an input off range, {data['ticks_limited']} an output at"
+        f" its limit, {data['ticks_undecided']} a status that rounding decides.",
+        table(
+            ["signal", "unit", "largest difference", "of its largest value", "limit", "compared"],
+            rows,
+        ),
+    ]
+
+
+def _targets(data: Mapping[str, Any]) -> list[str]:
+    if not data["targets"]:
+        return []
+    rows = []
+    for t in data["targets"]:
+        count = t.get("instructions", {})
+        rows.append([
+            t["target"], *_bytes(t["bytes"]), (t["stack"] or {}).get("worst", ""),
+            t.get("stack_used", ""), count.get("mean", ""), count.get("most", ""),
+            len(t["double_helpers"]), _short(max(t.get("signals", {}).values(), default=0.0)),
+            _verdict(t["passed"]),
+        ])  # fmt: skip
+    heads = [
+        "target", "text", "data", "bss", "stack at most", "stack used", "instructions, mean",
+        "most", "functions of double", "largest relative difference", "",
+    ]  # fmt: skip
+    compilers = dict.fromkeys(t["compiler"] for t in data["targets"])
+    return [
+        "## On the target",
+        f"{', '.join(compilers)}; instructions of a step are counted by QEMU, they are not cycles.",
+        table(heads, rows),
+    ]
+
+
+def _analysed(data: Mapping[str, Any]) -> list[str]:
+    if "analysis" not in data:
+        return []
+    found = data["analysis"]
+    why = found["explained"] | found["deviations"]
+    rows = [
+        [f"`{file}`", rule, count, why.get(rule, "")]
+        for kind in ("misra", "cppcheck") for file, counts in found[kind].items()
+        for rule, count in counts.items()
+    ]  # fmt: skip
+    return [
+        "## MISRA C:2012 and cppcheck",
+        f"{analysis.summary(found)}.",
+        table(["file", "rule", "findings", "why"], rows),
+    ]
+
+
+def _fuzzed(data: Mapping[str, Any]) -> list[str]:
+    if "fuzz" not in data:
+        return []
+    f = data["fuzz"]
+    return [
+        "## Any bytes",
+        f"{f['executions']} runs of libFuzzer in {f['seconds']} s: {f['said']}.",
+    ]
+
+
+def _bytes(sizes: Mapping[str, int] | None) -> list[Any]:
+    return [(sizes or {}).get(k, "") for k in ("text", "data", "bss")]
+
+
+def _verdict(passed: bool) -> str:
+    return "passed" if passed else "FAILED"
+
+
+def _yes(value: Any) -> str:
+    return {True: "passed", False: "FAILED"}.get(value, str(value))
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"* {line}" for line in lines)
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Table in Markdown."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)

@@ -1,0 +1,434 @@
+"""Write a CasADi SX Function as C expressions a person can read, operation for operation.
+
+The tree of operations is kept as it is (no term is moved), so that C gives the bits of Python.
+Values used once are written where they are used; ``if_else`` becomes ``?:``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from slipctl.ccode.write import pieces
+
+WIDTH = 68
+"""Characters of an expression above which its longest part gets a line of its own."""
+
+_ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
+
+_BINARY = {
+    ca.OP_ADD: ("+", _SUM), ca.OP_SUB: ("-", _SUM), ca.OP_MUL: ("*", _PRODUCT),
+    ca.OP_DIV: ("/", _PRODUCT),
+}  # fmt: skip
+_COMPARE = {
+    ca.OP_LT: ("<", _RELATION), ca.OP_LE: ("<=", _RELATION), ca.OP_EQ: ("==", _EQUAL),
+    ca.OP_NE: ("!=", _EQUAL),
+}  # fmt: skip
+_CALLS = {
+    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow",
+    ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_ATAN2: "atan2", ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder", ca.OP_FABS: "fabs", ca.OP_COPYSIGN: "copysign",
+    ca.OP_ERF: "erf", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_HYPOT: "hypot",
+    ca.OP_SIGN: "sign_of", ca.OP_FMIN: "lesser", ca.OP_FMAX: "greater", ca.OP_SQ: "square",
+}  # fmt: skip
+
+_BOUNDS = {ca.OP_FMIN: ("below", "at_most"), ca.OP_FMAX: ("above", "at_least")}
+"""Smaller and greater where the first value, or else the second, is never NaN: that is the bound,
+and one comparison does. Of equal values the first is given, as fmin does: zeros have signs."""
+
+HELPERS = {
+    "square": "static double square(double x)\n{\n    return x * x;\n}\n",
+    "lesser": (
+        "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
+        "static double lesser(double x, double y)\n{\n"
+        "    return ((y < x) || (x != x)) ? y : x;\n}\n"
+    ),
+    "greater": (
+        "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
+        "static double greater(double x, double y)\n{\n"
+        "    return ((y > x) || (x != x)) ? y : x;\n}\n"
+    ),
+    "below": (
+        "static double below(double x, double bound)\n{\n"
+        "    return (x < bound) ? x : bound; /* the bound for NaN */\n}\n"
+    ),
+    "above": (
+        "static double above(double x, double bound)\n{\n"
+        "    return (x > bound) ? x : bound; /* the bound for NaN */\n}\n"
+    ),
+    "at_most": (
+        "static double at_most(double x, double bound)\n{\n"
+        "    return (x <= bound) ? x : bound;\n}\n"
+    ),
+    "at_least": (
+        "static double at_least(double x, double bound)\n{\n"
+        "    return (x >= bound) ? x : bound;\n}\n"
+    ),
+    "reached": (
+        "/* last of n rising places that x has reached; the first if none, or if x is NaN */\n"
+        "static int reached(const double *at, int n, double x)\n{\n"
+        "    int low = 0;\n    int high = n;\n    while ((high - low) > 1) {\n"
+        "        const int middle = (low + high) / 2;\n"
+        "        if (x >= at[middle]) {\n            low = middle;\n        } else {\n"
+        "            high = middle;\n        }\n    }\n    return low;\n}\n"
+    ),
+    "sign_of": (
+        "static double sign_of(double x)\n{\n"
+        "    return (x < 0.0) ? -1.0 : ((x > 0.0) ? 1.0 : x);\n}\n"
+    ),
+}
+"""Functions that the expressions may call beside those of math.h."""
+
+_TAKES_SIGN = {
+    ca.OP_ATAN2: (0, 1), ca.OP_COPYSIGN: (1,), ca.OP_DIV: (1,), ca.OP_INV: (0,),
+    ca.OP_POW: (0,), ca.OP_CONSTPOW: (0,),
+}  # fmt: skip
+_FORGETS_SIGN = {
+    *_COMPARE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_FABS, ca.OP_SQ, ca.OP_EXP, ca.OP_COS,
+    ca.OP_COSH,
+}  # fmt: skip
+
+ANY, NUMBER, FINITE = range(3)
+"""What a value can be: NaN too; infinite, but not NaN; a finite number only."""
+
+_CAN_BE: dict[int, Callable[..., int]] = {
+    **dict.fromkeys((*_COMPARE, ca.OP_NOT, ca.OP_AND, ca.OP_OR), lambda *a: FINITE),
+    **dict.fromkeys(
+        (ca.OP_NEG, ca.OP_FABS, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_SIGN, ca.OP_TANH, ca.OP_ATAN),
+        lambda a: a,
+    ),
+    ca.OP_IF_ELSE_ZERO: lambda condition, a: a,
+    **dict.fromkeys(
+        (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL), lambda a, b: NUMBER if min(a, b) == FINITE else ANY
+    ),
+    **dict.fromkeys((ca.OP_TWICE, ca.OP_SQ, ca.OP_EXP), lambda a: min(a, NUMBER)),
+    **dict.fromkeys((ca.OP_SIN, ca.OP_COS), lambda a: FINITE if a == FINITE else ANY),
+    **dict.fromkeys((ca.OP_FMIN, ca.OP_FMAX), lambda a, b: max(min(a, b), min(max(a, b), NUMBER))),
+}  # fmt: skip
+"""What a result can be, from what its operands can be; where nothing is said, anything."""
+
+_SELECT = -1  # our own operation: (condition, if true, if false)
+
+
+class Unsupported(Exception):
+    """The Function has an operation that this writer does not know."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operation: its code, the nodes it takes, and a constant or (argument, element)."""
+
+    op: int
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+    place: tuple[int, int] = (0, 0)
+
+
+@dataclass
+class _Text:
+    text: str
+    rank: int
+    truth: bool = False  # a C condition (bool), not a real number
+
+
+def number(value: float) -> str:
+    """Write a number as a C double that reads back to the same bits."""
+    if math.isnan(value):
+        return "((double)NAN)"
+    if math.isinf(value):
+        return "((double)INFINITY)" if value > 0 else "(-(double)INFINITY)"
+    text = repr(float(value))
+    return text if any(c in text for c in ".en") else text + ".0"
+
+
+def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
+    """Nodes of an SX Function in order, and (output, element) -> node of its results.
+
+    Raises:
+        Unsupported: an operation that cannot be written.
+    """
+    nodes: list[Node] = []
+    results: list[tuple[tuple[int, int], int]] = []
+    held: dict[int, int] = {}  # work element -> node
+    known = {*_BINARY, *_COMPARE, *_CALLS, ca.OP_NEG, ca.OP_INV, ca.OP_TWICE, ca.OP_NOT,
+             ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}  # fmt: skip
+    for k in range(f.n_instructions()):
+        op, o, i = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
+        if op == ca.OP_OUTPUT:
+            results.append(((o[0], o[1]), held[i[0]]))
+            continue
+        if op == ca.OP_CONST:
+            node = Node(op, value=float(f.instruction_constant(k)))
+        elif op == ca.OP_INPUT:
+            node = Node(op, place=(i[0], i[1]))
+        elif op == ca.OP_ASSIGN:
+            held[o[0]] = held[i[0]]
+            continue
+        elif op in known:
+            node = Node(op, tuple(held[a] for a in i))
+        else:
+            raise Unsupported(f"operation {op} of {f.name()}")
+        held[o[0]] = len(nodes)
+        nodes.append(_choice(nodes, node))
+    return nodes, results
+
+
+def _choice(nodes: list[Node], node: Node) -> Node:
+    """Read (c ? u : 0) + (!c ? v : 0), which is how CasADi keeps an if_else, as c ? u : v."""
+    if node.op != ca.OP_ADD:
+        return node
+    a, b = (nodes[k] for k in node.args)
+    if a.op != ca.OP_IF_ELSE_ZERO or b.op != ca.OP_IF_ELSE_ZERO:
+        return node
+    if nodes[b.args[0]] == Node(ca.OP_NOT, (a.args[0],)):
+        return Node(_SELECT, (a.args[0], a.args[1], b.args[1]))
+    if nodes[a.args[0]] == Node(ca.OP_NOT, (b.args[0],)):
+        return Node(_SELECT, (b.args[0], b.args[1], a.args[1]))
+    return node
+
+
+class Writer:
+    """Statements of one Function; ``run`` writes them.
+
+    Args:
+        f: an SX Function.
+        read_input: C expression of (argument, element); asked when a value is first needed, so
+            that it may put statements before.
+        names: names for the values of results, by (output, element); other values that need a
+            line are called a1, a2, ...
+        count: numbers of those names, shared by the writers of one C function.
+        real: C type of a number.
+        can_be: what (argument, element) can be; anything by default.
+
+    Attributes:
+        lines: statements, each a constant.
+        helpers: functions of ``HELPERS`` and of math.h that they call.
+    """
+
+    def __init__(
+        self,
+        f: ca.Function,
+        read_input: Callable[[int, int], str],
+        names: Mapping[tuple[int, int], str] | None = None,
+        count: Iterator[int] | None = None,
+        real: str = "double",
+        can_be: Callable[[int, int], int] = lambda i, k: ANY,
+    ) -> None:
+        nodes, self.results = read(f)
+        self.nodes, self.tables = pieces.found(nodes)
+        self.pieces: dict[int, tuple[str, str]] = {}  # table -> row of C, ramp
+        self.read_input, self.real = read_input, real
+        self.lines: list[str] = []
+        self.helpers: set[str] = set()
+        self.texts: dict[int, _Text] = {}
+        self.count = itertools.count(1) if count is None else count
+        self.names: dict[int, str] = {}
+        for place, node in self.results:
+            if names and place in names and self.nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
+                self.names.setdefault(node, names[place])
+        self.uses = self._uses()
+        self.signed = self._signed()
+        self.can_be = self._can_be(can_be)
+
+    def run(self) -> Writer:
+        """Write the statements."""
+        for k in range(len(self.nodes)):
+            if self.uses[k]:
+                self._write(k)
+        return self
+
+    def result(self, node: int) -> str:
+        """C expression of the value of a result."""
+        return self._real(self.texts[node])
+
+    def atom(self, node: int) -> str:
+        """Name, member or number of a value; a longer expression gets a line first."""
+        if self.texts[node].rank != _ATOM or "(" in self.texts[node].text:
+            self._line(node)
+        return self._real(self.texts[node])
+
+    def condition(self, node: int) -> str:
+        """C condition: the whole part of the value is not zero, as CasADi decides."""
+        t = self.texts[node]
+        return t.text if t.truth else f"(int)({t.text}) != 0"
+
+    def _uses(self) -> list[int]:
+        uses = [0] * len(self.nodes)
+        for _, node in self.results:
+            uses[node] += 1
+        for k in range(len(self.nodes) - 1, -1, -1):
+            if uses[k]:
+                for a in self.nodes[k].args:
+                    uses[a] += 1
+        return uses
+
+    def _signed(self) -> list[bool]:
+        """Values whose sign matters even when they are zero: what atan2 takes, what divides."""
+        signed = [False] * len(self.nodes)
+        for k in range(len(self.nodes) - 1, -1, -1):
+            node = self.nodes[k]
+            if node.op in _TAKES_SIGN:
+                for i in _TAKES_SIGN[node.op]:
+                    signed[node.args[i]] = True
+            if signed[k] and node.op not in _FORGETS_SIGN:
+                for a in node.args[1:] if node.op == _SELECT else node.args:
+                    signed[a] = True
+        return signed
+
+    def _can_be(self, argument: Callable[[int, int], int]) -> list[int]:
+        """What each value can be, whatever the arguments are."""
+        found: list[int] = []
+        for node in self.nodes:
+            if node.op == ca.OP_CONST:
+                v = node.value
+                found.append(ANY if math.isnan(v) else NUMBER if math.isinf(v) else FINITE)
+            elif node.op == ca.OP_INPUT:
+                found.append(argument(*node.place))
+            elif node.op == _SELECT:
+                found.append(min(found[a] for a in node.args[1:]))
+            else:
+                rule = _CAN_BE.get(node.op, lambda *a: ANY)
+                found.append(rule(*(found[a] for a in node.args)))
+        return found
+
+    def _write(self, k: int) -> None:
+        node = self.nodes[k]
+        if node.op == ca.OP_CONST:
+            text = number(node.value)
+            self.texts[k] = _Text(text, _UNARY if text.startswith("-") else _ATOM)
+            return
+        if node.op == ca.OP_INPUT:
+            self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
+            return
+        if node.op == pieces.PIECES:
+            self._row(node)
+        called = set(self.helpers)
+        made = self._compose(node, self.signed[k])
+        while len(made.text) > WIDTH:
+            long = max(node.args, key=lambda a: len(self.texts[a].text))
+            if self.texts[long].rank == _ATOM and "(" not in self.texts[long].text:
+                break
+            self._line(long)
+            self.helpers = set(called)  # without those of the text thrown away
+            made = self._compose(node, self.signed[k])
+        self.texts[k] = made
+        if k in self.names or self.uses[k] > 1:
+            self._line(k)
+
+    def _row(self, node: Node) -> None:
+        """Statements that find the piece of a table, once."""
+        number_of = node.place[0]
+        if number_of in self.pieces:
+            return
+        x, name = self.atom(node.args[0]), f"t{next(self.count)}"
+        table, at, ramp = self.tables[number_of], f"k{name[1:]}", f"a{next(self.count)}"
+        self.helpers |= {"reached", "at_least", "at_most"}
+        self.lines += [
+            f"/* straight pieces over {x}: begin, length, height and slope of each result */",
+            *table.lines(name, number, WIDTH),
+            f"const int {at} = reached({name}_at, {len(table.ramps)}, {x});",
+            f"const {self.real} {ramp} ="
+            f" at_most(at_least({x} - {name}_at[{at}], 0.0), {name}_long[{at}]);",
+        ]
+        self.pieces[number_of] = f"{name}[{at}]", ramp
+
+    def _line(self, k: int) -> None:
+        """Give a value a line and a name of its own."""
+        made = self.texts[k]
+        name = self.names.get(k)
+        if name is None:
+            name = f"a{next(self.count)}"
+        kind = "bool" if made.truth else self.real
+        self.lines.append(f"const {kind} {name} = {made.text};")
+        self.texts[k] = _Text(name, _ATOM, made.truth)
+
+    def _real(self, t: _Text) -> str:
+        return f"({t.text} ? 1.0 : 0.0)" if t.truth and t.rank == _ATOM else (
+            f"(({t.text}) ? 1.0 : 0.0)" if t.truth else t.text
+        )  # fmt: skip
+
+    def _operand(self, k: int, rank: int) -> str:
+        """Text of a real value that binds at least as strongly as ``rank``."""
+        t = self.texts[k]
+        if t.truth:
+            return self._real(t)
+        return t.text if t.rank >= rank else f"({t.text})"
+
+    def _condition(self, k: int, rank: int) -> str:
+        t = self.texts[k]
+        if not t.truth:
+            t = _Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
+        return t.text if t.rank >= rank else f"({t.text})"
+
+    def _compose(self, node: Node, signed: bool) -> _Text:
+        op, a = node.op, node.args
+        if op in _BINARY:
+            sign, rank = _BINARY[op]
+            right = self._operand(a[1], rank + 1)
+            if right.startswith("-"):
+                right = f"({right})"
+            return _Text(f"{self._operand(a[0], rank)} {sign} {right}", rank)
+        if op in _COMPARE:
+            sign, rank = _COMPARE[op]
+            left, right = (self._operand(k, _SUM) for k in a)
+            return _Text(f"{left} {sign} {right}", rank, True)
+        if op == pieces.PIECES:
+            (row, ramp), c = self.pieces[node.place[0]], 2 * node.place[1]
+            return _Text(f"{row}[{c}] + {row}[{c + 1}] * {ramp}", _SUM)
+        if op == ca.OP_NEG:
+            return _Text(f"-{self._operand(a[0], _ATOM)}", _UNARY)
+        if op == ca.OP_INV:
+            return _Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
+        if op == ca.OP_TWICE:
+            return _Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
+        if op == ca.OP_NOT:
+            return self._not(a[0])
+        if op in (ca.OP_AND, ca.OP_OR):
+            sign = "&&" if op == ca.OP_AND else "||"
+            left, right = (self._condition(k, _ATOM) for k in a)
+            return _Text(f"{left} {sign} {right}", _AND if op == ca.OP_AND else _OR, True)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return self._select(a[0], self._operand(a[1], _OR), "0.0")
+        if op == _SELECT:
+            made = self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
+            # CasADi adds 0 to the value chosen, which makes -0 a +0
+            return _Text(f"({made.text}) + 0.0", _SUM) if signed else made
+        return self._call(op, a)
+
+    def _not(self, k: int) -> _Text:
+        t = self.texts[k]
+        if t.truth:
+            return _Text(f"!{self._condition(k, _ATOM)}", _UNARY, True)
+        return _Text(f"{self._operand(k, _RELATION)} == 0.0", _EQUAL, True)
+
+    def _select(self, condition: int, yes: str, no: str) -> _Text:
+        return _Text(f"{self._condition(condition, _ATOM)} ? {yes} : {no}", _CHOICE)
+
+    def _call(self, op: int, a: tuple[int, ...]) -> _Text:
+        if op == ca.OP_SQ and self.texts[a[0]].rank == _ATOM and self._plain(a[0]):
+            x = self._operand(a[0], _ATOM)
+            return _Text(f"{x} * {x}", _PRODUCT)
+        name = _CALLS[op]
+        if op in _BOUNDS and self.can_be[a[0]]:
+            name, a = _BOUNDS[op][0], (a[1], a[0])
+        elif op in _BOUNDS and self.can_be[a[1]]:
+            name = _BOUNDS[op][1]
+        if name in HELPERS:
+            self.helpers.add(name)
+        return _Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", _ATOM)
+
+    def _plain(self, k: int) -> bool:
+        return not self.texts[k].truth and "(" not in self.texts[k].text
+
+
+def helper_text(names: Iterable[str]) -> str:
+    """Definitions of helper functions, in a fixed order."""
+    chosen = set(names)
+    return "\n".join(text for name, text in HELPERS.items() if name in chosen)

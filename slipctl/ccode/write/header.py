@@ -1,0 +1,233 @@
+"""The header of a C module: documented structs, status, prototypes."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from typing import Any
+
+import numpy as np
+
+from slipctl.ccode.write.comments import WIDTH, comment
+from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.layout import Member, range_text
+from slipctl.ccode.write.plan import Plan, first_sentence
+from slipctl.ccode.write.precision import in_precision, size
+
+STATUS = (
+    ("OK", 0, "all is well"),
+    ("BAD_INPUT", 1, "step: an input is NaN or infinite"),
+    ("BAD_RESULT", 2, "step: the equations gave NaN or infinity, or a solver in them failed"),
+    ("BAD_PARAM", 4, "init, tune: a parameter or start value is NaN or out of range"),
+    ("OFF_RANGE", 8, "step: an input is out of its declared range"),
+    ("LIMITED", 16, "step: an output was put back into its declared range; all else as with 0"),
+)
+"""Bits of the status: name, value, meaning."""
+
+CONTENT = "<content-hash-->"
+"""Stands for the hash of the content until it is known."""
+
+
+def head(plan: Plan, file: str) -> str:
+    """First comment of a file."""
+    from slipctl import __version__
+
+    what = first_sentence(plan.block.doc) or f"block {plan.block.name}"
+    return comment(
+        f"{file}: {what}\n\n"
+        f"Written by slipctl {__version__}, content {CONTENT}. Do not edit it: change the model and"
+        " write it again.\n\nSPDX-License-Identifier: Apache-2.0 (see LICENSE)"
+    )
+
+
+def member_comment(m: Member, indent: str = "    ") -> str:
+    """Say what a signal is: unit, meaning, convention, range, value, source."""
+    s = m.signal
+    said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
+    if s.positive:
+        said.append(f"positive = {s.positive}")
+    if s.per:
+        said.append(f"slip as a {s.per}")
+    if range_text(s):
+        said.append(f"range {range_text(s)}")
+    if len(s.shape) == 2:
+        said.append(f"{s.shape[0]} x {s.shape[1]}, column by column")
+    if s.value is not None:
+        word = {"state": "start", "input": "if not known"}.get(s.role, "default")
+        said.append(f"{'=' if s.derived and s.role == 'param' else word} {_short(s.value)}")
+    if s.safe is not None:
+        said.append(f"safe value {number(float(s.safe))}, given while a step is refused")
+    if s.source:
+        said.append(f"source: {s.source}")
+    return comment("; ".join(" ".join(t.split()) for t in said), indent)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    array = np.asarray(value, dtype=float).ravel()
+    if (array == array[0]).all():
+        return number(float(array[0]))
+    shown = ", ".join(number(float(v)) for v in array[:4])
+    return f"({shown}{', ...' if array.size > 4 else ''})"
+
+
+def header(plan: Plan) -> str:
+    """Text of the header."""
+    lay, big = plan.layout, plan.layout.big
+    states = "\n".join(
+        f"    /* {what} */\n    {big}_{k} = {v}{',' if v != STATUS[-1][1] else ''}"
+        for k, v, what in STATUS
+    )
+    parts = [
+        head(plan, f"{plan.name}.h"),
+        _about(plan),
+        f'#ifndef {big}_H\n#define {big}_H\n\n#ifdef __cplusplus\nextern "C" {{\n#endif',
+        f"{comment('Status of a call: 0, or bits of these.')}\nenum {{\n{states}\n}};",
+        _struct(plan, "in", "Inputs of one tick.", lay.inputs),
+        _struct(
+            plan,
+            "param",
+            "Parameters. Call tune after changing one: it checks them, step does not.",
+            lay.params,
+        ),
+        _struct(plan, "out", "Outputs of one tick.", lay.outputs),
+        _state(plan),
+        _prototypes(plan),
+        f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {big}_H */",
+    ]
+    return in_precision("\n\n".join(parts) + "\n", plan.real, plan.block.name)
+
+
+def _about(plan: Plan) -> str:
+    """What the block is, with its parts, choices and sources, and how it is used."""
+    b, n = plan.block, plan.name
+    tick = f"every {number(plan.period)} s" if plan.period else "once per tick"
+    said = [b.doc.strip() or f"The block {b.name}."]
+    if b.choices:
+        said.append("Choices: " + ", ".join(f"{k} = {v}" for k, v in b.choices.items()))
+    for path, leaf in plan.part_docs():
+        choices = "".join(f", {k} = {v}" for k, v in leaf.choices.items())
+        text = textwrap.indent(leaf.doc.strip(), "    ")
+        said.append(f"{path} ({leaf.name}{choices}):\n\n{text}")
+    said.append(
+        f"Use: {n}_default fills the parameters, {n}_init sets the start state, {n}_step is called"
+        f" {tick}. Every number is in the unit stated beside it. No memory is allocated and nothing"
+        f" is global; one {n}_state is one instance. {memory(plan)}"
+    )
+    return comment("\n\n".join(said))
+
+
+def memory(plan: Plan) -> str:
+    """Say where the step keeps its intermediate results."""
+    _, _, sz_iw, sz_w = plan.equations.work
+    if not sz_iw + sz_w:
+        return "The step keeps its intermediate results in registers and on the stack."
+    where = f"in {plan.name}_state.work" if plan.work_in_state else "on the stack"
+    return f"Scratch memory of {size(plan.real) * sz_w + 4 * sz_iw} bytes lies {where}."
+
+
+def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
+    lines = [comment(what), f"typedef struct {plan.name}_{suffix} {{"]
+    for m in members:
+        lines += [member_comment(m), f"    {m.declared()}"]
+    if not members:
+        lines.append("    double unused; /* there are none; C wants a member */")
+    return "\n".join([*lines, f"}} {plan.name}_{suffix};"])
+
+
+def _state(plan: Plan) -> str:
+    n, lay = plan.name, plan.layout
+    _, _, sz_iw, sz_w = plan.equations.work
+    lines = []
+    if lay.derived:
+        lines += [comment("Derived parameters, computed by init and tune.")]
+        lines += [f"struct {n}_derived {{"]
+        for m in lay.derived:
+            lines += [member_comment(m), f"    {m.declared()}"]
+        lines += ["};", ""]
+    if plan.next_in_state:
+        lines += ["/* State of the next tick. */", next_struct(plan) + ";", ""]
+    lines += [
+        comment("State: set by init, changed by step; a copy of the struct saves an instance."),
+        f"typedef struct {n}_state {{",
+    ]
+    for m in lay.states:
+        lines += [member_comment(m), f"    {m.declared()}"]
+    if lay.derived:
+        lines.append(f"    struct {n}_derived derived;")
+    lines.append(f"    {n}_out held; /* outputs of the last good step */")
+    if plan.next_in_state:
+        lines.append(f"    struct {n}_next next; /* scratch of step */")
+    if plan.work_in_state:
+        members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        lines.append(f"    struct {n}_work {{ {' '.join(members)} }} work; /* scratch of step */")
+    return "\n".join([*lines, f"}} {n}_state;"])
+
+
+def next_struct(plan: Plan) -> str:
+    """Struct that takes the next state until it is known to be good."""
+    body = "\n".join(f"    {m.declared()}" for m in plan.layout.states)
+    return f"struct {plan.name}_next {{\n{body}\n}}"
+
+
+def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
+    """Declaration of a function of the module, wrapped."""
+    start = f"{result} {function}("
+    text = start + ", ".join(arguments) + ")"
+    if len(text) < WIDTH:
+        return text
+    lines, line = [], start
+    for k, a in enumerate(arguments):
+        a += ")" if k == len(arguments) - 1 else ","
+        if len(line) + len(a) > WIDTH and line != start:
+            lines.append(line.rstrip())
+            line = " " * len(start)
+        line += a + " "
+    return "\n".join([*lines, line.rstrip()])
+
+
+def prototypes(plan: Plan) -> dict[str, str]:
+    """Declarations of the functions of the module, by their short names."""
+    n = plan.name
+    param, state = f"const {n}_param *param", f"{n}_state *state"
+    arguments = {
+        "default": ("void", f"{n}_param *param"),
+        "init": ("int", param, state),
+        "tune": ("int", param, state),
+        "step": ("int", f"const {n}_in *in", param, state, f"{n}_out *out"),
+    }
+    return {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+
+
+def _prototypes(plan: Plan) -> str:
+    n, big, texts = plan.name, plan.layout.big, prototypes(plan)
+    told = {
+        "default": "Fill the parameters with their defaults; derived ones are not among them.",
+        "init": (
+            "Check the parameters, compute the derived ones, set the start state. Status 0 or"
+            f" {big}_BAD_PARAM: then the state starts as with the defaults, and {n}_step must wait"
+            " for good parameters."
+        ),
+        "tune": (
+            "Check the parameters and compute the derived ones; the rest of the state stays. Status"
+            f" 0 or {big}_BAD_PARAM: then the derived ones stay too."
+        ),
+        "step": (
+            f"One tick. Status 0, or {big}_LIMITED: an output of this step was limited. Otherwise"
+            " the state is untouched and the outputs are those of the last good step (before the"
+            " first one: zero, or the end of their range nearest to it)"
+            + (", or their safe value where one is stated." if plan.safe else ".")
+        ),
+    }
+    return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
+
+
+def identifier_free(text: str, name: str) -> bool:
+    """Whether ``name`` is used nowhere in a piece of C."""
+    return re.search(rf"\b{name}\b", text) is None
+
+
+def bit(name: str) -> int:
+    """Value of a status."""
+    return next(v for k, v, _ in STATUS if k == name)

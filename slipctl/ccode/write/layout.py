@@ -1,0 +1,166 @@
+"""Names and places in C: which struct member carries which signal of a Block."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from slipctl.block.block import Block
+from slipctl.block.signals import Signal
+from slipctl.ccode.write.comments import spelled
+from slipctl.ccode.write.expressions import number
+from slipctl.errors import BadInput
+
+_C_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while asm bool catch class const_cast delete dynamic_cast explicit export false friend
+mutable namespace new operator private protected public reinterpret_cast static_cast template this
+throw true try typeid typename using virtual wchar_t and or not xor constexpr decltype nullptr
+noexcept alignas alignof thread_local NAN INFINITY NULL EOF I
+"""
+KEYWORDS = frozenset(_C_WORDS.split())
+"""Words that C or C++ keep, and macros of the headers a caller is likely to have."""
+
+_LOCAL_WORDS = """
+in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan asin acos atan
+atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
+hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
+sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
+all_within fill copy hold safe reached main
+"""
+LOCAL = frozenset(_LOCAL_WORDS.split())
+"""Names that mean something inside the generated functions."""
+
+
+_FILE_WORDS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg
+stdbool stddef stdint stdio stdlib string tgmath time wchar wctype
+example cortex_m fmi2 fmi3 makefile
+all all_build clean edit_cache help install package package_source preinstall rebuild_cache
+run_tests test zero_check
+aux con nul prn
+"""
+FILES = frozenset(_FILE_WORDS.split())
+"""Headers of C, other files of the folder, targets of make and CMake, devices of Windows: no module
+has such a name, in letters of either case."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A struct member: the signal it carries and its C name."""
+
+    signal: Signal
+    c: str
+
+    @property
+    def name(self) -> str:
+        """Name of the signal, dots included."""
+        return self.signal.name
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return self.signal.size
+
+    @property
+    def scalar(self) -> bool:
+        """Whether it is a plain number in C; a vector of one element is an array."""
+        return self.signal.shape == ()
+
+    def at(self, pointer: str, k: int) -> str:
+        """C expression of element k."""
+        return f"{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}[{k}]"
+
+    def address(self, pointer: str) -> str:
+        """C expression of the address of its first element."""
+        return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
+
+    def declared(self) -> str:
+        """Declaration inside a struct."""
+        return f"double {self.c};" if self.scalar else f"double {self.c}[{self.size}];"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Members of the structs of one C module."""
+
+    name: str
+    inputs: tuple[Member, ...]
+    params: tuple[Member, ...]
+    derived: tuple[Member, ...]
+    states: tuple[Member, ...]
+    outputs: tuple[Member, ...]
+
+    @property
+    def big(self) -> str:
+        """Name in capitals, for constants."""
+        return self.name.upper()
+
+
+def layout(block: Block, name: str) -> Layout:
+    """Give each signal of a block its member.
+
+    Raises:
+        BadInput: ``name`` is no C identifier, or a file has it already; two signals would have one
+            C name; a parameter without value.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        raise BadInput(
+            f"{name!r} cannot name a C file and its functions; take a letter, then letters, digits"
+            " or _"
+        )
+    if name.lower() in FILES:
+        raise BadInput(
+            f"{name!r} cannot name a C file and its functions: C, make, CMake or Windows keep it;"
+            f" take another, such as {name}_law"
+        )
+    for p in block.params.values():
+        if p.value is None:
+            where = "" if p.unit == "1" else f" in {p.unit}"
+            raise BadInput(f"{block.name}.{p.name} has no value; give it a default{where}")
+    free = [s for s in block.params.values() if not s.derived]
+    derived = [s for s in block.params.values() if s.derived]
+    return Layout(
+        name,
+        _members(block, block.inputs.values()),
+        _members(block, free),
+        _members(block, derived),
+        _members(block, block.states.values(), taken={"derived", "held", "work"}),
+        _members(block, block.outputs.values()),
+    )
+
+
+def c_name(name: str) -> str:
+    """C name of a signal: dots become underscores, words of C get one at the end."""
+    plain = re.sub(r"\W", lambda m: "_" if m[0] == "." else spelled(m[0]), name)
+    plain = re.sub(r"[^\x00-\x7f]", lambda m: spelled(m[0]), plain)
+    return plain + "_" if plain in KEYWORDS or not re.match("[A-Za-z_]", plain) else plain
+
+
+def _members(
+    block: Block, signals: Iterable[Signal], taken: Iterable[str] = ()
+) -> tuple[Member, ...]:
+    members: dict[str, Member] = {}
+    for s in signals:
+        c = c_name(s.name)
+        while c in taken:
+            c += "_"
+        if c in members:
+            raise BadInput(
+                f"{block.name}: {members[c].name!r} and {s.name!r} would both be {c!r} in C;"
+                " rename one"
+            )
+        members[c] = Member(s, c)
+    return tuple(members.values())
+
+
+def range_text(s: Signal) -> str:
+    """Range of a signal in words."""
+    lo, hi = s.lo > float("-inf"), s.hi < float("inf")
+    if lo and hi:
+        return f"{number(s.lo)} to {number(s.hi)}"
+    if lo:
+        return f"at least {number(s.lo)}"
+    return f"at most {number(s.hi)}" if hi else ""

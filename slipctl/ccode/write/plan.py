@@ -1,0 +1,284 @@
+"""What a C module consists of: its structs, its equations, how it starts, where it works."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import Signal, evaluate, names_in
+from slipctl.ccode.write.expressions import FINITE, NUMBER, Writer
+from slipctl.ccode.write.kernel import Kernel, kernel
+from slipctl.ccode.write.layout import LOCAL, Layout, Member, layout
+from slipctl.ccode.write.precision import checked, rounded, size
+from slipctl.errors import BadInput
+
+ON_STACK = 128
+"""Numbers of scratch memory above which it lies in the state struct instead of on the stack."""
+
+
+class Plan:
+    """Everything that header and source are written from.
+
+    Args:
+        block: a step or a law.
+        name: name of the module.
+        period: tick in s, if the block does not say it itself; only told in comments.
+        real: type of a number in C, double or float.
+
+    Raises:
+        BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
+            value, an operation that cannot be generated.
+    """
+
+    def __init__(
+        self,
+        block: Block,
+        name: str | None = None,
+        period: float | None = None,
+        real: str = "double",
+    ) -> None:
+        self.real = checked(real)
+        if block.kind == "flow":
+            raise BadInput(
+                f"{block.name} is continuous and has no step;"
+                f" sampled({block.name}, h, method) first"
+            )
+        self.block = block
+        self.layout: Layout = layout(block, name or block.name)
+        self.name, self.period = self.layout.name, block.period or period
+        self.equations: Kernel = kernel(
+            self._function(), self._argument, self._local_names(), self.docs, block.name,
+            self._can_be,
+        )  # fmt: skip
+
+    @cached_property
+    def docs(self) -> dict[str, str]:
+        """First sentence of each part by the name of its Function."""
+        found: dict[str, str] = {}
+        for _, leaf in self.block.leaves():
+            if leaf.doc:
+                found.setdefault(leaf._c_name(), first_sentence(leaf.doc))
+        return found
+
+    @cached_property
+    def arguments(self) -> list[tuple[Member, str]]:
+        """Struct member behind each argument of the equations, with the pointer to it."""
+        lay = self.layout
+        found = [(m, "state->") for m in lay.states] + [(m, "in->") for m in lay.inputs]
+        params = {m.name: (m, "param->") for m in lay.params}
+        params |= {m.name: (m, "state->derived.") for m in lay.derived}
+        return found + [params[n] for n in self.block.params]
+
+    @cached_property
+    def results(self) -> list[tuple[Member, str]]:
+        """Struct member behind each result of the equations, with the pointer to it."""
+        lay = self.layout
+        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.outputs]
+
+    @property
+    def work_in_state(self) -> bool:
+        """Whether the scratch memory of the equations lies in the state struct."""
+        _, _, sz_iw, sz_w = self.equations.work
+        return 2 * sz_w + sz_iw > 2 * ON_STACK
+
+    @property
+    def next_in_state(self) -> bool:
+        """Whether the next state is put together in the state struct instead of on the stack."""
+        return sum(m.size for m in self.layout.states) > ON_STACK
+
+    @property
+    def memory_bytes(self) -> dict[str, int]:
+        """Size of each struct of the module, by its short name."""
+        lay = self.layout
+        groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
+        found = {k: size(self.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
+        return found | {"state": self._state_bytes}
+
+    @property
+    def _state_bytes(self) -> int:
+        """Size of the state struct, where int has four bytes and a number is aligned to its own."""
+        lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
+        states = sum(m.size for m in lay.states)
+        held = max(sum(m.size for m in lay.outputs), 1)
+        numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += sz_w if self.work_in_state else 0
+        whole = size(self.real)
+        return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
+
+    def limits(self, m: Member) -> tuple[float, float]:
+        """Range of a signal, in numbers that C has."""
+        lo, hi = rounded((m.signal.lo, m.signal.hi), self.real)
+        return float(lo), float(hi)
+
+    @property
+    def safe(self) -> dict[str, float]:
+        """Safe value by the C name of each output that states one."""
+        return {m.c: float(m.signal.safe) for m in self.layout.outputs if m.signal.safe is not None}
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether the equations say if they came to an end (a solver may not)."""
+        return bool(self.equations.entry) or self.equations.calls
+
+    @cached_property
+    def untested(self) -> list[tuple[Member, str, int]]:
+        """Elements of results that may come out NaN or infinite: member, pointer, number.
+
+        Of what is written several times, such as an output of a part that leaves the controller
+        too, there is one.
+        """
+        made, found = self.equations, []
+        seen: set[str] = set()
+        for i, (m, pointer) in enumerate(self.results):
+            for k in range(m.size):
+                text = made.results.get((i, k), f"{pointer}{m.c} {k}")
+                if text not in seen and (i, k) not in made.finite:
+                    found.append((m, pointer, k))
+                seen.add(text)
+        return found
+
+    def _argument(self, i: int, k: int) -> str:
+        member, pointer = self.arguments[i]
+        return member.at(pointer, k)
+
+    def _can_be(self, i: int, k: int) -> int:
+        """What an argument can be: the step refuses an input, init and tune what is derived."""
+        return NUMBER if self.arguments[i][1] == "param->" else FINITE
+
+    def _function(self) -> ca.Function:
+        """Equations with one argument and one result per signal, so that nothing is copied."""
+        block = self.block
+        groups = [block.symbols(role) for role in ("state", "input", "param")]
+        n, y = block.expr(groups[0], groups[1], groups[2])
+        results = [shaped(block, s, n[k]) for k, s in block.states.items()]
+        results += [shaped(block, s, y[k]) for k, s in block.outputs.items()]
+        arguments = [v for g in groups for v in g.values()]
+        return ca.Function(f"{block._c_name()}_step", arguments, results, {"cse": True})
+
+    def _local_names(self) -> dict[tuple[int, int], str]:
+        """Names of results inside the equations; an output carries its own."""
+        names: dict[tuple[int, int], str] = {}
+        taken: set[str] = set()
+        outputs_first = sorted(
+            range(len(self.results)), key=lambda i: self.results[i][1] != "now->"
+        )
+        for i in outputs_first:
+            m, pointer = self.results[i]
+            for k in range(m.size):
+                local = m.c + ("_next" if pointer == "next->" else "")
+                local += "" if m.scalar else f"_{k}"
+                if local in LOCAL or re.fullmatch(r"[abckrt]\d+", local) or local in taken:
+                    continue
+                taken.add(local)
+                names[i, k] = local
+        return names
+
+    @cached_property
+    def start(self) -> Writer:
+        """Derived parameters, then start values, as functions of the free parameters.
+
+        What is a plain number has the result 0 here; it is written as a constant instead.
+        """
+        block, lay = self.block, self.layout
+        symbols = {m.name: ca.SX.sym("p", *matrix(m.signal)) for m in lay.params}
+        known: dict[str, Any] = dict(block.derive(symbols))
+        rest = {n: s.value for n, s in block.states.items()}
+        while rest:
+            ready = [
+                n for n, value in rest.items()
+                if not isinstance(value, str) or self._siblings(n, value, known) is not None
+            ]  # fmt: skip
+            if not ready:
+                n, value = next(iter(rest.items()))
+                raise BadInput(f"{block.name}.{n}: start value {value!r} cannot be computed")
+            for n in ready:
+                value = rest.pop(n)
+                if isinstance(value, str):
+                    local = self._siblings(n, value, known)
+                    known[n] = evaluate(value, local or {}, f"{block.name}.{n}")
+                else:
+                    known[n] = ca.DM(constant(block.states[n], value))
+        results = []
+        for m in (*lay.derived, *lay.states):
+            value = known[m.name] if m.signal.derived else 0.0
+            results.append(shaped(block, m.signal, ca.SX(value)))
+        f = ca.Function("start", list(symbols.values()), results, {"cse": True})
+        return Writer(f, lambda i, k: lay.params[i].at("param->", k)).run()
+
+    def _siblings(
+        self, name: str, expression: str, known: Mapping[str, Any]
+    ) -> dict[str, Any] | None:
+        """Values that an expression of ``name`` uses, if all are known."""
+        full = {k: self.block._sibling(name, k) for k in names_in(expression)}
+        return {k: known[f] for k, f in full.items()} if set(full.values()) <= set(known) else None
+
+    def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[str]:
+        """Statements that compute derived parameters or start values from expressions."""
+        at = dict(self.start.results)
+        texts = [
+            f"{m.at(pointer, k)} = {self.start.result(at[i, k])};"
+            for i, m in enumerate(members, start=first) if m.signal.derived
+            for k in range(m.size)
+        ]  # fmt: skip
+        needed = set(re.findall(r"\ba\d+\b", " ".join(texts)))
+        lines: list[str] = []
+        for line in reversed(self.start.lines):
+            name = re.match(r"const \w+ (\w+) =", line)
+            if name and name[1] in needed:
+                lines.append(line)
+                needed |= set(re.findall(r"\ba\d+\b", line))
+        return [*reversed(lines), *texts]
+
+    def part_docs(self) -> Iterator[tuple[str, Block]]:
+        """Path and block of each part that has a text."""
+        for path, leaf in self.block.leaves():
+            if leaf is not self.block and leaf.doc:
+                yield path, leaf
+
+
+def shaped(block: Block, signal: Signal, value: Any) -> Any:
+    """One value, dense and in the shape that its signal declares, as the block packs it."""
+    rows, columns = matrix(signal)
+    if isinstance(value, (list, tuple)):
+        value = ca.vertcat(*value)
+    if not hasattr(value, "shape") or isinstance(value, np.ndarray):
+        value = ca.DM(np.asarray(value, dtype=float))
+    if tuple(value.shape) != (rows, columns):
+        if value.numel() == 1:
+            value = ca.repmat(value, rows, columns)
+        elif value.numel() == rows * columns:
+            value = ca.reshape(value, rows, columns)
+        else:
+            raise BadInput(
+                f"{block.name}.{signal.name} has shape {tuple(value.shape)}, declared"
+                f" {signal.shape}"
+            )
+    return ca.densify(value)
+
+
+def matrix(signal: Signal) -> tuple[int, int]:
+    """Rows and columns of a signal."""
+    s = signal.shape
+    return (s[0], s[1]) if len(s) == 2 else (math.prod(s), 1)
+
+
+def constant(signal: Signal, value: Any) -> np.ndarray:
+    """A constant in rows and columns."""
+    return np.broadcast_to(np.asarray(value, dtype=float), signal.shape).reshape(matrix(signal))
+
+
+def packed(m: Member, value: Any) -> np.ndarray:
+    """Elements of one value in the order of C: column by column."""
+    return constant(m.signal, value).ravel(order="F")
+
+
+def first_sentence(doc: str) -> str:
+    """First paragraph of a text, on one line."""
+    return " ".join(doc.strip().partition("\n\n")[0].split())

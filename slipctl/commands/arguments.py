@@ -1,0 +1,164 @@
+"""What may be typed: commands and their options."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, NoReturn
+
+from slipctl import __version__
+from slipctl.errors import BadInput, nearest
+
+EPILOG = """\
+NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real for the form that
+it has in scenario real), a model (double_exponential, subway_braking.wheelset), or a block in a
+file (my_law.py:my_law).
+
+  slipctl run subway_braking --set wheel.m=8.2t --loop sta --scenario base
+  slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
+"""
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what argparse would print with its usage."""
+        raise BadInput(f"{message}; see {self.prog} --help")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(c) for c in action.choices]
+            what = "/".join(action.option_strings) or "command"
+            self.error(f"there is no {what} {value!r}{nearest(str(value), known)}")
+
+
+def parser() -> Parser:
+    """Make the parser of the command line."""
+    top = Parser(
+        prog="slipctl", description="Design wheel-slip and adhesion control of railway vehicles.",
+        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+    )  # fmt: skip
+    top.add_argument("--version", action="version", version=f"slipctl {__version__}")
+    volume = Parser(add_help=False)
+    for p, default in ((top, False), (volume, argparse.SUPPRESS)):  # before or after the command
+        p.add_argument("-v", "--verbose", action="store_true", default=default, help="tell more")
+        p.add_argument("-q", "--quiet", action="store_true", default=default, help="errors only")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+
+    def command(name: str, help: str) -> Parser:
+        return commands.add_parser(
+            name, help=help, description=help, parents=[volume], allow_abbrev=False
+        )
+
+    command("list", "List studies and models.")
+
+    p = command("show", "Show equations, signals, units, sources and Jacobian of NAME.")
+    p.add_argument("name", metavar="NAME")
+    p.add_argument("--latex", action="store_true", help="equations as LaTeX")
+    p.add_argument("--graph", action="store_true", help="block diagram as DOT")
+    p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
+
+    p = command("copy", "Copy the source of a model to a file of your own, to edit it.")
+    p.add_argument("model", metavar="MODEL")
+    p.add_argument("file", metavar="FILE")
+
+    p = command("run", "Run a study: metrics, claims, logs, figures and a report.")
+    p.add_argument("study", metavar="STUDY")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (out/STUDY)")
+    p.add_argument(
+        "--set", metavar="[LOOP:]BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value, car.m=8.2t; '*.m=8t' sets every m",
+    )  # fmt: skip
+    p.add_argument(
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study, adh=my.py:my_law",
+    )  # fmt: skip
+    p.add_argument(
+        "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",
+        help="run these loops only (and no experiments)",
+    )  # fmt: skip
+    p.add_argument(
+        "--scenario", metavar="S", nargs="+", action="extend", default=[], dest="scenarios",
+        help="run these scenarios only (and no experiments)",
+    )  # fmt: skip
+    p.add_argument("--quick", action="store_true", help="the same with fewer or shorter runs")
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("fit", "Fit the parameters of a law to a measured curve.")
+    p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")
+    p.add_argument("--law", metavar="NAME", required=True, help="a law of the models, or file:law")
+    p.add_argument(
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
+    )  # fmt: skip
+    p.add_argument(
+        "--unknown", metavar="NAME,NAME", help="parameters to find (those of the rail conditions)"
+    )
+    p.add_argument(
+        "--start", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="starts", help="where the search starts (the law's own values)",
+    )  # fmt: skip
+    p.add_argument(
+        "--column", metavar="NAME=EXPRESSION", nargs="+", action="extend", default=[],
+        dest="columns", help="how columns give a signal of the law, v_s='slip * v / 100'",
+    )  # fmt: skip
+    p.add_argument(
+        "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
+    )
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+
+    p = command("c", "Write a controller, from sensor to actuator, as C.")
+    p.add_argument("name", metavar="NAME")
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
+    p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
+    p.add_argument(
+        "--real", choices=("double", "float"), default="double", help="type of every number in C"
+    )
+    p.add_argument(
+        "--target", metavar="host|cortex-m4|cortex-m7", default="host",
+        help="compile it for this processor too, and with --check run it there; two with a comma",
+    )  # fmt: skip
+    p.add_argument(
+        "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
+    )
+
+    p.add_argument(
+        "--fuzz", metavar="SECONDS", type=int,
+        help="feed it any bytes for so long, by libFuzzer with sanitizers",
+    )  # fmt: skip
+    p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
+    p.add_argument(
+        "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
+    )
+    p.add_argument(
+        "--name", metavar="MODULE", dest="module",
+        help="what its files and functions are called; by default the loop or the block",
+    )  # fmt: skip
+
+    p = command("pil", "Run a loop with its controller on an emulated processor, tick by tick.")
+    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
+    p.add_argument("--real", choices=("double", "float"), default="double")
+    p.add_argument(
+        "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
+        help="what happens to the frame of a tick on purpose: lost, late or broken",
+    )  # fmt: skip
+    p.add_argument(
+        "--seconds", metavar="S", type=float, help="run only so long; by default the scenario"
+    )
+    p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
+
+    p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
+    p.add_argument(
+        "system", metavar="SYSTEM|STUDY", nargs="?", help="super_twisting, or a study; none: a list"
+    )
+    p.add_argument(
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="gains and bounds, k1=1.5 k2=1.1 L=1 in SI, or each with its unit",
+    )  # fmt: skip
+    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
+
+    p = command("check", "Check a certificate again with rational arithmetic alone.")
+    p.add_argument("file", metavar="FILE")
+    return top

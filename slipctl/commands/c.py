@@ -1,0 +1,66 @@
+"""``slipctl c``: a controller as C."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+from slipctl.ccode import codegen
+from slipctl.errors import BadInput, RunFailed
+from slipctl.run import build, store
+from slipctl.study import doors
+
+log = logging.getLogger("slipctl")
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Write the C, and check it if asked."""
+    name, out = options.name, Path(options.out)
+    if not options.out:
+        raise BadInput("--out names no folder; write one, or . for this one")
+    if options.fuzz is not None and options.fuzz < 1:
+        raise BadInput(f"--fuzz {options.fuzz} gives it no time; write seconds, such as 15")
+    store.check_folder(out)
+    left, colon, loop_name = name.rpartition(":")
+    if name in doors.studies():
+        raise doors.no_loop(name, doors.load_study(name))
+    is_loop = colon and (not left.endswith(".py") or doors.has_study(left))
+    block = None if is_loop else doors.load_block(name)
+    if block is not None and options.part:
+        raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")
+
+    if options.check and build.compiler() is None:
+        raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
+    wanted = {
+        "check": options.check, "real": options.real, "target": options.target,
+        "misra": options.misra, "fmus": options.fmu, "fuzz_seconds": options.fuzz or 0,
+    }  # fmt: skip
+    if block is not None:
+        report = codegen.export(block, out, options.module, **wanted)
+    else:
+        study = doors.load_study(left)
+        loop, case = doors.find_loop(study, loop_name)
+        part = options.part or study.controller
+        words = [] if part == study.controller else part.split(".")
+        try:
+            control = loop[part]
+        except BadInput as error:
+            what = "part" if options.part else "controller"
+            raise BadInput(f"{name} has no {what} to write: {error}") from None
+        log.info("running %s for its inputs", name)
+        inputs, params = codegen.recorded(loop, part, case.scenario)
+        report = codegen.export(
+            control, out,
+            options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
+            inputs=inputs, params=params, period=loop.period, **wanted,
+        )  # fmt: skip
+    print(report)
+    if len(report.data["name"]) > codegen.SIGNIFICANT:
+        log.warning(
+            "the functions of %s differ behind their 31st character only, which C99 need not tell"
+            " apart (MISRA C:2012, 5.1); --name gives a shorter name", report.data["name"],
+        )  # fmt: skip
+    if not report.passed:
+        raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
+    return 0

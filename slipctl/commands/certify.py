@@ -1,0 +1,317 @@
+"""The commands certify and check: numbers as a person writes them, answers as a table or JSON."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+from slipctl import __version__
+from slipctl.block.units import unit
+from slipctl.certify import catalogue, certificate, proofs, reading, smtlib, systems
+from slipctl.certify.systems import Report, System
+from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.run import store
+from slipctl.study.declaration import Gains, Study
+
+NUMBER = re.compile(
+    r"([+-]?\d{1,60}/\d{1,60}|[+-]?(?:\d{1,60}(?:\.\d{0,60})?|\.\d{1,60})(?:[eE][+-]?\d{1,2})?)(.*)"
+)
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Print the list of systems, or what certifying one of them gives."""
+    if options.system is None:
+        print(listed())
+        return 0
+    print(certify(options.system, options.settings, options.json, options.out, command))
+    return 0
+
+
+def certify(
+    system: str, settings: Sequence[str], as_json: bool, out: str | None, command: str
+) -> str:
+    """Answer of ``slipctl certify``; writes a certificate to ``out``.
+
+    Raises:
+        BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
+    """
+    from slipctl.study import doors
+
+    if system.endswith(".py") or (system in doors.studies() and system not in catalogue.SYSTEMS):
+        if settings or out is not None:
+            raise BadInput(f"{system} is a study; certify it without --set and --out")
+        return certify_study(system, as_json, command)
+    if system not in catalogue.SYSTEMS:
+        names = (*catalogue.SYSTEMS, *doors.studies())
+        raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
+    chosen = catalogue.system(system)
+    numbers = read_numbers(chosen, settings)
+    report = systems.report(chosen, numbers)
+    if out is not None:
+        path = Path(out)
+        if path.is_dir():
+            raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
+        store.check_folder(path.parent)
+        payload = proofs.write(chosen, numbers)
+        store.write_text(path, store.json_text(payload))
+        problems = smtlib.steps(chosen, payload)
+        if problems:
+            store.write_text(path.with_suffix(".smt2"), smtlib.script(problems))
+    if as_json:
+        said = {"format": store.FORMAT, **report.payload()}
+        return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
+    written = f"\n\n{out}: certificate; slipctl check {out}" if out is not None else ""
+    return table(report) + written
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a study's gains are worth.
+
+    Attributes:
+        gains: what was asked.
+        report: verdicts and margins.
+        condition: whether the paper's own condition holds; None if it states none.
+        needs: what would make it hold, or how much is in reserve.
+    """
+
+    gains: Gains
+    report: Report
+    condition: bool | None
+    needs: str
+
+
+def answers(study: Study) -> list[Answer]:
+    """Certify every controller of a study with the numbers that its loops use.
+
+    Raises:
+        BadInput: the study declares none, or a loop that it does not have.
+    """
+    from slipctl.study import doors
+
+    if not study.gains:
+        raise BadInput(f"{study.name} declares no gains to certify; see slipctl certify")
+    found, cases = [], doors.build_cases(study)
+    for gains in study.gains:
+        loop, _ = doors.pick_loop(study, cases, gains.loop)
+        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
+        report = systems.report(catalogue.system(gains.system), numbers)
+        own = report.criteria.get(gains.condition)
+        found.append(Answer(gains, report, own.holds if own else None, needs(report)))
+    return found
+
+
+def needs(report: Report) -> str:
+    """What would make each refuted criterion hold; if none is, the margin that is used up most."""
+    missing = []
+    closest = (math.inf, "")
+    for name, f in report.criteria.items():
+        ends = [(m, v) for m, v in f.margins.items() if v is not None and math.isfinite(v)]
+        if f.verdict == systems.REFUTED:
+            wants = [
+                f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})" for m, v in ends
+            ]
+            missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
+        elif f.verdict == systems.CERTIFIED:
+            for m, v in ends:
+                now = report.gains[m.partition("_")[2]]
+                if now and v and max(v / now, now / v) < closest[0]:
+                    closest = max(v / now, now / v), f"{name}: {_bound(m, v)} (is {now:.4g})"
+    if missing:
+        return "needs " + "; ".join(missing)
+    return f"nearest limit {closest[1]}" if closest[1] else "no limit near"
+
+
+def _bound(margin: str, value: float) -> str:
+    side, _, name = margin.partition("_")
+    return f"{name} {'<=' if side == 'largest' else '>='} {value:.4g}"
+
+
+def certify_study(name: str, as_json: bool, command: str) -> str:
+    """Answer of ``slipctl certify STUDY``.
+
+    Raises:
+        BadInput: no such study, or it declares no gains.
+    """
+    from slipctl.study import doors
+
+    study = doors.load_study(name)
+    found = answers(study)
+    if as_json:
+        entries = {
+            a.gains.name: {
+                "loop": a.gains.loop, "condition": a.gains.condition or None,
+                "condition_holds": a.condition, "needs": a.needs, "bounds": a.gains.bounds,
+                **a.report.payload(),
+            }
+            for a in found
+        }  # fmt: skip
+        said = {"format": store.FORMAT, "study": study.name, "gains": entries}
+        return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
+    rows = [f"{study.name}: {study.title}"]
+    for a in found:
+        g, r = a.gains, a.report
+        rows += ["", f"{g.name} (loop {g.loop}), {r}"]
+        used = {k: v for k, v in r.gains.items() if k in SHOWN or v}
+        rows += textwrap.wrap(told(used, r.units), 96, initial_indent="  ", subsequent_indent="  ")
+        if a.condition is not None:
+            holds = "holds" if a.condition else "is violated"
+            unit = "*" if r.criteria[g.condition].unit_dependent else ""
+            rows.append(f"  the paper's own condition, {g.condition}{unit}, {holds}")
+        rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
+        if g.bounds:
+            rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
+                                  subsequent_indent="    ")  # fmt: skip
+    if any(a.report.criteria[a.gains.condition].unit_dependent
+           for a in found if a.condition is not None):  # fmt: skip
+        rows += ["", "* its verdict depends on the unit of length"]
+    return "\n".join(rows)
+
+
+SHOWN = ("L", "W", "eta", "D")
+"""Bounds that are shown even when they are zero."""
+
+
+def listed() -> str:
+    """All systems, their question and their numbers."""
+    rows = []
+    for system in catalogue.SYSTEMS.values():
+        rows.append(system.name)
+        rows += textwrap.wrap(system.title, 96, initial_indent="  ", subsequent_indent="  ")
+        for name, n in system.numbers.items():
+            kind = "optional" if n.optional else "" if n.value is None else f"{n.value:g}"
+            rows.append(f"    {name:<13} {n.unit:<13} {kind:<9} {n.doc}")
+    return "\n".join(rows)
+
+
+def read_numbers(system: System, settings: Sequence[str]) -> dict[str, Fraction]:
+    """Numbers of ``k1=1.5`` or ``k1=1.5m^.5/s^1.5`` as exact rationals in SI.
+
+    Without any unit all are in SI. Where one has its unit, each one with a dimension needs its own.
+
+    Raises:
+        BadInput: an unknown, repeated or missing name, no number, a wrong or missing unit.
+    """
+    found: dict[str, Fraction] = {}
+    bare: list[str] = []
+    told = False
+    for text in settings:
+        name, equals, value = text.partition("=")
+        if not equals:
+            first = next(iter(system.numbers))
+            raise BadInput(f"--set {text}: write NAME=VALUE, {first}=1.5")
+        if name not in system.numbers:
+            raise BadInput(f"{system.name} has no {name!r}{nearest(name, system.numbers)}")
+        if name in found:
+            raise BadInput(f"--set names {name} twice; write it once")
+        wanted = system.numbers[name].unit
+        match = NUMBER.fullmatch(value)
+        if not match or re.search(r"/0+$", match[1]) or match[2][:1].isdigit():
+            raise BadInput(f"{name}={value} is no finite number; write one in {wanted}, {name}=1.5")
+        found[name] = Fraction(match[1])
+        written = match[2].strip()
+        if written:
+            found[name] *= _scale(name, written, wanted)
+            told = True
+        elif wanted != "1":
+            bare.append(name)
+    if told and bare:
+        raise BadInput(
+            f"{bare[0]} has no unit and others have one; write {bare[0]} in"
+            f" {system.numbers[bare[0]].unit} with its unit, or leave out all units (SI)"
+        )
+    return found
+
+
+def _scale(name: str, written: str, wanted: str) -> Fraction:
+    """How many SI units one unit as written is."""
+    text = "1" + written if written.startswith("/") else written
+    given, target = unit(text), unit(wanted)
+    if given.dims != target.dims:
+        raise BadInput(f"{name} is in {wanted}, not in {text}")
+    ratio = given.scale / target.scale
+    short = Fraction(ratio).limit_denominator(10**9)
+    return short if math.isclose(short, ratio, rel_tol=1e-15) else Fraction(ratio)
+
+
+def check(file: str) -> str:
+    """Answer of ``slipctl check``.
+
+    Raises:
+        BadInput: it is no certificate.
+        RunFailed: it does not hold.
+    """
+    payload = reading.read(Path(file))
+    try:
+        return f"{file} holds: {certificate.check(payload)}"
+    except certificate.DoesNotHold as error:
+        raise RunFailed(f"{file} does not hold: {error}") from None
+    except BadInput as error:
+        raise BadInput(f"{file}: {error}") from None
+
+
+def table(report: Report) -> str:
+    """Report as text."""
+    rows = [str(report), f"  {told(report.gains, report.units)}", "", *promised(report), ""]
+    names = list(dict.fromkeys(m for f in report.criteria.values() for m in f.margins))
+    wide = max(18, *(len(n) + 2 for n in report.criteria))
+    columns = [max(14, len(n) + 1, len(report.units[n.partition("_")[2]]) + 1) for n in names]
+    pairs = list(zip(names, columns, strict=True))
+    head = "".join(f" {n.replace('_', ' ', 1):>{w}}" for n, w in pairs)
+    rows.append(f"  {'criterion':<{wide}} {'holds':<6} {'verdict':<10}{head}".rstrip())
+    units = "".join(f" {report.units[n.partition('_')[2]]:>{w}}" for n, w in pairs)
+    rows.append(f"  {'':<{wide}} {'':<6} {'':<10}{units}".rstrip())
+    for name, f in report.criteria.items():
+        ends = "".join(f" {_end(f.margins.get(n)):>{w}}" for n, w in pairs)
+        mark = "*" if f.unit_dependent else ""
+        holds = {True: "yes", False: "no", None: ""}[f.holds]
+        rows.append(f"  {name + mark:<{wide}} {holds:<6} {f.verdict:<10}{ends}".rstrip())
+    rows.append("")
+    if any(f.unit_dependent for f in report.criteria.values()):
+        rows.append("  * its verdict depends on the unit of length")
+    for name, (value, what) in report.values.items():
+        shown = "" if what == "1" else f" {what}"
+        rows.append(f"  {name.replace('_', ' ')}: {value:.6g}{shown}")
+    if report.witness is not None:
+        rows += [f"  {line}" for line in report.witness.lines()]
+    return "\n".join(rows)
+
+
+def promised(report: Report) -> list[str]:
+    """Promise, what is missing for it, and what is not in it, as lines."""
+    found = report.decision
+    head = {
+        systems.CERTIFIED: "proved", systems.REFUTED: "refuted", systems.UNDECIDED: "undecided"
+    }[report.verdict]  # fmt: skip
+    lines = [f"{head}: {found.promise}"]
+    if found.shows:
+        lines.append(f"counterexample: {found.shows}")
+    elif found.open:
+        claims = (found.promise.claims[k] for k in found.open)
+        lines.append(f"neither proved nor refuted: {'; '.join(claims)}")
+    if found.promise.not_promised:
+        lines.append(f"not promised: {'; '.join(found.promise.not_promised)}")
+    return [
+        row
+        for line in lines
+        for row in textwrap.wrap(line, 96, initial_indent="  ", subsequent_indent="    ")
+    ]
+
+
+def told(gains: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """Numbers with their units in a line."""
+    return ", ".join(
+        f"{k} = {v:g}" + ("" if units[k] == "1" else f" {units[k]}") for k, v in gains.items()
+    )
+
+
+def _end(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return "any" if value == math.inf else format(value, ".7g")

@@ -1,0 +1,102 @@
+"""The command line: list, show, copy, run, fit, c, pil, certify and check.
+
+Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
+verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
+finished whole. Nothing heavy is imported before a command needs it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from slipctl.commands.arguments import parser
+from slipctl.errors import BadInput, RunFailed
+
+log = logging.getLogger("slipctl")
+
+ANSWERS = {
+    name: f"slipctl.commands.{name if name != 'list' else 'listing'}"
+    for name in ("list", "show", "copy", "run", "fit", "c", "pil", "certify", "check")
+}
+"""Module that answers each command by its ``answer(options, command)``; loaded when asked."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; gives the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    verbose = "-v" in arguments or "--verbose" in arguments
+    try:
+        options = parser().parse_args(arguments)
+        if options.command is None:
+            raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+        _talk(options)
+        home = import_module(ANSWERS[options.command])
+        code: int = home.answer(options, _written(arguments))
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        _say("stopped; what had finished is written")
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        return _explain(error, verbose)
+
+
+def _explain(error: Exception, verbose: bool) -> int:
+    """Say an error in one line (below where it came from, if asked); gives the exit code."""
+    from slipctl.study.doors import blame
+
+    origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
+    if verbose and origin is not None:
+        import traceback
+
+        traceback.print_exception(origin)
+    try:
+        blame(error)
+    except BadInput as known:
+        _say(str(known))
+        return 2
+    except RunFailed as known:
+        _say(f"run failed: {known}")
+        return 1
+    except OSError as known:
+        what = f" {known.filename}" if known.filename else ""
+        _say(f"cannot read or write{what}: {known.strerror or known}")
+        return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
+    except Exception as unknown:
+        text = str(unknown).strip().partition("\n")[0]
+        _say(f"a fault of slipctl, {type(unknown).__name__}: {text}; -v shows where")
+        return 1
+
+
+def _say(text: str) -> None:
+    print("slipctl: " + " ".join(text.split()), file=sys.stderr)
+
+
+def _talk(options: argparse.Namespace) -> None:
+    """Send warnings and progress to stderr."""
+    level = logging.ERROR if options.quiet else logging.DEBUG if options.verbose else logging.INFO
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("slipctl: %(message)s"))
+    log.handlers[:] = [handler]
+    log.setLevel(level)
+    log.propagate = False
+
+
+def _written(arguments: Sequence[str]) -> str:
+    """Return the command line as it may be typed again."""
+    import shlex
+
+    return shlex.join(["slipctl", *arguments])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

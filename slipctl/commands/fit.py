@@ -1,0 +1,221 @@
+"""The command fit: what was found as a table, and its files."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipctl import __version__
+from slipctl.block.block import Block
+from slipctl.draw import plots
+from slipctl.errors import BadInput
+from slipctl.estimate.fitting import Fitted, fit
+from slipctl.run import store
+from slipctl.study import doors
+from slipctl.study.texts import number, wrapped
+
+log = logging.getLogger("slipctl")
+
+MODEL = "fitted.py"
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Print what the fit gives."""
+    print(run(
+        options.curve, options.law, options.settings, options.starts, options.columns,
+        options.unknown, options.ordered, options.out, command,
+    ))  # fmt: skip
+    return 0
+
+
+def run(
+    curve: str, law: str, settings: Sequence[str], starts: Sequence[str],
+    columns: Sequence[str], unknown: str | None, ordered: bool, out: str, command: str,
+) -> str:  # fmt: skip
+    """Answer of ``slipctl fit``; writes its files to the folder ``out``.
+
+    Raises:
+        BadInput: as :func:`slipctl.fit`, an unknown law, or a folder that cannot be written.
+    """
+    folder = Path(out)
+    store.check_folder(folder)
+    base = doors.load_block(law)
+    at = dict(_pair("--set", text) for text in settings)
+    found = fit(
+        base,
+        find_curve(curve),
+        [n.strip() for n in unknown.split(",")] if unknown is not None else None,
+        dict(_pair("--start", text) for text in starts),
+        at=at,
+        columns=dict(_pair("--column", text) for text in columns),
+        ordered=ordered,
+    )
+    for doubt in found.doubts:
+        log.warning("%s", doubt)
+    store.write_json(folder / "fit.json", payload(found, law, command))
+    store.write_text(folder / MODEL, model_text(found, base, law, command))
+    store.write_text(folder / "residuals.csv", residuals_text(found))
+    plots.save(figure(found), folder, "fit", command)
+    return report(found, folder)
+
+
+def find_curve(name: str) -> Path:
+    """File of a curve: a path, or the name of one that comes with the models."""
+    shipped = doors.folder("models") / "data" / name
+    return shipped if not Path(name).exists() and shipped.is_file() else Path(name)
+
+
+def _pair(option: str, text: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not name or not value:
+        raise BadInput(f"{option} {text!r}: write NAME=VALUE, such as Q=106.7kN")
+    return name, value
+
+
+def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
+    """Content of ``fit.json``, but for its format."""
+    base, curve = found.law, found.curve
+    units = {n: base.params[n].unit for n in found.values}
+    return {
+        "parameters": {
+            n: {"value": v, "unit": units[n], "std": found.std[n]} for n, v in found.values.items()
+        },
+        "max_error": found.max_error,
+        "rms": found.rms,
+        "output": curve.output,
+        "unit": base.outputs[curve.output].unit,
+        "points": int(curve.measured.size),
+        "interval_95": {n: list(v) if v else None for n, v in found.interval.items()},
+        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+        "tied": found.tied,
+        "doubts": list(found.doubts),
+        "law": law,
+        "curve": curve.source,
+        "known": {
+            n: {"value": float(v), "unit": base.params[n].unit}
+            for n, v in base.param_values().items()
+            if n not in found.values and np.size(v) == 1
+        },
+        "slipctl_version": __version__,
+        "command": command,
+    }
+
+
+def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
+    """Source of a model file with the fitted law, as ``law``."""
+    left, colon, right = name.rpartition(":")
+    if colon:
+        needed, origin = "slipctl.study.doors import load_block", f"{Path(left).resolve()}:{right}"
+        origin = f"load_block({origin!r})"
+    else:
+        module, _, block = name.rpartition(".")
+        module = module or next(m for m, (_, b) in doors.models().items() if block in b)
+        needed = f"slipctl.models.{module} import {block}"
+        origin = block + ("" if isinstance(_object(module, block), Block) else "()")
+    rows = []
+    for n, v in found.law.params.items():
+        if v.derived:
+            continue
+        if n in found.values:
+            std = found.std[n]
+            said = "at its bound" if std is None else f"+- {std:.2g}"
+            said = f"= {found.tied[n]}, {said}" if n in found.tied else said
+        elif v.value != base.params[n].value:
+            said = "given"
+        else:
+            continue
+        rows.append(f"    {n}={v.value!r},  # {v.unit}, {said}")
+    unit = found.law.outputs[found.curve.output].unit
+    return "\n".join([
+        f'"""{base.name} fitted to {Path(found.curve.source).name}; edit it as you like.', "",
+        f"{found.curve.measured.size} points, largest error {found.max_error:.3g}"
+        f"{'' if unit == '1' else ' ' + unit}, rms {found.rms:.3g}; made by", "",
+        f"    {command}", '"""', "",
+        f"from {needed}", "", f"law = {origin}.with_params(", *rows, ")", "",
+    ])  # fmt: skip
+
+
+def _object(module: str, block: str) -> Any:
+    from importlib import import_module
+
+    return getattr(import_module(f"slipctl.models.{module}"), block)
+
+
+def residuals_text(found: Fitted) -> str:
+    """Points, fitted values and residuals as CSV."""
+    law, curve = found.law, found.curve
+    y = law.outputs[curve.output]
+    columns = {f"{n} [{law.inputs[n].unit}]": x for n, x in curve.inputs.items()} | {
+        f"{y.name} [{y.unit}]": curve.measured,
+        f"fitted [{y.unit}]": curve.measured - found.residuals,
+        f"residual [{y.unit}]": found.residuals,
+    }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([f"{v:.10g}" for v in row] for row in zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def figure(found: Fitted, title: str = "") -> plots.Figure:
+    """Measured points and fitted curve, and the residuals below."""
+    law, curve = found.law, found.curve
+    along, y = law.inputs[curve.abscissa], law.outputs[curve.output]
+    x = curve.inputs[along.name]
+    fig, axes = plots.panels(2, sharex=True)
+    wide = x.min() > 0 and x.max() > 300 * x.min()
+    plots.lines(
+        {"measured": (x, curve.measured)}, (along.doc or along.name, along.unit),
+        (y.doc or y.name, y.unit), axis=axes[0, 0], points=True, title=title, legend=False,
+    )  # fmt: skip
+    (measured,) = axes[0, 0].get_lines()
+    measured.set_linestyle("none")
+    others = [v for n, v in curve.inputs.items() if n != along.name]
+    if all(np.ptp(v) == 0 for v in others):
+        at = np.geomspace(x.min(), x.max(), 400) if wide else np.linspace(x.min(), x.max(), 400)
+        rest = {n: float(v[0]) for n, v in curve.inputs.items() if n != along.name}
+        line = [law(**{along.name: float(a)}, **rest)[y.name] for a in at]
+        axes[0, 0].plot(at, line, color=plots.ORANGE, label="fitted", zorder=1)
+    else:
+        fitted = curve.measured - found.residuals
+        axes[0, 0].plot(x, fitted, "x", color=plots.ORANGE, label="fitted")
+    axes[0, 0].legend()
+    axes[0, 0].set_xlabel("")
+    plots.lines(
+        {"residual": (x, found.residuals)}, (along.doc or along.name, along.unit),
+        ("measured - fitted", y.unit), axis=axes[1, 0], points=True,
+    )  # fmt: skip
+    axes[1, 0].axhline(0, color=plots.GREY, lw=0.8)
+    if wide:
+        axes[1, 0].set_xscale("log")
+    return fig
+
+
+def report(found: Fitted, folder: Path) -> str:
+    """What a person reads on the terminal."""
+    law = found.law
+    rows = [["parameter", "value", "std", "95 %", "unit", "meaning"]]
+    for n, v in found.values.items():
+        between = found.interval[n]
+        said = "at its bound" if between is None else f"{between[0]:.4g} .. {between[1]:.4g}"
+        note = f" (= {found.tied[n]})" if n in found.tied else ""
+        rows.append([n + note, number(v), number(found.std[n], 2), said, law.params[n].unit,
+                     law.params[n].doc])  # fmt: skip
+    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    unit = law.outputs[found.curve.output].unit
+    tail = "" if unit == "1" else f" {unit}"
+    model = folder / MODEL
+    return (
+        f"{law.name} fitted to {found.curve.source}, {found.curve.measured.size} points\n\n"
+        f"{wrapped(rows, widths)}\n\n"
+        f"largest error {found.max_error:.3g}{tail}, rms {found.rms:.3g}{tail}\n\n"
+        f"{folder / 'fit.json'}\n{folder / 'fit.png'}\n{folder / 'residuals.csv'}\n"
+        f"{model}: slipctl show {model}:law"
+    )

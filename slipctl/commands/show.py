@@ -1,0 +1,65 @@
+"""``slipctl show``: equations, signals, units, sources of a block; contents of a study."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+
+from slipctl.errors import BadInput
+from slipctl.study import doors
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Print what the name stands for."""
+    name = options.name
+    whole = name in doors.studies() or (name.endswith(".py") and ":" not in name)
+    if whole and not (options.latex or options.graph or options.against):
+        print(_study_text(name))
+        return 0
+    if whole:
+        study = doors.load_study(name)
+        loops = doors.loop_names(study)
+        raise BadInput(f"{name} is a study; write which loop: " + ", ".join(
+            f"{name}:{loop}" for loop in loops))  # fmt: skip
+    from slipctl.draw import show
+
+    block = doors.load_block(name)
+    if options.against:
+        print(show.difference(block, doors.load_block(options.against)).rstrip())
+        return 0
+    if options.latex:
+        print(show.latex(block).rstrip())
+    if options.graph:
+        print(show.graph(block).rstrip())
+    if not (options.latex or options.graph):
+        print(show.text(block).rstrip())
+    return 0
+
+
+def _study_text(name: str) -> str:
+    study = doors.load_study(name)
+    cases = doors.build_cases(study)
+    rows = [f"{study.name}: {study.title}", f"  {study.source}", "", *_wrapped(study.doc, "  ", 96)]
+    rows += ["", "scenarios and loops"]
+    for case in cases:
+        s = case.scenario
+        rows.append(f"  {s.name:<20} {s.duration:g} s, seed {s.seed}: {', '.join(case.loops)}")
+        rows += _wrapped(s.doc, " " * 23, 96) if s.doc else []
+    models = {k: getattr(m, "name", getattr(m, "__name__", "")) for k, m in study.models.items()}
+    for title, pairs in (
+        ("models that --swap replaces", list(models.items())),
+        ("experiments", [(k, e.title) for k, e in study.experiments.items()]),
+        ("claims", [(c.id, f"{c.claim} ({c.source})") for c in study.claims]),
+        ("figures", [(k, f.caption) for k, f in study.figures.items()]),
+    ):  # fmt: skip
+        if pairs:
+            wide = max(len(key) for key, _ in pairs)
+            rows += ["", title, *(f"  {key:<{wide}}  {text}" for key, text in pairs)]
+    loop = next(iter(cases[0].loops))
+    rows += ["", f"See slipctl show {name}:{loop}, slipctl run {name}"]
+    return "\n".join(rows)
+
+
+def _wrapped(text: str, indent: str, width: int) -> list[str]:
+    return textwrap.wrap(" ".join(text.split()), width, initial_indent=indent,
+                         subsequent_indent=indent)  # fmt: skip

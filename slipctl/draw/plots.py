@@ -1,0 +1,546 @@
+"""Figures: one style, units on each axis, the same colour for the same loop in every study.
+
+The only place that imports matplotlib. A study's figures are made of these helpers: ``traces`` of
+logged signals, ``lines`` and ``bars`` of anything, ``laws`` of an adhesion law.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.figure import Figure
+
+from slipctl.errors import BadInput, nearest
+from slipctl.run import store
+from slipctl.run.metrics import worst
+from slipctl.run.results import NotRun
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from slipctl.block.block import Block
+    from slipctl.run.results import Results
+
+BLACK, BLUE, ORANGE, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+PURPLE, SKY, AMBER, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F"
+PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
+"""Colours that a colour-blind reader tells apart (after Okabe and Ito)."""
+
+COLOURS = {
+    "ideal": BLACK,
+    "smc": ORANGE,
+    "sta": BLUE,
+    "sta_online": GREEN,
+    "pid": AMBER,
+    "hosm": BLUE,
+    "asmc": PURPLE,
+    "mpc": GREEN,
+    "robust": SKY,
+    "fixed": PURPLE,
+    "eppfc": BLUE,
+    "efc": ORANGE,
+    "nmpc": GREEN,
+    "smes": ORANGE,
+    "improved": BLUE,
+    "esa": GREEN,
+}
+"""Loops whose colour is fixed; any other name gets one of the palette by its letters."""
+
+RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED"}
+"""Shades of the bands behind a trace; any other condition stays white."""
+
+STYLE: Any = {
+    "figure.dpi": 100,
+    "savefig.dpi": 160,
+    "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=PALETTE),
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "svg.hashsalt": "slipctl",
+    "svg.fonttype": "path",
+    "path.simplify": True,
+}
+
+WIDTH, HEIGHT = 7.0, 1.9
+"""Size in inches of a figure and of one of its panels."""
+
+
+def colour(name: str) -> str:
+    """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
+    stem = re.sub(
+        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
+    )
+    for known in (name, stem):
+        if known in COLOURS:
+            return COLOURS[known]
+    return PALETTE[int(hashlib.sha256(stem.encode()).hexdigest(), 16) % len(PALETTE)]
+
+
+def dash(name: str, beside: Sequence[str] = ()) -> Any:
+    """Line of a loop: dotted for the bound, dashed where another one beside it has its colour."""
+    if name == "ideal":
+        return (0, (1, 1))
+    same = [n for n in beside if colour(n) == colour(name)]
+    return (0, (4, 1.5)) if name in same[1:] else "-"
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the one style."""
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options: Any) -> Any:
+    """New figure with panels in the one style.
+
+    Returns:
+        The figure and its axes, an array of rows by columns.
+    """
+    with style():
+        size = (WIDTH, height * rows + 0.4)
+        fig = Figure(figsize=size)
+        return fig, fig.subplots(rows, columns, squeeze=False, **options)
+
+
+def label(what: str, unit: str) -> str:
+    """Label of an axis: what it is and its unit."""
+    return f"{what} [{pretty(unit)}]" if unit not in ("", "1") else what
+
+
+def pretty(unit: str) -> str:
+    """Unit as a reader expects it: ``m/s^2`` as m/s²."""
+    raised = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+    text = re.sub(r"\^(-?\d+)(?![.\d])", lambda m: m[1].translate(raised), unit)
+    text = re.sub(r"(?<=[a-zA-Z])([234])\b", lambda m: m[1].translate(raised), text)
+    return text.replace("*", "·")
+
+
+def traces(
+    results: Results,
+    scenario: str,
+    loops: Sequence[str] = (),
+    signals: Sequence[str | Sequence[str]] = ("slip", "torque"),
+    *,
+    span: tuple[float, float] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    labels: Mapping[str, str] | None = None,
+    names: Mapping[str, str] | None = None,
+) -> Figure:
+    """Logged signals over time, one panel each, the loops in their colours.
+
+    Args:
+        results: what was run.
+        scenario: the scenario.
+        loops: the loops; none given takes all that ran.
+        signals: for each panel a role (``"slip"``), a logged name, or several of them, of which
+            the second and later ones are drawn thin and grey (a reference, a bound).
+        span: times in s from and to which to draw.
+        limits: range of the vertical axis by role or name.
+        labels: axis label without unit by role or name; otherwise the signal's meaning.
+        names: what the legend says of a loop.
+    """
+    chosen = list(loops) or list(results.data.get(scenario, {}))
+    if not chosen:
+        raise NotRun(f"{scenario} was not run")
+    logs = {loop: results.log(scenario, loop) for loop in chosen}
+    fig, axes = panels(len(signals), sharex=True)
+    entries: dict[str, Any] = {}
+    with style():
+        for axis, wanted in zip(axes[:, 0], signals, strict=True):
+            first, *others = [wanted] if isinstance(wanted, str) else wanted
+            text, unit = None, "1"
+            rough: dict[str, float] = {}
+            for loop, log in logs.items():
+                name = _name(results, log, first)
+                if name is None:
+                    continue
+                text = text or _meaning(log[name], name)
+                unit = str(log[name].attrs.get("units", "1"))
+                rough[loop] = float(np.abs(np.diff(log[name].values, axis=0)).sum())
+            if text is None:
+                known = [str(n) for log in logs.values() for n in log]
+                raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
+            behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
+            for loop in rough:
+                name = _name(results, logs[loop], first)
+                line = _trace(
+                    axis, logs[loop], str(name), span, color=colour(loop), ls=dash(loop, chosen),
+                    zorder=2 + 0.01 * behind.index(loop),
+                )  # fmt: skip
+                entries.setdefault((names or {}).get(loop, loop), line)
+            for other in others:
+                _references(axis, results, logs, other, span, entries)
+            axis.set_ylabel(label((labels or {}).get(first, _wrap(text)), unit))
+            if limits and first in limits:
+                axis.set_ylim(*limits[first])
+        case = next(c for c in results.cases if c.scenario.name == scenario)
+        axes[0, 0].set_xlim(*(span or (0.0, case.scenario.duration)))
+        for axis in axes[:, 0]:
+            bands(axis, results, scenario, title=axis is axes[0, 0])
+        axes[-1, 0].set_xlabel("time [s]")
+        if len(entries) > 1:
+            loops_first = sorted(entries, key=lambda n: entries[n].get_color() == GREY)
+            fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
+                       loc="outside upper center")  # fmt: skip
+    return fig
+
+
+def _references(
+    axis: Axes,
+    results: Results,
+    logs: Mapping[str, Any],
+    wanted: str,
+    span: tuple[float, float] | None,
+    entries: dict[str, Any],
+) -> None:
+    """Draw a reference or a bound in thin grey, once where all loops have the same."""
+    found = {loop: n for loop, log in logs.items() if (n := _name(results, log, wanted))}
+    drawn: list[np.ndarray] = []
+    for loop, name in found.items():
+        values = logs[loop][name].values
+        if any(np.array_equal(values, d) for d in drawn):
+            continue
+        drawn.append(values)
+        line = _trace(axis, logs[loop], name, span, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3)
+        entries.setdefault(_meaning(logs[loop][name], name), line)
+
+
+def _meaning(signal: Any, name: str) -> str:
+    """Meaning of a signal, up to its first comma."""
+    return str(signal.attrs.get("long_name") or name).partition(",")[0]
+
+
+def _name(results: Results, log: Any, wanted: str) -> str | None:
+    if wanted in log:
+        return wanted
+    if hasattr(results.study.signals, wanted):
+        return results.study.signals.find(wanted, log)
+    return None
+
+
+def _trace(
+    axis: Axes, log: Any, name: str, span: tuple[float, float] | None, **options: Any
+) -> Any:
+    t, y = log["time"].values, np.asarray(log[name].values)
+    if y.ndim > 1:
+        y = worst(y.reshape(len(t), -1))
+    if span is not None:
+        inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
+        t, y = t[inside], y[inside]
+    return axis.plot(*envelope(t, y), **options)[0]
+
+
+def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+    """Fewer points that look the same: the smallest and the largest value of each column."""
+    if len(t) <= 2 * columns:
+        return t, y
+    edges = np.linspace(0, len(t), columns + 1).astype(int)
+    keep = []
+    for a, b in pairwise(edges):
+        low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
+        keep += sorted({a, low, high, b - 1})
+    return t[keep], y[keep]
+
+
+def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:
+    """Shade the rail conditions behind a panel over time and name them above it."""
+    case = next(c for c in results.cases if c.scenario.name == scenario)
+    rail = case.scenario.rail
+    if rail is None or len(rail.sections) < 2:
+        return
+    logs = results.data.get(scenario, {})
+    starts = [0.0, *next(iter(logs.values())).attrs.get("rail_changes_s", [])]
+    ends = [*starts[1:], case.scenario.duration]
+    left, right = axis.get_xlim()
+    for section, a, b in zip(rail.sections, starts, ends, strict=False):
+        a, b = max(a, left), min(b, right)
+        if a >= b:
+            continue
+        shade = RAILS.get((section.condition or "").partition("_")[0], "#FFFFFF")
+        axis.axvspan(a, b, color=shade, lw=0, zorder=-5)
+        if a > left:
+            axis.axvline(a, color="#AAAAAA", lw=0.7, zorder=-4)
+        if title and section.condition:
+            axis.annotate(section.condition.replace("_", " "), ((a + b) / 2, 1.0),
+                          xycoords=("data", "axes fraction"), xytext=(0, 2),
+                          textcoords="offset points", ha="center", va="bottom",
+                          fontsize=8, color="#555555")  # fmt: skip
+    axis.set_xlim(left, right)
+
+
+def lines(
+    curves: Mapping[str, tuple[Any, Any]],
+    x: tuple[str, str],
+    y: tuple[str, str],
+    *,
+    axis: Axes | None = None,
+    log: str = "",
+    marks: Mapping[str, tuple[float, float]] | None = None,
+    title: str = "",
+    points: bool = False,
+    legend: bool = True,
+) -> Figure:
+    """Curves by name, ``{"sta": (times, values)}``; a loop's name has the loop's colour.
+
+    Args:
+        curves: abscissa and ordinate of each curve.
+        x, y: what the axes are, and their units.
+        axis: draw here instead of in a new figure.
+        log: ``"x"``, ``"y"`` or ``"xy"`` for logarithmic axes.
+        marks: points to mark, by name.
+        title: above the panel.
+        points: show the points of each curve.
+        legend: name the curves, where there is more than one.
+    """
+    fig = axis.get_figure() if axis is not None else None
+    if axis is None:
+        fig, axes = panels(height=3.2)
+        axis = axes[0, 0]
+    assert axis is not None
+    with style():
+        hues = _hues(list(curves))
+        for name, (xs, ys) in curves.items():
+            if not points and len(np.atleast_1d(xs)) > 1:
+                xs, ys = envelope(np.asarray(xs), np.asarray(ys))
+            axis.plot(xs, ys, color=hues[name], ls=_line(name, hues), label=name,
+                      marker="o" if points else None, ms=3)  # fmt: skip
+        for name, (px, py) in (marks or {}).items():
+            axis.plot([px], [py], "o", color=hues.get(name, BLACK), ms=5, zorder=5)
+        if "x" in log:
+            axis.set_xscale("log")
+        if "y" in log:
+            axis.set_yscale("log")
+        axis.set_xlabel(label(*x))
+        axis.set_ylabel(label(*y))
+        axis.set_title(title)
+        axis.margins(x=0.02 if points else 0.0)
+        if len(curves) > 1 and legend:
+            axis.legend()
+    return fig  # type: ignore[return-value]
+
+
+def _line(name: str, hues: Mapping[str, str]) -> Any:
+    """Solid, but for a loop whose colour occurs twice, and for the bound."""
+    return dash(name, list(hues)) if hues[name] == colour(name) else "-"
+
+
+def _hues(names: Sequence[str]) -> dict[str, str]:
+    """Loops have their colour; other names take the palette in order."""
+    if any(n in COLOURS or n.partition("_")[0] in COLOURS for n in names):
+        return {n: colour(n) for n in names}
+    return {n: PALETTE[k % len(PALETTE)] for k, n in enumerate(names)}
+
+
+def laws(
+    law: Block,
+    conditions: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    upto: float = 10.0,
+    start: float = 0.0,
+    peaks: Mapping[str, tuple[float, float]] | None = None,
+    axis: Axes | None = None,
+    title: str = "",
+) -> Figure:
+    """An adhesion law, one curve per rail condition.
+
+    Args:
+        law: from slip, its first input, to adhesion, its first output.
+        conditions: parameters by condition; otherwise those that the law declares.
+        start, upto: range of the slip.
+        peaks: place and height of the peak by condition, to be marked.
+        axis: draw here instead of in a new figure.
+        title: above the panel.
+    """
+    import casadi as ca
+
+    slip = next(iter(law.inputs.values()))
+    out = next(iter(law.outputs.values()))
+    at = np.linspace(start, upto, 401)
+    rest = {n: s.value if s.value is not None else 0.0 for n, s in law.inputs.items()}
+    curves = {}
+    for name, values in (conditions or law.conditions or {law.name: {}}).items():
+        p = law.pack("param", law.param_values(**values))
+        columns = [at if n == slip.name else np.full(at.size, float(v)) for n, v in rest.items()]
+        y = law.f.map(at.size)(
+            ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size)
+        )
+        index = list(law.outputs).index(out.name)
+        curves[name] = (at, np.array(y[1]).reshape(-1, at.size)[index])
+    across, up = (s.doc.partition(",")[0] or s.name for s in (slip, out))
+    return lines(curves, (across, slip.unit), (up, out.unit), axis=axis, marks=peaks, title=title)
+
+
+def bars(
+    groups: Mapping[str, Mapping[str, float | None]],
+    y: tuple[str, str],
+    *,
+    axis: Axes | None = None,
+    log: bool = False,
+    title: str = "",
+    limit: tuple[str, float] | None = None,
+) -> Figure:
+    """Grouped bars, ``{"base": {"smc": 1.0, "sta": 0.2}}``; a value of None is left out.
+
+    Args:
+        groups: values by group (below the axis) and member (in the legend).
+        y: what it is, and its unit.
+        axis: draw here instead of in a new figure.
+        log: logarithmic values.
+        title: above the panel.
+        limit: name and height of a line to compare with.
+    """
+    fig = axis.get_figure() if axis is not None else None
+    if axis is None:
+        fig, axes = panels(height=2.8)
+        axis = axes[0, 0]
+    assert axis is not None
+    members = list(dict.fromkeys(m for group in groups.values() for m in group))
+    hues = _hues(members)
+    width = 0.8 / max(len(members), 1)
+    with style():
+        for k, member in enumerate(members):
+            at = [g + (k - (len(members) - 1) / 2) * width for g in range(len(groups))]
+            heights = [group.get(member) for group in groups.values()]
+            shown = [(a, h) for a, h in zip(at, heights, strict=True) if h is not None]
+            if shown:
+                places, tops = zip(*shown, strict=True)
+                hatch = "///" if "_printed" in member else None
+                axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
+                         edgecolor="white", lw=0)  # fmt: skip
+        _limit(axis, limit)
+        axis.set_xticks(range(len(groups)), list(groups))
+        axis.grid(visible=False, axis="x")
+        if log:
+            axis.set_yscale("log")
+        axis.set_ylabel(label(*y))
+        axis.set_title(title)
+        if len(members) > 1:
+            axis.legend(ncols=min(len(members), 4))
+    return fig  # type: ignore[return-value]
+
+
+def _wrap(text: str, width: int = 24) -> str:
+    """Break a long label once, at the space nearest to its middle."""
+    if len(text) <= width:
+        return text
+    spaces = [k for k, c in enumerate(text) if c == " "]
+    if not spaces:
+        return text
+    at = min(spaces, key=lambda k: abs(k - len(text) / 2))
+    return f"{text[:at]}\n{text[at + 1 :]}"
+
+
+def spread(
+    groups: Mapping[str, Sequence[float]],
+    y: tuple[str, str],
+    *,
+    axis: Axes | None = None,
+    log: bool = False,
+    title: str = "",
+    limit: tuple[str, float] | None = None,
+) -> Figure:
+    """Spread of many runs: every run a dot, the middle half a box, the median a line.
+
+    Args:
+        groups: values by group; a loop's name has the loop's colour.
+        y: what it is, and its unit.
+        axis: draw here instead of in a new figure.
+        log: logarithmic values.
+        title: above the panel.
+        limit: name and height of a line to compare with.
+    """
+    fig = axis.get_figure() if axis is not None else None
+    if axis is None:
+        fig, axes = panels(height=2.8)
+        axis = axes[0, 0]
+    assert axis is not None
+    hues = _hues(list(groups))
+    with style():
+        for k, (name, values) in enumerate(groups.items()):
+            v = np.array([x for x in values if x is not None and np.isfinite(x)], dtype=float)
+            if not len(v):
+                continue
+            golden = (np.arange(len(v)) * 0.618034) % 1 - 0.5  # spread evenly, always the same
+            axis.plot(k + 0.3 * golden, v, "o", ms=2.5, color=hues[name], alpha=0.45, mew=0)
+            low, middle, high = np.quantile(v, [0.25, 0.5, 0.75])
+            axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
+            axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
+        if log:
+            axis.set_yscale("log")
+        _limit(axis, limit)
+        axis.set_xticks(range(len(groups)), list(groups))
+        axis.set_xlim(-0.6, len(groups) - 0.4)
+        axis.grid(visible=False, axis="x")
+        axis.set_ylabel(label(*y))
+        axis.set_title(title)
+    return fig  # type: ignore[return-value]
+
+
+def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
+    """Line to compare with, and its name."""
+    if limit is not None:
+        axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
+        axis.annotate(
+            limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
+            textcoords="offset points", ha="right", fontsize=8,
+        )  # fmt: skip
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def svg_text(fig: Figure, stamp: str = "") -> str:
+    """Figure as SVG, the same text every time."""
+    with style():
+        buffer = io.StringIO()
+        # matplotlib takes the salt of ids from the settings in force now
+        fig.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "slipctl",
+                                                    "Description": stamp or None})  # fmt: skip
+    return buffer.getvalue()
+
+
+def png_bytes(fig: Figure, stamp: str = "") -> bytes:
+    """Figure as PNG, the same bytes every time."""
+    with style():
+        buffer = io.BytesIO()
+        fig.savefig(buffer, format="png", metadata={"Software": "slipctl", "Description": stamp})
+    return buffer.getvalue()
+
+
+def mark_quick(fig: Figure) -> None:
+    """Say on the figure that it comes from a quick run."""
+    with style():
+        fig.text(0.997, 0.997, "quick", ha="right", va="top", fontsize=8, color=ORANGE,
+                 weight="bold")  # fmt: skip
+
+
+def save(fig: Figure, folder: Path, stem: str, stamp: str = "") -> str:
+    """Write a figure as PNG and SVG; gives the SVG."""
+    svg, png = svg_text(fig, stamp), png_bytes(fig, stamp)
+    store.write_text(folder / f"{stem}.svg", svg)
+    store.write_with(folder / f"{stem}.png", lambda path: path.write_bytes(png))
+    return svg

@@ -1,0 +1,444 @@
+"""Fit the parameters of a law to a measured curve, and say how well the curve tells them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import evaluate, names_in
+from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
+from slipctl.errors import BadInput, nearest
+from slipctl.estimate.model import (
+    known_parameters,
+    measured_output,
+    output_function,
+    unknown_parameters,
+)
+from slipctl.estimate.tables import Table, read_table
+
+Numbers = Mapping[str, Any]
+
+DRAWN, REACH, FOLLOWED = 1000, 30.0, 4
+"""Further starts drawn around the given one, up to this factor away, and how many of the best ones
+are followed: curves of adhesion have several local minima."""
+
+WEAKEST = 1e-8
+"""Smallest singular value of the Jacobian, of the largest one, that is not taken for zero."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Measured points of a law.
+
+    Attributes:
+        source: where from.
+        inputs: of the law by name, one number per point.
+        measured: output of the law, one number per point.
+        output: its name.
+    """
+
+    source: str
+    inputs: dict[str, np.ndarray]
+    measured: np.ndarray
+    output: str
+
+    @property
+    def abscissa(self) -> str:
+        """First input that varies."""
+        varied = (n for n, x in self.inputs.items() if np.ptp(x) > 0)
+        return next(varied, next(iter(self.inputs)))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Law fitted to a curve.
+
+    Attributes:
+        law: the law with the parameters found.
+        curve: the points.
+        values: unknown parameters, in their units.
+        std: standard deviation of each; None of one that ends at a bound.
+        interval: 95 % confidence interval of each; None as above.
+        correlation: of the parameters that are at no bound, by pairs of names.
+        residuals: measured minus fitted, in the unit of the output.
+        tied: parameter by the one that it was set equal to, to keep the order that the law expects.
+        doubts: expectations of the law that the values do not keep.
+    """
+
+    law: Block
+    curve: Curve
+    values: dict[str, float]
+    std: dict[str, float | None]
+    interval: dict[str, tuple[float, float] | None]
+    correlation: dict[tuple[str, str], float]
+    residuals: np.ndarray
+    tied: dict[str, str]
+    doubts: tuple[str, ...]
+
+    @property
+    def max_error(self) -> float:
+        """Largest residual, in the unit of the output."""
+        return float(np.abs(self.residuals).max())
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals, in the unit of the output."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+def fit(
+    law: Block,
+    data: str | Path | Mapping[str, Any],
+    unknown: Sequence[str] | None = None,
+    start: Numbers | None = None,
+    *,
+    at: Numbers | None = None,
+    columns: Mapping[str, str] | None = None,
+    measured: str | None = None,
+    ordered: bool = False,
+) -> Fitted:
+    """Fit parameters of a law to a measured curve by least squares.
+
+    The squares of measured minus fitted are made least by a trust-region method with bounds
+    (Branch, Coleman, Li 1999; ``scipy.optimize.least_squares``) on the exact Jacobian, from the
+    given start and from the best of others drawn around it, always the same. A parameter whose
+    range is positive is sought as its logarithm. Standard deviations are those of the
+    linearised problem, s^2 (J'J)^-1 with s^2 the sum of squares by points minus unknowns.
+
+    Args:
+        law: a law.
+        data: file with a head and a row per point (``creep [1],force [kN]``; comments ``# set Q =
+            106.7 kN`` are values for ``at``, or starts of what is unknown), or columns by name in
+            SI units.
+        unknown: parameters to find; by default those that the law's rail conditions set, or all.
+        start: values to start from; what is not given starts from the law's own value.
+        at: inputs that do not vary and known parameters, as numbers or texts with a unit.
+        columns: expression of the columns for a signal of the law, ``{"v_s": "slip * v / 100"}``;
+            otherwise a column of the signal's name is taken, or the law's own ``readings``.
+        measured: output that was measured; may be left out if there is only one.
+        ordered: keep the order that the law expects of its parameters (``law.expects``). Where
+            the free fit breaks it, the two parameters are equal.
+
+    Raises:
+        BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
+            than unknowns plus one, or unknowns that the curve does not identify; says which.
+    """
+    output = measured_output(law, measured)
+    if unknown is None and law.conditions:
+        unknown = [n for n in law.params if any(n in c for c in law.conditions.values())]
+    unknown = unknown_parameters(law, unknown)
+    table = data if isinstance(data, Mapping) else read_table(data)
+    source = "data" if isinstance(data, Mapping) else str(data)
+    known = {n: _quantity(law, n, v) for n, v in (at or {}).items()}
+    for n in known:
+        if n in unknown:
+            raise BadInput(f"{n} is both given and unknown; leave it out of one of them")
+    told = _settings(law, table)
+    known = {n: v for n, v in told.items() if n not in unknown} | known
+    law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
+    for n, v in (start or {}).items():
+        if n not in unknown:
+            raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
+        law = law.with_params(**{n: _quantity(law, n, v)})
+    curve = _curve(law, source, table, known, columns or {}, output, unknown)
+    free = _solve(law, curve, unknown)
+    tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
+    if tied:
+        equal = {b: math.sqrt(free[0][a] * free[0][b]) for a, b in tied.items()}
+        free = _solve(
+            law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
+        )
+    return _judged(law, curve, unknown, tied, *free)
+
+
+# ---- the curve ----------------------------------------------------------------------------------
+
+
+def _settings(law: Block, table: Table | Mapping[str, Any]) -> dict[str, float]:
+    """Values of inputs and parameters that the file itself tells."""
+    if not isinstance(table, Table):
+        return {}
+    return {
+        n: _quantity(law, n, text, f"{table.path}, line {line}: ")
+        for line, n, text in table.settings
+    }
+
+
+def _quantity(law: Block, name: str, value: Any, where: str = "") -> float:
+    """Value of an input or parameter, from a number in its unit or a text with a unit."""
+    signals = {**law.inputs, **law.params}
+    if name not in signals:
+        raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
+                       f"{nearest(name, signals)}")  # fmt: skip
+    if name in law.params:
+        law._settable(name)
+    s = signals[name]
+    number = (
+        parse_quantity(value, s.unit, f"{law.name}.{name}") if isinstance(value, str) else value
+    )
+    return float(s.check(f"{where}{law.name}.{name}", number))
+
+
+def _curve(
+    law: Block, source: str, table: Table | Mapping[str, Any], known: Mapping[str, float],
+    columns: Mapping[str, str], output: str, unknown: Sequence[str],
+) -> Curve:  # fmt: skip
+    """Columns of the file, made into inputs and output of the law."""
+    names, units, values, lines = _columns(table)
+    signals = {**law.inputs, output: law.outputs[output]}
+    for n in columns:
+        if n not in signals:
+            raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
+    si = {n: values[n] * (unit(u).scale if u else 1.0) for n, u in zip(names, units, strict=True)}
+    given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
+    given = {n: v for n, v in given.items() if n not in unknown}
+    given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known) | si
+    found, many = {}, len(next(iter(values.values())))
+    for n, s in signals.items():
+        expression = columns.get(n) or ("" if n in si else law.readings.get(n, ""))
+        if expression and (n in columns or n not in known):
+            missing = [k for k in names_in(expression) if k not in given]
+            lost = [k for k in missing if k in unknown]
+            if lost:
+                raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
+            if missing:
+                raise BadInput(_lacking(law, source, n, names, expression, missing))
+            result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
+            found[n] = np.broadcast_to(result.ravel(), many)
+        elif n in si:
+            u = units[names.index(n)]
+            if u and not dimension_equal(u, s.unit):
+                raise BadInput(
+                    f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
+                    f" or a column of its own, columns={{{n!r}: '...'}}, --column {n}=EXPRESSION"
+                )
+            found[n] = values[n] * (factor(u, s.unit) if u else 1.0)
+        elif n in known or (n != output and s.value is not None):
+            found[n] = np.full(many, float(given[n]))
+        else:
+            raise BadInput(_lacking(law, source, n, names, law.readings.get(n, ""), [n]))
+    measured = found.pop(output)
+    curve = Curve(source, found, measured, output)
+    _check_sorted(curve, lines)
+    if many <= len(unknown):
+        raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
+                       f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
+    return curve
+
+
+def _columns(
+    table: Table | Mapping[str, Any],
+) -> tuple[list[str], list[str], dict[str, np.ndarray], list[int]]:
+    """Names, units, values and line numbers of the columns."""
+    if isinstance(table, Table):
+        rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
+        values = {n: rows[:, k] for k, n in enumerate(table.names)}
+        return table.names, table.units, values, [line for line, _ in table.rows]
+    values = {n: np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+    if not values or len({v.size for v in values.values()}) != 1:
+        raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
+    for n, v in values.items():
+        if not np.isfinite(v).all():
+            raise BadInput(f"data: {n} is not finite everywhere")
+    many = next(iter(values.values())).size
+    return list(values), [""] * len(values), values, list(range(1, many + 1))
+
+
+def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
+    return {n: ca.DM(np.broadcast_to(v, many)) for n, v in given.items()}
+
+
+def _lacking(
+    law: Block, source: str, name: str, names: Sequence[str], reading: str, missing: Sequence[str]
+) -> str:
+    s = {**law.inputs, **law.outputs}[name]
+    if reading and set(missing) <= {*law.inputs, *law.params}:
+        what = ", ".join(missing)
+        return (
+            f"{source}: {name} is read as {reading}; give {what}, as a column or by"
+            f" --set {missing[0]}=VALUE"
+        )
+    ways = [f"a column {name} [{s.unit}]"]
+    if reading:
+        ways.append(f"{' and '.join(missing)} for {name} = {reading}")
+    if name in law.inputs:
+        ways.append(f"--set {name}=VALUE")
+    return (
+        f"{source} has the columns {', '.join(names)} and lacks {name}; give {', or '.join(ways)}"
+    )
+
+
+def _check_sorted(curve: Curve, lines: Sequence[int]) -> None:
+    """Refuse points that go back and forth; a change of another input begins a new curve."""
+    x = curve.inputs[curve.abscissa]
+    others = [v for n, v in curve.inputs.items() if n != curve.abscissa]
+    for k in range(1, x.size):
+        if x[k] < x[k - 1] and all(v[k] == v[k - 1] for v in others):
+            raise BadInput(
+                f"{curve.source} is not sorted: {curve.abscissa} falls from {x[k - 1]:g} to"
+                f" {x[k]:g} in row {lines[k]}; sort the rows"
+            )
+
+
+# ---- the search ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """Coordinates of the unknowns: the logarithm of what is positive, the rest as it is."""
+
+    names: tuple[str, ...]
+    log: np.ndarray
+    lo: np.ndarray
+    hi: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, law: Block, names: Sequence[str]) -> _Scale:
+        lo, hi = (np.array([getattr(law.params[n], k) for n in names]) for k in ("lo", "hi"))
+        log = lo > 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low, high = np.where(log, np.log(lo), lo), np.where(log, np.log(hi), hi)
+        at = np.array([abs(float(law.params[n].value)) for n in names])
+        size = np.where(log, 1.0, np.where(np.isfinite(high - low), high - low, np.maximum(at, 1)))
+        return cls(tuple(names), log, low, high, size)
+
+    def to(self, values: np.ndarray) -> np.ndarray:
+        return np.array([math.log(v) if k else v for v, k in zip(values, self.log, strict=True)])
+
+    def back(self, q: np.ndarray) -> np.ndarray:
+        return np.array([math.exp(v) if k else v for v, k in zip(q, self.log, strict=True)])
+
+    def slopes(self, values: np.ndarray) -> np.ndarray:
+        """Derivative of the values by the coordinates."""
+        return np.where(self.log, values, 1.0)
+
+
+Solution = tuple[dict[str, float], np.ndarray, np.ndarray, "_Scale", np.ndarray]
+
+
+def _solve(law: Block, curve: Curve, unknown: Sequence[str]) -> Solution:
+    """Parameters, residuals, Jacobian by the coordinates, coordinates, and which are at a bound."""
+    from scipy.optimize import least_squares
+
+    for n in unknown:
+        if law.params[n].value is None:
+            raise BadInput(f"{law.name}.{n} has no value to start from; give start={{{n!r}: ...}}")
+    f = output_function(law, curve.output, unknown)
+    many, count = curve.measured.size, len(unknown)
+    fixed = [s.value for s in known_parameters(law, unknown)]
+    constants = ca.DM(np.concatenate([[], *(np.ravel(v) for v in fixed)]))
+    inputs = ca.DM(np.array([curve.inputs[k] for k in law.inputs]))
+    each = f.map(many)
+    scale = _Scale.of(law, unknown)
+    size = float(np.abs(curve.measured).max()) or 1.0
+
+    def evaluated(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        y, J = each(ca.repmat(ca.DM(values), 1, many), inputs, ca.repmat(constants, 1, many))
+        return np.array(y.full()).ravel(), np.array(J.full()).reshape(many, count)
+
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return (evaluated(scale.back(q))[0] - curve.measured) / size
+
+    def jacobian(q: np.ndarray) -> np.ndarray:
+        values = scale.back(q)
+        return evaluated(values)[1] * scale.slopes(values) / size
+
+    first = scale.to(np.array([float(law.params[k].value) for k in unknown]))
+    margin = np.where(np.isfinite(scale.hi - scale.lo), 1e-6 * (scale.hi - scale.lo), 0.0)
+    inside = scale.lo + margin, scale.hi - margin
+    first = np.clip(first, *inside)
+    if not np.isfinite(residuals(first)).all():
+        raise BadInput(f"{law.name} is not finite at the start; give start={{...}}")
+    reach = scale.size * np.where(scale.log, math.log(REACH), 0.5)
+    drawn = np.random.default_rng(1).uniform(-1.0, 1.0, (DRAWN, count))
+    around = np.clip(first + reach * drawn, *inside)
+    z = ca.MX.sym("z", count)
+    predicted = each(ca.repmat(z, 1, many), inputs, ca.repmat(constants, 1, many))[0]
+    squares = ca.Function("squares", [z], [ca.sumsqr(predicted - ca.DM(curve.measured).T)])
+    places = np.array([scale.back(q) for q in around])
+    costs = np.nan_to_num(squares.map(DRAWN)(places.T).full().ravel(), nan=np.inf)
+    nearest_ones = around[np.argsort(costs, kind="stable")[:FOLLOWED]]
+
+    def descend(q: np.ndarray, tolerance: float) -> Any:
+        return least_squares(
+            residuals, q, jacobian, bounds=(scale.lo, scale.hi), x_scale=scale.size,
+            ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=300,
+        )  # fmt: skip
+
+    ways = [descend(q, 1e-5) for q in (first, *nearest_ones)]
+    found = descend(min(ways, key=lambda end: float(end.cost)).x, 1e-13)
+    values = scale.back(found.x)
+    y, J = evaluated(values)
+    ends = np.minimum(found.x - scale.lo, scale.hi - found.x) <= 1e-6 * scale.size
+    named = dict(zip(unknown, map(float, values), strict=True))
+    return named, curve.measured - y, J * scale.slopes(values), scale, ends
+
+
+# ---- what it is worth ---------------------------------------------------------------------------
+
+
+def _judged(
+    law: Block, curve: Curve, unknown: Sequence[str], tied: dict[str, str],
+    values: dict[str, float], residuals: np.ndarray, J: np.ndarray, scale: _Scale,
+    ends: np.ndarray,
+) -> Fitted:  # fmt: skip
+    """Standard deviations and intervals; refuses what the curve does not tell."""
+    from scipy.stats import t
+
+    names = [n for n, end in zip(scale.names, ends, strict=True) if not end]
+    runaways = [n for n, end, k in zip(scale.names, ends, scale.log, strict=True) if end and k]
+    lost = list(runaways)
+    freedom = curve.measured.size - len(names)
+    spread = math.sqrt(float(residuals @ residuals) / freedom)
+    scaled = (J * scale.size)[:, ~ends]
+    _, strength, directions = np.linalg.svd(scaled, full_matrices=False)
+    for s, direction in zip(strength, directions, strict=True):
+        if s <= WEAKEST * strength[0] or spread > s:
+            part = np.abs(direction)
+            lost += [n for n, p in zip(names, part, strict=True) if p > 0.2 * part.max()]
+    if lost:
+        which = [n for n in unknown if n in lost]
+        said = [f"{n} runs to the end of its range, {values[n]:.4g}" for n in runaways]
+        raise BadInput(
+            f"{curve.source} does not identify {', '.join(which)}:"
+            f" {'; '.join(said) or 'other values fit as well'};"
+            f" fix {'one of them' if len(which) > 1 else 'it'}, or measure more of the curve"
+            f"{', or check columns, units and known values' if said else ''}"
+        )
+    covariance = spread**2 * np.linalg.inv(scaled.T @ scaled)
+    deviation = np.sqrt(np.diag(covariance)) * scale.size[~ends]
+    quantile = float(t.ppf(0.975, freedom))
+    std: dict[str, float | None] = dict.fromkeys(unknown)
+    interval: dict[str, tuple[float, float] | None] = dict.fromkeys(unknown)
+    for n, d in zip(names, deviation, strict=True):
+        k = scale.names.index(n)
+        at, far = values[n], quantile * float(d)
+        std[n] = float(d) * (at if scale.log[k] else 1.0)
+        interval[n] = (at * math.exp(-far), at * math.exp(far)) if scale.log[k] else (
+            max(at - far, float(scale.lo[k])), min(at + far, float(scale.hi[k]))
+        )  # fmt: skip
+    root = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    correlation = {
+        (names[i], names[j]): float((covariance / root)[i, j])
+        for i in range(len(names))
+        for j in range(i)
+    }
+    for a, b in tied.items():
+        values[a], std[a], interval[a] = values[b], std[b], interval[b]
+    values = {n: values[n] for n in unknown}
+    fitted = law.with_params(**values)
+    p = fitted.param_values()
+    doubts = tuple(
+        f"{a} = {float(p[a]):.4g} < {b} = {float(p[b]):.4g}; {law.name} expects {a} >= {b}"
+        for a, b in law.orders()
+        if p[a] < p[b]
+    )
+    return Fitted(fitted, curve, values, std, interval, correlation, residuals, dict(tied), doubts)

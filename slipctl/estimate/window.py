@@ -1,0 +1,224 @@
+"""Windowed Gauss-Newton: the law is fitted to all samples kept since the last detected change.
+
+Minimised over theta, with m_i, u_i the samples kept and sigma their noise,
+
+    J = 1/2 sum_i ((m_i - f(u_i; theta))/sigma)^2 + 1/2 (theta - mean)' Lambda (theta - mean)
+
+The second term is what is known besides: the spread around the old estimate after a change, and
+from then on also the samples that have left the window, linearised where they left it. So P, the
+inverse of the Hessian of J, never grows beyond the spread, whatever the excitation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.signals import Param, State
+from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
+from slipctl.seek.random import epsilon
+
+DAMPING = 0.1
+"""Damping of the first iteration after a change, relative to the diagonal of the Hessian
+(Marquardt 1963); a success divides it by 4, a failure multiplies it by 4, and it is kept from tick
+to tick, because the valley along which a, b and c trade off is narrow and bent."""
+
+LEAST, MOST = 1e-9, 1e9
+"""Range of the damping: without effect, and standing still."""
+
+BLIND = 64.0
+"""Beyond BLIND / sqrt(eps) damping begins anew. Steps as short as that change J by less than its
+rounding, so they fail whatever the data say, and damping would stay at MOST for ever, the estimate
+still. In double it is beyond MOST, in float 2e5: far above what a bent valley needs."""
+
+ROUNDED = 1e-5
+"""Rounding that a variance may have beyond the spread, in float and in double."""
+
+
+def windowed(model: Model, period: float, window: int, iterations: int) -> Block:
+    """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
+    n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
+    unit = model.law.outputs[model.measured].unit
+    normal = _normal_equations(model, window)
+    iterate = _iteration(normal)
+    solve, invert = _solver(n), _inverse(n)
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        theta, constants, sigma2 = x["theta"], model.constants(p), p["noise"] ** 2
+        least = p["spread"] ** -2
+        Lambda_0 = ca.diag(least)
+        inputs, measurement = model.sample(u)
+        predicted, h = model.predict(theta, inputs, constants)
+        e = measurement - predicted
+
+        # a change: the residual is beyond the prediction interval of the regression
+        interval = x["scatter"] * (1 + h.T @ x["P"] @ h / sigma2)
+        enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
+        changed = ca.logic_and(enough, e**2 > p["gate"] ** 2 * interval)
+        unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
+        again = ca.logic_or(ca.logic_or(changed, x["count"] == 0), x["unsettled"] > 0)
+
+        # what leaves the window stays as information
+        last = x["kept"][:, -1]
+        old, g = model.predict(theta, last[:-1], constants)
+        kept_share = p["forgetting"] * x["Lambda"]
+        Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + g @ g.T / sigma2
+        pull = kept_share @ (x["mean"] - theta) + g * (last[-1] - old) / sigma2
+        mean = theta + solve(Lambda, pull, least)
+        full = x["count"] == window
+        Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
+        mean = ca.if_else(again, theta, ca.if_else(full, mean, x["mean"]))
+
+        # the window, newest first; unused places repeat the first sample, with weight 0
+        sample = ca.vertcat(inputs, measurement)
+        kept = ca.if_else(
+            again, ca.repmat(sample, 1, window), ca.horzcat(sample, x["kept"][:, :-1])
+        )
+        count = ca.if_else(again, 1, ca.fmin(window, x["count"] + 1))
+        weights = count > ca.DM(range(window)).T
+
+        data = (kept, weights, mean, Lambda, sigma2, constants)
+        arithmetic = (least, epsilon(ca.fmin(count, 1)))
+        state = (theta, *normal(theta, *data), ca.if_else(again, DAMPING, x["damping"]))
+        for _ in range(iterations):
+            state = iterate(*state, *arithmetic, *data)
+        theta, _, squares, H, _, damping = state
+        P = invert(H, least)
+        nxt = {
+            "theta": theta, "P": P, "scatter": sigma2 + squares / count, "mean": mean,
+            "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
+            "damping": damping,
+        }  # fmt: skip
+        return nxt, model.results(theta, P, predicted, e, changed)
+
+    return make_block(
+        "rls", "step", body,
+        states=[
+            theta_state(model), covariance_state(n),
+            State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named(
+                "scatter"
+            ),
+            State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
+            State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
+            State("1", 0.0, "samples in the window").named("count"),
+            State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
+            State("1", DAMPING, "damping of the next iteration").named("damping"),
+            State("1", 0.0, "samples, newest first, each in its units",
+                  shape=(rows, window)).named("kept"),
+        ],
+        inputs=model.inputs(),
+        params=[
+            Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12).named("noise"),
+            spread_param(n, 2.0),
+            Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1).named(
+                "gate"
+            ),
+            Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
+                  " after; the newest replaces them", lo=0, hi=1000).named("settling"),
+            Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"
+                  " wanders where the slip shows nothing", lo=1e-3, hi=1).named("forgetting"),
+            *model.known(),
+        ],
+        outputs=model.outputs(), period=period, sx=False,
+        choices=model.describe("window") | {"window": window, "iterations": iterations},
+        doc=__doc__ or "",
+    )  # fmt: skip
+
+
+def _normal_equations(model: Model, window: int) -> ca.Function:
+    """Function (theta, data) -> (J, squares, H, r).
+
+    These are the cost, the sum of squared residuals, the Hessian in Gauss-Newton form and minus
+    the gradient.
+    """
+    n, size = model.n, model.output.size1_in(1)
+    sym: Any = ca.SX.sym if model.law.sx else ca.MX.sym
+    values, sample = sym("values", n), sym("sample", size + 1)
+    weight, constants = sym("weight"), sym("constants", model.output.size1_in(2))
+    y, row = model.output(values, sample[:size], constants)
+    e = sample[size] - y
+    one = ca.Function(
+        "one_sample",
+        [values, sample, weight, constants],
+        [weight * e**2, weight * row.T @ row, weight * row.T * e],
+        {"cse": True},
+    )
+    every = one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])
+
+    theta, kept = ca.MX.sym("theta", n), ca.MX.sym("kept", size + 1, window)
+    weights, mean = ca.MX.sym("weights", 1, window), ca.MX.sym("mean", n)
+    Lambda, sigma2 = ca.MX.sym("Lambda", n, n), ca.MX.sym("sigma2")
+    constants = ca.MX.sym("constants", model.output.size1_in(2))
+    values, slopes = model.parameters(theta)
+    squares, JJ, Je = every(values, kept, weights, constants)
+    off = mean - theta
+    J = (squares / sigma2 + off.T @ Lambda @ off) / 2
+    H = slopes.T @ JJ @ slopes / sigma2 + Lambda
+    r = slopes.T @ Je / sigma2 + Lambda @ off
+    return ca.Function(
+        "normal_equations",
+        [theta, kept, weights, mean, Lambda, sigma2, constants],
+        [J, squares, H, r],
+    )
+
+
+def _iteration(normal: ca.Function) -> ca.Function:
+    """Function (theta, J, squares, H, r, damping, pivots, eps, data) -> the first six anew."""
+    inputs = [ca.MX.sym(f"i{k}", normal.sparsity_in(k)) for k in range(normal.n_in())]
+    theta, data = inputs[0], inputs[1:]
+    now = [ca.MX.sym(f"o{k}", normal.sparsity_out(k)) for k in range(normal.n_out())]
+    J, _, H, r = now
+    damping, eps = ca.MX.sym("damping"), ca.MX.sym("eps")
+    least = ca.MX.sym("least", theta.shape[0])
+    there = theta + _solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r, least)
+    then = normal(there, *data)
+    better = then[0] < J  # false for NaN too, so a step out of range is refused
+    following = [
+        ca.if_else(better, b, a) for a, b in zip([theta, *now], [there, *then], strict=True)
+    ]
+    more = ca.if_else(4 * damping > BLIND / ca.sqrt(eps), DAMPING, ca.fmin(damping * 4, MOST))
+    after = ca.if_else(better, ca.fmax(damping / 4, LEAST), more)
+    taken = [theta, *now, damping, least, eps, *data]
+    return ca.Function("iteration", taken, [*following, after])
+
+
+def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """D and strict upper triangle L' of A = (I + L) diag(D) (I + L'); no pivot is below ``least``.
+
+    A is Lambda_0 plus squares, so in exact arithmetic no pivot is below that of Lambda_0. In float
+    it is lost where the squares are 1e7 times as large, and pivots would come out negative.
+    """
+    n = A.shape[0]
+    D, LT = ca.SX(n, 1), ca.SX(n, n)
+    for j in range(n):
+        column = [A[i, j] for i in range(j + 1)]
+        for i in range(j):
+            LT[i, j] = column[i] / D[i]
+            for k in range(i + 1, j):
+                column[k] -= LT[i, k] * column[i]
+            column[j] -= column[i] * LT[i, j]
+        D[j] = ca.fmax(column[j], least[j])
+    return D, LT
+
+
+def _solver(n: int) -> ca.Function:
+    """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
+    A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
+    D, LT = _ldl(A, least)
+    return ca.Function("solve", [A, b, least], [ca.ldl_solve(b, D, LT, range(n))], {"cse": True})
+
+
+def _inverse(n: int) -> ca.Function:
+    """Function (A, least pivots) -> A^-1 for symmetric positive definite A, or 1/least.
+
+    A^-1 is at most diag(1/least). Where rounding has lost it, nothing is known but that.
+    """
+    A, least = ca.SX.sym("A", n, n), ca.SX.sym("least", n)
+    D, LT = _ldl(A, least)
+    columns = ca.ldl_solve(ca.SX.eye(n), D, LT, range(n))
+    inverse = ca.densify((columns + columns.T) / 2)
+    lost = ca.logic_not(ca.mmax(ca.diag(inverse) * least) <= 1 + ROUNDED)
+    known = ca.if_else(lost, ca.densify(ca.diag(1 / least)), inverse)
+    return ca.Function("inverse", [A, least], [known], {"cse": True})

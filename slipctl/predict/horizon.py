@@ -1,0 +1,408 @@
+"""The stages of an optimal control problem: plant over one step, residuals, and their slopes.
+
+Over a horizon of N stages of length h, with z = (x, v), v = u/scale,
+
+    minimise  1/2 sum_k |W r(x_k, u_k)|^2 + 1/2 |W r(x_N)|^2 + 1/2 sum_k |max(0, c(x_k, u_k))|^2
+    with      x_{k+1} = F(x_k, u_k),  lo <= u_k <= hi,  |u_k - u_{k-1}| <= rate h
+
+r are the outputs of the cost law, W their weights, c the weighted excess of a soft limit. One stage
+gives, at a guess of its state and control, A, B, b of the linear step, the Gauss-Newton Hessian
+H = J'J with g = J'r, and c with its slope C, packed to one column of their structural nonzeros.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from slipctl.block.block import Block
+from slipctl.block.connection import connect
+from slipctl.block.signals import Signal
+from slipctl.block.timing import sampled
+from slipctl.block.units import dimension_equal
+from slipctl.errors import BadInput, nearest
+
+UNROLL = 200_000
+"""Instructions of one stage above which the problem is refused: the C code would not compile."""
+
+
+class Soft(NamedTuple):
+    """Soft limits of one output or state of the plant, and their weight per unit."""
+
+    lo: float
+    hi: float
+    weight: float
+
+
+class Stage(NamedTuple):
+    """Linear step, Hessian and slope of one stage, unpacked."""
+
+    A: Any
+    B: Any
+    b: Any
+    H: Any
+    g: Any
+    c: Any
+    C: Any
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """An optimal control problem; made by :meth:`of`.
+
+    Attributes:
+        model: plant and cost, connected and discretised.
+        controls: inputs of the model that are decided.
+        held: its other inputs, which keep their present value over the horizon.
+        residuals: outputs that are squared; ``last`` those of the last stage.
+        soft: outputs or states with soft limits.
+        stages: N.
+        scale: size of each control.
+    """
+
+    model: Block
+    controls: tuple[str, ...]
+    held: tuple[str, ...]
+    residuals: tuple[str, ...]
+    last: tuple[str, ...]
+    soft: tuple[str, ...]
+    stages: int
+    scale: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
+        soft: Sequence[str], stages: int, h: float, method: str, substeps: int,
+        scale: Mapping[str, float],
+    ) -> Horizon:  # fmt: skip
+        """Connect plant and cost by the names of their signals, and discretise."""
+        where = f"nmpc({plant.name})"
+        model, alias = _joined(where, plant, cost)
+        expressions(where, plant)
+        controls = tuple(alias[plant.find(c, "input")] for c in control)
+        _check_lag(where, plant, model, controls, stages * h)
+        model = sampled(model, h, method, substeps)
+        residuals = tuple(f"cost.{n}" for n in cost.outputs)
+        limited = tuple(f"plant.{plant.find(n, 'state', 'output')}" for n in soft)
+        horizon = cls(
+            model, controls, tuple(n for n in model.inputs if n not in controls), residuals, (),
+            limited, stages, tuple(scale[c] for c in control),
+        )  # fmt: skip
+        return horizon._with_last(where, cost, terminal)
+
+    def _with_last(self, where: str, cost: Block, terminal: Sequence[str] | None) -> Horizon:
+        """Choose the residuals of the last stage, which has no control."""
+        x, u, d, p = self.symbols()
+        y = self._outputs(x, u, d, p)
+        free = [n for n in self.residuals if not ca.depends_on(y[n], u)]
+        if terminal is None:
+            last = free
+        else:
+            last = []
+            for n in terminal:
+                if n not in cost.outputs:
+                    raise BadInput(
+                        f"{where}: the cost has no residual {n!r}{nearest(n, cost.outputs)}"
+                    )
+                if f"cost.{n}" not in free:
+                    raise BadInput(
+                        f"{where}: {n} depends on the control, which the last stage does not have;"
+                        " leave it out of terminal="
+                    )
+                last.append(f"cost.{n}")
+        for n in self.residuals:
+            if not ca.depends_on(y[n], ca.vertcat(x, u)):
+                raise BadInput(f"{where}: the residual {n[5:]} depends on no state and no control")
+        return replace(self, last=tuple(last))
+
+    # ---- sizes and symbols --------------------------------------------------------------------
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return sum(s.size for s in self.model.states.values())
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return len(self.controls)
+
+    @property
+    def nd(self) -> int:
+        """Number of held inputs."""
+        return len(self.held)
+
+    @property
+    def nc(self) -> int:
+        """Number of soft rows, an upper and a lower one for each limited signal."""
+        return 2 * len(self.soft)
+
+    @property
+    def nq(self) -> int:
+        """Number of constants: parameters, weights, and (lo, hi, weight) of each soft limit."""
+        return self.np_ + len(self.residuals) + 3 * len(self.soft)
+
+    @property
+    def np_(self) -> int:
+        """Number of parameters of the model."""
+        return sum(s.size for s in self.model.params.values())
+
+    def symbols(self) -> tuple[Any, Any, Any, Any]:
+        """Symbols of state, control, held inputs and parameters."""
+        return tuple(  # type: ignore[return-value]
+            ca.SX.sym(n, k)
+            for n, k in (("x", self.nx), ("u", self.nu), ("d", self.nd), ("p", self.np_))
+        )
+
+    def step(self) -> ca.Function:
+        """Function (x, u, d, p) -> (state after the step, outputs at its start)."""
+        x, u, d, p = self.symbols()
+        f = expressions("nmpc", self.model)
+        n, y = f(x, self._inputs(u, d), p)
+        return ca.Function("stage_step", [x, u, d, p], [n, y], {"cse": True})
+
+    def _inputs(self, u: Any, d: Any) -> Any:
+        known = {n: u[k] for k, n in enumerate(self.controls)}
+        known |= {n: d[k] for k, n in enumerate(self.held)}
+        return ca.vertcat(*[known[n] for n in self.model.inputs])
+
+    def _outputs(self, x: Any, u: Any, d: Any, p: Any) -> dict[str, Any]:
+        y = self.model.unpack("output", self.step()(x, u, d, p)[1])
+        return y | self.model.unpack("state", x)
+
+    def _rows(self, y: Mapping[str, Any], names: Sequence[str], q: Any) -> Any:
+        weights = q[self.np_ : self.np_ + len(self.residuals)]
+        return ca.vertcat(*[weights[self.residuals.index(n)] * y[n] for n in names])
+
+    def _soft_rows(self, y: Mapping[str, Any], q: Any) -> Any:
+        at, rows = self.np_ + len(self.residuals), []
+        for k, n in enumerate(self.soft):
+            lo, hi, weight = q[at + 3 * k], q[at + 3 * k + 1], q[at + 3 * k + 2]
+            rows += [weight * (y[n] - hi), weight * (lo - y[n])]
+        return ca.vertcat(*rows) if rows else ca.SX(0, 1)
+
+    def costs(self) -> tuple[ca.Function, ca.Function]:
+        """Functions (x, v, d, q) and (x, d, q) -> cost of a stage and of the last one."""
+        x, u, d, _ = self.symbols()
+        q = ca.SX.sym("q", self.nq)
+        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
+        excess = ca.sumsqr(ca.fmax(0, self._soft_rows(y, q)))
+        stage = (ca.sumsqr(self._rows(y, self.residuals, q)) + excess) / 2
+        end, layout = self.end()
+        _, _, c, _ = layout.unpack(end(x, d, q))
+        last = (ca.sumsqr(self._rows(y, self.last, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
+        return (
+            ca.Function("stage_cost", [x, u, d, q], [stage], {"cse": True}),
+            ca.Function("end_cost", [x, d, q], [last], {"cse": True}),
+        )
+
+    # ---- one stage ------------------------------------------------------------------------------
+
+    def stage(self, where: str) -> tuple[ca.Function, Layout]:
+        """Function (x, v, d, q, next x) -> column of a stage, and how it is packed.
+
+        Raises:
+            BadInput: the plant cannot be differentiated, or the stage is too large.
+        """
+        x, u, d, _ = self.symbols()
+        q, following = ca.SX.sym("q", self.nq), ca.SX.sym("following", self.nx)
+        v = u * ca.DM(self.scale)
+        n, _ = self.step()(x, v, d, q[: self.np_])
+        y = self._outputs(x, v, d, q[: self.np_])
+        z = ca.vertcat(x, u)
+        r, c = self._rows(y, self.residuals, q), self._soft_rows(y, q)
+        slope, J, C = ca.jacobian(n, z), ca.jacobian(r, z), ca.jacobian(c, z)
+        H, g = ca.triu(J.T @ J), ca.densify(J.T @ r)
+        pieces = [slope[:, : self.nx], slope[:, self.nx :], ca.densify(n - following), H, g, c, C]
+        layout = Layout.of(pieces)
+        f = ca.Function(
+            "stage", [x, u, d, q, following],
+            [layout.pack(pieces)], {"cse": True},
+        )  # fmt: skip
+        f = reciprocals(f)
+        if f.n_instructions() > UNROLL:
+            raise BadInput(
+                f"{where}: one stage takes {f.n_instructions()} instructions; use fewer substeps,"
+                " or a smaller plant"
+            )
+        return f, layout
+
+    def end(self) -> tuple[ca.Function, Layout]:
+        """Function (x, d, q) -> column of the last stage: H, g, c and C over the state alone."""
+        x, u, d, _ = self.symbols()
+        q = ca.SX.sym("q", self.nq)
+        y = self._outputs(x, u, d, q[: self.np_])
+        soft = {n: v for n, v in y.items() if n in self.soft and not ca.depends_on(v, u)}
+        r = self._rows(y, self.last, q) if self.last else ca.SX(0, 1)
+        # a soft output that the control feeds through has no last row: it is far below its limit
+        c = self._soft_rows({n: soft.get(n, ca.SX(0)) for n in self.soft}, q)
+        for k, n in enumerate(self.soft):
+            if n not in soft:
+                c[2 * k], c[2 * k + 1] = -1, -1
+        J, C = ca.jacobian(r, x), ca.jacobian(c, x)
+        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C]
+        layout = Layout.of(pieces)
+        return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Sparsity of the pieces of a packed column."""
+
+    sparsity: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, pieces: Sequence[Any]) -> Layout:
+        """Layout of given pieces."""
+        return cls(tuple(m.sparsity() for m in pieces))
+
+    @property
+    def size(self) -> int:
+        """Number of nonzeros."""
+        return sum(s.nnz() for s in self.sparsity)
+
+    def pack(self, pieces: Sequence[Any]) -> Any:
+        """Stack the nonzeros to a column."""
+        return ca.densify(ca.vertcat(*[ca.SX(ca.vertcat(*m.nonzeros())) for m in pieces]))
+
+    def unpack(self, column: Any) -> list[Any]:
+        """Give the pieces back."""
+        at, pieces = 0, []
+        for s in self.sparsity:
+            pieces.append(ca.SX(s, column[at : at + s.nnz()]))
+            at += s.nnz()
+        return pieces
+
+
+def expressions(where: str, block: Block) -> ca.Function:
+    """The block's Function as scalar expressions, which have derivatives of every order.
+
+    Raises:
+        BadInput: something in it has none (an equation solved inside, foreign code).
+    """
+    if block.sx:
+        return block.f
+    try:
+        f = block.f.expand()
+        x, u, p = (ca.SX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+        ca.hessian(ca.sum1(f(x, u, p)[0]), ca.vertcat(x, u))
+        return f
+    except RuntimeError as error:
+        reason = str(error).strip().split("\n")[-1].rpartition(": ")[2][:120]
+        raise BadInput(
+            f"{where}: {block.name} cannot be differentiated twice ({reason}); write it in"
+            " expressions, an equation solved inside as a fixed number of its steps"
+        ) from None
+
+
+def reciprocals(f: ca.Function) -> ca.Function:
+    """Return the same function of scalars with a/b as a (1/b), each 1/b computed once.
+
+    Derivatives divide by the same number over and over, and a division takes as long as several
+    multiplications.
+    """
+    if any(f.instruction_id(k) == ca.OP_CALL for k in range(f.n_instructions())):
+        return f  # a function is called inside
+    arguments = [ca.SX.sym(f"a{i}", f.sparsity_in(i)) for i in range(f.n_in())]
+    given = [a.nonzeros() for a in arguments]
+    results = [[ca.SX(0)] * f.nnz_out(i) for i in range(f.n_out())]
+    work: dict[int, Any] = {}
+    before = ca.GlobalOptions.getSimplificationOnTheFly()
+    ca.GlobalOptions.setSimplificationOnTheFly(False)  # it would turn a (1/b) back into a/b
+    try:
+        for k in range(f.n_instructions()):
+            operation, into = f.instruction_id(k), f.instruction_output(k)
+            read = f.instruction_input(k)
+            if operation == ca.OP_OUTPUT:
+                results[into[0]][into[1]] = work[read[0]]
+            elif operation == ca.OP_INPUT:
+                work[into[0]] = given[read[0]][read[1]]
+            elif operation == ca.OP_CONST:
+                work[into[0]] = ca.SX(f.instruction_constant(k))
+            elif operation == ca.OP_DIV:
+                inverse = ca.SX.unary(ca.OP_INV, work[read[1]])
+                work[into[0]] = ca.SX.binary(ca.OP_MUL, work[read[0]], inverse)
+            elif len(read) == 2:
+                work[into[0]] = ca.SX.binary(operation, work[read[0]], work[read[1]])
+            else:
+                work[into[0]] = ca.SX.unary(operation, work[read[0]])
+        columns = [ca.SX(f.sparsity_out(i), ca.vertcat(*r)) for i, r in enumerate(results)]
+        return ca.Function(f.name(), arguments, columns, {"cse": True})
+    finally:
+        ca.GlobalOptions.setSimplificationOnTheFly(before)
+
+
+def _joined(where: str, plant: Block, cost: Block) -> tuple[Block, dict[str, str]]:
+    """Plant and cost as one flow, and the name that each input of the plant has there."""
+    if plant.kind != "flow":
+        raise BadInput(f"{where}: {plant.name} is a {plant.kind}; give the flow, not yet sampled")
+    if cost.kind != "law":
+        raise BadInput(f"{where}: the cost {cost.name} is a {cost.kind}; give a law of residuals")
+    if any(s.shape != () for s in (*plant.inputs.values(), *cost.inputs.values())):
+        raise BadInput(f"{where}: inputs of plant and cost must be scalars")
+    short = [n.rpartition(".")[2] for n in plant.inputs]
+    alias = {
+        n: s if short.count(s) == 1 else n.replace(".", "_")
+        for n, s in zip(plant.inputs, short, strict=True)
+    }
+    wires = {f"plant.{n}": a for n, a in alias.items()}
+    for n in cost.inputs:
+        wires[f"cost.{n}"] = _source(where, plant, alias, n)
+    return connect("model", wires, plant=plant, cost=cost), alias
+
+
+def _source(where: str, plant: Block, alias: Mapping[str, str], name: str) -> str:
+    """Signal of the plant that an input of the cost reads, or its own name: a reference."""
+    for known, found in ((plant.states, "plant.{}"), (plant.outputs, "plant.{}"), (alias, "{}")):
+        hits = [n for n in known if n == name or n.rpartition(".")[2] == name]
+        if name in known:
+            hits = [name]
+        if len(hits) > 1:
+            raise BadInput(f"{where}: {name!r} of the cost could be {' or '.join(hits)}")
+        if hits:
+            return found.format(alias[hits[0]] if known is alias else hits[0])
+    return name
+
+
+def _check_lag(
+    where: str, plant: Block, model: Block, controls: Sequence[str], length: float
+) -> None:
+    """Refuse a horizon shorter than the lag of the actuator that a control drives.
+
+    An actuator follows its command, in the command's unit. Another state that a control drives has
+    a time constant of its own, that of a mass with its drag, of which a plan need not see the end.
+    """
+    try:
+        x, p = model.start(), model.param_values()
+    except BadInput:
+        return  # numbers that come later
+    f = model.f
+    slopes = f.factory("slopes", ["x", "u", "p"], ["jac:n:x", "jac:n:u"])
+    u = [_middle(s) for s in model.inputs.values()]
+    A, B = (
+        ca.DM(m).full() for m in slopes(model.pack("state", x), ca.DM(u), model.pack("param", p))
+    )
+    names = list(model.inputs)
+    states = [(n, s.unit) for n, s in model.states.items() for _ in range(s.size)]
+    for control in controls:
+        for k, effect in enumerate(B[:, names.index(control)]):
+            if not dimension_equal(states[k][1], model.inputs[control].unit):
+                continue
+            rate = -float(A[k, k])
+            if effect != 0 and rate > 0 and math.isfinite(rate) and rate * length < 1:
+                raise BadInput(
+                    f"{where}: the horizon of {length:g} s is shorter than the lag of"
+                    f" {1 / rate:.3g} s from {control} to {states[k][0].removeprefix('plant.')};"
+                    f" take at least {1 / rate:.3g} s"
+                )
+
+
+def _middle(s: Signal) -> float:
+    """A value of an input to linearise at: its own, or the number of its range nearest to zero."""
+    if s.value is not None and not isinstance(s.value, str):
+        return float(s.value)
+    return float(min(max(0.0, s.lo), s.hi))

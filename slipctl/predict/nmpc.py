@@ -1,0 +1,414 @@
+"""Nonlinear model predictive control: from any flow block to a step block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.signals import Input, Output, Param, Signal, State
+from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
+from slipctl.predict.active_set import ActiveSet
+from slipctl.predict.horizon import Horizon, Soft
+from slipctl.predict.reference import Sparse, available, nonlinear
+
+SOLVERS = ("riccati", "osqp", "qrqp", "ipopt", "fatrop")
+
+Limit = float | str
+
+
+def nmpc(
+    plant: Block,
+    cost: Block,
+    control: str | Sequence[str],
+    *,
+    h: float,
+    horizon: int = 20,
+    weights: Mapping[str, float] | None = None,
+    terminal: Sequence[str] | None = None,
+    bounds: Mapping[str, tuple[Limit, Limit]] | None = None,
+    rates: Mapping[str, float] | None = None,
+    soft: Mapping[str, tuple[float | None, float | None, float]] | None = None,
+    moves: Sequence[int] | None = None,
+    iterations: int = 1,
+    passes: int = 20,
+    method: str = "rk4",
+    substeps: int = 1,
+    solver: str = "riccati",
+    name: str = "nmpc",
+) -> Block:
+    """Make a model predictive controller: each tick it solves an optimal control problem online.
+
+    Multiple shooting with a Gauss-Newton Hessian, in real-time iterations (Diehl 2001): each tick
+    the last plan is shifted by a stage, the plant linearised along it, one quadratic program
+    solved, and the first control applied. Inputs of the plant that are not controls, and the
+    references of the cost, keep their present value over the horizon; so an adhesion estimate that
+    feeds one of them makes the controller free of offset.
+
+    Args:
+        plant: a flow. Its states are measured: they become inputs of the controller.
+        cost: a law whose outputs are squared and summed. An input that has the name of a state,
+            an output or an input of the plant reads it; any other is a reference, an input of the
+            controller.
+        control: inputs of the plant that are decided.
+        h: length of a stage and period of the controller in s.
+        horizon: number of stages.
+        weights: weight of each output of the cost per its unit, by default 1.
+        terminal: outputs of the cost that count in the last stage, by default all that do not
+            depend on the control.
+        bounds: (lo, hi) of a control, by default its declared range. A name instead of a number
+            is an input of the controller (the limit of an anti-slip law, say).
+        rates: largest rate of a control, in its unit per second.
+        soft: (lo, hi, weight) of an output or state of the plant; None for a limit is the declared
+            one. The weighted excess is squared and added to the cost.
+        moves: number of stages over which each free control is held; their sum is the horizon.
+        iterations: real-time iterations per tick.
+        passes: largest number of passes of the active set in each.
+        method, substeps: integration over a stage, as of :func:`sampled`.
+        solver: ``"riccati"`` (:mod:`slipctl.predict.active_set`; generated as C, float
+            included). For comparison: the same iterations by ``"osqp"`` or ``"qrqp"``, and each
+            tick solved to the end by ``"ipopt"`` or ``"fatrop"``; these run in Python only.
+        name: name of the block.
+
+    Returns:
+        A step block with period h. Outputs: the controls, ``status`` (0 solved; 1 the active set
+        had not settled, so the controls are feasible but not optimal; 2 the problem broke, the
+        next control of the last good plan is applied and the next tick starts afresh), and
+        ``passes`` made.
+
+    Raises:
+        BadInput: unknown names, bounds that leave nothing, a weight that is not positive, a
+            horizon shorter than the lag of the actuator, a solver that is not there.
+    """
+    where = f"nmpc({as_block('nmpc: the plant', plant).name})"
+    as_block(f"{where}: the cost", cost)
+    controls = [control] if isinstance(control, str) else list(control)
+    _check_numbers(where, h, horizon, iterations, passes, solver)
+    if not controls:
+        raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
+    full = {c: plant.find(c, "input") for c in controls}
+    limits = _bounds(where, plant, full, _by_name(where, "bounds", bounds))
+    rate = _rates(where, controls, _by_name(where, "rates", rates))
+    softs = _soft(where, plant, _by_name(where, "soft", soft))
+    scale = {c: _scale(*limits[c]) for c in controls}
+    tied = _tied(where, horizon, moves)
+    problem = Horizon.of(
+        plant, cost, controls, terminal, list(softs), horizon, h, method, substeps, scale
+    )
+    weigh = _weights(where, cost, _by_name(where, "weights", weights))
+    return _Controller(
+        where, problem, controls, limits, rate, softs, weigh, tied, int(iterations), int(passes),
+        solver,
+    ).block(name, h, plant, cost)  # fmt: skip
+
+
+class _Controller:
+    """What the body of the block needs."""
+
+    def __init__(
+        self, where: str, problem: Horizon, controls: list[str],
+        limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
+        weights: dict[str, float], tied: list[bool], iterations: int, passes: int, solver: str,
+    ) -> None:  # fmt: skip
+        self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
+        self.weights, self.iterations, self.solver = weights, iterations, solver
+        self.short = dict(zip(controls, problem.controls, strict=True))
+        self.step = problem.step()
+        self.stage, layout = problem.stage(where)
+        self.end, last = problem.end()
+        layouts = (problem, layout, last, tied, bool(rate), passes)
+        self.qp = Sparse(solver, *layouts) if solver in ("osqp", "qrqp") else ActiveSet(*layouts)
+        self.whole = None
+        if solver in ("ipopt", "fatrop"):
+            self.whole = nonlinear(where, problem, solver, tied, bool(rate))
+        self.scale = ca.DM(problem.scale)
+
+    # ---- signals --------------------------------------------------------------------------------
+
+    def measured(self) -> list[Signal]:
+        """States of the plant, as inputs."""
+        return [
+            s.as_role("input", value=None).named(n.removeprefix("plant."))
+            for n, s in self.h.model.states.items()
+        ]
+
+    def given(self) -> list[Signal]:
+        """Held inputs, and bounds that are inputs."""
+        held = [self.h.model.inputs[n] for n in self.h.held]
+        limits = {
+            b: self.h.model.inputs[self.short[c]]
+            for c, pair in self.limits.items() for b in pair if isinstance(b, str)
+        }  # fmt: skip
+        return [*held, *(_named_limit(b, s) for b, s in limits.items())]
+
+    def settings(self) -> list[Signal]:
+        """Weights, bounds, rates and soft limits, as parameters."""
+        found = []
+        for n, w in self.weights.items():
+            unit = self.h.model.outputs[f"cost.{n}"].unit
+            found.append(
+                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12).named(f"weight_{n}")
+            )
+        for c, (lo, hi) in self.limits.items():
+            s, short = self.h.model.inputs[self.short[c]], self.short[c]
+            for word, value in (("lo", lo), ("hi", hi)):
+                if not isinstance(value, str):
+                    doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
+                    found.append(Param(s.unit, value, doc).named(f"{short}_{word}"))
+        for c, r in self.rate.items():
+            s = self.h.model.inputs[self.short[c]]
+            found.append(
+                Param(
+                    f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s",
+                    r,
+                    f"largest rate: {s.doc}",
+                    lo=0,
+                ).named(f"{self.short[c]}_rate")
+            )
+        for n, limit in self.softs.items():
+            short = n.replace(".", "_")
+            unit = self._signal(n).unit
+            found += [
+                Param(unit, limit.lo, "soft limit below").named(f"{short}_min"),
+                Param(unit, limit.hi, "soft limit above").named(f"{short}_max"),
+                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12).named(f"{short}_weight"),
+            ]
+        return found
+
+    def _signal(self, name: str) -> Signal:
+        model = self.h.model
+        return (model.outputs | model.states)[f"plant.{name}"]
+
+    # ---- the block ------------------------------------------------------------------------------
+
+    def block(self, name: str, h: float, plant: Block, cost: Block) -> Block:
+        """The controller as a step block."""
+        model, N = self.h.model, self.h.stages
+        states = [
+            State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
+                  ).named("X"),
+            State("1", 0.0, "planned controls, scaled", shape=(self.h.nu * N,)).named("U"),
+            State("1", 0.0, "statuses of controls and soft limits", shape=(self.qp.statuses,)
+                  ).named("S"),
+            State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
+            State("1", 0.0, "whether there is a plan").named("planned"),
+        ]  # fmt: skip
+        outputs = [model.inputs[s].as_role("output", value=None).named(s) for s in self.h.controls]
+        outputs += [
+            Output("1", "0 solved, 1 not settled, 2 broken", lo=0, hi=2).named("status"),
+            Output("1", "passes of the active set", lo=0).named("passes"),
+        ]
+        return make_block(
+            name, "step", self._body, states=states,
+            inputs=[*self.measured(), *self.given()],
+            params=[*model.params.values(), *self.settings()], outputs=outputs,
+            period=h, sx=False, doc=about(nmpc),
+            choices={
+                "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
+                "horizon": N, "iterations": self.iterations, "solver": self.solver,
+            },
+        )  # fmt: skip
+
+    def constants(self, p: Exprs) -> Any:
+        """Parameters of the stages: those of the model, weights, soft limits."""
+        model = self.h.model.pack("param", {n: p[n] for n in self.h.model.params})
+        rows = [p[f"weight_{n}"] for n in self.weights]
+        for n in self.softs:
+            short = n.replace(".", "_")
+            rows += [p[f"{short}_min"], p[f"{short}_max"], p[f"{short}_weight"]]
+        return ca.vertcat(model, *rows)
+
+    def bounds(self, u: Exprs, p: Exprs) -> Any:
+        """(lo, hi, rate per stage) of all controls, scaled."""
+        lows: list[Any] = []
+        highs: list[Any] = []
+        rates: list[Any] = []
+        for c, (lo, hi) in self.limits.items():
+            short = self.short[c]
+            lows.append(u[lo] if isinstance(lo, str) else p[f"{short}_lo"])
+            highs.append(u[hi] if isinstance(hi, str) else p[f"{short}_hi"])
+            rates.append(
+                p[f"{short}_rate"] * self.h.model.period if c in self.rate else ca.MX(1e30)
+            )
+        columns = [ca.vertcat(*v) / self.scale for v in (lows, highs, rates)]
+        return ca.vertcat(columns[0], ca.fmax(columns[0], columns[1]), columns[2])
+
+    def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        x0 = ca.vertcat(*[u[s.name] for s in self.measured()])
+        d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
+        q, bounds = self.constants(p), self.bounds(u, p)
+        lo, hi = bounds[:nu], bounds[nu : 2 * nu]
+        begun = xs["planned"] > 0
+        start = ca.fmin(hi, ca.fmax(lo, ca.vertcat(*[self._start(n) for n in self.h.controls])))
+        before = ca.if_else(begun, xs["applied"], start)
+
+        X, V = xs["X"], xs["U"]
+        following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d, q[: self.h.np_])
+        X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.repmat(x0, N + 1, 1))
+        V = ca.if_else(begun, ca.vertcat(V[nu:], V[-nu:]), ca.repmat(start, N, 1))
+        S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first())
+        plan = V[:nu]
+        open_, made = ca.MX(0), ca.MX(0)
+        if self.whole is not None:
+            X, V = self.whole(x0, d, q, before, bounds, X, V)
+        else:
+            for _ in range(self.iterations):
+                X, V, S, open_, passes = self.iterate(X, V, S, x0, d, q, before, bounds)
+                made = made + passes
+
+        size = ca.sumsqr(X) + ca.sumsqr(V)
+        sound = size < 1e30  # false for NaN as well
+        first = ca.fmin(hi, ca.fmax(lo, ca.if_else(sound, V[:nu], plan)))
+        if self.rate:
+            rate = bounds[2 * nu :]
+            first = ca.fmin(before + rate, ca.fmax(before - rate, first))
+        zero = ca.MX.zeros
+        nxt = {
+            "X": ca.if_else(sound, X, zero(X.shape[0])),
+            "U": ca.if_else(sound, V, zero(V.shape[0])),
+            "S": ca.if_else(sound, S, zero(S.shape[0])), "applied": first, "planned": sound,
+        }  # fmt: skip
+        status = ca.if_else(sound, open_ > 0, 2)
+        values = dict(zip(self.h.controls, ca.vertsplit(first * self.scale), strict=True))
+        return nxt, values | {"status": status, "passes": made}
+
+    def _start(self, name: str) -> float:
+        """Control of the first guess: the value of the input, else 0."""
+        s = self.h.model.inputs[name]
+        value = 0.0 if s.value is None or isinstance(s.value, str) else float(s.value)
+        return value / self.h.scale[self.h.controls.index(name)]
+
+    def iterate(
+        self, X: Any, V: Any, S: Any, x0: Any, d: Any, q: Any, before: Any, bounds: Any
+    ) -> tuple[Any, Any, Any, Any, Any]:
+        """One real-time iteration on (X, V, S): linearise, solve the QP, take the whole step."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
+        D = self.stage.map(N)(
+            states[:, :-1], v, ca.repmat(d, 1, N), ca.repmat(q, 1, N), states[:, 1:]
+        )
+        E = self.end(states[:, -1], d, q)
+        dX, dV, S, open_, made = self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
+        return X + dX, V + dV, S, open_, made
+
+
+# ---- what is asked for ------------------------------------------------------------------------
+
+
+def _check_numbers(
+    where: str, h: float, horizon: int, iterations: int, passes: int, solver: str
+) -> None:
+    check_positive(f"{where}: h", h, "s")
+    for word, count in (("horizon", horizon), ("iterations", iterations), ("passes", passes)):
+        check_whole(f"{where}: {word}", count)
+    if solver not in SOLVERS:
+        raise BadInput(f"{where} has no solver {solver!r}; it has {', '.join(SOLVERS)}")
+    if solver != "riccati":
+        available(where, solver)
+
+
+def _bounds(
+    where: str, plant: Block, full: Mapping[str, str], given: Mapping[str, tuple[Limit, Limit]]
+) -> dict[str, tuple[Limit, Limit]]:
+    for n in given:
+        if n not in full:
+            raise BadInput(f"{where}: bounds of {n!r}, which is no control{nearest(n, full)}")
+    found = {}
+    for c, n in full.items():
+        s = plant.inputs[n]
+        lo, hi = _entries(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
+        for b in (lo, hi):
+            if not isinstance(b, str):
+                check_number(f"{where}: bounds of {c}: an end", b, s.unit)
+        if not isinstance(lo, str) and not isinstance(hi, str) and not lo < hi:
+            raise BadInput(
+                f"{where}: {c} from {lo:g} to {hi:g} {s.unit} leaves nothing; give lo < hi"
+            )
+        for b in (lo, hi):
+            if isinstance(b, str) and not b.isidentifier():
+                raise BadInput(f"{where}: {b!r} is no name for the input that bounds {c}")
+            if not isinstance(b, str) and not math.isfinite(b):
+                raise BadInput(
+                    f"{where}: {c} is unbounded; give bounds={{{c!r}: (lo, hi)}} in {s.unit}"
+                )
+        found[c] = (lo, hi)
+    return found
+
+
+def _by_name(where: str, what: str, given: Any) -> dict[str, Any]:
+    """Settings by name, none where they are left out."""
+    if not isinstance(given, Mapping | None):
+        raise BadInput(f"{where}: {what} = {given!r}; give {what}={{name: ...}}")
+    return dict(given or {})
+
+
+def _entries(where: str, given: Any, form: str) -> Any:
+    """Entries of one setting, refused where they are not of the form."""
+    if not isinstance(given, (tuple, list)) or len(given) != len(form.split(",")):
+        raise BadInput(f"{where}: {given!r} is not {form}")
+    return given
+
+
+def _scale(lo: Limit, hi: Limit) -> float:
+    numbers = [abs(b) for b in (lo, hi) if not isinstance(b, str)]
+    return max(numbers, default=1.0) or 1.0
+
+
+def _rates(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> dict[str, float]:
+    for c, r in rates.items():
+        if c not in controls:
+            raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
+        check_positive(f"{where}: rate of {c}", r)
+    return dict(rates)
+
+
+def _soft(
+    where: str, plant: Block, soft: Mapping[str, tuple[float | None, float | None, float]]
+) -> dict[str, Soft]:
+    found = {}
+    for n, entries in soft.items():
+        name = plant.find(n, "state", "output")
+        lo, hi, weight = _entries(f"{where}: soft limits of {n}", entries, "(lo, hi, weight)")
+        s = (plant.states | plant.outputs)[name]
+        low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
+        for b in (low, high):
+            check_number(f"{where}: soft limits of {n}: an end", b, s.unit)
+        if not low < high:
+            raise BadInput(f"{where}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
+        if math.isinf(low) and math.isinf(high):
+            raise BadInput(f"{where}: {n} has no range; give soft={{{n!r}: (lo, hi, weight)}}")
+        check_positive(f"{where}: weight of {n}", weight)
+        found[name] = Soft(max(low, -1e12), min(high, 1e12), weight)
+    return found
+
+
+def _weights(where: str, cost: Block, weights: Mapping[str, float]) -> dict[str, float]:
+    for n, w in weights.items():
+        if n not in cost.outputs:
+            raise BadInput(f"{where}: the cost has no residual {n!r}{nearest(n, cost.outputs)}")
+        check_positive(f"{where}: weight of {n}", w)
+    return {n: float(weights.get(n, 1.0)) for n in cost.outputs}
+
+
+def _tied(where: str, horizon: int, moves: Sequence[int] | None) -> list[bool]:
+    if moves is None:
+        return [False] * horizon
+    if not isinstance(moves, Sequence):
+        raise BadInput(f"{where}: moves = {moves!r} is no list of whole numbers")
+    for m in moves:
+        check_whole(f"{where}: moves: a length", m)
+    if sum(moves) != horizon:
+        raise BadInput(f"{where}: moves = {list(moves)} must have the sum {horizon}")
+    return [k > 0 for m in moves for k in range(int(m))]
+
+
+def _per(unit: str) -> str:
+    return "1" if unit == "1" else f"1/({unit})"
+
+
+def _named_limit(name: str, s: Signal) -> Signal:
+    return Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(name)

@@ -1,0 +1,194 @@
+"""The same optimal control problems by general solvers: OSQP, qrqp, IPOPT, FATROP.
+
+They validate :mod:`slipctl.predict.active_set` and are what its speed is measured against. They
+keep memory of their own or want libraries that a target does not have, so they run in Python only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from slipctl.errors import BadInput
+from slipctl.predict.active_set import LEAST, ActiveSet
+from slipctl.predict.horizon import Horizon
+
+OSQP: dict[str, Any] = {
+    "osqp": {"verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polish": True},
+    "error_on_fail": False,
+}
+QRQP: dict[str, Any] = {
+    "print_iter": False,
+    "print_header": False,
+    "print_info": False,
+    "error_on_fail": False,
+}
+QUIET = {"print_time": False, "error_on_fail": False}
+
+
+def available(where: str, solver: str) -> None:
+    """Refuse a solver that this CasADi does not bring.
+
+    Raises:
+        BadInput: with what to use instead.
+    """
+    has = ca.has_nlpsol if solver in ("ipopt", "fatrop") else ca.has_conic
+    if not has(solver):
+        raise BadInput(f"{where}: CasADi has no {solver} here; use solver='riccati'")
+
+
+class Sparse(ActiveSet):
+    """The quadratic program of a real-time iteration, by a general solver with sparse matrices."""
+
+    def __init__(self, solver: str, *args: Any) -> None:
+        super().__init__(*args)
+        self.solver = solver
+
+    def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Any:
+        """As of :class:`ActiveSet`; the statuses are left as they are."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        build = self._matrices()
+        H, g, A, lba, uba, lbx, ubx = build(D, E, U, before, bounds, dx)
+        options = OSQP if self.solver == "osqp" else QRQP
+        qp = ca.conic(
+            "qp", self.solver, {"h": build.sparsity_out(0), "a": build.sparsity_out(2)}, options
+        )
+        z = qp(h=H, g=g, a=A, lba=lba, uba=uba, lbx=lbx, ubx=ubx)["x"]
+        X, V = z[: nx * (N + 1)], z[nx * (N + 1) : nx * (N + 1) + nu * N]
+        return X, V, S, ca.MX(0), ca.MX(1)
+
+    def _matrices(self) -> ca.Function:
+        """Function (D, E, U, before, bounds, dx) -> (H, g, A, lba, uba, lbx, ubx)."""
+        nx, nu, N, nc = self.h.nx, self.h.nu, self.h.stages, self.h.nc
+        D, E = ca.SX.sym("D", self.stage.size, N), ca.SX.sym("E", self.end.size)
+        U, before = ca.SX.sym("U", nu * N), ca.SX.sym("before", nu)
+        bounds, dx = ca.SX.sym("bounds", 3 * nu), ca.SX.sym("dx", nx)
+        n = nx * (N + 1) + nu * N + nc * (N + 1)
+        x = [range(nx * k, nx * (k + 1)) for k in range(N + 1)]
+        v = [range(nx * (N + 1) + nu * k, nx * (N + 1) + nu * (k + 1)) for k in range(N)]
+        first = nx * (N + 1) + nu * N
+        t = [range(first + nc * k, first + nc * (k + 1)) for k in range(N + 1)]
+        H, g = ca.SX(n, n), ca.SX.zeros(n)
+        rows: list[tuple[Any, Any, Any]] = [(_at(n, x[0], ca.SX.eye(nx)), dx, dx)]
+        inf = ca.SX.ones(nc) * 1e20
+        for k in range(N):
+            stage = self._unpack(D[:, k])
+            z = [*x[k], *v[k]]
+            H[z, z] = stage.H + _regular(nx, nu)
+            g[z] = stage.g
+            A = _at(n, x[k + 1], -ca.SX.eye(nx)) + _at(n, z, ca.horzcat(stage.A, stage.B))
+            rows.append((A, -stage.b, -stage.b))
+            if nc:
+                rows.append((_at(n, z, stage.C) + _at(n, t[k], -ca.SX.eye(nc)), -inf, -stage.c))
+            earlier = U[nu * (k - 1) : nu * k] if k else before
+            now, rate = U[nu * k : nu * (k + 1)], bounds[2 * nu :]
+            if self.rates or self.tied[k]:
+                A = _at(n, v[k], ca.SX.eye(nu))
+                A += _at(n, v[k - 1], -ca.SX.eye(nu)) if k else 0
+                room = ca.SX.zeros(nu) if self.tied[k] else rate
+                rows.append((A, earlier - now - room, earlier - now + room))
+        Hx, gx, c, C = self.end.unpack(E)
+        H[x[N], x[N]] = ca.triu2symm(Hx)
+        g[x[N]] = gx
+        if nc:
+            rows.append((_at(n, x[N], C) + _at(n, t[N], -ca.SX.eye(nc)), -inf, -c))
+            every = [i for r in t for i in r]
+            H[every, every] = ca.SX.eye(nc * (N + 1))
+        low, high = -ca.SX.ones(n) * 1e20, ca.SX.ones(n) * 1e20
+        low[first - nu * N : first] = ca.repmat(bounds[:nu], N, 1) - U
+        high[first - nu * N : first] = ca.repmat(bounds[nu : 2 * nu], N, 1) - U
+        A, lba, uba = (ca.vertcat(*[r[i] for r in rows]) for i in range(3))
+        return ca.Function(
+            "matrices", [D, E, U, before, bounds, dx],
+            [H, g, ca.sparsify(A), ca.densify(lba), ca.densify(uba), low, high], {"cse": True},
+        )  # fmt: skip
+
+
+def _at(n: int, columns: Any, block: Any) -> Any:
+    """Block spread to the given ones of n columns."""
+    wide = ca.SX(block.shape[0], n)
+    wide[:, list(columns)] = block
+    return wide
+
+
+def _regular(nx: int, nu: int) -> Any:
+    return ca.diag(ca.vertcat(ca.SX(nx, 1), ca.SX.ones(nu) * LEAST))
+
+
+def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates: bool) -> Any:
+    """Function (x0, d, q, before, bounds, guess X, guess V) -> (X, V, whether it converged).
+
+    Raises:
+        BadInput: FATROP with rate limits or tied moves, which couple controls of two stages.
+    """
+    if solver == "fatrop" and (rates or any(tied)):
+        raise BadInput(f"{where}: FATROP takes no rates and no moves; use solver='ipopt'")
+    nx, nu, N = problem.nx, problem.nu, problem.stages
+    scale = ca.DM(problem.scale)
+    x0, d, q = ca.MX.sym("x0", nx), ca.MX.sym("d", problem.nd), ca.MX.sym("q", problem.nq)
+    before, bounds = ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu)
+    X = [ca.MX.sym(f"X{k}", nx) for k in range(N + 1)]
+    V = [ca.MX.sym(f"V{k}", nu) for k in range(N)]
+    step, cost, last = problem.step(), *problem.costs()
+    f, g, equal, room = ca.MX(0), [], [], []
+    z: list[Any] = []
+    for k in range(N):
+        z += [X[k], V[k]]
+        f += cost(X[k], V[k], d, q)
+        g.append(X[k + 1] - step(X[k], V[k] * scale, d, q[: problem.np_])[0])
+        equal += [True] * nx
+        room.append(ca.MX.zeros(nx))
+        if k == 0:
+            g.append(X[0] - x0)
+            equal += [True] * nx
+            room.append(ca.MX.zeros(nx))
+        if rates or tied[k]:
+            g.append(V[k] - (V[k - 1] if k else before))
+            equal += [False] * nu
+            room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :])
+    z.append(X[N])
+    f += last(X[N], d, q)
+    options: dict[str, Any] = dict(QUIET)
+    if solver == "fatrop":
+        options |= {"structure_detection": "auto", "equality": equal, "fatrop.print_level": 0}
+    else:
+        options |= {
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.tol": 1e-8,
+            "ipopt.mu_init": 1e-4,
+        }
+    unlimited = ca.MX.ones(nx) * ca.inf
+    lbx = ca.vertcat(*[m for _ in range(N) for m in (-unlimited, bounds[:nu])], -unlimited)
+    ubx = ca.vertcat(*[m for _ in range(N) for m in (unlimited, bounds[nu : 2 * nu])], unlimited)
+    nlp = ca.nlpsol(
+        "nlp", solver,
+        {"x": ca.vertcat(*z), "f": f, "g": ca.vertcat(*g),
+         "p": ca.vertcat(x0, d, q, before, bounds)}, options,
+    )  # fmt: skip
+    guess_x, guess_v = ca.MX.sym("GX", nx * (N + 1)), ca.MX.sym("GV", nu * N)
+    start = ca.vertcat(
+        *[
+            m
+            for k in range(N)
+            for m in (guess_x[nx * k : nx * (k + 1)], guess_v[nu * k : nu * (k + 1)])
+        ],
+        guess_x[-nx:],
+    )
+    limits = ca.vertcat(*room)
+    done = nlp(
+        x0=start, p=ca.vertcat(x0, d, q, before, bounds), lbx=lbx, ubx=ubx, lbg=-limits, ubg=limits
+    )["x"]
+    pieces = ca.vertsplit(done, [*_edges(nx, nu, N)])
+    return ca.Function(
+        "to_the_end", [x0, d, q, before, bounds, guess_x, guess_v],
+        [ca.vertcat(*pieces[0::2]), ca.vertcat(*pieces[1::2])],
+    )  # fmt: skip
+
+
+def _edges(nx: int, nu: int, N: int) -> list[int]:
+    edges = [0]
+    for _ in range(N):
+        edges += [edges[-1] + nx, edges[-1] + nx + nu]
+    return [*edges, edges[-1] + nx]

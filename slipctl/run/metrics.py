@@ -1,0 +1,421 @@
+"""Metrics of a run: each is one function of a log, and one that has no meaning is left out.
+
+Which logged signal is the speed, the slip or the torque is said by ``slipctl.run.roles.Signals``. A
+log has one row per tick; a row holds the state at the start of its tick, so that the run ends one
+tick after the last row. Of a signal with a value per axle, slip, torque and bounds take the worst
+axle, adhesion takes the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slipctl.run.roles import Bounded, Names, Signals, first_of
+
+if TYPE_CHECKING:
+    import xarray
+
+BAND = {"m/s": 0.05, "1": 0.01}
+"""Slip error that counts as settled, by the unit of the slip."""
+
+WINDOW = 0.5
+"""Length in s of the windows before and after a change of the rail."""
+
+MOVING = 1.0
+"""Speed in m/s below which slip and adhesion say nothing."""
+
+STANDSTILL = 0.1
+"""Speed in m/s at which a vehicle has stopped."""
+
+LOCKED = 0.05
+"""Share of the vehicle speed below which the rim of a moving wheel counts as locked."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number, or a list of numbers, with its unit; None where an event never came."""
+
+    value: float | int | list[float | None] | None
+    unit: str
+
+
+@dataclass
+class Run:
+    """A log, as the metrics see it.
+
+    Args:
+        log: dataset of ``simulate``.
+        signals: which signal plays which role.
+        changes: times in s at which the rail changes.
+        ideal: metrics of the loop ``ideal`` in the same scenario.
+    """
+
+    log: xarray.Dataset
+    signals: Signals
+    changes: Sequence[float] = ()
+    ideal: Mapping[str, Metric] = field(default_factory=dict)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Times of the ticks in s."""
+        return self.log["time"].values
+
+    @cached_property
+    def tick(self) -> float:
+        """Length of a tick in s."""
+        period = self.log.attrs.get("period_s")
+        return float(period) if period is not None else float(self.time[1] - self.time[0])
+
+    @property
+    def duration(self) -> float:
+        """Length of the run in s."""
+        return len(self.time) * self.tick
+
+    def get(self, role: str) -> np.ndarray | None:
+        """Values of the signal that plays ``role``, of several axles the mean, or None."""
+        each = self.each(role)
+        return None if each is None else each.mean(axis=1) if each.shape[1] > 1 else each[:, 0]
+
+    def each(self, role: str) -> np.ndarray | None:
+        """Values of the signal that plays ``role``, a column per axle, or None."""
+        return self._columns(getattr(self.signals, role))
+
+    def unit(self, role: str) -> str:
+        """Unit of the signal that plays ``role``."""
+        name = self.signals.find(role, self.log)
+        return str(self.log[name].attrs.get("units", "1")) if name else "1"
+
+    @property
+    def slip_sign(self) -> int:
+        """1 for a slip that is positive in braking (vehicle minus rim), -1 for one in traction."""
+        name = self.signals.find("slip", self.log)
+        return -1 if name and self.log[name].attrs.get("positive") == "traction" else 1
+
+    def _columns(self, names: Names) -> np.ndarray | None:
+        name = first_of(names, self.log)
+        if name is None:
+            return None
+        return np.asarray(self.log[name].values, dtype=float).reshape(len(self.time), -1)
+
+    def exits(self, bounded: Bounded | None) -> int | None:
+        """How often the first signal leaves the interval between the other two."""
+        if bounded is None:
+            return None
+        error, lower, upper = (
+            np.array([[float(b)]]) if isinstance(b, (int, float)) else self._columns(b)
+            for b in bounded
+        )
+        if error is None or lower is None or upper is None:
+            return None
+        outside = np.atleast_1d(((error < lower) | (error > upper)).any(axis=1))
+        return int(outside[0]) + int(np.count_nonzero(outside[1:] & ~outside[:-1]))
+
+    def span(self, start: float, stop: float) -> slice:
+        """Ticks of the time from ``start`` up to, not including, ``stop`` [s]."""
+        first, last = np.searchsorted(self.time, np.array([start, stop]) - 1e-9)
+        return slice(int(first), int(last))
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """Ticks at which the vehicle is faster than 1 m/s (all, where the speed is not known)."""
+        v = self.get("speed")
+        return np.ones(len(self.time), dtype=bool) if v is None else np.abs(v) > MOVING
+
+    @cached_property
+    def acceleration(self) -> np.ndarray | None:
+        """Acceleration in m/s^2, its sign as logged; else the difference of the speed."""
+        a = self.get("deceleration")
+        if a is not None:
+            return a
+        v = self.get("speed")
+        return None if v is None or len(v) < 2 else np.diff(v, append=2 * v[-1] - v[-2]) / self.tick
+
+    @cached_property
+    def way(self) -> np.ndarray | None:
+        """Distance in m since the start at the ticks, and once more at the end of the run."""
+        v = self.get("speed")
+        x = self.get("position")
+        if x is None and v is None:
+            return None
+        if v is None or len(v) < 2:
+            return None if x is None else np.append(x, x[-1]) - x[0]
+        end = v[-1] + 0.5 * (v[-1] - v[-2])  # mean speed of the last tick
+        if x is None:
+            x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * self.tick)])
+        return np.append(x, x[-1] + end * self.tick) - x[0]
+
+    @cached_property
+    def slip_error(self) -> np.ndarray | None:
+        """Slip minus the slip that the controller follows, else minus the best one.
+
+        At each tick that of the axle where it is largest.
+        """
+        slip, wanted = self.each("slip"), self.each("reference")
+        if wanted is None:
+            wanted = self.each("best_slip")
+        return None if slip is None or wanted is None else worst(slip - wanted)
+
+    @cached_property
+    def stop(self) -> int | None:
+        """First tick at standstill, or None."""
+        v = self.get("speed")
+        if v is None or abs(v[0]) <= STANDSTILL:
+            return None
+        still = np.abs(v) <= STANDSTILL
+        return int(np.argmax(still)) if still.any() else None
+
+
+def place(log: xarray.Dataset, rail: Any, signals: Signals) -> np.ndarray | None:
+    """Time in s or position in m of each tick, as the rail counts; None without a position."""
+    if rail.by == "time":
+        return np.asarray(log["time"].values)
+    ends = [str(n) for n in log if str(n).rpartition(".")[2] == "x"]
+    name = rail.by if rail.by in log else signals.find("position", log) or next(iter(ends), None)
+    return None if name is None else np.asarray(log[name].values)
+
+
+def rail_changes(log: xarray.Dataset, scenario: Any, signals: Signals) -> list[float]:
+    """Times in s at which the rail changes; for a rail by position, when the vehicle gets there."""
+    rail = scenario.rail
+    if rail is None or rail.by == "time":
+        return list(scenario.changes)
+    x, time = place(log, rail, signals), log["time"].values
+    if x is None:
+        return []
+    found = [int(np.argmax(x >= start)) for start in rail.starts[1:] if (x >= start).any()]
+    return [float(time[k]) for k in found]
+
+
+def settling(
+    time: np.ndarray, error: np.ndarray, start: float, stop: float, band: float
+) -> float | None:
+    """Time in s from ``start`` until ``error`` stays in the band up to ``stop``; None if never."""
+    inside = (time >= start - 1e-9) & (time < stop - 1e-9)
+    t, large = time[inside], np.abs(error[inside]) > band
+    if not len(t) or large[-1]:
+        return None
+    last = np.flatnonzero(large)
+    return float(t[last[-1] + 1] - t[0]) if len(last) else 0.0
+
+
+def ripple(values: np.ndarray) -> float:
+    """Peak-to-peak value, of the worst column."""
+    return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
+
+
+def worst(values: np.ndarray) -> np.ndarray:
+    """Of each row the value furthest from zero."""
+    at = np.abs(values).argmax(axis=1)
+    return np.take_along_axis(values, at[:, None], axis=1)[:, 0]
+
+
+def rms(values: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+# ---- the metrics, one function each; None is left out ------------------------------------------
+
+
+def _distance(run: Run) -> Metric | None:
+    return None if run.way is None else Metric(float(run.way[-1]), "m")
+
+
+def _ideal_distance(run: Run) -> Metric | None:
+    return run.ideal.get("distance")
+
+
+def _stopping_distance(run: Run) -> Metric | None:
+    if run.stop is None or run.way is None:
+        return None
+    return Metric(float(run.way[run.stop]), "m")
+
+
+def _settling_time(run: Run) -> Metric | None:
+    if run.slip_error is None or not run.changes:
+        return None
+    band = BAND.get(run.unit("slip"))
+    if band is None:
+        return None
+    ends = [*run.changes[1:], run.duration]
+    return Metric(
+        [
+            settling(run.time, run.slip_error, a, b, band)
+            for a, b in zip(run.changes, ends, strict=True)
+        ],
+        "s",
+    )
+
+
+def _slip_error_rms(run: Run) -> Metric | None:
+    return None if run.slip_error is None else Metric(rms(run.slip_error), run.unit("slip"))
+
+
+def _slip_max(run: Run) -> Metric | None:
+    slip = run.each("slip")
+    return None if slip is None else Metric(float(slip.max()), run.unit("slip"))
+
+
+def _slip_min(run: Run) -> Metric | None:
+    slip = run.each("slip")
+    return None if slip is None else Metric(float(slip.min()), run.unit("slip"))
+
+
+def _torque_ripple(run: Run) -> Metric | None:
+    torque = run.each("torque")
+    if torque is None:
+        return None
+    ends = [*run.changes, run.duration]
+    starts = [0.0, *run.changes]
+    spans = [run.span(max(a, b - WINDOW), b) for a, b in zip(starts, ends, strict=True)]
+    return Metric(max(ripple(torque[s]) for s in spans), run.unit("torque"))
+
+
+def _torque_variation(run: Run) -> Metric | None:
+    torque = run.each("torque")
+    if torque is None:
+        return None
+    variation = float(np.abs(np.diff(torque, axis=0)).sum(axis=0).max())
+    return Metric(variation / run.duration, f"{run.unit('torque')}/s")
+
+
+def _adhesion_use(run: Run) -> Metric | None:
+    mu, best = run.each("adhesion"), run.each("best_adhesion")
+    if mu is None or best is None or not run.moving.any():
+        return None
+    return Metric(float(np.mean(np.abs(mu[run.moving]) / np.abs(best[run.moving]))), "1")
+
+
+def _acceleration_variance(run: Run) -> Metric | None:
+    a = run.acceleration
+    if a is None:
+        return None
+    starts = [0.0, *run.changes]
+    ends = [*run.changes, run.duration]
+    spans = [run.span(s, min(s + WINDOW, e)) for s, e in zip(starts, ends, strict=True)]
+    return Metric([float(np.var(a[s])) if len(a[s]) > 1 else None for s in spans], "m2/s4")
+
+
+def _jerk_rms(run: Run) -> Metric | None:
+    a = run.acceleration
+    if a is None or len(a) < 2:
+        return None
+    jerk = np.diff(a) / run.tick
+    steps = np.searchsorted(run.time, np.array(run.changes, dtype=float) - 1e-9) - 1
+    keep = np.ones(len(jerk), dtype=bool)
+    keep[steps[(steps >= 0) & (steps < len(jerk))]] = False  # the rail's own step is no jerk
+    return Metric(rms(jerk[keep]), "m/s3") if keep.any() else None
+
+
+def _funnel_exits(run: Run) -> Metric | None:
+    count = run.exits(run.signals.funnel)
+    return None if count is None else Metric(count, "1")
+
+
+def _barrier_exits(run: Run) -> Metric | None:
+    count = run.exits(run.signals.barrier)
+    return None if count is None else Metric(count, "1")
+
+
+def _difference(run: Run, role: str, wanted: str) -> np.ndarray | None:
+    a, b = run.get(role), run.get(wanted)
+    return None if a is None or b is None else a - b
+
+
+def _speed_error_rms(run: Run) -> Metric | None:
+    e = _difference(run, "speed", "wanted_speed")
+    return None if e is None else Metric(rms(e), "m/s")
+
+
+def _speed_error_max(run: Run) -> Metric | None:
+    e = _difference(run, "speed", "wanted_speed")
+    return None if e is None else Metric(float(np.abs(e).max()), "m/s")
+
+
+def _position_error_rms(run: Run) -> Metric | None:
+    e = _difference(run, "position", "wanted_position")
+    return None if e is None else Metric(rms(e), "m")
+
+
+def _position_error_max(run: Run) -> Metric | None:
+    e = _difference(run, "position", "wanted_position")
+    return None if e is None else Metric(float(np.abs(e).max()), "m")
+
+
+def _lock_time(run: Run) -> Metric | None:
+    v, slip = run.each("speed"), run.each("slip")
+    if v is None:
+        return None
+    if slip is not None:
+        s = slip * run.slip_sign
+        rim = v - s if run.unit("slip") == "m/s" else v * (1 - s)
+    elif run.unit("wheel_speed") == "m/s":
+        rim = run.each("wheel_speed")
+    else:
+        return None
+    if rim is None:
+        return None
+    locked = run.moving & (np.abs(rim) < LOCKED * np.abs(v)).any(axis=1)
+    return Metric(float(np.count_nonzero(locked)) * run.tick, "s")
+
+
+def _regret(run: Run) -> Metric | None:
+    distance, ideal = _distance(run), _ideal_distance(run)
+    if distance is None or ideal is None:
+        return None
+    beyond = float(distance.value) - float(ideal.value)  # type: ignore[arg-type]
+    return Metric(run.slip_sign * beyond, "m")  # in traction the longer way is the better one
+
+
+def _step_time(run: Run) -> Metric | None:
+    t = run.get("step_time")
+    return None if t is None else Metric(float(t.max()), "s")
+
+
+METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
+    "distance": (_distance, "way over the run, its last tick by the speed"),
+    "ideal_distance": (_ideal_distance, "the same, of the loop `ideal` in this scenario"),
+    "stopping_distance": (_stopping_distance, "way until the speed is below 0.1 m/s"),
+    "settling_time": (
+        _settling_time,
+        "per rail change: until slip minus its reference stays below 0.05 m/s or 0.01",
+    ),
+    "slip_error_rms": (_slip_error_rms, "slip minus its reference, whole run"),
+    "slip_max": (_slip_max, "largest slip"),
+    "slip_min": (_slip_min, "smallest slip"),
+    "torque_ripple": (
+        _torque_ripple,
+        "largest peak-to-peak over the last 0.5 s before each rail change and the end",
+    ),
+    "torque_variation": (_torque_variation, "total variation of the delivered torque / duration"),
+    "adhesion_use": (_adhesion_use, "mean |mu| / mu_max while faster than 1 m/s"),
+    "acceleration_variance": (
+        _acceleration_variance,
+        "over the 0.5 s after the start and after each rail change",
+    ),
+    "jerk_rms": (_jerk_rms, "change of the acceleration from tick to tick, rail steps left out"),
+    "funnel_exits": (_funnel_exits, "how often the error leaves its funnel"),
+    "barrier_exits": (_barrier_exits, "how often the error leaves its barrier"),
+    "speed_error_rms": (_speed_error_rms, "speed minus wanted speed"),
+    "speed_error_max": (_speed_error_max, "largest of its absolute values"),
+    "position_error_rms": (_position_error_rms, "position minus wanted position"),
+    "position_error_max": (_position_error_max, "largest of its absolute values"),
+    "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
+    "regret": (
+        _regret,
+        "way lost to the bound, the loop `ideal`: beyond its way, in traction short of it",
+    ),
+    "step_time": (_step_time, "longest time to compute one tick"),
+}
+"""Function and definition of each metric, in the order of files and tables."""
+
+
+def measure(run: Run) -> dict[str, Metric]:
+    """All metrics that have a meaning for the run, in order."""
+    found = ((name, function(run)) for name, (function, _) in METRICS.items())
+    return {name: metric for name, metric in found if metric is not None}

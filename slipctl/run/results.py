@@ -1,0 +1,172 @@
+"""What runs give: cases, logs, metrics and tables, by the names under which they are looked up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from slipctl.errors import BadInput, nearest
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+    from slipctl.block.block import Block
+    from slipctl.run.metrics import Metric
+    from slipctl.run.rail import Scenario
+
+
+@dataclass(frozen=True)
+class Known:
+    """A quantity that no block computes but the study knows, put into the log beside the rest.
+
+    Args:
+        unit: unit as text.
+        values: one number per rail section (one number without a rail), or a function of the log.
+        doc: meaning in words.
+    """
+
+    unit: str
+    values: float | Sequence[float] | Callable[[xarray.Dataset], np.ndarray]
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario with the loops that run in it.
+
+    Args:
+        scenario: what happens.
+        loops: step blocks by name; ``ideal`` is the bound that the others are measured against.
+        known: further quantities for the log, ``{"rail.best_slip": Known("m/s", [1.2, 1.8])}``.
+        log: names to keep in the logs, of those that a loop has; None keeps every scalar signal.
+        every: ticks from one row of the logs to the next; metrics see the rows.
+    """
+
+    scenario: Scenario
+    loops: Mapping[str, Block]
+    known: Mapping[str, Known] = field(default_factory=dict)
+    log: Sequence[str] | None = None
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Table:
+    """What an experiment found: columns by name, each with its unit.
+
+    Args:
+        title: what it shows.
+        columns: ``{"peak": ("m/s", [1.2, 1.8])}``; numbers, texts, yes/no or None, equally long.
+        doc: what it means; how many runs and seeds it took.
+    """
+
+    title: str
+    columns: Mapping[str, tuple[str, Sequence[Any]]]
+    doc: str = ""
+
+    def __post_init__(self) -> None:
+        lengths = {name: len(values) for name, (_, values) in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise BadInput(f"table {self.title!r}: columns of unequal length, {lengths}")
+
+    def __getitem__(self, column: str) -> Sequence[Any]:
+        if column not in self.columns:
+            raise BadInput(
+                f"table {self.title!r} has no column {column!r}{nearest(column, self.columns)}"
+            )
+        return self.columns[column][1]
+
+    def where(self, wanted: str, **given: Any) -> Any:
+        """Value of column ``wanted`` in the first row in which the given columns match, or None."""
+        for k, value in enumerate(self[wanted]):
+            if all(self[c][k] == v for c, v in given.items()):
+                return value
+        return None
+
+
+class NotRun(LookupError):
+    """A claim or figure asks for something that was not run; it says so and the rest goes on."""
+
+
+@dataclass
+class Results:
+    """What a study gave.
+
+    Attributes:
+        study: the study.
+        cases: its cases as they ran, ``--set`` applied.
+        quick: whether it was the quick form.
+        data: logs by scenario and loop.
+        metrics: metrics by scenario and loop.
+        tables: tables by experiment and name.
+        failed: why a run failed, by ``scenario/loop`` or experiment.
+        changed: what was swapped and set, in words; empty for the study as it stands.
+    """
+
+    study: Any
+    cases: Sequence[Case]
+    quick: bool = False
+    data: dict[str, dict[str, xarray.Dataset]] = field(default_factory=dict)
+    metrics: dict[str, dict[str, dict[str, Metric]]] = field(default_factory=dict)
+    tables: dict[str, dict[str, Table]] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    changed: str = ""
+
+    def part(self, path: str) -> Block:
+        """Part that every loop has, such as ``"plant.adh"``, of the first one."""
+        return next(iter(self.cases[0].loops.values()))[path]
+
+    def log(self, scenario: str, loop: str) -> xarray.Dataset:
+        """Log of a loop in a scenario.
+
+        Raises:
+            NotRun: it was left out or failed.
+        """
+        if loop in self.data.get(scenario, {}):
+            return self.data[scenario][loop]
+        key = f"{scenario}/{loop}"
+        raise NotRun(
+            f"{key} failed: {self.failed[key]}" if key in self.failed else f"{key} was not run"
+        )
+
+    def metric(self, scenario: str, loop: str, name: str) -> Any:
+        """Value of a metric: a number, a list, or None where it has no meaning for the loop.
+
+        Raises:
+            NotRun: the loop was left out or failed.
+        """
+        self.log(scenario, loop)
+        found = self.metrics[scenario][loop].get(name)
+        return None if found is None else found.value
+
+    def signal(self, scenario: str, loop: str, role: str) -> np.ndarray:
+        """Values over time of a signal by its role (``"slip"``) or by its name.
+
+        Raises:
+            NotRun: the loop was left out or failed.
+            BadInput: the loop logs no such signal.
+        """
+        log = self.log(scenario, loop)
+        name = self.study.signals.find(role, log) if hasattr(self.study.signals, role) else role
+        if name not in log:
+            raise BadInput(f"{scenario}/{loop} logs no {role}{nearest(role, map(str, log))}")
+        return log[name].values
+
+    def table(self, experiment: str, name: str | None = None) -> Table:
+        """Table of an experiment (its only or first one, unless named).
+
+        Raises:
+            NotRun: the experiment was left out or failed.
+        """
+        found = self.tables.get(experiment)
+        if not found:
+            why = (
+                f" failed: {self.failed[experiment]}"
+                if experiment in self.failed
+                else " was not run"
+            )
+            raise NotRun(f"experiment {experiment}{why}")
+        if name is not None and name not in found:
+            raise NotRun(f"experiment {experiment} gave no table {name!r}{nearest(name, found)}")
+        return found[name or next(iter(found))]

@@ -1,0 +1,61 @@
+"""Which logged signal is the speed, the slip or the torque: what metrics and figures go by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Names = str | Sequence[str] | None
+"""Name of a logged signal, or names of which the first that a loop has is meant."""
+
+Bounded = tuple[Names, Names | float, Names | float]
+"""A signal with its lower and upper bound, each a signal or a number."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Which logged signals the metrics speak of; what a study or a loop has not, it leaves out.
+
+    Attributes:
+        speed: vehicle speed.
+        wheel_speed: angular speed of the wheel, or rim speed in m/s.
+        position: position of the vehicle.
+        slip: slip speed, or slip ratio.
+        reference: slip that the controller follows.
+        best_slip: slip of the adhesion peak, as the rail has it.
+        adhesion: adhesion coefficient.
+        best_adhesion: its peak, as the rail has it.
+        torque: torque that reaches the wheel.
+        deceleration: deceleration (or acceleration) of the vehicle.
+        wanted_speed, wanted_position: what speed and position shall follow.
+        funnel: error with its prescribed bounds, ``("ctl.e", "ctl.lower", "ctl.upper")``.
+        barrier: error with the bounds that a barrier keeps.
+        step_time: time that one tick took to compute.
+    """
+
+    speed: Names = None
+    wheel_speed: Names = None
+    position: Names = None
+    slip: Names = None
+    reference: Names = None
+    best_slip: Names = None
+    adhesion: Names = None
+    best_adhesion: Names = None
+    torque: Names = None
+    deceleration: Names = None
+    wanted_speed: Names = None
+    wanted_position: Names = None
+    funnel: Bounded | None = None
+    barrier: Bounded | None = None
+    step_time: Names = None
+
+    def find(self, role: str, log: Mapping[Any, Any]) -> str | None:
+        """Name of the logged signal that plays ``role``, or None."""
+        return first_of(getattr(self, role), log)
+
+
+def first_of(names: Names, log: Mapping[Any, Any]) -> str | None:
+    """Return the first of the names that the log has, or None."""
+    wanted = [names] if isinstance(names, str) else list(names or ())
+    return next((n for n in wanted if n in log), None)

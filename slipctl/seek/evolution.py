@@ -1,0 +1,302 @@
+"""Search for the best operating point of a law: differential evolution as a block."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+
+from slipctl.analysis.objective import objective, open_law, refuse_names
+from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.signals import Output, Param, State
+from slipctl.errors import BadInput, check_number, check_range, check_whole
+from slipctl.seek import random as wh
+
+FORMS = ("consistent", "printed-alg1")
+BLOCK = 10
+"""Members that are drawn and evaluated as straight-line code; more do not fit the caches."""
+
+LOWEST = -1e30
+"""Value of a member drawn where the law is NaN, so that any trial replaces it."""
+
+
+def differential_evolution(
+    law: Block,
+    over: str,
+    maximise: str | None = None,
+    *,
+    lo: float,
+    hi: float,
+    population: int = 50,
+    crossover: float = 0.6,
+    generations: int = 300,
+    generations_per_tick: int | None = None,
+    seed: int = 1,
+    form: str = "consistent",
+) -> Block:
+    """Search the argument of a law's peak by differential evolution, DE/rand/1.
+
+    Each generation, every member x_i meets a trial x_a + F (x_b - x_c), a, b, c distinct and other
+    than i, with probability ``crossover`` (with one variable, crossover is just that), reflected
+    into the range at its bounds, and is replaced if the trial is at least as good. All trials of a
+    generation are made from the one before. The factor falls from 2 F0 to F0,
+    F = F0 2^exp(1 - Gm/(Gm + 1 - G)); Huang 2020 eq (22) with its index put right. The population
+    is drawn afresh for each search.
+
+    Args:
+        law: from the variable and further inputs and parameters to the objective.
+        over: name of the input that is varied.
+        maximise: output that is maximised; may be left out if there is only one.
+        lo, hi: range of the variable, in its unit.
+        population: number of members.
+        crossover: probability of a trial.
+        generations: of one search.
+        generations_per_tick: how many to do per tick; by default all, so that each tick gives the
+            optimum for the parameters it reads. Fewer spread a search over several ticks: it
+            works on the parameters read at its start, and the last optimum is held meanwhile.
+        seed: of the random numbers, which are block state.
+        form: ``"consistent"``, or ``"printed-alg1"``: Algorithm 1 of Huang 2020 keeps the smaller
+            value, and so finds the worst point (docs/errata.md).
+
+    Returns:
+        A step block. Inputs: the law's parameters and its other inputs. Outputs: ``best`` (place)
+        and ``value`` (objective there).
+
+    Raises:
+        BadInput: unknown names, an empty range, or settings that make no search.
+    """
+    where = f"differential_evolution({as_block('differential_evolution: the law', law).name})"
+    maximise = objective(where, law, over, maximise)
+    _check(where, lo, hi, population, crossover, generations, form)
+    per_tick = generations if generations_per_tick is None else generations_per_tick
+    check_whole(f"{where}: generations_per_tick", per_tick, 1, int(generations))
+    n = int(population)
+    given, value_of = open_law(law, [over], maximise)
+    worse = -1.0 if form == "printed-alg1" else 1.0
+    start = _first(value_of, n, worse)
+    generation = _generation(value_of, n, worse)
+    best_of = _best_of(n)
+
+    x, limits = law.inputs[over], [
+        Param(law.inputs[over].unit, float(lo), "lowest").named("lo"),
+        Param(law.inputs[over].unit, float(hi), "highest").named("hi"),
+    ]  # fmt: skip
+    settings = [
+        Param("1", float(crossover), "probability of a trial", lo=0, hi=1).named("crossover"),
+        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
+              ).named("F0"),
+    ]  # fmt: skip
+    random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
+    of_one_tick = repeated(generation, int(per_tick))
+
+    def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
+        """The generations of one tick, from generation G on."""
+        constants = ca.vertcat(at, p["lo"], p["hi"], p["crossover"], p["F0"], float(generations))
+        state = of_one_tick(ca.vertcat(G, rng, pop, val), constants, wh.rounder()(rng))
+        return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
+
+    def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        at = ca.vertcat(*[u[s.name] for s in given])
+        rng, pop, val = start(xs["rng"], at, p["lo"], p["hi"])
+        _, rng, pop, val = run(1.0, rng, pop, val, at, p)
+        place, value = best_of(pop, val)
+        return {"rng": rng}, {"best": place, "value": worse * value}
+
+    def spread(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        now = ca.vertcat(*[u[s.name] for s in given])
+        first = xs["G"] <= 1
+        at = ca.if_else(first, now, xs["at"])
+        fresh = start(xs["rng"], at, p["lo"], p["hi"])
+        rng, pop, val = (
+            ca.if_else(first, new, xs[k])
+            for new, k in zip(fresh, ("rng", "pop", "val"), strict=True)
+        )
+        G, rng, pop, val = run(ca.fmax(xs["G"], 1), rng, pop, val, at, p)
+        done = generations < G
+        place, value = best_of(pop, val)
+        known = ca.logic_or(done, xs["searches"] < 1)
+        best = ca.if_else(known, place, xs["place"])
+        height = ca.if_else(known, worse * value, xs["height"])
+        nxt = {
+            "rng": rng, "pop": pop, "val": val, "at": at, "G": ca.if_else(done, 1, G),
+            "place": best, "height": height, "searches": ca.fmin(xs["searches"] + done, 1e6),
+        }  # fmt: skip
+        return nxt, {"best": best, "value": height}
+
+    unit = law.outputs[maximise].unit
+    many = per_tick < generations
+    memory = [
+        State(x.unit, 0.0, "members", shape=(n,)).named("pop"),
+        State(unit, 0.0, "their values", shape=(n,)).named("val"),
+        State("1", 0.0, "parameters of this search", shape=(len(given),)).named("at"),
+        State("1", 1.0, "generation").named("G"),
+        State(x.unit, 0.0, "best of the last search").named("place"),
+        State(unit, 0.0, "value of the last search").named("height"),
+        State("1", 0.0, "searches done").named("searches"),
+    ]
+    states, params = [random, *(memory if many else [])], [*limits, *settings]
+    refuse_names(where, law, [s.name for s in (*states, *params)])
+    return make_block(
+        "differential_evolution", "step", spread if many else whole,
+        states=states, inputs=given, params=params,
+        outputs=[
+            Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
+            law.outputs[maximise].as_role("output", doc="value there").named("value"),
+        ],
+        sx=False, doc=about(differential_evolution),
+        choices={
+            "form": form, "law": law.name, "over": over, "population": n,
+            "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
+        },
+    )  # fmt: skip
+
+
+def schedule(G: Any, generations: Any, F0: Any) -> Any:
+    """Factor F of generation G = 1..Gm: F0 2^exp(1 - Gm/(Gm + 1 - G)), from 2 F0 to F0."""
+    return F0 * ca.exp(math.log(2) * ca.exp(1 - generations / (generations + 1 - G)))
+
+
+def _check(
+    where: str, lo: float, hi: float, n: int, crossover: float, generations: int, form: str
+) -> None:
+    check_range(where, lo, hi)
+    check_whole(f"{where}: population", n, 4, 500)
+    check_number(f"{where}: crossover", crossover)
+    if not 0 <= crossover <= 1:
+        raise BadInput(f"{where}: crossover = {crossover:g} must lie in 0..1")
+    check_whole(f"{where}: generations", generations)
+    if form not in FORMS:
+        raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
+
+
+def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
+    """Function (rng, given, lo, hi) -> (rng, members drawn over the range, their values)."""
+    rng, lo, hi = ca.SX.sym("rng", 3), ca.SX.sym("lo"), ca.SX.sym("hi")
+    given = ca.SX.sym("given", value_of.size1_in(1))
+    after = wh.advance(rng)
+    place = lo + (hi - lo) * wh.uniform(after)
+    value = worse * value_of(place, given)
+    value = ca.if_else(value >= LOWEST, value, LOWEST)
+    one = ca.Function("one_member", [rng, given, lo, hi], [after, place, value])
+    many = one.mapaccum("members", n)
+    r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
+    states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))
+    return ca.Function("first", [r, g, a, b], [states[:, -1], places.T, values.T])
+
+
+def repeated(step: ca.Function, count: int) -> ca.Function:
+    """Function that does ``count`` steps (state, constants, K) -> state, by nested calls.
+
+    CasADi's ``fold`` would store every state on the way.
+    """
+    if count == 1:
+        return step
+    z, constants, K = (ca.MX.sym("zcK"[i], step.size1_in(i)) for i in range(3))
+    inner, rest = divmod(count, min(count, 10))
+    many, after = repeated(step, inner), z
+    for _ in range(min(count, 10)):
+        after = many(after, constants, K)
+    if rest:
+        after = repeated(step, rest)(after, constants, K)
+    return ca.Function(f"{step.name()}s_{count}", [z, constants, K], [after])
+
+
+def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
+    """Function (state, constants, K) -> state; state is generation, rng, members, values.
+
+    A number of K is for :func:`wichmann_hill.quick_floor`.
+    """
+    m = value_of.size1_in(1)
+    s, constants, K = ca.MX.sym("s", 4 + 2 * n), ca.MX.sym("constants", m + 5), ca.MX.sym("K", 2)
+    G, rng, pop, val = ca.vertsplit(s, [0, 1, 4, 4 + n, 4 + 2 * n])
+    given, lo, hi, probability, F0, Gm = ca.vertsplit(constants, [0, *range(m, m + 6)])
+    F = schedule(ca.fmin(G, Gm), Gm, F0)
+    ring = ca.vertcat(pop, pop)  # a partner's distance never has to be wrapped
+
+    size = max(1, min(BLOCK, 2000 // max(value_of.n_instructions(), 1)))
+    blocks = -(-n // size)
+    edges = [round(n * k / blocks) for k in range(blocks + 1)]
+    sizes = [b - a for a, b in pairwise(edges)]
+    draw = {k: _draw(n, k) for k in set(sizes)}
+    select = {k: _select(value_of, k, worse) for k in set(sizes)}
+
+    drawn = []
+    for first, k in zip(edges, sizes, strict=False):
+        partners, trial, rng = draw[k](rng, first, probability * wh.MODULI[0], K)
+        drawn.append((ring[partners], trial))
+    places, values = [], []
+    members = zip(ca.vertsplit(pop, edges), ca.vertsplit(val, edges), drawn, sizes, strict=True)
+    for x, v, (mates, trial), k in members:
+        both_x, both_v, which = select[k](mates, trial, x, v, F, given, lo, hi)
+        places.append(both_x[which])
+        values.append(both_v[which])
+    return ca.Function(
+        "generation", [s, constants, K], [ca.vertcat(G + 1, rng, *places, *values)]
+    )  # fmt: skip
+
+
+def _draw(n: int, size: int) -> ca.Function:
+    """Function (rng, first, share, K) -> (partners, trial, rng) of ``size`` members of ``n``.
+
+    One step of the generator per member. Part 1 gives the first partner and, by what is left of it,
+    whether there is a trial (``size``, or 0); parts 2 and 3 the other two. The partners are drawn
+    as ranks among the members not taken yet, so that they differ and none is the member itself:
+    rank o counts from the member's successor and steps over the ranks before it. The last partner
+    keeps its fraction, which indexing cuts off.
+    """
+    rng, K = ca.SX.sym("rng", 3), ca.SX.sym("K", 2)
+    first, share = ca.SX.sym("first"), ca.SX.sym("share")
+    whole = wh.quick_floor(K)
+    state, partners, trials = rng, [], []
+    for i in range(size):
+        state = wh.advance(state, whole)
+        scaled = state[0] * (n - 1)
+        o1 = whole(scaled * (1 / wh.MODULI[0]))
+        trials.append(ca.if_else(scaled - wh.MODULI[0] * o1 < share, size, 0))
+        o2 = wh.below(state, 1, n - 2, whole)
+        o3 = wh.below(state, 2, n - 3, lambda t: t)
+        o3 = o3 + ca.if_else(o3 >= o2, 1, 0)
+        o3 = o3 + ca.if_else(o3 >= o1, 1, 0)
+        o2 = o2 + ca.if_else(o2 >= o1, 1, 0)
+        partners += [o + (first + (i + 1)) for o in (o1, o2, o3)]
+    return ca.Function(
+        f"draw_{size}", [rng, first, share, K],
+        [ca.vertcat(*partners), ca.vertcat(*trials), state], {"cse": True},
+    )  # fmt: skip
+
+
+def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
+    """Function -> (places, values, which): members, then trials; and which of them go on.
+
+    To be indexed with ``which``, because a choice by ``if_else`` becomes a branch that nobody can
+    foresee. A value that is NaN is never better.
+    """
+    m = value_of.size1_in(1)
+    mates, trial = ca.SX.sym("mates", 3 * size), ca.SX.sym("trial", size)
+    x, v = ca.SX.sym("x", size), ca.SX.sym("v", size)
+    F, given = ca.SX.sym("F"), ca.SX.sym("given", m)
+    lo, hi = ca.SX.sym("lo"), ca.SX.sym("hi")
+    places = []
+    for i in range(size):
+        place = mates[3 * i] + F * (mates[3 * i + 1] - mates[3 * i + 2])
+        place = ca.if_else(place < lo, 2 * lo - place, place)
+        place = ca.if_else(place > hi, 2 * hi - place, place)
+        places.append(ca.if_else(place < lo, lo, place))  # 2 F may reach further than a reflection
+    values = [worse * value_of(place, given) for place in places]
+    which = [ca.if_else(values[i] >= v[i], trial[i], 0) + i for i in range(size)]
+    return ca.Function(
+        f"select_{size}", [mates, trial, x, v, F, given, lo, hi],
+        [ca.vertcat(x, *places), ca.vertcat(v, *values), ca.vertcat(*which)], {"cse": True},
+    )  # fmt: skip
+
+
+def _best_of(n: int) -> ca.Function:
+    """Function (members, values) -> (place, value) of the first best one."""
+    x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)
+    place, value = x[0], v[0]
+    for i in range(1, n):
+        better = v[i] > value
+        place, value = ca.if_else(better, x[i], place), ca.if_else(better, v[i], value)
+    return ca.Function("best_of", [x, v], [place, value])

@@ -1,0 +1,148 @@
+"""The files that a run leaves: logs, metrics, claims, tables, figures and the report."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slipctl.errors import BadInput
+from slipctl.run import store
+from slipctl.run.results import Results
+from slipctl.study.declaration import Verdict
+from slipctl.study.provenance import provenance, stamp
+from slipctl.study.running import noted
+from slipctl.study.texts import tolerance_text
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def save_log(results: Results, scenario: str, loop: str, out: Path, command: str) -> None:
+    """Write one log as ``.nc`` (exact) and ``.csv`` (ten digits)."""
+    data = results.data[scenario][loop].assign_attrs(command=command)
+    folder = out / "logs" / scenario
+    attrs = {k: v for k, v in data.attrs.items() if not (isinstance(v, list) and not v)}
+    packed = {str(n): {"zlib": True, "complevel": 1} for n in data.data_vars}
+    exact = data.copy(deep=False)
+    exact.attrs = attrs
+    with store.unbroken():
+        store.write_with(
+            folder / f"{loop}.nc",
+            lambda path: exact.to_netcdf(path, engine="netcdf4", encoding=packed),
+        )
+        store.write_text(folder / f"{loop}.csv", csv_text(data))
+
+
+def csv_text(data: xarray.Dataset) -> str:
+    """Log as text: a header ``car.v [m/s]``, then one row per tick."""
+    columns, names = [data["time"].values], ["time [s]"]
+    for name, v in data.data_vars.items():
+        unit = v.attrs.get("units", "1")
+        flat = v.values.reshape(len(v), -1)
+        many = flat.shape[1] > 1
+        names += [f"{name}{f'[{k}]' if many else ''} [{unit}]" for k in range(flat.shape[1])]
+        columns += list(flat.T)
+    head = io.StringIO()
+    csv.writer(head, lineterminator="\n").writerow(names)
+    row = ",".join(["%.10g"] * len(columns))
+    rows = np.column_stack(columns).tolist()
+    return head.getvalue() + "".join([row % tuple(r) + "\n" for r in rows])
+
+
+def read_log(path: Path) -> xarray.Dataset:
+    """Read a log that :func:`save_log` wrote.
+
+    Raises:
+        BadInput: no such file, or a newer format.
+    """
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, engine="netcdf4") as data:
+            store.check_format(str(path), data.attrs.get("format"))
+            return data.load()
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def save_metrics(results: Results, out: Path, command: str) -> None:
+    """Write ``metrics.json``."""
+    scenarios = {
+        s: {
+            loop: {n: {"value": m.value, "unit": m.unit} for n, m in metrics.items()}
+            for loop, metrics in loops.items()
+        }
+        for s, loops in results.metrics.items()
+    }
+    payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
+    payload["scenarios"] = scenarios
+    if results.failed:
+        payload["failed"] = results.failed
+    store.write_json(out / "metrics.json", payload | provenance(results, command))
+
+
+def save_claims(results: Results, verdicts: Sequence[Verdict], out: Path, command: str) -> None:
+    """Write ``claims.json``."""
+    rows = [claim_row(v) for v in verdicts]
+    payload = {"study": results.study.name, "quick": results.quick, "claims": rows}
+    store.write_json(out / "claims.json", payload | provenance(results, command))
+
+
+def claim_row(v: Verdict) -> dict[str, Any]:
+    """One claim as ``claims.json`` has it."""
+    c = v.claim
+    checked = c.kind != "yes/no" and not c.not_checkable and c.tolerance is not None
+    return {
+        "id": c.id, "source": c.source, "claim": c.claim, "kind": c.kind, "paper": c.paper,
+        "ours": v.ours, "unit": c.unit, "bound": c.bound or None,
+        "tolerance": c.allowed() if checked else None,
+        "tolerance_why": tolerance_text(c),
+        "assumption": c.assumption, "scenario": c.scenario, "loop": c.loop,
+        "verdict": v.verdict, "why": v.why,
+    }  # fmt: skip
+
+
+def save_tables(results: Results, out: Path, command: str) -> None:
+    """Write ``tables.json``, the experiments; none leaves no file."""
+    if not results.tables:
+        return
+    rows = {
+        experiment: {
+            name: {
+                "title": t.title,
+                "doc": t.doc,
+                "columns": {c: {"unit": u, "values": list(v)} for c, (u, v) in t.columns.items()},
+            }
+            for name, t in tables.items()
+        }
+        for experiment, tables in results.tables.items()
+    }
+    payload = {"study": results.study.name, "quick": results.quick, "experiments": rows}
+    store.write_json(out / "tables.json", payload | provenance(results, command))
+
+
+def save_pages(
+    results: Results, verdicts: Sequence[Verdict], out: Path, command: str
+) -> dict[str, str]:
+    """Draw the figures, write them and ``report.html``; gives the SVG by file stem.
+
+    A figure that asks for what was not run is left out; one that breaks is noted as failed.
+    """
+    from slipctl.draw import plots
+    from slipctl.study import report
+
+    drawn: dict[str, str] = {}
+    text = stamp(results, command)
+    for stem, figure in results.study.figures.items():
+        with noted(results, f"figure {stem}"):
+            fig = figure.draw(results)
+            if results.quick:
+                plots.mark_quick(fig)
+            drawn[stem] = plots.save(fig, out / "figures", stem, text)
+    store.write_text(out / "report.html", report.page(results, verdicts, drawn, command))
+    return drawn

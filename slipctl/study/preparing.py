@@ -1,0 +1,246 @@
+"""What the command line set, swapped and chose, made into cases that are ready to run."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+from slipctl.block import units
+from slipctl.block.block import Block
+from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.run.results import Case
+from slipctl.run.simulation import _find, rail_values, simulate
+from slipctl.study.declaration import Study
+from slipctl.study.doors import blame, find_block, load_block, load_file
+
+log = logging.getLogger("slipctl")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One ``--set [loop:]block.param=VALUE[unit]``; ``*.m`` sets every parameter of that ending."""
+
+    loop: str
+    name: str
+    value: str
+
+    @classmethod
+    def read(cls, text: str) -> Setting:
+        """Split the text of a setting.
+
+        Raises:
+            BadInput: it is not of that form.
+        """
+        target, equals, value = text.partition("=")
+        loop, _, name = target.strip().rpartition(":")
+        if not equals or not name or not value.strip():
+            raise BadInput(
+                f"--set {text!r}: write [loop:]block.param=VALUE[unit], such as car.m=8.2t"
+            )
+        return cls(loop.strip(), name.strip(), value.strip())
+
+    def matches(self, loop: Block) -> list[str]:
+        """Full names of the parameters and start values that are meant.
+
+        Raises:
+            BadInput: more than one, without a ``*``.
+        """
+        known = [*loop.params, *loop.states]
+        if self.name in known:
+            return [self.name]
+        if "*" in self.name:
+            return [n for n in known if fnmatchcase(n, self.name)]
+        hits = [n for n in known if n.endswith("." + self.name)]
+        if len(hits) > 1:
+            raise BadInput(
+                f"--set {self.name}: could be {' or '.join(hits)}; write which,"
+                f" or '*.{self.name}' for all"
+            )
+        return hits
+
+
+def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
+    """Models of a study with each ``name=file.py:block`` (or ``name=model``) in place.
+
+    Raises:
+        BadInput: no such model in the study, no such file or block.
+    """
+    swapped = dict(study.models)
+    for text in texts:
+        name, equals, source = (part.strip() for part in text.partition("="))
+        if not equals or not source:
+            raise BadInput(f"--swap {text!r}: write name=file.py:block, such as adh=my.py:my_law")
+        if not study.models:
+            raise BadInput(
+                f"{study.name} has no models that --swap replaces; a study of your own may swap any"
+                " part of its loops, see docs/all_rails.md, 'Rails of your own'"
+            )
+        if name not in study.models:
+            raise BadInput(
+                f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"
+            )
+        file, colon, block = source.rpartition(":")
+        swapped[name] = find_block(load_file(file), block, file) if colon else load_block(source)
+    return swapped
+
+
+def in_words(swaps: Sequence[str], settings: Sequence[str]) -> str:
+    """What was swapped and set, ``"adh swapped for my.py:law, car.m=8.2t set"``."""
+    swapped = [" swapped for ".join(s.strip() for s in t.split("=", 1)) for t in swaps]
+    return ", ".join([*swapped, *(f"{t.strip()} set" for t in settings)])
+
+
+def prepare(
+    study: Study,
+    *,
+    quick: bool = False,
+    settings: Sequence[str] = (),
+    swaps: Sequence[str] = (),
+    loops: Sequence[str] = (),
+    scenarios: Sequence[str] = (),
+) -> tuple[list[Case], Mapping[str, Any]]:
+    """Build the cases of a study as asked for, and check each of them by a run of one tick.
+
+    Args:
+        study: the study.
+        quick: its quick form.
+        settings: ``[loop:]block.param=VALUE[unit]``.
+        swaps: ``name=file.py:block``.
+        loops, scenarios: the only ones to keep; none given keeps all.
+
+    Returns:
+        The cases, and the models they are made of.
+
+    Raises:
+        BadInput: anything that a person can put right; nothing was computed yet.
+    """
+    models = read_swaps(study, swaps)
+    read = [Setting.read(text) for text in settings]
+    for k, setting in enumerate(read):
+        if any((s.loop, s.name) == (setting.loop, setting.name) for s in read[:k]):
+            raise BadInput(f"--set names {setting.name} twice; write it once")
+    try:
+        cases = list(study.cases(models, quick))
+        cases = _select(study, cases, loops, scenarios)
+        cases = _set(study, cases, read)
+        for case in cases:
+            for name, loop in case.loops.items():
+                _try(case, name, loop)
+                study.check(name, loop, case.scenario)
+    except Exception as error:
+        blame(error)
+    return cases, models
+
+
+def _select(
+    study: Study, cases: list[Case], loops: Sequence[str], scenarios: Sequence[str]
+) -> list[Case]:
+    known = [c.scenario.name for c in cases]
+    for s in scenarios:
+        if s not in known:
+            raise BadInput(f"{study.name} has no scenario {s!r}{nearest(s, known)}")
+    names = list(dict.fromkeys(n for c in cases for n in c.loops))
+    for name in loops:
+        if name not in names:
+            raise BadInput(f"{study.name} has no loop {name!r}{nearest(name, names)}")
+    kept = [c for c in cases if not scenarios or c.scenario.name in scenarios]
+    if loops:
+        kept = [replace(c, loops={n: b for n, b in c.loops.items() if n in loops}) for c in kept]
+    kept = [c for c in kept if c.loops]
+    if not kept:
+        raise BadInput(f"{study.name} has no loop {' or '.join(loops)} in {' or '.join(scenarios)}")
+    return kept
+
+
+def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[Case]:
+    """Apply the settings; each must reach at least one loop that runs."""
+    for s in settings:
+        names = list(dict.fromkeys(n for c in cases for n in c.loops))
+        if s.loop and s.loop not in names:
+            raise BadInput(
+                f"--set {s.loop}:{s.name}: no loop {s.loop!r} runs{nearest(s.loop, names)}"
+            )
+        reached, overruled, changed = 0, "", []
+        for case in (_freed(case, s) for case in cases):
+            loops = dict(case.loops)
+            for name, loop in case.loops.items():
+                if s.loop not in ("", name):
+                    continue
+                targets = s.matches(loop)
+                by_rail = {n for group in rail_values(loop, case.scenario) for n in group}
+                free = [t for t in targets if t not in by_rail]
+                if len(free) < len(targets) and not overruled:
+                    first = next(t for t in targets if t in by_rail)
+                    overruled = f"{name}'s {first} in scenario {case.scenario.name}"
+                if free:
+                    loops[name] = _with(loop, free, s)
+                    reached += 1
+            changed.append(replace(case, loops=loops))
+        if not reached and overruled:
+            raise BadInput(
+                f"--set {s.name}: the rail sets {overruled}, so a constant has no effect;"
+                f" --swap the law, or edit its rail conditions"
+            )
+        if not reached:
+            loop_names = (n for c in cases for k, b in c.loops.items() if s.loop in ("", k)
+                          for n in [*b.params, *b.states])  # fmt: skip
+            endings = dict.fromkeys(e for n in loop_names for e in _endings(n))
+            where = f"loop {s.loop}" if s.loop else f"no loop of {study.name}"
+            has = "has no" if s.loop else "has a"
+            raise BadInput(f"{where} {has} parameter {s.name!r}{nearest(s.name, endings)}")
+        if overruled:
+            log.warning("--set %s has no effect where the rail sets it: %s", s.name, overruled)
+        cases = changed
+    return cases
+
+
+def _endings(name: str) -> list[str]:
+    """Endings of a dotted name with at least two parts, shortest first: what a person writes."""
+    parts = name.split(".")
+    return [".".join(parts[k:]) for k in range(max(len(parts) - 2, 0), -1, -1)]
+
+
+def _freed(case: Case, s: Setting) -> Case:
+    """Hand what the scenario gives, where a setting changes it, to the loops: the setting wins."""
+    scenario, loops = case.scenario, dict(case.loops)
+    for role, field in (("param", "params"), ("state", "start")):
+        kept = dict(getattr(scenario, field))
+        for key, value in list(kept.items()):
+            chosen = {n: b for n, b in case.loops.items() if s.loop in ("", n)}
+            if any(_find(b, role, key) in s.matches(b) for b in chosen.values()):
+                del kept[key]
+                log.warning("--set %s replaces %s of scenario %s", s.name, key, scenario.name)
+                loops = {n: b.with_params(**{_find(b, role, key): value}) for n, b in loops.items()}
+        scenario = scenario.but(**{field: kept})
+    return replace(case, scenario=scenario, loops=loops)
+
+
+def _with(loop: Block, targets: Sequence[str], s: Setting) -> Block:
+    values = {}
+    for t in targets:
+        signal = loop.params.get(t) or loop.states[t]
+        values[t] = units.parse_quantity(s.value, signal.unit, t)
+    return loop.with_params(**values)
+
+
+def _try(case: Case, name: str, loop: Block) -> None:
+    """Run one tick: whatever is missing, unknown or out of range shows."""
+    scenario = case.scenario
+    if loop.period is not None and round(scenario.duration / loop.period) > 1:
+        scenario = scenario.but(duration=loop.period)
+    try:
+        simulate(loop, scenario, compile=False)
+    except BadInput as error:
+        raise BadInput(f"{case.scenario.name}/{name}: {error}") from None
+    except RunFailed:
+        return  # the run itself will say so, with what else there is to see
+    sections = 1 if case.scenario.rail is None else len(case.scenario.rail.sections)
+    for key, known in case.known.items():
+        if isinstance(known.values, Sequence) and len(known.values) != sections:
+            raise BadInput(
+                f"{case.scenario.name}: {key} has {len(known.values)} values for {sections}"
+                f" rail sections"
+            )

@@ -1,0 +1,138 @@
+"""Numbers and tables as text, for the terminal and for the report."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from slipctl.run.metrics import METRICS
+from slipctl.run.results import Results
+from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Claim, Verdict
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """Write a value for a reader: four digits, lists with slashes, None as a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {number(v, digits)}" for k, v in value.items())
+    if isinstance(value, (list, tuple)):
+        return " / ".join(number(v, digits) for v in value)
+    if isinstance(value, (int, np.integer)):
+        return str(value)
+    if isinstance(value, (float, np.floating)):
+        if not math.isfinite(value):
+            return "–"
+        mantissa, e, exponent = f"{value or 0.0:.{digits}g}".partition("e")  # no -0
+        if e and 0 <= int(exponent) <= 6:
+            return f"{value:.0f}"
+        return f"{mantissa}e{int(exponent)}" if e else mantissa
+    return str(value)
+
+
+def with_unit(value: Any, unit: str) -> str:
+    """Write a value and its unit."""
+    plain = isinstance(value, (int, float, list)) and not isinstance(value, bool)
+    return f"{number(value)} {unit}" if plain and unit != "1" else number(value)
+
+
+def answers(v: Verdict) -> tuple[str, str]:
+    """Paper's answer and ours, with units, as a reader wants them."""
+    c = v.claim
+    paper = f"{c.bound} {c.paper}".strip() if isinstance(c.paper, str) else ""
+    if not paper:
+        paper = f"{c.bound} {number(c.paper, 6)}".strip()
+    if c.kind == "number" and c.unit != "1" and c.paper is not None:
+        paper += f" {c.unit}"
+    ours = with_unit(v.ours, c.unit)
+    if isinstance(v.ours, Mapping) and c.unit != "1":
+        ours += f" {c.unit}"
+    return paper, ours
+
+
+def tolerance_text(c: Claim) -> str:
+    """Why the tolerance is what it is."""
+    usual = {"last digit": "half a unit of the last printed digit", None: ""}
+    return c.tolerance_why or usual.get(c.tolerance, str(c.tolerance))  # type: ignore[arg-type]
+
+
+def count(verdicts: Sequence[Verdict]) -> str:
+    """How many claims have which verdict."""
+    tally = {k: sum(1 for v in verdicts if v.verdict == k) for k in (REPRODUCED, FAILED, OPEN)}
+    return ", ".join(f"{n} {k}" for k, n in tally.items() if n)
+
+
+def changes(results: Results) -> str:
+    """Say what was swapped and set, so that nobody takes the results for those of the study."""
+    if not results.changed:
+        return ""
+    claims = "; claims are of the paper's model" if results.study.claims else ""
+    return f"with {results.changed}{claims}"
+
+
+def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:
+    """Table *claim / paper / ours / verdict and why*."""
+    rows = [["claim", "paper", "ours", "verdict and why"]]
+    for v in verdicts:
+        paper, ours = answers(v)
+        rows.append([v.claim.claim, paper, ours, f"{v.verdict}{': ' if v.why else ''}{v.why}"])
+    room = max(width - 6, 74)
+    wide = [room * 36 // 100, room * 16 // 100, room * 16 // 100]
+    wide = [min(w, max(len(r[k]) for r in rows)) for k, w in enumerate(wide)]
+    return (
+        wrapped(rows, [*wide, room - sum(wide)]) + f"\n\n{len(verdicts)} claims: {count(verdicts)}"
+    )
+
+
+def wrapped(rows: Sequence[Sequence[str]], widths: Sequence[int]) -> str:
+    """Table whose cells are wrapped to the widths; the first row is its head."""
+    out = []
+    for k, row in enumerate(rows):
+        cells = [textwrap.wrap(c, w) or [""] for c, w in zip(row, widths, strict=True)]
+        for line in range(max(map(len, cells))):
+            parts = [c[line] if line < len(c) else "" for c in cells]
+            padded = (p.ljust(w) for p, w in zip(parts, widths, strict=True))
+            out.append("  ".join(padded).rstrip())
+        if k == 0:
+            out.append("  ".join("-" * w for w in widths))
+    return "\n".join(out)
+
+
+def metric_rows(results: Results, scenario: str) -> list[list[str]]:
+    """Table of one scenario: a metric per row, a loop per column, the head first."""
+    loops = results.metrics[scenario]
+    rows = [["metric", *loops]]
+    for name in METRICS:
+        found = {loop: m[name] for loop, m in loops.items() if name in m}
+        if not found:
+            continue
+        unit = next(iter(found.values())).unit
+        digits = 6 if unit == "m" else 4  # ways differ in their centimetres
+        lists = {k: m.value if isinstance(m.value, list) else [m.value] for k, m in found.items()}
+        for k in range(max(map(len, lists.values()))):  # a list goes down, an entry per row
+            label = name if unit == "1" else f"{name} [{unit}]"
+            cells = [
+                number(v[k], digits) if k < len(v := lists.get(loop, [])) else "" for loop in loops
+            ]
+            rows.append([label if k == 0 else "", *cells])
+    return rows
+
+
+def metric_table(results: Results, scenario: str) -> str:
+    """Metrics of one scenario as text."""
+    rows = metric_rows(results, scenario)
+    wide = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    lines = [f"scenario {scenario}"]
+    for row in rows:
+        cells = [
+            row[0].ljust(wide[0]),
+            *(c.rjust(w) for c, w in zip(row[1:], wide[1:], strict=True)),
+        ]
+        lines.append("  " + "  ".join(cells).rstrip())
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Benchmarks and long checks: speed against peers, controllers in C, endurance, FMUs."""

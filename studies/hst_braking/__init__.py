@@ -1,0 +1,3 @@
+"""hst_braking: the question in ``study``, what it needs beside it."""
+
+from slipctl.studies.hst_braking.study import study as study

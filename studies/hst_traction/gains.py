@@ -1,0 +1,83 @@
+"""What ``slipctl certify hst_traction`` asks: gains of Wang 2025, bounds from the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from slipctl import Block, Gains
+from slipctl.analysis.bounding import Bound
+from slipctl.models import hst_traction_control as control
+from slipctl.models.contact import peak
+from slipctl.models.hst_traction import resistance
+from slipctl.models.hst_traction_adhesion import SLOPE
+from slipctl.studies.hst_traction.experiments import window
+from slipctl.studies.hst_traction.loops import MODELS
+
+SPEED = 40.0
+"""Train speed at the jump to ice in m/s."""
+
+RESERVE = 0.9
+"""Share of the ice's own peak that the limit uses."""
+
+
+def number(loop: Block, name: str) -> float:
+    """Parameter of a loop."""
+    return float(loop.param_values()[name])
+
+
+def _observer(loop: Block) -> dict[str, float]:
+    gains = {f"K{i}": number(loop, f"ctl.observer.K_{i}") for i in (1, 2, 3)}
+    return {**gains, "L": SLOPE}
+
+
+@cache
+def slope_met(form: str) -> Bound:
+    """|delta'|/M in m/s^3 that the law meets on dry rail, 105 s to 115 s: its 99.9 % quantile."""
+    law = control.higher_order(form)
+    log, _ = window(
+        MODELS, law, True, 100.0, 15.0, ("ctl.F_contr", "plant.train.F_all"), True, every=5
+    )
+    mass = float(law.param_values()["M"])
+    delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / mass
+    rates = np.abs(np.diff(delta))[1000:] / control.T_C
+    value = float(np.quantile(rates, 0.999))
+    return Bound(value, float(rates.max()), "99.9 % of the ticks of a run, no proof")
+
+
+def _higher(form: str) -> Callable[[Block], dict[str, float]]:
+    def numbers(loop: Block) -> dict[str, float]:
+        law = {k: number(loop, f"ctl.strategy.law.{k}") for k in ("alpha", "beta")}
+        k4 = number(loop, "ctl.strategy.law.k_4")
+        return {**law, "k4": k4, "eta": slope_met(form).value}
+
+    return numbers
+
+
+def _saturated(loop: Block) -> dict[str, float]:
+    """Force to hold the speed on ice, and what ten axles of ice carry."""
+    M, W, g = (number(loop, n) for n in ("ctl.strategy.law.M", "ctl.observer.W", "ctl.observer.g"))
+    need = float(resistance(v=SPEED)["F_d"])
+    most = RESERVE * peak(SPEED, "ice").value * 10 * W * g
+    return {
+        "k1": number(loop, "ctl.strategy.law.k_1"), "k3": number(loop, "ctl.strategy.law.k_3"),
+        "M": M, "F_min": -32 / 10 * most, "F_max": most, "F_low": 0.0, "F_high": need,
+    }  # fmt: skip
+
+
+WHY = (
+    "what a run on dry rail meets in 99.9 % of its ticks; the law makes it through its motors' lag"
+)
+
+GAINS = (
+    Gains("observer", "hosm_limited", "adhesion_observer", _observer,
+          "what the observer is laid out for", "theorem_1", "chosen"),
+    Gains("hosm", "hosm_limited", "higher_order", _higher("optimum"), WHY,
+          "printed_49", "chosen"),
+    Gains("hosm_printed", "hosm_limited_printed@stress", "higher_order", _higher("printed"), WHY,
+          "printed_49", "Wang 2025, Table 1"),
+    Gains("compensation", "hosm_limited", "saturation_compensation", _saturated,
+          f"speed held at {SPEED:g} m/s on ice, ten axles", "", "Wang 2025, Table 1"),
+)  # fmt: skip

@@ -1,0 +1,73 @@
+"""What ``slipctl certify subway_braking`` asks: gains of Huang 2020, bounds from the model."""
+
+from __future__ import annotations
+
+from slipctl import Block, Gains
+from slipctl.analysis.bounding import Bound, largest_slope
+from slipctl.models.subway_braking import double_exponential
+from slipctl.models.subway_braking_control import super_twisting
+
+BAND = 5e-3
+"""Wanted half-swing of the slip speed in m/s; the study's second settling band."""
+
+ERROR = 0.1
+"""Share by which the adhesion estimate may be wrong."""
+
+TUBE = 0.05
+"""Distance from the best slip within which the slip is held, m/s; the study's settling band."""
+
+
+def slope_in_the_tube() -> Bound:
+    """Largest |mu'| of dry rail within the tube about the peak, in s/m; proven."""
+    best = float(double_exponential.closed_form(**_dry(), c=1.0))
+    return largest_slope(double_exponential, "mu", "v_s", {"v_s": (best - TUBE, best + TUBE)})
+
+
+def _dry() -> dict[str, float]:
+    return {n: double_exponential.conditions["dry"][n] for n in ("a", "b")}
+
+
+def disturbance_slope(loop: Block) -> float:
+    """L in m/s^3: d = -(1/m + r^2/J) (F - F^), an estimate wrong by ERROR, within the tube.
+
+    |d'| <= ERROR (1/m + r^2/J) m g max|mu'| max|s'|, and |s'| <= 2 k1 sqrt(TUBE) there: x2 is no
+    larger than what k1 balances at the edge of the tube. k1 is that of the law in use, so that all
+    gains meet the same disturbance.
+    """
+    m, J, r, g = (_number(loop, f"ctl.equivalent.{n}") for n in ("m", "J", "r", "g"))
+    fastest = 2 * float(super_twisting().params["k1"].value) * TUBE**0.5
+    return ERROR * (1 / m + r * r / J) * m * g * slope_in_the_tube().value * fastest
+
+
+def _number(loop: Block, name: str) -> float:
+    return float(loop.param_values()[name])
+
+
+def _twisting(loop: Block) -> dict[str, float]:
+    return {
+        "k1": _number(loop, "ctl.law.k1"), "k2": _number(loop, "ctl.law.k2"),
+        "L": disturbance_slope(loop), "T": loop.period, "band": BAND,
+    }  # fmt: skip
+
+
+def _reaching(loop: Block) -> dict[str, float]:
+    m, J, r, g = (_number(loop, f"ctl.equivalent.{n}") for n in ("m", "J", "r", "g"))
+    peak = double_exponential(v_s=1.21, **double_exponential.conditions["dry"])["mu"]
+    return {
+        "g1": _number(loop, "ctl.law.g1"), "g2": _number(loop, "ctl.law.g2"), "T": loop.period,
+        "D": ERROR * (1 / m + r * r / J) * m * g * peak, "band": BAND,
+    }  # fmt: skip
+
+
+WHY = (
+    f"adhesion known to {ERROR:.0%}; |mu'| within {TUBE:g} m/s of the peak by interval arithmetic"
+    " on the exact Jacobian"
+)
+
+GAINS = (
+    Gains("sta", "sta", "super_twisting", _twisting, WHY, "printed_48", "chosen"),
+    Gains("sta_printed", "sta_printed", "super_twisting", _twisting, WHY, "printed_48",
+          "Huang 2020, section 5"),
+    Gains("smc", "smc", "reaching_law", _reaching, f"adhesion known to {ERROR:.0%}, dry peak",
+          "", "Huang 2020, section 5"),
+)  # fmt: skip

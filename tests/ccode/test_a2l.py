@@ -1,0 +1,99 @@
+"""The A2L description is read by a tool that knows the standard, and finds what it describes."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from controllers import REPRESENTATIVE
+from test_codegen import matrices
+
+from slipctl.ccode import codegen
+from slipctl.ccode.compile import compilers
+from slipctl.ccode.ship import a2l
+from slipctl.ccode.write.plan import Plan
+
+TOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
+if TOOL is None:
+    pytest.skip("no a2ltool on this machine", allow_module_level=True)
+
+
+def checked(*words: str) -> str:
+    done = subprocess.run([TOOL, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", REPRESENTATIVE)
+def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
+    block = REPRESENTATIVE[name]()
+    codegen.c_module(block, tmp_path, "ctl", period=1e-3, real="float")
+    said = checked("--strict", "--check", str(tmp_path / "ctl.a2l"))
+    assert "No problems found" in said
+    text = (tmp_path / "ctl.a2l").read_text()
+    free = [s for s in block.params.values() if not s.derived]
+    assert text.count("/begin CHARACTERISTIC") == len(free)
+    others = len(block.inputs) + len(block.states) + len(block.outputs)
+    assert text.count("/begin MEASUREMENT") == others
+    assert "FLOAT32_IEEE" in text
+    assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
+
+
+def test_a_matrix_has_its_columns_first() -> None:
+    """ASAP2: x counts columns, y rows; COLUMN_DIR lays down column by column, y running first."""
+    text = a2l.a2l(Plan(matrices, "m"))
+    blocks = re.findall(r"/begin [A-Z]+ m_\w+\.(\w+) \"(.*?)/end", text, flags=re.DOTALL)
+    found = {n: re.findall(r"MATRIX_DIM ([\d ]+)\n", body) for n, body in blocks}
+    matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
+    assert found == {"x": ["3"], "u": ["3"], "z": ["3"], "y": [], "k": []} | matrix
+    assert len(re.findall(r"LAYOUT COLUMN_DIR|FNC_VALUES 1 FLOAT64_IEEE COLUMN_DIR", text)) == 3
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
+    """Offsets in the description are the places of the members: the ELF file says the same."""
+    codegen.c_module(matrices, tmp_path, "m")
+    structs = ("in", "param", "state", "out")
+    (tmp_path / "firmware.c").write_text(
+        '#include "m.h"\n'
+        + "".join(f"m_{s} m_{s}_instance;\n" for s in structs)
+        + "int main(void)\n{\n    m_default(&m_param_instance);\n"
+        "    return m_init(&m_param_instance, &m_state_instance)\n"
+        "        | m_step(&m_in_instance, &m_param_instance, &m_state_instance,\n"
+        "                 &m_out_instance);\n}\n"
+    )
+    elf = tmp_path / "firmware.elf"
+    objects = [tmp_path / "m.o", tmp_path / "firmware.o"]
+    for o in objects:
+        compilers.compile_object(compilers.compilers()[0], o.with_suffix(".c"), o, "-g", "-fno-pie")
+    compilers.link(compilers.compilers()[0], objects, elf, "-no-pie")
+    said = subprocess.run(["nm", str(elf)], capture_output=True, text=True, check=True).stdout
+    at = {name: int(a, 16) for a, name in re.findall(r"(\w+) B (m_\w+_instance)", said)}
+    if set(at) != {f"m_{s}_instance" for s in structs}:
+        pytest.skip("symbols of this platform are not read")
+    checked(
+        str(tmp_path / "m.a2l"), "--strict", "--elffile", str(elf), "--update", "ADDRESSES",
+        "--output", str(tmp_path / "found.a2l"),
+    )  # fmt: skip
+    before, after = ((tmp_path / n).read_text() for n in ("m.a2l", "found.a2l"))
+    links = {
+        name: (symbol, int(offset)) for name, symbol, offset in re.findall(
+            r"/begin (?:MEASUREMENT|CHARACTERISTIC) (\S+).*?SYMBOL_LINK \"(\w+)\" (\d+)", before,
+            flags=re.DOTALL,
+        )
+    }  # fmt: skip
+    addresses = dict(
+        re.findall(
+            r"/begin (?:MEASUREMENT|CHARACTERISTIC) (\S+).*?(?:ECU_ADDRESS|VALUE|VAL_BLK)"
+            r" (0x[0-9A-Fa-f]+)",
+            after, flags=re.DOTALL,
+        )
+    )  # fmt: skip
+    assert set(links) == set(addresses)
+    assert len(links) == 8
+    for name, (symbol, offset) in links.items():
+        assert int(addresses[name], 16) == at[symbol] + offset, name

@@ -1,0 +1,365 @@
+"""The docs are true: their code runs, what it prints is what they say, links and names exist."""
+
+import ast
+import importlib
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import venv
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import slipctl
+from slipctl.study import files, preparing, running
+from slipctl.study.doors import load_study
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+RUNNER = ROOT / "tests" / "pages.py"
+PAGES = (
+    "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
+    "fmu.md", "all_rails.md",
+)  # fmt: skip
+"""Pages whose code is run, beside the tutorial."""
+
+HAND_WRITTEN = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
+
+
+def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
+    """Run the code of a page in an empty folder; ``slipctl`` is the one beside ``python``."""
+    folder.mkdir()
+    environment = os.environ | {"PATH": f"{Path(python).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("PYTHONPATH", None)
+    done = subprocess.run(
+        [python, str(RUNNER), str(page)], cwd=folder, env=environment, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_code_of_the_page_runs(name, tmp_path):
+    run_page(DOCS / name, tmp_path / "empty")
+
+
+def test_tutorial_runs(tmp_path, needs_compiler):
+    run_page(DOCS / "tutorial.md", tmp_path / "empty")
+
+
+def test_python_of_the_readme_runs(tmp_path):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
+    assert code
+    for body in code:  # what a line says it gives is what it gives
+        tree, lines = ast.parse(body), body.splitlines()
+        shown = [ast.get_source_segment(body, n) for n in tree.body if isinstance(n, ast.Expr)]
+        names: dict = {}
+        exec(body, names)
+        for expression in shown:
+            line = next(k for k in lines if k.startswith(expression.splitlines()[0]))
+            _, _, said = line.partition("#")
+            found = re.match(r"\s*([{\[].*?[}\]])(?= : |$)", said)
+            if found:
+                value = repr(eval(expression, names))
+                pattern = re.escape(found[1]).replace(re.escape("..."), r"\d+")
+                assert re.fullmatch(pattern, value), f"{expression} gives {value}, not {found[1]}"
+
+
+def wheel_of(folder: Path) -> Path:
+    """Build a wheel from a copy of the clone, so that nothing is left in it."""
+    copy = folder / "clone"
+    skip = shutil.ignore_patterns(".git", ".venv", "out", "build", "dist", "__pycache__",
+                                  "*.egg-info", ".*_cache")  # fmt: skip
+    shutil.copytree(ROOT, copy, ignore=skip)
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "-q",
+        "--no-deps",
+        "-w",
+        str(folder),
+        str(copy),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode and re.search(
+        r"[Cc]onnection|[Tt]emporary failure|No matching", done.stderr
+    ):
+        pytest.skip("no network to fetch setuptools from")
+    assert done.returncode == 0, done.stderr
+    return next(folder.glob("*.whl"))
+
+
+def test_tutorial_runs_from_a_wheel(tmp_path, needs_compiler):
+    """A fresh environment with the wheel in it, which sees the libraries installed here."""
+    wheel = wheel_of(tmp_path)
+    home = tmp_path / "venv"
+    venv.create(home, with_pip=False)
+    python = str(home / ("Scripts" if os.name == "nt" else "bin") / "python")
+    install = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps",
+               str(wheel)]  # fmt: skip
+    done = subprocess.run(install, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    packages = subprocess.run([python, "-c", ask], capture_output=True, text=True).stdout.strip()
+    libraries = [p for p in sys.path if p.endswith("-packages")]
+    Path(packages, "libraries.pth").write_text("\n".join(libraries))
+    ask = "import slipctl.models; print(slipctl.__file__, *slipctl.models.__path__)"
+    found = subprocess.run([python, "-c", ask], cwd=tmp_path, capture_output=True, text=True)
+    assert all(p.startswith(str(home)) for p in found.stdout.split()), found
+    run_page(DOCS / "tutorial.md", tmp_path / "empty", python)
+
+
+# ---- the reference and the floors ----------------------------------------------------------------
+
+
+def test_api_reference_is_fresh():
+    command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
+    command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+# ---- rooms ---------------------------------------------------------------------------------------
+
+
+@cache
+def rooms() -> ModuleType:
+    """docs/make_rooms.py: floors as docs/architecture.md says, imports as the code has them."""
+    sys.path.insert(0, str(DOCS))
+    spec = importlib.util.spec_from_file_location("make_rooms", DOCS / "make_rooms.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+LOOKED_UP = {("block", "draw")}
+"""Imports upwards that docs/architecture.md names: a notebook shows a block."""
+
+
+def test_each_room_has_a_floor():
+    engine = {p.name for p in (ROOT / "slipctl").iterdir() if (p / "__init__.py").exists()}
+    assert set(rooms().floors()) == engine | {"errors", "models", "studies"}
+    files = {p.name for p in (ROOT / "slipctl").glob("*.py")}
+    assert files == {"__init__.py", "__main__.py", "errors.py"}
+
+
+def test_each_room_imports_only_from_lower_floors():
+    floor = rooms().floors()
+    upwards = {pair for pair in rooms().imports() if floor[pair[0]] <= floor[pair[1]]}
+    assert upwards == LOOKED_UP
+
+
+def test_each_room_says_its_question_and_nothing_else():
+    for path in (ROOT / "slipctl").rglob("*/__init__.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert len(tree.body) == 1, f"{path}: a room holds no code"
+        assert "?" in (ast.get_docstring(tree) or ""), f"{path}: ask what belongs here"
+
+
+def test_picture_of_the_rooms_is_that_of_the_imports():
+    command = [sys.executable, str(DOCS / "make_rooms.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+LONG = re.compile(r"^\| `([\w/.]+\.py)` \| (\d+) \|", re.M)
+
+
+def test_no_module_is_long_unless_the_page_says_why():
+    """At most 500 lines; docs/architecture.md lists what is longer, with its reason."""
+    told = dict(LONG.findall((DOCS / "architecture.md").read_text(encoding="utf-8")))
+    found = {}
+    for folder in ("slipctl", "models", "studies"):
+        for path in (ROOT / folder).rglob("*.py"):
+            lines = len(path.read_text(encoding="utf-8").splitlines())
+            if lines > 500:
+                found[str(path.relative_to(ROOT).as_posix())] = lines
+    assert set(found) == set(told)
+    assert all(lines <= int(told[name]) for name, lines in found.items())
+
+
+def test_public_names_stay_where_they_are():
+    """What a user imports does not move with the rooms."""
+    import slipctl.models
+    from slipctl.study import doors
+
+    for name in slipctl.__all__:
+        assert getattr(slipctl, name) is not None
+    bounds = ("super_twisting", "reaching_law", "prescribed_performance", "barrier", "extremum",
+              "filters", "observers", "steps", "higher_order", "adhesion_observer")  # fmt: skip
+    for name in bounds:
+        assert importlib.util.find_spec(f"slipctl.certify.{name}")
+    stems = ("subway_braking", "hst_braking", "hst_traction", "freight_traction", "all_rails",
+             "gain_bounds")  # fmt: skip
+    assert set(stems) <= set(doors.studies())
+    for stem in stems:
+        module = importlib.import_module(f"slipctl.studies.{stem}")
+        assert isinstance(module.study, slipctl.Study)
+        if stem not in ("all_rails", "gain_bounds"):
+            assert importlib.util.find_spec(f"slipctl.models.{stem}")
+    for bench in ("speed", "c_targets", "endurance", "fmus"):
+        assert importlib.import_module(f"slipctl.studies.{bench}").main
+
+
+def test_help_loads_nothing_heavy():
+    code = "import slipctl.commands.cli, sys; slipctl.commands.cli.parser(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert not {"casadi", "numpy", "scipy", "matplotlib", "xarray", "pint"} & set(
+        done.stdout.split()
+    )
+
+
+# ---- the study's page ----------------------------------------------------------------------------
+
+
+def tables(text: str) -> list[tuple[str, str]]:
+    """What each table of a page is, and its text."""
+    return re.findall(r"<!-- table (.+?) -->\n(.*?)<!-- end -->", text, flags=re.S)
+
+
+def cells(table: str) -> list[str]:
+    return [c.strip() for row in table.strip().splitlines() for c in row.strip("|").split("|")]
+
+
+def close(a: str, b: str) -> bool:
+    """Equal, or numbers that agree to 5 %: chattering differs with the mathematics library."""
+    pairs = list(zip(a.split(" / "), b.split(" / "), strict=False))
+    return a == b or all(
+        x == y or float(x) == pytest.approx(float(y), rel=0.05, abs=5e-3) for x, y in pairs
+    )
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """Metrics of the study's scenarios, without its experiments."""
+    folder = tmp_path_factory.mktemp("results")
+    study = load_study("subway_braking")
+    cases, chosen = preparing.prepare(study)
+    found = running.run(study, cases, chosen, experiments=False)
+    files.save_metrics(found, folder, "pytest")
+    return folder
+
+
+def test_tables_of_metrics_are_what_the_study_gives(results):
+    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    maker = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(maker)
+    page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
+    new = maker.filled(page, results, ("metrics",))
+    before, after = tables(page), tables(new)
+    assert [k for k, _ in before] == [k for k, _ in after]
+    for (kind, old), (_, fresh) in zip(before, after, strict=True):
+        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/make_tables.py"
+        for a, b in zip(cells(old), cells(fresh), strict=True):
+            assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
+
+
+@pytest.mark.parametrize("name", ["subway_braking", "freight_traction", "hst_traction"])
+def test_page_of_the_study_has_every_claim_and_scenario(name):
+    page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    study = load_study(name)
+    for claim in study.claims:
+        assert claim.claim in page, f"{claim.id}: run docs/make_tables.py"
+    named = set(re.findall(r"`(\w+)`", page))
+    for case in study.cases(study.models, False):
+        assert {case.scenario.name, *case.loops} <= named
+
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda p: p.name)
+def test_names_of_files_and_tests_exist(page):
+    text = page.read_text(encoding="utf-8")
+    tests = {
+        n.name
+        for p in (ROOT / "tests").rglob("test_*.py")
+        for n in ast.walk(ast.parse(p.read_text(encoding="utf-8")))
+        if isinstance(n, ast.FunctionDef)
+    }
+    for name in re.findall(r"`(test_\w+)`", text):
+        assert name in tests, f"{page.name}: {name}"
+    for name in re.findall(r"`((?:slipctl|models|studies|tests|docs)/[\w/]+\.\w+)`", text):
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_errata_are_all_tested_or_explained():
+    """Each row of the errata names a test, or is about words and letters only."""
+    text = (DOCS / "errata.md").read_text(encoding="utf-8")
+    pieces = re.split(r"^### (\d{3}\.\d+) ", text, flags=re.M)
+    untested = {n for n, row in zip(pieces[1::2], pieces[2::2], strict=True) if "test_" not in row}
+    words_only = {
+        "000.4",
+        "000.5",
+        "000.7",
+        "000.14",
+        "000.18",
+        "000.24",
+        "000.30",
+        "000.31",
+        "000.32",
+        "001.4",
+        "001.7",
+        "001.11",
+        "001.19",
+        "001.22",
+        "001.31",
+        "003.19",
+        "003.20",
+        "003.21",
+        "004.12",
+        "004.24",
+        "004.28",
+        "004.29",
+        "004.31",
+        "004.32",
+        "004.33",
+    }
+    assert untested == words_only
+
+
+def test_public_names_are_in_the_reference():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    for name in slipctl._HOME:
+        assert re.search(rf"^### {name}$", text, flags=re.M), name
+
+
+def test_every_file_that_is_no_python_is_packaged():
+    """What a module reads beside itself has to reach whoever installs a wheel."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    tool = project["tool"]["setuptools"]
+    data = {p.replace(".", "/"): patterns for p, patterns in tool["package-data"].items()}
+    for folder in ("slipctl", "models", "studies"):
+        for file in (ROOT / folder).rglob("*"):
+            if not file.is_file() or file.suffix in (".py", ".pyc"):
+                continue
+            inside = file.relative_to(ROOT).as_posix()
+            inside = inside if folder == "slipctl" else f"slipctl/{inside}"
+            assert any(
+                fnmatch(inside, f"{package}/{pattern}")
+                for package, patterns in data.items()
+                for pattern in patterns
+            ), f"{inside} is in no package-data of pyproject.toml"

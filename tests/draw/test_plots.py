@@ -1,0 +1,136 @@
+"""Figures: what a reader relies on; and equations as MathML."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import toy_study
+
+from slipctl import BadInput
+from slipctl.draw import mathml, plots, show
+from slipctl.study import doors, preparing, running
+
+
+@pytest.fixture(scope="module")
+def results():
+    cases, models = preparing.prepare(toy_study.study, quick=True)
+    return running.run(toy_study.study, cases, models, quick=True, experiments=False)
+
+
+def test_loops_keep_their_colour() -> None:
+    known = [plots.colour(n) for n in ("ideal", "smc", "sta", "sta_online")]
+    assert len(set(known)) == 4
+    assert plots.colour("sta_printed") == plots.colour("sta")
+    both = ["sta", "sta_printed"]
+    assert plots.dash("sta_printed", both) != plots.dash("sta", both)
+    assert plots.dash("sta_printed") == plots.dash("sta")
+    assert plots.colour("never_seen") == plots.colour("never_seen") in plots.PALETTE
+
+
+def test_units_as_a_reader_expects_them() -> None:
+    assert plots.pretty("kg m^2") == "kg m²"
+    assert plots.pretty("m/s^2") == "m/s²"
+    assert plots.pretty("m2/s4") == "m²/s⁴"
+    assert plots.pretty("m^.5/s^1.5") == "m^.5/s^1.5"
+    assert plots.label("slip", "m/s") == "slip [m/s]"
+    assert plots.label("share", "1") == "share"
+
+
+def test_envelope_keeps_every_peak() -> None:
+    t = np.linspace(0, 1, 100_001)
+    y = np.sin(5 * t)
+    y[31_415], y[77_777] = 9, -9
+    few_t, few = plots.envelope(t, y, 500)
+    assert len(few) <= 2000
+    assert (few.max(), few.min()) == (9, -9)
+    assert np.all(np.diff(few_t) > 0)
+    assert (few_t[0], few_t[-1]) == (0, 1)
+    assert plots.envelope(t[:100], y[:100], 500)[1] is not y
+    assert np.array_equal(plots.envelope(t[:100], y[:100], 500)[1], y[:100])
+
+
+def test_traces_have_units_bands_and_one_legend(results) -> None:
+    fig = plots.traces(results, "base", signals=[("slip", "reference"), "torque", "plant.car.v"])
+    labels = [a.get_ylabel() for a in fig.axes]
+    assert labels == ["slip speed [m/s]", "torque [N m]", "speed [m/s]"]
+    assert fig.axes[-1].get_xlabel() == "time [s]"
+    assert fig.axes[0].get_xlim() == (0, 0.6)
+    assert [t.get_text() for t in fig.legends[0].get_texts()] == ["soft", "hard", "wanted slip"]
+    assert {t.get_text() for t in fig.axes[0].texts} == {"dry", "ice"}
+    with pytest.raises(BadInput, match="no loop of base logs 'torqe'"):
+        plots.traces(results, "base", signals=["torqe"])
+
+
+def test_every_helper_labels_its_axes() -> None:
+    y = ("error", "m/s")
+    drawn = [
+        plots.lines({"a": ([0, 1], [0, 1]), "b": ([0, 1], [1, 0])}, ("time", "s"), y),
+        plots.bars({"base": {"smc": 1.0, "sta": None}}, y, limit=("allowed", 0.5)),
+        plots.spread({"dry": [0.1, 0.2, 0.4], "ice": [0.3, float("nan")]}, y, log=True),
+    ]
+    for fig in drawn:
+        assert fig.axes[0].get_ylabel() == "error [m/s]"
+    fig = plots.laws(toy_study.adhesion, upto=5.0, peaks={"dry": (1.386, 0.25)})
+    assert fig.axes[0].get_xlabel() == "slip speed [m/s]"
+    dry = fig.axes[0].lines[0]
+    assert dry.get_ydata()[200] == pytest.approx(toy_study.adhesion(s=2.5)["mu"])
+
+
+def test_a_figure_is_the_same_every_time(results) -> None:
+    def draw():
+        return toy_study.slip(results)
+
+    assert plots.svg_text(draw(), "x") == plots.svg_text(draw(), "x")
+    assert plots.png_bytes(draw(), "x") == plots.png_bytes(draw(), "x")
+
+
+# ---- MathML -------------------------------------------------------------------------------------
+
+
+def rendered(latex: str) -> str:
+    text = mathml.render(latex)
+    ElementTree.fromstring(f"<math>{text}</math>")
+    return text
+
+
+def test_mathml_of_each_construct() -> None:
+    assert "<mfrac><mrow><mi>r</mi></mrow><mrow><mi>J</mi></mrow></mfrac>" in rendered(
+        r"\frac{r}{J}"
+    )
+    assert "<msub><mi>T</mi><mrow><mi>b</mi></mrow></msub>" in rendered("T_{b}")
+    assert "<msubsup>" in rendered("x_{1}^{2}")
+    assert "<mi>ω</mi>" in rendered(r"\dot{\omega}")
+    assert '<mover accent="true">' in rendered(r"\hat{\mu}")
+    assert "<msqrt>" in rendered(r"\sqrt{\left|s\right|}")
+    assert "<mn>1.5</mn>" in rendered("1.5 < x")
+    assert "&lt;" in rendered("1.5 < x")
+    assert (
+        rendered(r"\begin{cases} 1 & x \le 0 \\ 2 & \text{otherwise} \end{cases}").count("<mtr>")
+        == 2
+    )
+    assert "<mtext>unheard</mtext>" in rendered(r"\unheard{x}")
+
+
+def test_rows_of_a_display() -> None:
+    rows = mathml.page("$$\n\\begin{aligned}\nx &= \\begin{cases} 1 & a \\\\ 2 & b \\end{cases} "
+                       "\\\\\n&\\textbf{part} \\\\\ny &= 2\n\\end{aligned}\n$$")  # fmt: skip
+    assert len(rows) == 3
+    assert [bool(right) for _, right in rows] == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    "name", [f"{m}.{b}" for m, (_, blocks) in doors.models().items() for b in blocks]
+)
+def test_every_model_has_well_formed_equations(name: str) -> None:
+    try:
+        block = doors.load_block(name)
+    except BadInput as error:
+        if "is a function that needs" not in str(error):
+            raise
+        pytest.skip(str(error))
+    for left, right in mathml.page(show.latex(block)):
+        for side in (left, right):
+            ElementTree.fromstring(f"<math>{side}</math>")
+        assert "<mtext>" not in right or "otherwise" in right or "built" in right

@@ -1,0 +1,552 @@
+"""Showing blocks: formulas that mean what was computed, tables, differences, drawings."""
+
+import itertools
+import math
+import random
+import re
+from xml.etree import ElementTree
+
+import casadi as ca
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slipctl import (
+    Input,
+    Noise,
+    Output,
+    Param,
+    State,
+    connect,
+    flow,
+    law,
+    make_block,
+    one,
+    sampled,
+    step,
+    unit_delay,
+)
+from slipctl.block import formula, smooth
+from slipctl.block.plain_text import Text, cut
+from slipctl.draw import show
+from slipctl.draw.diagram import Level, Node, level
+from slipctl.draw.drawing import Drawing
+from slipctl.draw.typeset import Latex, letter
+
+
+@flow(v_s=Output("m/s", "slip speed", positive="braking", per="speed"))
+def wheelset(
+    v=State("m/s", 20.0, "vehicle speed", lo=0),
+    omega=State("rad/s", "v / r", "wheel speed"),
+    T_b=Input("N m", "brake torque", positive="braking"),
+    mu=Input("1", "adhesion coefficient", lo=0, hi=0.6),
+    m=Param("kg", 8000.0, "load on the wheel", "Table 3", lo=1000, hi=40000),
+    J=Param("kg m^2", 240.0, "wheel inertia", "Table 3", lo=1),
+    r=Param("m", 0.5, "wheel radius", "Table 3"),
+    g=Param("m/s^2", 9.81, "gravity"),
+):
+    """Braked wheel and the mass it carries."""
+    F_a = mu * m * g
+    return {"v": -F_a / m, "omega": (r * F_a - T_b) / J}, {"v_s": v - r * omega}
+
+
+@law(mu=Output("1", "adhesion"), conditions={"dry": {"c": 1.0}, "ice": {"c": 0.1}})
+def curve(
+    v_s=Input("m/s", "slip speed"),
+    c=Param("1", 1.0, "height"),
+    a=Param("s/m", 0.54, "decay"),
+    b=Param("s/m", 1.2, "decay"),
+):
+    """Two exponentials."""
+    return c * (ca.exp(-a * v_s) - ca.exp(-b * v_s))
+
+
+def controller(form="consistent"):
+    @step(T_b=Output("N m", "torque"), name="ctl", choices={"form": form})
+    def ctl(
+        u=State("m/s^2", 0.0, "integral"),
+        s=Input("m/s", "sliding variable"),
+        jitter=Noise(),
+        k1=Param("m^.5/s^1.5", 20.0, "gain"),
+        k2=Param("m/s^3", 10.0, "gain", lo=0),
+        J=Param("kg m", 480.0, "inertia over radius"),
+        T=Param("s", 1e-3, "period"),
+    ):
+        """Super-twisting."""
+        root = smooth.root(s) if form == "consistent" else s * one("s^.5/m^.5", "printed form")
+        nu = u - k1 * root
+        return {"u": u - T * k2 * smooth.sign(s)}, {"T_b": J * nu}
+
+    return ctl
+
+
+def loop():
+    world = connect(
+        "plant",
+        {"wheel.T_b": "T_cmd", "adh.v_s": "wheel.v_s", "wheel.mu": "adh.mu", "v": "wheel.v"},
+        wheel=wheelset,
+        adh=curve,
+    )
+    return connect(
+        "loop",
+        {"ctl.s": "plant.wheel.v_s", "plant.T_cmd": "hold.y", "hold.u": "ctl.T_b"},
+        plant=sampled(world, 1e-3, "rk4"),
+        ctl=controller(),
+        hold=unit_delay("N m"),
+    )
+
+
+# ---- formulas ---------------------------------------------------------------------------------
+
+
+def written(expression, names=None):
+    g = formula.graph({"y": expression}, names)
+    return Text(g).root(g.roots["y"][0])
+
+
+x, y, z = (ca.SX.sym(n) for n in "xyz")
+
+
+@pytest.mark.parametrize(
+    ("expression", "text"),
+    [
+        (x / 2, "x/2"),
+        (2 * x * y, "2*x*y"),
+        (x**4, "x^4"),
+        (x**1.5, "x^1.5"),
+        (x**-2, "1/x^2"),
+        (-(x + y) * z, "-(x + y)*z"),
+        (x - (y - z), "x - y + z"),
+        (x / (y / z), "x/(y/z)"),
+        (x / y / z, "x/(y*z)"),
+        ((x + y) / (x - z), "(x + y)/(x - z)"),
+        (ca.if_else(x > y, x, 3), "x if y < x else 3"),
+        (ca.if_else(x > 0, y, ca.if_else(x < -1, z, 0)), "y if x > 0 else z if x < -1 else 0"),
+        (2 * ca.if_else(x > 0, y, z), "2*(y if x > 0 else z)"),
+        (ca.sqrt(ca.fabs(x)) * ca.sign(x), "sqrt(abs(x))*sign(x)"),
+        (ca.log10(x), "log10(x)"),
+        (2 * math.pi * x / 100, "2*pi*x/100"),
+        (x / (2 * math.pi), "x/(2*pi)"),
+        (ca.logic_and(x > 0, y <= 1), "x > 0 and y <= 1"),
+        (-2.5e7 * x, "-2.5e7*x"),
+        (ca.SX(0), "0"),
+    ],
+)
+def test_formulas_are_written_as_a_person_would(expression, text):
+    assert written(expression) == text
+
+
+def grown(choose, depth):
+    """A random expression of x, y, z without poles."""
+    if depth == 0:
+        return choose([x, y, z, x, ca.SX(2.0), ca.SX(0.25), ca.SX(-3.0)])
+    a = grown(choose, depth - choose([1, 1, 2]) if depth > 1 else 0)
+    b = grown(choose, depth - 1)
+    return choose(
+        [
+            lambda: a + b,
+            lambda: a - b,
+            lambda: a * b,
+            lambda: a / (2 + b**2),
+            lambda: 1 / (1 + a**2),
+            lambda: -a,
+            lambda: 2 * a,
+            lambda: a**2,
+            lambda: ca.fabs(a) ** 1.5,
+            lambda: ca.sqrt(1 + a**2),
+            lambda: ca.fmin(a, b),
+            lambda: ca.fmax(a, b) * a,
+            lambda: ca.if_else(a < b, a, b),
+            lambda: ca.if_else(ca.logic_or(a < 0, b >= 1), a, ca.if_else(b > 0, b, 1)),
+            lambda: ca.logic_not(a < b) * b,
+            lambda: ca.sign(a) * ca.tanh(b),
+            lambda: ca.exp(-(a**2)),
+            lambda: a / b if not b.is_constant() else a,
+        ]
+    )()
+
+
+MEANING = {n: getattr(math, n) for n in ("sqrt", "exp", "tanh", "log10", "pi")} | {
+    "abs": abs, "min": min, "max": max, "sign": lambda v: (v > 0) - (v < 0),
+}  # fmt: skip
+
+
+@given(st.data(), st.integers(1, 5))
+def test_text_means_what_was_computed(data, depth):
+    def choose(items):
+        return items[data.draw(st.integers(0, len(items) - 1))]
+
+    expression = grown(choose, depth)
+    g = formula.graph({"y": expression})
+    formula.shorten(g, long=data.draw(st.sampled_from([4, 12, 60])))
+    point = {n: data.draw(st.sampled_from([-1.7, -0.3, 0.4, 1.1, 2.9])) for n in "xyz"}
+    known = dict(MEANING) | point
+    write = Text(g)
+    write.digits = 17
+    try:
+        for name, n in formula.defined(g):
+            known[name] = eval(write.root(n).replace("^", "**"), {"__builtins__": {}}, known)
+        text = write.root(g.roots["y"][0]).replace("^", "**")
+        value = eval(text, {"__builtins__": {}}, known)
+    except ZeroDivisionError:
+        return
+    wanted = float(ca.Function("f", [x, y, z], [expression])(*point.values()))
+    # reordered products differ in the last digits, and cancellation enlarges that
+    assert value == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+
+
+@given(st.data(), st.integers(1, 5))
+def test_latex_is_balanced(data, depth):
+    expression = grown(lambda items: items[data.draw(st.integers(0, len(items) - 1))], depth)
+    g = formula.graph({"y": expression})
+    formula.shorten(g)
+    text = Latex(g).root(g.roots["y"][0])
+    level = 0
+    for c in text:
+        level += {"{": 1, "}": -1}.get(c, 0)
+        assert level >= 0
+    assert level == 0
+    assert text.count(r"\left") == text.count(r"\right")
+    assert text.count(r"\begin") == text.count(r"\end")
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("omega", r"\omega"),
+        ("mu_max", r"\mu_{\mathrm{max}}"),
+        ("v_s", "v_{s}"),
+        ("v_s_ref", r"v_{s,\mathrm{ref}}"),
+        ("F_a_hat", r"\hat{F}_{a}"),
+        ("eta_inf", r"\eta_{\infty}"),
+        ("k1", "k_{1}"),
+        ("lambda_", r"\lambda"),
+        ("car.v", r"v^{\mathrm{car}}"),
+        ("theta[2]", r"\theta_{2}"),
+        ("Delta", r"\Delta"),
+    ],
+)
+def test_letters(name, latex):
+    assert letter(name) == latex
+
+
+def test_latex_of_equations_can_be_set():
+    pytest.importorskip("matplotlib")
+    from matplotlib.mathtext import MathTextParser
+
+    parse = MathTextParser("path").parse
+    for block in (wheelset, curve, controller()):
+        rows = show.latex(block).split("aligned}")[1].split("\\end{")[0].split("\\\\\n")
+        for row in rows:
+            if "cases" not in row:
+                parse(f"${row.replace('&', '').strip()}$")
+
+
+def test_latex_of_a_wheelset():
+    assert show.latex(wheelset) == (
+        "$$\n\\begin{aligned}\n"
+        "F_{a} &= \\mu \\, m \\, g \\\\\n"
+        "\\dot{v} &= -\\frac{F_{a}}{m} \\\\\n"
+        "\\dot{\\omega} &= \\frac{r \\, F_{a} - T_{b}}{J} \\\\\n"
+        "v_{s} &= v - r \\, \\omega\n"
+        "\\end{aligned}\n$$"
+    )
+    assert "_repr_latex_" in dir(wheelset)
+    assert wheelset._repr_latex_() == show.latex(wheelset)
+    assert r"u^{+} &= " in show.latex(controller())
+    assert r"\frac{\partial \mu}{\partial v_{s}} &= " in show.latex(curve, jacobian=True)
+
+
+def test_intermediate_results_keep_their_letters_but_never_a_misleading_one():
+    def body():
+        F = x * y
+        z = F + 1  # the letter of a symbol, for something else
+        a = b = F * F  # noqa: F841 - two letters for one result
+        return {"p": b + ca.sin(F), "q": z * 2 + x}
+
+    with formula.letters(body.__code__) as names:
+        equations = body()
+    g = formula.graph(equations | {"r": ca.SX.sym("z")}, names)
+    write = Text(g)
+    assert [(n, write.root(k)) for n, k in formula.defined(g)] == [("F", "x*y"), ("a", "F^2")]
+    assert write.root(g.roots["p"][0]) == "a + sin(F)"
+    assert write.root(g.roots["q"][0]) == "2*(F + 1) + x"
+
+
+def test_long_formulas_are_cut_into_pieces_and_the_profile_hook_is_given_back():
+    import sys
+
+    before = sys.getprofile()
+    t = x
+    for _ in range(40):
+        t = t + ca.sin(t) * y
+    g = formula.graph({"t": t})
+    formula.shorten(g)
+    write = Text(g)
+    pieces = [write.root(n) for _, n in formula.defined(g)] + [write.root(g.roots["t"][0])]
+    assert 5 < len(pieces) < 40
+    assert max(map(len, pieces)) < 400
+    assert sys.getprofile() is before
+    assert cut("a" * 100, 40).startswith("aaa")
+    assert len(cut("a" * 100, 40)) <= 40
+
+
+# ---- text -------------------------------------------------------------------------------------
+
+
+def test_text_of_a_block_has_its_page():
+    text = show.text(wheelset)
+    for line in (
+        "wheelset: flow, x' = f",
+        "  Braked wheel and the mass it carries.",
+        "  F_a    = mu*m*g",
+        "  omega' = (r*F_a - T_b)/J",
+        "  v_s    = v - r*omega",
+        "  d omega' / d T_b = -1/J",
+    ):
+        assert line in text.splitlines()
+    (row,) = [r for r in text.splitlines() if r.startswith("  param   m ")]
+    assert re.split(r"\s{2,}", row.strip()) == [
+        "param", "m", "kg", "8000", "1000 .. 40000", "load on the wheel", "Table 3"
+    ]  # fmt: skip
+    assert "Jacobian" not in show.text(wheelset, jacobian=False)
+
+
+def test_text_of_a_loop_goes_part_by_part():
+    text = show.text(loop())
+    assert "plant.wheel: Braked wheel and the mass it carries." in text
+    assert "  ctl: step (form = consistent)" in text
+    assert "hold.y           ->  plant.T_cmd" in text
+    assert "  dry  plant.adh.c = 1" in text
+    assert re.search(r"input +ctl\.jitter +1 +noise", text)
+    assert "method = rk4" in text
+    assert text == show.text(loop())
+
+
+def test_hidden_unit_constants_and_choices_are_told():
+    text = show.text(controller("printed-38"))
+    assert "ctl: step, x+ = f (form = printed-38)" in text
+    assert "  1 s^.5/m^.5  printed form" in text
+    assert show.hidden(wheelset) == {}
+
+
+def test_shift_registers_are_folded_to_one_line():
+    def body(x, u, p):
+        return {"w": ca.vertcat(x["w"][1:], u["u"])}, {"y": x["w"][0]}
+
+    block = make_block(
+        "buffer", "step", body,
+        states=[State("m", 0.0, shape=(16,)).named("w")],
+        inputs=[Input("m", "u").named("u")],
+        outputs=[Output("m").named("y")],
+    )  # fmt: skip
+    text = show.text(block)
+    assert "w[i]+  = w[i+1]   for i = 0 .. 14" in text
+    assert "w[15]+ = u" in text
+    assert "w[16]" in text  # the table tells the shape
+
+
+def test_blocks_that_are_no_scalar_formulas_are_shown_all_the_same():
+    f = ca.Function("f", [x, y], [x + y])
+
+    def body(x, u, p):
+        return {}, {"y": f.map(3)(ca.repmat(u["u"], 1, 3), ca.MX(1, 3))[0]}
+
+    block = make_block(
+        "mapped", "law", body, sx=False,
+        inputs=[Input("m", "u").named("u")], outputs=[Output("m").named("y")],
+    )  # fmt: skip
+    assert "in matrices and loops" in show.text(block)
+    assert "in matrices and loops" in show.latex(block)
+    assert "no difference" in show.difference(block, block)
+    assert "<svg" in show.svg(block)
+    both = connect("both", {"m.u": "u"}, m=block, d=curve)
+    assert "in matrices and loops" in show.text(both)
+    assert "mu = c*(exp(-a*v_s) - exp(-b*v_s))" in show.text(both)
+
+
+def test_a_block_of_many_operations_is_cut():
+    def body(x, u, p):
+        t = u["u"]
+        for k in range(1500):
+            t = t + ca.sin(t) * (k + 1)
+        return {}, {"y": t}
+
+    block = make_block(
+        "long", "law", body,
+        inputs=[Input("1", "u").named("u")], outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    text = show.text(block)
+    assert len(text.splitlines()) < 100
+    assert "operations in all" in text
+    assert "Jacobian" not in text
+    assert len(show.latex(block)) < 40000
+    assert "no difference" in show.difference(block, block)
+
+
+def test_numbers_of_the_table_are_exact():
+    block = curve.with_params(a=0.1 + 0.2)
+    assert "0.30000000000000004" in show.text(block)
+
+
+# ---- difference -------------------------------------------------------------------------------
+
+
+def test_nothing_differs_between_a_block_and_itself():
+    assert "no difference" in show.difference(loop(), loop())
+    assert "no difference" in show.difference(wheelset, wheelset)
+
+
+def test_what_differs_is_told_and_nothing_else():
+    changed = show.difference(controller(), controller("printed-38"))
+    assert "- form = consistent" in changed
+    assert "+ form = printed-38" in changed
+    assert "nu" in changed
+    assert "u+" not in changed
+    values = show.difference(loop(), loop().with_params(**{"plant.wheel.m": 9000.0}))
+    assert "param plant.wheel.m, value: 8000 -> 9000" in values
+    assert "Equations" not in values
+
+
+def test_a_profiler_at_work_costs_only_the_letters():
+    import cProfile
+
+    profile = cProfile.Profile()
+    profile.enable()
+    text = show.text(wheelset)
+    profile.disable()
+    assert "omega' = (r*mu*m*g - T_b)/J" in text
+
+
+def test_letters_alone_are_no_difference():
+    @law(y=Output("m"))
+    def first(a=Input("m", ""), b=Input("1", "")):
+        """Product."""
+        inner = a * b
+        return inner + a
+
+    @law(y=Output("m"))
+    def second(a=Input("m", ""), b=Input("1", "")):
+        """Product."""
+        return a * b + a
+
+    text = show.difference(first, second.renamed("first"))
+    assert "Equations" not in text
+
+
+def test_parts_wires_and_signals_that_come_and_go():
+    wires = {"a.v_s": "v"}
+    one_part = connect("c", wires, a=curve)
+    two = connect("c", wires | {"b.v_s": "v"}, a=curve, b=curve)
+    text = show.difference(one_part, two)
+    assert "+ b: Two exponentials." in text
+    assert "+ v -> b.v_s" in text
+    assert "+ param b.c [1] = 1" in text
+
+
+# ---- diagrams ---------------------------------------------------------------------------------
+
+
+def test_graph_is_text_for_graphviz():
+    text = show.graph(loop())
+    assert text.startswith('digraph "loop" {')
+    assert '"plant" -> "ctl" [label="wheel.v_s [m/s]"];' in text
+    assert '"hold" -> "plant" [label="y [N m]"];' in text
+    assert text.count("{") == text.count("}")
+
+
+def test_svg_names_boxes_and_wires_with_units():
+    root = ElementTree.fromstring(show.svg(loop(), deep=True))
+    texts = [t.text for t in root.iter("{http://www.w3.org/2000/svg}text")]
+    for wanted in ("loop", "plant", "ctl", "hold", "wheel.v_s [m/s]", "T_b [N m]", "rk4, 1 ms"):
+        assert wanted in texts
+    assert "mu [1]" in texts  # drawn inside, deep
+    assert "jitter" not in texts  # fed by the scenario, not by a wire
+    assert show.svg(loop()) == show.svg(loop())
+    assert 'viewBox="0 0' in show.svg(wheelset)
+
+
+def random_level(seed):
+    choose = random.Random(seed)
+    names = [f"b{i}" for i in range(choose.randint(1, 8))]
+    nodes, nets, units = {k: Node(k, k) for k in names}, {}, {}
+
+    def targets(most):
+        ends = []
+        for _ in range(choose.randint(1, most)):
+            t = choose.choice(names)
+            nodes[t].ins.append(f"u{len(nodes[t].ins)}")
+            ends.append((t, nodes[t].ins[-1]))
+        return ends
+
+    for k in names:
+        for j in range(choose.randint(0, 3)):
+            nodes[k].outs.append(f"y{j}")
+            nets[k, f"y{j}"], units[k, f"y{j}"] = targets(3), "m/s"
+            if choose.random() < 0.2:
+                end = f"{k}y{j}"
+                nodes[f"< {end}"] = Node(f"< {end}", end, ins=[end], box=False)
+                nets[k, f"y{j}"].append((f"< {end}", end))
+    for j in range(choose.randint(0, 4)):
+        key = f"> w{j}"
+        nodes[key] = Node(key, f"w{j}", outs=[f"w{j}"], box=False)
+        nets[key, f"w{j}"], units[key, f"w{j}"] = targets(2), "N m"
+    return Level("x", nodes, nets, units)
+
+
+def strokes(drawing, net):
+    path = re.search(r'd="([^"]*)" fill="none"', " ".join(drawing._wire(net)))[1]
+    numbers = re.findall(r"M([-\d.]+) ([-\d.]+)L([-\d.]+) ([-\d.]+)", path)
+    return [tuple(map(float, n)) for n in numbers]
+
+
+def overlap(a, b, level, along):
+    """Length on which two lines along one axis lie upon each other."""
+    if max(abs(s[level] - s[level + 2]) for s in (a, b)) > 0.2 or abs(a[level] - b[level]) > 1.5:
+        return 0.0
+    low = max(min(s[along], s[along + 2]) for s in (a, b))
+    high = min(max(s[along], s[along + 2]) for s in (a, b))
+    return high - low
+
+
+LEVELS = [random_level(seed) for seed in range(120)]
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_drawings_have_no_wire_upon_another_and_none_through_a_box(part):
+    for lv in [*LEVELS[part::4], level(loop())]:
+        d = Drawing(lv)
+        wires = {net: strokes(d, net) for net in lv.nets}
+        for (_, one_), (_, two) in itertools.combinations(wires.items(), 2):
+            for a, b in itertools.product(one_, two):
+                assert overlap(a, b, 1, 0) <= 1.0
+                assert overlap(a, b, 0, 1) <= 1.0
+        boxes = [(p.x, p.y, p.x + p.width, p.y + p.height) for p in d.places.values()]
+        for a, b in itertools.combinations(boxes, 2):
+            apart = (
+                a[2] <= b[0] + 0.1 or b[2] <= a[0] + 0.1 or a[3] <= b[1] + 0.1 or b[3] <= a[1] + 0.1
+            )
+            assert apart
+        for x0, y0, x1, y1 in itertools.chain(*wires.values()):
+            for left, top, right, bottom in boxes:
+                beside = max(x0, x1) <= left + 1 or min(x0, x1) >= right - 1
+                assert beside or max(y0, y1) <= top + 1 or min(y0, y1) >= bottom - 1
+            assert min(x0, x1) >= 0
+            assert max(x0, x1) <= d.width
+            assert max(y0, y1) <= d.height
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_every_wire_end_has_its_arrow(part):
+    for lv in LEVELS[part::4]:
+        d = Drawing(lv)
+        for net, ends in lv.nets.items():
+            tips = {
+                (float(a), float(b))
+                for a, b in re.findall(r'd="M([-\d.]+) ([-\d.]+)l-8', " ".join(d._wire(net)))
+            }
+            wanted = set()
+            for end in ends:
+                place = d.places[end[0]]
+                wanted.add((round(place.x, 1), round(place.port_y(end, False), 1)))
+            assert tips == wanted

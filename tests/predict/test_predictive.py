@@ -1,0 +1,297 @@
+"""Model predictive control: reference values, the QP against another solver, limits, fallback."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    Scenario,
+    State,
+    connect,
+    every,
+    feasibility,
+    flow,
+    law,
+    make_block,
+    nmpc,
+    sampled,
+    step,
+    trajectory,
+)
+from slipctl.ccode import codegen
+from slipctl.predict.trials import Driver
+from slipctl.studies.bench.peers.slip_nmpc import axle, closed_loop, cost, make, recorded
+
+
+def test_reference_values_of_the_problem():
+    """Published closed-loop costs: 29.031 with one iteration, 932.15 with a wrong adhesion."""
+    assert closed_loop(make())[0] == pytest.approx(29.031, abs=5e-4)
+    assert closed_loop(make(), mismatch=True)[0] == pytest.approx(932.15, abs=5e-3)
+
+
+def test_three_iterations_come_within_a_percent_of_the_converged_solution():
+    """843.85 is what SQP converged to 1e-4, IPOPT and FATROP give."""
+    total, _, status, _ = closed_loop(make(iterations=3), mismatch=True)
+    assert total == pytest.approx(843.85, rel=0.01)
+    assert not status.any()
+
+
+def test_ipopt_gives_the_converged_reference():
+    total = closed_loop(make(solver="ipopt"), mismatch=True, ticks=250)[0]
+    assert total == pytest.approx(843.85, abs=0.01)
+
+
+def one_qp(options, seed, solver):
+    """Control after one iteration from a random plan, and the plan."""
+    rng = np.random.default_rng(seed)
+    block = make(horizon=8, passes=60, solver=solver, **options)
+    x = block.start()
+    n = block.states["X"].size // 9
+    near = np.tile([10.0, 10.15, 1.0, 0.0], (9, 1)) + rng.normal(0, [0.3, 0.3, 0.5, 0.01], (9, n))
+    x |= {"X": near.ravel(), "U": rng.uniform(0, 1, 8), "planned": 1.0, "applied": rng.uniform()}
+    u = [*(near[1] + rng.normal(0, [0.1, 0.1, 0.3, 0.01])), 0.25, 0.02]
+    nxt, y = block.f(block.pack("state", x), u, block.pack("param", block.param_values()))
+    plan = {k: np.array(v).ravel() for k, v in block.unpack("state", nxt).items()}
+    return plan, np.array(y).ravel()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"rates": {"u": 60.0}},
+        {"moves": (1, 1, 2, 4)},
+        {"soft": {"s": (-0.1, 0.018, 300.0), "T": (None, 3.0, 0.3)}},
+        {"rates": {"u": 100.0}, "moves": (1, 1, 2, 4), "soft": {"s": (-0.1, 0.018, 300.0)}},
+    ],
+    ids=["bounds", "rates", "moves", "soft", "all"],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_active_set_solves_the_same_qp_as_osqp(options, seed):
+    """Where it says that it has settled, its plan is that of a general solver."""
+    if "T" in options.get("soft", {}):
+        options = {"soft": {**options["soft"], "T": (-1.0, 3.0, 0.3)}}
+    ours, y = one_qp(options, seed, "riccati")
+    theirs, _ = one_qp(options, seed, "osqp")
+    assert y[1] == 0
+    assert ours["U"] == pytest.approx(theirs["U"], abs=2e-6)
+
+
+@settings(max_examples=25)
+@given(
+    passes=st.integers(1, 3), peak=st.floats(0.05, 0.4), v=st.floats(1, 40), T=st.floats(0, 8),
+    rate=st.floats(5, 500),
+)  # fmt: skip
+def test_controls_keep_bounds_and_rates_even_before_the_active_set_has_settled(
+    passes, peak, v, T, rate
+):
+    tick = Driver(make(passes=3, rates={"u": 100.0}).with_params(u_rate=100.0))
+    tick.p[list(tick.block.params).index("u_rate")] = rate
+    before = None
+    for _ in range(4 + passes):
+        u, _, _ = tick(v, v * 1.03, T, 0.01, peak, 0.02)
+        assert 0 <= u <= 8
+        if before is not None:
+            assert abs(u - before) <= rate * 0.02 * (1 + 1e-12)
+        before = u
+
+
+def test_a_broken_problem_holds_the_plan_and_recovers():
+    """NaN in a measurement: status 2, the next control of the last plan; then afresh."""
+    tick = Driver(make())
+    for _ in range(5):
+        tick(10, 10.15, 2, 0, 0.3, 0.02)
+    planned = tick.block.unpack("state", ca.DM(tick.x))["U"][1] * 8
+    u, status, _ = tick(10, math.nan, 2, 0, 0.3, 0.02)
+    assert status == 2
+    assert u == pytest.approx(float(planned), abs=1e-12)
+    u, status, _ = tick(10, 10.15, 2, 0, 0.3, 0.02)
+    assert status == 0
+    assert u == pytest.approx(Driver(make())(10, 10.15, 2, 0, 0.3, 0.02)[0], rel=0.05)
+
+
+def test_limits_are_kept_from_many_starts_in_closed_loop():
+    """Recursive feasibility of bounds and rates, tried; a block that lies is caught."""
+    block = make(rates={"u": 60.0})
+    ranges = {
+        "v": (1, 40), "q": (1, 41), "T": (0, 8), "xi": (-0.1, 0.1), "mu_p": (0.05, 0.4),
+    }  # fmt: skip
+    seen = feasibility(block, axle, ranges, starts=20, ticks=30)
+    assert seen.kept
+    assert seen.broken == 0
+    assert 0.5 < seen.settled <= 1
+
+    @step(period=0.02, u=Output("kN m"), status=Output("1"), passes=Output("1"), name="liar")
+    def liar(
+        v=Input("m/s", "vehicle speed"), q=Input("m/s", "rim speed"), T=Input("kN m", "torque"),
+        xi=Input("s", ""), mu_p=Input("1", "peak", value=0.3), u_hi=Param("kN m", 1.0, "limit"),
+    ):  # fmt: skip
+        """Claims a limit and commands twice as much."""
+        return {}, dict(u=2 * u_hi, status=0 * v, passes=0 * v)
+
+    caught = feasibility(liar, axle, {n: ranges[n] for n in ("v", "q", "T", "xi")}, starts=2)
+    assert not caught.kept
+    assert caught.largest_excess == (pytest.approx(1.0), "u")
+    assert set(caught.witness) >= {"v", "q"}
+    with pytest.raises(BadInput, match="'w' is no input"):
+        feasibility(block, axle, {"w": (0, 1)})
+    with pytest.raises(BadInput, match="give ranges"):
+        feasibility(block, axle, {"v": (1, 40)})
+
+
+def test_two_controls_and_bounds_that_are_inputs():
+    """Two forces on a mass share the load by their weights; a limit from outside is kept."""
+
+    @flow()
+    def mass(
+        v=State("m/s", 0.0, "speed"),
+        F=Input("N", "force", lo=-10, hi=10),
+        G=Input("N", "other force", lo=-10, hi=10),
+        m=Param("kg", 2.0, "mass"),
+    ):
+        """Mass with two forces."""
+        return dict(v=(F + G) / m), {}
+
+    @law(e=Output("m/s"), f=Output("N"), k=Output("N"))
+    def tracking(
+        v=Input("m/s", "speed"), w=Input("m/s", "wanted"), F=Input("N", ""), G=Input("N", "")
+    ):
+        """Speed error and effort."""
+        return dict(e=v - w, f=F, k=G)
+
+    block = nmpc(
+        mass, tracking, ["F", "G"], h=0.1, horizon=10, weights={"e": 10.0, "f": 0.1, "k": 0.2},
+        bounds={"F": ("F_min", "F_max")},
+    )  # fmt: skip
+    free = block(v=0.0, w=0.05, F_min=-10.0, F_max=10.0)[1]
+    assert free["F"] == pytest.approx(4 * free["G"], rel=1e-6)  # inverse squares of the weights
+    held = block(v=0.0, w=0.05, F_min=-1.0, F_max=0.2)[1]
+    assert held["F"] == pytest.approx(0.2)
+    assert held["G"] > free["G"]
+    loop = connect(
+        "loop",
+        {"ctl.v": "plant.v", "plant.F": "ctl.F", "plant.G": "ctl.G", "ctl.w": "w",
+         "ctl.F_min": "lo", "ctl.F_max": "hi"},
+        plant=sampled(mass, 0.01, "rk4"), ctl=every(block, 10),
+    )  # fmt: skip
+    assert loop.period == pytest.approx(0.01)
+
+
+BAD = [
+    (dict(h=0.0), "h = 0 s must be positive"),
+    (dict(horizon=0), "horizon = 0"),
+    (dict(horizon=2), "shorter than the lag of 0.05 s from u to T"),
+    (dict(weights={"e_s": 0.0}), "weight of e_s = 0 must be positive"),
+    (dict(weights={"e_z": 1.0}), "no residual 'e_z'"),
+    (dict(bounds={"u": (3.0, 3.0)}), "leaves nothing"),
+    (dict(bounds={"T": (0.0, 3.0)}), "no control"),
+    (dict(rates={"u": -1.0}), "must be positive"),
+    (dict(soft={"s": (None, None, 1.0)}), "has no range"),
+    (dict(soft={"z": (0.0, 1.0, 1.0)}), "no state or output 'z'"),
+    (dict(soft={"s": (0.0, 1.0)}), r"soft limits of s: \(0.0, 1.0\) is not \(lo, hi, weight\)"),
+    (dict(bounds={"u": 3.0}), r"bounds of u: 3.0 is not \(lo, hi\)"),
+    (dict(moves=(1, 2)), "sum 20"),
+    (dict(moves=("x",)), "moves: a length = 'x' must be a whole number"),
+    (dict(moves=5), "moves = 5 is no list"),
+    (dict(bounds={"u": (None, 1.0)}), "bounds of u: an end takes a number"),
+    (dict(rates=3), r"rates = 3; give rates=\{name: ...\}"),
+    (dict(rates={"u": "x"}), "rate of u takes a number, not 'x'"),
+    (dict(weights={"e_s": "x"}), "weight of e_s takes a number, not 'x'"),
+    (dict(h="x"), "h takes a number in s, not 'x'"),
+    (dict(horizon="x"), "horizon = 'x' must be a whole number"),
+    (dict(terminal=["e_u"]), "depends on the control"),
+    (dict(solver="acados"), "no solver 'acados'"),
+    (dict(solver="fatrop", rates={"u": 1.0}), "use solver='ipopt'"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), BAD, ids=[t for _, t in BAD])
+def test_bad_input_is_one_line(options, text):
+    with pytest.raises(BadInput, match=text) as error:
+        make(**options)
+    assert "\n" not in str(error.value)
+
+
+def test_a_horizon_may_be_shorter_than_a_mass_with_drag_takes():
+    """The lag of 400 s from force to speed is the vehicle's; the gain is that of Riccati."""
+
+    @flow()
+    def mass(
+        v=State("m/s", 0.0, "speed"), F=Input("N", "force", lo=-1e6, hi=1e6),
+        m=Param("kg", 2.0, "mass"), c=Param("N s/m", 0.005, "drag"),
+    ):  # fmt: skip
+        """Mass with drag."""
+        return dict(v=(F - c * v) / m), {}
+
+    @law(e=Output("m/s"), f=Output("N"))
+    def effort(v=Input("m/s", "speed"), F=Input("N", "force")):
+        """Speed and force."""
+        return dict(e=v, f=F)
+
+    h, stages = 0.1, 20
+    block = nmpc(mass, effort, "F", h=h, horizon=stages, weights={"e": 3.0, "f": 0.5})
+    plant = sampled(mass, h, "rk4")
+    a, b = (float(plant.jacobian("v", n)(0, 0, 2, 0.005)) for n in ("v", "F"))
+    P = 9.0
+    for _ in range(stages):
+        K = P * a * b / (0.25 + P * b * b)
+        P = 9.0 + a * P * (a - b * K)
+    assert block(v=1.3)[1]["F"] == pytest.approx(-1.3 * K, rel=1e-9)
+
+
+def test_a_plant_that_is_sampled_already_or_a_cost_that_is_no_law_is_refused():
+    with pytest.raises(BadInput, match="give the flow"):
+        nmpc(sampled(axle, 0.02, "rk4", 4), cost, "u", h=0.02)
+    with pytest.raises(BadInput, match="give a law of residuals"):
+        nmpc(axle, axle, "u", h=0.02)
+
+
+def test_a_plant_without_second_derivatives_is_refused():
+    """Foreign code has none; told before anything is solved."""
+
+    class Foreign(ca.Callback):
+        def __init__(self):
+            ca.Callback.__init__(self)
+            self.construct("foreign", {})
+
+        def eval(self, arguments):
+            return [arguments[0]]
+
+    foreign = Foreign()
+    plant = make_block(
+        "foreign", "flow", lambda x, u, p: ({"v": u["u"] - foreign(x["v"])}, {}),
+        states=[State("1", 0.0).named("v")], inputs=[Input("1", lo=-1, hi=1).named("u")], sx=False,
+    )  # fmt: skip
+
+    @law(e=Output("1"))
+    def error(v=Input("1", "state")):
+        """The state."""
+        return v
+
+    with pytest.raises(BadInput, match="cannot be differentiated twice") as told:
+        nmpc(plant, error, "u", h=0.2, horizon=10)
+    assert "\n" not in str(told.value)
+    with pytest.raises(BadInput, match="cannot be differentiated twice"):
+        trajectory(plant, Scenario("go", 1.0), "u", "v")
+
+
+@pytest.mark.usefixtures("needs_compiler")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_generated_c_repeats_the_controller(real, tmp_path):
+    """Over the change to ice, without heap, in double and in float."""
+    block = make(horizon=6)
+    rows = recorded(block)[40:90]
+    given = {n: rows[:, k] for k, n in enumerate(block.inputs)}
+    report = codegen.check(block, given, tmp_path, real=real)
+    assert report["passed"]
+    assert report["largest_relative"] < (1e-12 if real == "double" else 1e-3)
+    text = (tmp_path / "nmpc.c").read_text(encoding="utf-8")
+    assert not any(word in text for word in ("malloc", "calloc", "free("))

@@ -1,0 +1,443 @@
+"""Claims and their verdicts, settings and swaps, running a study and the files it leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy_study
+import xarray
+from casadi import exp, sqrt
+
+from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, law
+from slipctl.run import store
+from slipctl.run.results import NotRun, Results
+from slipctl.study import files, preparing, running
+from slipctl.study.declaration import Context, half_last_digit, judge
+from slipctl.study.doors import load_study
+from slipctl.study.texts import number
+
+EMPTY = Results(toy_study.study, [])
+
+
+def verdict(answer, **claim) -> tuple[str, str]:
+    given = {"kind": "number", "ours": lambda r: answer} | claim
+    found = judge(Claim("id", "here", "it holds", **given), EMPTY)
+    return found.verdict, found.why
+
+
+# ---- verdicts -----------------------------------------------------------------------------------
+
+
+def test_last_digit_is_half_a_unit_of_what_is_printed() -> None:
+    assert half_last_digit("254.0479") == pytest.approx(0.00005)
+    assert half_last_digit("0.5") == pytest.approx(0.05)
+    assert half_last_digit("33") == 0.5
+    assert half_last_digit("8.0239e-5") == pytest.approx(0.00005e-5)
+
+
+def test_number_within_the_last_digit() -> None:
+    assert verdict(254.04794, paper="254.0479", tolerance="last digit")[0] == "reproduced"
+    assert verdict(254.04797, paper="254.0479", tolerance="last digit")[0] == "not reproduced"
+
+
+def test_number_within_percent_or_absolute() -> None:
+    assert verdict(104.9, paper=100, tolerance="5 %")[0] == "reproduced"
+    assert verdict(105.1, paper=100, tolerance="5 %")[0] == "not reproduced"
+    assert verdict(-95.1, paper=-100, tolerance="5 %")[0] == "reproduced"
+    assert verdict(100.4, paper=100, tolerance=0.5)[0] == "reproduced"
+    assert "off by +5.1 (+5.1 %)" in verdict(105.1, paper=100, tolerance="5 %")[1]
+
+
+def test_number_as_a_bound() -> None:
+    assert verdict(0.39, paper=0.4, bound="at most")[0] == "reproduced"
+    assert verdict(0.41, paper=0.4, bound="at most")[0] == "not reproduced"
+    assert verdict(0.41, paper=0.4, bound="at least")[0] == "reproduced"
+    assert verdict(0.41, paper=0.4, bound="at most", tolerance=0.02)[0] == "reproduced"
+
+
+def test_order() -> None:
+    ours = {"dry": 3.0, "wet": 2.0, "ice": 1.0}
+    assert verdict(ours, kind="order", paper="dry > wet > ice")[0] == "reproduced"
+    assert verdict(ours, kind="order", paper="ice < wet")[0] == "reproduced"
+    text, why = verdict(ours, kind="order", paper="wet > dry > ice")
+    assert (text, why) == ("not reproduced", "wet is not above dry")
+    assert verdict(ours, kind="order", paper="dry > wet", tolerance=1.5)[0] == "not reproduced"
+    assert verdict(ours, kind="order", paper="dry > wet", tolerance="30 %")[0] == "reproduced"
+    assert verdict({"a": None, "b": 1.0}, kind="order", paper="a > b")[0] == "not reproduced"
+    with pytest.raises(BadInput, match="gives no 'snow'"):
+        verdict(ours, kind="order", paper="dry > snow")
+
+
+def test_yes_or_no() -> None:
+    assert verdict(np.bool_(True), kind="yes/no", paper=True)[0] == "reproduced"
+    assert verdict(False, kind="yes/no", paper=True)[0] == "not reproduced"
+    assert verdict(False, kind="yes/no", paper=False)[0] == "reproduced"
+
+
+def test_no_answer_does_not_reproduce() -> None:
+    assert verdict(None, paper=1, tolerance="5 %") == ("not reproduced", "ours has no value")
+    assert verdict(math.nan, paper=1, tolerance="5 %")[0] == "not reproduced"
+
+
+def test_not_checkable_and_not_run() -> None:
+    assert verdict(1.0, paper=1, not_checkable="no data") == ("not checkable", "no data")
+    claim = Claim("id", "", "", "number", 1, lambda r: r.metric("base", "soft", "distance"),
+                  tolerance="5 %")  # fmt: skip
+    found = judge(claim, EMPTY)
+    assert (found.verdict, found.why) == ("not checkable", "base/soft was not run")
+
+
+def test_why_is_added_and_why_not_only_where_it_fails() -> None:
+    texts = {"why": "as in Fig. 3", "why_not": "gains saturate"}
+    assert verdict(True, kind="yes/no", paper=True, **texts)[1] == "as in Fig. 3"
+    assert verdict(False, kind="yes/no", paper=True, **texts)[1] == "as in Fig. 3; gains saturate"
+
+
+@pytest.mark.parametrize(
+    ("claim", "message"),
+    [
+        ({"kind": "nmber", "paper": 1}, "kind 'nmber'"),
+        ({"paper": 1}, "needs a tolerance"),
+        ({"paper": 1, "tolerance": "last digit"}, "'last digit' of a number written as printed"),
+        ({"paper": 1, "tolerance": "some"}, "is no number, percentage"),
+        ({"paper": 1, "tolerance": 1, "bound": "below"}, "neither at most nor at least"),
+        ({"paper": 1, "tolerance": 1, "ours": None}, "say what ours is"),
+    ],
+)
+def test_claims_that_cannot_be_judged_are_refused(claim, message) -> None:
+    with pytest.raises(BadInput, match=message):
+        verdict(1.0, **claim)
+
+
+# ---- tables -------------------------------------------------------------------------------------
+
+
+def test_table() -> None:
+    t = Table("Peaks", {"rail": ("1", ["dry", "ice"]), "peak": ("m/s", [1.2, 2.4])})
+    assert t.where("peak", rail="ice") == 2.4
+    assert t.where("peak", rail="snow") is None
+    with pytest.raises(BadInput, match=r"no column 'peek'; did you mean 'peak'\?"):
+        t["peek"]
+    with pytest.raises(BadInput, match="unequal length"):
+        Table("Peaks", {"a": ("1", [1]), "b": ("1", [])})
+
+
+# ---- settings -----------------------------------------------------------------------------------
+
+
+def param(cases, name, loop="soft", scenario=0):
+    return float(cases[scenario].loops[loop].param_values()[name])
+
+
+def prepared(*settings, **options):
+    return preparing.prepare(toy_study.study, settings=settings, **options)[0]
+
+
+def test_setting_by_ending_with_unit_in_every_loop() -> None:
+    cases = prepared("car.m=8.2t")
+    assert param(cases, "plant.car.m") == param(cases, "plant.car.m", "hard") == 8200
+    assert param(cases, "plant.car.m", scenario=1) == 8200
+
+
+def test_setting_of_one_loop() -> None:
+    cases = prepared("hard:ctl.K=5e3")
+    assert (param(cases, "ctl.K", "hard"), param(cases, "ctl.K", "soft")) == (5000, 4000)
+
+
+def test_setting_with_a_star_sets_all() -> None:
+    assert param(prepared("*.sigma=2cm/s"), "meter.sigma") == pytest.approx(0.02)
+
+
+def test_setting_of_a_start_value_wins_over_the_scenario() -> None:
+    cases = prepared("car.v=36km/h")
+    for case in cases:
+        assert case.loops["soft"].start()["plant.car.v"] == 10
+        assert "car.v" not in case.scenario.start
+    results = running.run(toy_study.study, cases, experiments=False)
+    for scenario in ("base", "noisy"):
+        assert results.log(scenario, "soft")["plant.car.v"].values[0] == 10
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("car.m", r"write \[loop:\]block.param=VALUE"),
+        ("car.m=", r"write \[loop:\]block.param=VALUE"),
+        ("car.mm=1", "no loop of toy has a parameter 'car.mm'; did you mean 'car.m'"),
+        ("soff:car.m=9t", "no loop 'soff' runs; did you mean 'soft'"),
+        ("soft:car.mm=9t", "loop soft has no parameter 'car.mm'; did you mean 'car.m'"),
+        ("car.m=5N", "another dimension"),
+        ("car.m=nan", "is no number"),
+        ("car.m=-1kg", r"-1 kg is out of range; it must lie in \[1000, 40000\] kg"),
+        ("car.m=1e9", "out of range"),
+        ("adh.c=0.5", "the rail sets soft's plant.adh.c in scenario base"),
+        ("s=1", "no loop of toy has a parameter 's'"),
+    ],
+)
+def test_settings_that_cannot_be(setting, message) -> None:
+    with pytest.raises(BadInput, match=message):
+        prepared(setting)
+
+
+def test_an_ambiguous_setting_says_between_what() -> None:
+    two = toy_study.connect("two", {}, a=toy_study.car, b=toy_study.car)
+    with pytest.raises(BadInput, match=r"could be a.m or b.m; write which, or '\*.m' for all"):
+        preparing.Setting.read("m=9t").matches(two)
+    assert preparing.Setting.read("*.m=9t").matches(two) == ["a.m", "b.m"]
+
+
+# ---- swaps and selection ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def my_law(tmp_path: Path) -> Path:
+    text = """
+from slipctl import Input, Output, Param, law
+from casadi import tanh
+
+RAILS = {"dry": {"c": .3}, "ice": {"c": .03}}
+
+@law(mu=Output("1", "adhesion", positive="braking"), conditions=RAILS)
+def my_law(s=Input("m/s", "slip", positive="braking", per="speed"), c=Param("1", .3, lo=0, hi=1)):
+    '''My law.'''
+    return c * tanh(2 * s)
+
+@law(mu=Output("1", "adhesion", positive="braking"))
+def bare(s=Input("m/s", "slip", positive="braking", per="speed")):
+    '''Without rail conditions.'''
+    return 0.1 * s
+
+@law(mu=Output("1", "adhesion", positive="traction"), conditions={"dry": {}, "ice": {}})
+def wrong_sign(s=Input("m/s", "slip", positive="braking", per="speed")):
+    return 0.1 * s
+
+@law(mu=Output("N", "adhesion", positive="braking"), conditions={"dry": {}, "ice": {}})
+def wrong_unit(s=Input("m/s", "slip", positive="braking", per="speed")):
+    return 0.1 * s
+
+@law(mu=Output("1", "adhesion", positive="braking"), conditions={"dry": {}, "ice": {}})
+def broken(s=Input("m/s", "slip", positive="braking", per="speed")):
+    return 0.1 * sloop
+
+def needs(x):
+    return my_law
+
+number = 3
+"""
+    file = tmp_path / "my.py"
+    file.write_text(text)
+    return file
+
+
+def test_swap_replaces_a_model_before_the_loops_are_built(my_law: Path) -> None:
+    cases, models = preparing.prepare(toy_study.study, swaps=[f"adh={my_law}:my_law"])
+    assert models["adh"].name == "my_law"
+    for case in cases:
+        assert all(loop["plant.adh"].name == "my_law" for loop in case.loops.values())
+
+
+@pytest.mark.parametrize(
+    ("swap", "message"),
+    [
+        ("adh", "write name=file.py:block"),
+        ("ahd={}:my_law", "has no model 'ahd' to swap; did you mean 'adh'"),
+        ("adh=no_such.py:my_law", "there is no file no_such.py"),
+        ("adh={}:mylaw", "has no block 'mylaw'; did you mean 'my_law'"),
+        ("adh={}:number", "is no block"),
+        ("adh={}:needs", "is a function that needs x"),
+        ("adh={}:bare", "knows no rail condition 'dry'"),
+        ("adh={}:wrong_sign", "flip_sign"),
+        ("adh={}:wrong_unit", r"cannot feed .* \[1\]"),
+        ("adh={}:broken", r"my.py, line 27: NameError: name 'sloop' is not defined"),
+    ],
+)
+def test_swaps_that_cannot_be(my_law: Path, swap: str, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        preparing.prepare(toy_study.study, swaps=[swap.format(my_law)])
+
+
+def test_a_file_with_a_syntax_error_says_the_line(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text("x = 1\ndef f(:\n")
+    with pytest.raises(BadInput, match=r"bad.py, line 2: invalid syntax"):
+        preparing.prepare(toy_study.study, swaps=[f"adh={tmp_path / 'bad.py'}:f"])
+
+
+def test_selection() -> None:
+    cases = prepared(loops=["soft"], scenarios=["base"])
+    assert [(c.scenario.name, list(c.loops)) for c in cases] == [("base", ["soft"])]
+    with pytest.raises(BadInput, match="no loop 'sft'; did you mean 'soft'"):
+        prepared(loops=["sft"])
+    with pytest.raises(BadInput, match="no scenario 'bass'; did you mean 'base'"):
+        prepared(scenarios=["bass"])
+    with pytest.raises(BadInput, match="no loop hard in noisy"):
+        prepared(loops=["hard"], scenarios=["noisy"])
+
+
+def test_known_values_must_match_the_rail() -> None:
+    case = prepared()[0]
+    wrong = Case(case.scenario, case.loops, {"best": Known("1", [1.0])})
+    with pytest.raises(BadInput, match="best has 1 values for 2 rail sections"):
+        preparing._try(wrong, "soft", case.loops["soft"])
+
+
+# ---- running and files --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    cases, models = preparing.prepare(toy_study.study, quick=True)
+    return running.run(toy_study.study, cases, models, quick=True)
+
+
+def test_run_gives_logs_metrics_and_tables(results: Results) -> None:
+    assert {s: list(v) for s, v in results.data.items()} == {
+        "base": ["soft", "hard"], "noisy": ["soft"],
+    }  # fmt: skip
+    assert results.metric("base", "soft", "distance") == pytest.approx(12, rel=0.1)
+    assert results.metric("base", "soft", "stopping_distance") is None
+    assert results.table("seeds")["seed"] == range(1, 3)
+    best = results.signal("base", "soft", "best_adhesion")
+    assert (best[0], best[-1]) == (0.25, 0.025)
+    with pytest.raises(NotRun, match="base/smc was not run"):
+        results.log("base", "smc")
+    with pytest.raises(BadInput, match="logs no torque_b"):
+        results.signal("base", "soft", "torque_b")
+
+
+def test_a_failed_run_is_noted_and_the_others_go_on() -> None:
+    @law(mu=Output("1", "adhesion", positive="braking"), conditions=toy_study.RAILS)
+    def pole(
+        s=Input("m/s", "slip", positive="braking", per="speed"), c=Param("m/s", 1.0, lo=0, hi=2)
+    ):
+        """No number beyond 0.5 m/s of slip, which the run passes."""
+        return 0.2 * c * exp(-s) + 0.001 * sqrt(0.5 - s)
+
+    case = prepared()[0]
+    loops = {"bad": toy_study.loop(pole, toy_study.controller()), "good": case.loops["soft"]}
+    mixed = Case(case.scenario, loops, case.known)
+    found = running.run(toy_study.study, [mixed], experiments=False)
+    assert list(found.metrics["base"]) == ["good"]
+    assert "plant" in found.failed["base/bad"]
+    with pytest.raises(NotRun, match="base/bad failed: "):
+        found.metric("base", "bad", "distance")
+
+
+def test_files_are_whole_strict_and_carry_their_origin(results: Results, tmp_path: Path) -> None:
+    verdicts = running.judge_all(results)
+    files.save_metrics(results, tmp_path, "slipctl run toy")
+    files.save_claims(results, verdicts, tmp_path, "slipctl run toy")
+    files.save_tables(results, tmp_path, "slipctl run toy")
+    files.save_log(results, "base", "soft", tmp_path, "slipctl run toy")
+    for name in ("metrics", "claims", "tables"):
+        payload = store.read_json(tmp_path / f"{name}.json")
+        assert payload["format"] == 1
+        assert payload["slipctl_version"]
+        assert payload["command"] == "slipctl run toy"
+        assert payload["seed"] == {"base": 1, "noisy": 7, "experiments": 1}
+        assert payload["parameters"]["soft"]["plant.car.m"] == {"value": 8000.0, "unit": "kg"}
+        assert payload["quick"] is True
+        assert "NaN" not in (tmp_path / f"{name}.json").read_text()
+    metrics = store.read_json(tmp_path / "metrics.json")["scenarios"]["base"]["soft"]
+    assert metrics["distance"] == {
+        "value": results.metric("base", "soft", "distance"), "unit": "m",
+    }  # fmt: skip
+    claims = store.read_json(tmp_path / "claims.json")["claims"]
+    assert [c["verdict"] for c in claims if c["id"] == "gone"] == ["not checkable"]
+    assert {"id", "source", "claim", "kind", "paper", "ours", "unit", "tolerance", "tolerance_why",
+            "assumption", "scenario", "loop", "verdict", "why"} <= set(claims[0])  # fmt: skip
+    data = files.read_log(tmp_path / "logs/base/soft.nc")
+    assert data["plant.car.v"].attrs["units"] == "m/s"
+    assert np.array_equal(data["plant.car.v"], results.log("base", "soft")["plant.car.v"])
+    assert json.loads(data.attrs["parameters"])["plant.car.m"]["unit"] == "kg"
+    head, first, *rest = (tmp_path / "logs/base/soft.csv").read_text().splitlines()
+    assert head.startswith("time [s],")
+    assert "plant.car.v [m/s]" in head.split(",")
+    assert len(first.split(",")) == len(head.split(","))
+    assert len(rest) == 599
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_a_newer_format_is_refused(results: Results, tmp_path: Path) -> None:
+    (tmp_path / "m.json").write_text('{"format": 2}')
+    with pytest.raises(BadInput, match="has format 2, this slipctl reads up to 1; update slipctl"):
+        store.read_json(tmp_path / "m.json")
+    for text in ("{}", "[1]", "no"):
+        (tmp_path / "m.json").write_text(text)
+        with pytest.raises(BadInput, match=r"no file of slipctl|no JSON file"):
+            store.read_json(tmp_path / "m.json")
+    with pytest.raises(BadInput, match="cannot read"):
+        store.read_json(tmp_path / "none.json")
+    data = xarray.Dataset(attrs={"format": 2})
+    data.to_netcdf(tmp_path / "l.nc", engine="netcdf4")
+    with pytest.raises(BadInput, match="has format 2"):
+        files.read_log(tmp_path / "l.nc")
+
+
+def test_a_write_that_breaks_leaves_the_old_file(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    store.write_text(file, "old")
+
+    def half(path: Path) -> None:
+        path.write_text("ne")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        store.write_with(file, half)
+    assert file.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_json_is_strict_and_readable() -> None:
+    value = {
+        "a": np.float64(math.nan),
+        "b": [1, math.inf],
+        "c": {"value": np.int64(3), "unit": "m"},
+    }
+    text = store.json_text(value)
+    assert json.loads(text) == {"a": None, "b": [1, None], "c": {"value": 3, "unit": "m"}}
+    assert '"c": {"value": 3, "unit": "m"}' in text
+
+
+def test_what_is_kept_is_read_again_and_a_changed_question_is_computed_anew(tmp_path: Path) -> None:
+    context, calls = Context(True, {}, [], folder=tmp_path), []
+
+    def compute() -> dict[str, float]:
+        calls.append(1)
+        return {"x": 1 / 3, "broken": math.nan}
+
+    first = context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute)
+    assert first == {"x": 1 / 3, "broken": None}
+    assert context.kept({"gain": (2.0, 3.0), "seed": 1}, compute) == first
+    assert len(calls) == 1
+    context.kept({"seed": 1, "gain": (2.0, 3.5)}, compute)
+    assert len(calls) == 2
+    for path in tmp_path.iterdir():  # cut off by a full disk, say
+        path.write_text(path.read_text()[:20])
+    assert context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute) == first
+    assert len(calls) == 3
+    assert Context(True, {}, []).kept({"seed": 1}, compute) == first
+
+
+def test_no_minus_zero() -> None:
+    assert [number(x) for x in (-0.0, [0.0, -0.0], -1e-9)] == ["0", "0 / 0", "-1e-9"]
+
+
+@pytest.mark.parametrize("name", ["subway_braking", "hst_braking", "freight_traction"])
+def test_figures_of_a_part_of_a_study_are_drawn_or_left_out(name: str) -> None:
+    """Nothing was run, and the loops of the paper were not asked for."""
+    study = load_study(name)
+    case = study.cases(study.models, True)[0]
+    last = list(case.loops)[-1]
+    results = Results(study, [replace(case, loops={last: case.loops[last]})], quick=True)
+    drawn = {}
+    for key, figure in study.figures.items():
+        with contextlib.suppress(NotRun):
+            drawn[key] = figure.draw(results)
+    assert any(key.endswith("adhesion_curves") for key in drawn)
+    assert None not in drawn.values()
