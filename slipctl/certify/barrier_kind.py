@@ -126,7 +126,7 @@ def _proved(n: Numbers, z: Interval) -> bool:
         start = _start(n, scalar_maps.exactly)
         tick = _tick(n, scalar_maps.exactly)
         return (z.low <= start.low - scalar_maps.SLOP and start.high + scalar_maps.SLOP <= z.high
-                and max(tick.below.width, tick.below.gain) <= scalar_maps.LARGEST
+                and max(tick.below.width, tick.below.slope(0)) <= scalar_maps.LARGEST
                 and scalar_maps.proved(tick, z))  # fmt: skip
     return False
 

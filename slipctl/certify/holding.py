@@ -74,8 +74,9 @@ def sets(given: Entries, most: int) -> tuple[Interval, Interval, int]:
         BadInput: one is missing or none.
     """
     entry = mapping(given, ("settled", "kept", "ticks"), "evidence", True)
-    return (interval(entry["settled"], "evidence.settled"), interval(entry["kept"], "evidence.kept"),
-            whole(entry["ticks"], "evidence.ticks", 0, most))  # fmt: skip
+    settled = interval(entry["settled"], "evidence.settled")
+    kept = interval(entry["kept"], "evidence.kept")
+    return settled, kept, whole(entry["ticks"], "evidence.ticks", 0, most)
 
 
 def standing(tick: Tick, start: float, step: float) -> tuple[float, float]:
@@ -120,7 +121,11 @@ def told_run(
     for row, equal in groupby(moves):
         count = len(list(equal))
         rows += [[count, *row]] if row[2] == "0" else [[1, *row]] * count
-    return {"from": start, "at": text(_part(run.start, most.high if run.start > 0 else -most.low)), "ticks": rows}
+    return {
+        "from": start,
+        "at": text(_part(run.start, most.high if run.start > 0 else -most.low)),
+        "ticks": rows,
+    }
 
 
 def replay(
@@ -138,7 +143,8 @@ def replay(
     name = entry["from"]
     if not isinstance(name, str) or name not in laws:
         raise DoesNotHold(f"{where}.from must be one of {', '.join(laws)}")
-    law, moves, steps = laws[name], [], 0
+    law, steps = laws[name], 0
+    moves: list[Move] = []
     for row in rows(entry["ticks"], f"{where}.ticks", scalar_runs.MOST):
         count, *parts = rows(row, f"{where}.ticks", 4, 4)
         shares = [decimal(x, f"{where}.ticks") for x in parts]
@@ -205,9 +211,7 @@ def _levels(given: Any, where: str) -> tuple[list[Decimal], Decimal]:
     return levels, decimal(entry["moved"], f"{where}.moved")
 
 
-def check_polygons(
-    law: Lagged, still: Lagged, start: Interval, step: Any, given: Entries
-) -> None:
+def check_polygons(law: Lagged, still: Lagged, start: Interval, step: Any, given: Entries) -> None:
     """Check polygons with decimals.
 
     Raises:
@@ -262,7 +266,8 @@ def replay_path(
              for x in rows(entry["noise"], f"{where}.noise", lagged_runs.MOST)]  # fmt: skip
     stepped = whole(entry["stepped"], f"{where}.stepped", -1, lagged_runs.MOST)
     forward = whole(entry["forward"], f"{where}.forward", -1, 1)
-    if len(errors) not in (1, len(noise)) or not starts[name].low <= errors[0] <= starts[name].high or (stepped >= 0 and name == "start"):
+    first = errors[0] if len(errors) in (1, len(noise)) else starts[name].high + 1
+    if not starts[name].low <= first <= starts[name].high or (stepped >= 0 and name == "start"):
         raise DoesNotHold(f"{where}: a start or a step that is not allowed")
     path = lagged_runs.Path(errors, noise, stepped, forward * step)
     if not lagged_runs.leaves(laws[name], path):

@@ -10,8 +10,8 @@ With alpha = a T, E = exp(-T/lag), c1 = (lag/T)(1 - E), c2 = 1 - c1 and U the co
 r and g tell the motion of a funnel; a bound that stands still has r = 1. A dead time of m ticks
 makes y an error of m ticks ago, which differs from z by no more than m moves: it counts as noise.
 
-A set is a polygon with given normals, {n_k (z, alpha/scale) <= s_k}. It is cut into slices of z; a
-slice lies in a trapezoid, U on it in an interval, and the map is affine in what is left, so that the
+A set is a polygon with given normals, {n_k (z, alpha/scale) <= s_k}. It is cut into slices of z. A
+slice lies in a trapezoid, U on it in an interval, and the map is affine in what is left, so the
 image of a slice lies in the hull of the images of its corners. A search with floats finds the
 levels s_k; a proof goes through the slices once, with decimals rounded outwards.
 """
@@ -22,6 +22,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,8 @@ SLICES = 80
 MOST = 6000
 """Longest search in ticks."""
 
-NORMALS = tuple(
-    (round(10**6 * math.cos(2 * math.pi * k / SIDES)), round(10**6 * math.sin(2 * math.pi * k / SIDES)))
-    for k in range(SIDES)
-)  # fmt: skip
+_ANGLES = tuple(2 * math.pi * k / SIDES for k in range(SIDES))
+NORMALS = tuple((round(10**6 * math.cos(x)), round(10**6 * math.sin(x))) for x in _ANGLES)
 """Normals in (z, alpha/scale), as whole numbers; any set of them would do."""
 
 Levels = Sequence[Any]
@@ -243,7 +242,7 @@ def keeps(law: Lagged, levels: Levels, moved: Any) -> bool:
         tables = [_table(levels, law.scale, sign) for sign in (1, -1)]
         most_move = Decimal(0)
         points = set()
-        for left, right in zip(edges, edges[1:], strict=False):
+        for left, right in pairwise(edges):
             least, most = _pull_range(law, left - noise, right + noise)
             lids = [_lid(table, (left + right) / 2, sign)
                     for table, sign in zip(tables, (1, -1), strict=True)]  # fmt: skip
@@ -265,8 +264,7 @@ def keeps(law: Lagged, levels: Levels, moved: Any) -> bool:
 def _outermost(points: Any) -> list[tuple[int, int]]:
     """Corners of the hull of points, as multiples of 1e-20, and within 1e-20 of it."""
     with localcontext(Context(prec=DIGITS)):
-        whole = sorted({(int(x.scaleb(20).to_integral_value()), int(y.scaleb(20).to_integral_value()))
-                        for x, y in points})  # fmt: skip
+        whole = sorted({(_units(x), _units(y)) for x, y in points})
     hull: list[tuple[int, int]] = []
     for way in (whole, whole[::-1]):
         part: list[tuple[int, int]] = []
@@ -276,6 +274,10 @@ def _outermost(points: Any) -> list[tuple[int, int]]:
             part.append(p)
         hull += part[:-1]
     return hull
+
+
+def _units(x: Any) -> int:
+    return int(x.scaleb(20).to_integral_value())
 
 
 def _turns(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> int:

@@ -56,9 +56,7 @@ class Chosen:
     step: float
 
 
-def outward(
-    law: Callable[[int], Lagged], start: Interval, step: float = 0.0
-) -> Chosen | None:
+def outward(law: Callable[[int], Lagged], start: Interval, step: float = 0.0) -> Chosen | None:
     """Run that leaves, in floats, with a push of -1, 0 or 1 in each tick; None if none is found.
 
     Tried are pushes that stay, that follow the sign of z + x alpha, and square waves of many
@@ -111,8 +109,9 @@ def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any) -> Path | Non
             z = z.quantize(QUANTUM)
             errors.append(z)
             if z + own.noise >= own.above.width or z - own.noise <= -own.below.width:
-                return Path(errors if own.push else errors[:1],
-                            [-s for s in chosen.signs[: i + 1]], chosen.stepped, forward * step)  # fmt: skip
+                noise = [-s for s in chosen.signs[: i + 1]]
+                told = errors if own.push else errors[:1]
+                return Path(told, noise, chosen.stepped, forward * step)
             j = max(0, i - own.dead)
             U = _command(own, errors[j] - chosen.signs[j] * own.noise)
             z = own.r * (z + own.c + own.c1 * alpha + own.c2 * U) - own.c + sign * own.push * NEAR

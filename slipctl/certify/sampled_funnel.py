@@ -1,6 +1,7 @@
 """The funnel law as it is computed once per period, with all that disturbs it together.
 
-    e+ = e + T (u + w),   u = -K1 eta d h(z_m) + e_m eta'/eta,   e_m = e + n,   h = (1 - z^2) atanh z
+    e+ = e + T (u + w),   u = -K1 eta d h(z_m) + e_m eta'/eta,   e_m = e + n
+    h = (1 - z^2) atanh z
     eta = eta_inf + (eta_0 - eta_inf) exp(-k t),   z = (e/eta - (delta_u - delta_l)/2)/d
 
 With d = (delta_l + delta_u)/2, c = (delta_u - delta_l)/(2 d), s = (eta - eta_inf)/eta,

@@ -2,8 +2,8 @@
 
     e1' = e2,   e2' = clip(-y, -(need - F_min)/M, (F_max - need)/M),   y = k1 k3 e1 + (k1 + k3) e2
 
-is what is left of the command with saturation compensation on its surface s = 0, and the need may
-take any value between F_low and F_high at any time. The worst need pulls hard on the way to zero and
+is what is left of the command with saturation compensation on its surface s = 0. The need may take
+any value between F_low and F_high at any time. The worst one pulls hard on the way to zero and
 brakes weakly beyond: F_high while e2 < 0, F_low while e2 > 0. From rest at e1 = s the error then
 comes to rest on the other side at R(s). With q = -e1 and E = e2^2/2 on a half turn,
 
@@ -57,9 +57,7 @@ class Saturated:
         return Saturated(self.stiff, self.damp, self.right, self.left)
 
 
-def motion(
-    k1: Any, k3: Any, M: Any, F_min: Any, F_max: Any, F_low: Any, F_high: Any
-) -> Saturated:
+def motion(k1: Any, k3: Any, M: Any, F_min: Any, F_max: Any, F_low: Any, F_high: Any) -> Saturated:
     """Numbers of the motion."""
     return Saturated(
         k1 * k3, k1 + k3,

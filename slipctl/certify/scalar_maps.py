@@ -4,7 +4,7 @@
 
 z is the error, y the error as measured. ``pull`` has the sign of y and is concave in |y| on either
 side, rising up to a peak and falling to zero at the bound: the funnel and the barrier of the
-printed laws both are of this kind. For a funnel or a barrier that stands still q = r = 1, shift = 0.
+printed laws both are of this kind. Where the bounds stand still q = r = 1 and shift = 0.
 
 Every function works on floats, to look for a set, and on ``Decimal`` with a ``slop``, to prove it:
 what is reached is then widened by the slop, which is far above the rounding of 50 digits.
@@ -86,7 +86,7 @@ class AtanhPull:
         return self.kappa * (1 - y * y) * _atanh(y)
 
     def slope(self, y: Any) -> Any:
-        """kappa (1 - 2 y atanh y), which falls."""
+        """Slope kappa (1 - 2 y atanh y), which falls."""
         return self.kappa * (1 - 2 * y * _atanh(y))
 
     def where(self, slope: float) -> float:
@@ -116,7 +116,7 @@ class CubicPull:
         return self.gain * y * (self.width * self.width - y * y)
 
     def slope(self, y: Any) -> Any:
-        """gain (width^2 - 3 y^2), which falls."""
+        """Slope gain (width^2 - 3 y^2), which falls."""
         return self.gain * (self.width * self.width - 3 * y * y)
 
     def where(self, slope: float) -> float:
@@ -182,10 +182,10 @@ def image(tick: Tick, z: Interval, slop: Any = 0) -> Interval | None:
     """All errors after a tick from any error in z; None if a measured error is out of bounds.
 
     Proof note: with y = z + n the next error is G(y) - r n + p. At a given y the least n is best
-    for its top: n = -noise for y up to high - noise, n = y - high beyond. G is convex for y >= 0, as
-    the pull is concave there, so it is largest at an end; below zero it is concave and lies under
-    each of its tangents. On the rest, y in [high - noise, high + noise], the top is q y - r y less
-    the pull, convex again. The bottom is the top of the mirrored law.
+    for its top: n = -noise for y up to high - noise, n = y - high beyond. G is convex for y >= 0,
+    as the pull is concave there, so it is largest at an end; below zero it is concave and lies
+    under each of its tangents. On the rest, y in [high - noise, high + noise], the top is
+    q y - r y less the pull, convex again. The bottom is the top of the mirrored law.
     """
     if not tick.measurable(z):
         return None
@@ -245,7 +245,7 @@ def keeps(tick: Tick, z: Interval, slop: Any = 0) -> bool:
 
 
 def roots(pull: Pull, push: float) -> tuple[float, float]:
-    """Least and largest distance at which a side still pulls as much as the push; inf, 0 if none."""
+    """Least and largest distance at which a side pulls as much as the push; inf, 0 if none."""
     if push > pull.at(pull.peak):
         return math.inf, 0.0
     return pull.roots(push) if push > 0 else (0.0, float(pull.width))

@@ -166,7 +166,9 @@ def replayed(ticks: Callable[[int], Tick], run: Run) -> Iterator[tuple[Decimal, 
                     or abs(z) > LARGEST):  # fmt: skip
                 return
             near, out = max(abs(y) - radius, Decimal(0)), abs(y) + radius
-            slopes = [p.slope(min(x, far(p))) for p in (tick.below, tick.above) for x in (near, out)]
+            slopes = [
+                p.slope(min(x, far(p))) for p in (tick.below, tick.above) for x in (near, out)
+            ]
             steep = max(abs(tick.q - tick.r * slope) for slope in slopes)
             z = tick.after(y) - tick.r * move.noise + move.push
             radius = radius * steep + SLOP
