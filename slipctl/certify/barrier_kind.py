@@ -35,6 +35,13 @@ from slipctl.certify.systems import (
 )
 from slipctl.errors import BadInput
 
+HALF = Fraction(1, 2)
+
+
+def _begin(n: Numbers) -> Any:
+    """Share of the bounds at the start; the inner half where nothing is told."""
+    return n.get("start", HALF)
+
 
 def guard(n: Numbers) -> None:
     """Refuse a start outside the barrier.
@@ -42,7 +49,7 @@ def guard(n: Numbers) -> None:
     Raises:
         BadInput: it is.
     """
-    if n["start"] >= 1:
+    if _begin(n) >= 1:
         raise BadInput(f"start = {float(n['start']):g} must be below 1, the barrier")
 
 
@@ -75,7 +82,7 @@ def _dies_out(n: Numbers) -> Sequence[Side]:
 
 def _together(n: Numbers) -> Sequence[Side]:
     """What start and disturbance reach, against where the law still pulls; with floats."""
-    least = holding.standing(_tick(n, float), float(n["start"]), 0.0)
+    least = holding.standing(_tick(n, float), float(_begin(n)), 0.0)
     return [Side("errors that are reached <= errors that the law holds", *least)]
 
 
@@ -102,7 +109,7 @@ def _lagged(n: Numbers, number: Callable[[Any], Any]) -> lagged_maps.Lagged:
 
 
 def _start(n: Numbers, number: Callable[[Any], Any]) -> Interval:
-    return Interval(number(-n["start"] * n["k_a"] / n["k_s"]), number(n["start"]))
+    return Interval(number(-_begin(n) * n["k_a"] / n["k_s"]), number(_begin(n)))
 
 
 # ---- proofs -------------------------------------------------------------------------------------
@@ -187,6 +194,19 @@ def _replay(n: Numbers, given: Entries) -> str:
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
 
+def _drift(n: Numbers) -> Entries | None:
+    return holding.find_drift(_tick(n, float))
+
+
+def _replay_drift(n: Numbers, given: Entries) -> str:
+    with holding.refused():
+        with localcontext(Context(prec=scalar_maps.DIGITS)):
+            tick = _tick(n, scalar_maps.exactly)
+        holding.replay_drift(given, tick)
+        return "the push is above the largest pull, and the error passes its barrier"
+    raise DoesNotHold("counterexample: numbers too large for a proof")
+
+
 def _run_behind(n: Numbers) -> Entries | None:
     if not _behind(n):
         return None
@@ -230,6 +250,9 @@ def _values(n: Numbers) -> dict[str, Quantity]:
 def _witness(n: Numbers) -> Witness | None:
     """Run of the law that passes the barrier, in e/k_s."""
     given = {k: Fraction(v) for k, v in n.items()}
+    if _drift(given) is not None:
+        return Witness(f"the constant w = {n['W']:.6g} m/s^2 towards the nearer barrier",
+                       {"leaves_the_barrier": (1.0, "1")})  # fmt: skip
     entries = _run(given) or _run_behind(given)
     if entries is None:
         return None
@@ -247,7 +270,7 @@ BARRIER = register(System(
         "W": Number("m/s^2", "largest |w|", 0.0, "not negative", 1.0, role=INPUT,
                     says="every |w| <= {}", absent="a disturbance w"),
         "T": Number("s", "sample period", role=INPUT, says="an input held over T = {}"),
-        "start": Number("1", "share of the barriers at the start", 0.5, "not negative"),
+        "start": Number("1", "share of the barriers at the start", float(HALF), "not negative"),
         "noise": Number("m/s", "largest noise of the measured error", None, "not negative", 1.0,
                         True, INPUT, "every noise up to {}", "measurement noise"),
         "lag": Number("s", "time constant of the actuator, at rest at the start", None,
@@ -276,7 +299,8 @@ BARRIER = register(System(
     },
     {"stays": Target("e, as it is measured, stays in (-{k_a}, {k_s}) at every tick")},
     start="every error in {start} times (-{k_a}, {k_s})",
-    refuters={"run": Refuter("stays", _run, _replay),
+    refuters={"drift": Refuter("stays", _drift, _replay_drift),
+              "run": Refuter("stays", _run, _replay),
               "run_behind_the_actuator": Refuter("stays", _run_behind, _replay_behind)},
     never=("a step of the reference", "a limit of the command"),
     guard=guard,

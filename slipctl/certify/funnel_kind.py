@@ -65,6 +65,14 @@ def disturbance(n: Numbers) -> Any:
     return w
 
 
+HALF = Fraction(1, 2)
+
+
+def _begin(n: Numbers) -> Any:
+    """Share of the bounds at the start; the inner half where nothing is told."""
+    return n.get("start", HALF)
+
+
 def guard(n: Numbers) -> None:
     """Refuse an input without the numbers that turn it into a rate, and a start outside.
 
@@ -79,7 +87,7 @@ def guard(n: Numbers) -> None:
             raise BadInput(f"{name} needs {', '.join(missing)}; add --set {lacking}")
     if "eta_0" in n and n["eta_0"] < n["eta_inf"]:
         raise BadInput(f"eta_0 = {float(n['eta_0']):g} is below eta_inf; a funnel shrinks")
-    if n["start"] >= 1:
+    if _begin(n) >= 1:
         raise BadInput(f"start = {float(n['start']):g} must be below 1, the bound")
     if n.get("slip", 0) > 1:
         raise BadInput(f"slip = {float(n['slip']):g} must be at most 1, a locked wheel")
@@ -136,7 +144,7 @@ def _stable(n: Numbers) -> Sequence[Side]:
 def _together(n: Numbers) -> Sequence[Side]:
     """What start, step and disturbance reach, against where the law still pulls; with floats."""
     tick = _floats(n).standing()
-    least = holding.standing(tick, float(n["start"]), float(_share(n, n.get("step", 0))))
+    least = holding.standing(tick, float(_begin(n)), float(_share(n, n.get("step", 0))))
     return [Side("errors that are reached <= errors that the law holds", *least)]
 
 
@@ -144,7 +152,7 @@ def _together(n: Numbers) -> Sequence[Side]:
 
 
 def _find(n: Numbers) -> Entries | None:
-    found = funnel.find(_floats(n), float(n["start"]), float(n.get("step", 0)))
+    found = funnel.find(_floats(n), float(_begin(n)), float(n.get("step", 0)))
     if found is None:
         return None
     sets = {"settled": holding.told(found.settled), "kept": holding.told(found.kept)}
@@ -155,7 +163,7 @@ def _find(n: Numbers) -> Entries | None:
 
 def _proved(n: Numbers, kept: funnel.Kept) -> str | None:
     with holding.refused():
-        return funnel.proved(_law(n), n["start"], n.get("step", Fraction(0)), kept)
+        return funnel.proved(_law(n), _begin(n), n.get("step", Fraction(0)), kept)
     return "numbers too large for a proof"
 
 
@@ -188,7 +196,7 @@ def _lagged(n: Numbers, number: Callable[[Any], Any], standing: bool = False) ->
 def _polygon(n: Numbers) -> Entries | None:
     if not _behind(n):
         return None
-    law, start = _lagged(n, float), float(n["start"])
+    law, start = _lagged(n, float), float(_begin(n))
     if law.r != 1 and law.dead:
         return None
     return holding.find_polygons(
@@ -203,7 +211,7 @@ def _decimal_laws(n: Numbers) -> tuple[Any, Any]:
 
 
 def _start_and_step(n: Numbers) -> tuple[Interval, Decimal]:
-    start = scalar_maps.exactly(n["start"])
+    start = scalar_maps.exactly(_begin(n))
     return (Interval(-start, start),
             scalar_maps.exactly(_share(n, Fraction(n.get("step", 0)))))  # fmt: skip
 
@@ -231,7 +239,7 @@ def _run(n: Numbers) -> Entries | None:
     """Start and disturbance that leave, without lag: from the start set, or after a step."""
     if _behind(n):
         return None
-    law, start = _floats(n), float(n["start"])
+    law, start = _floats(n), float(_begin(n))
     found = scalar_runs.outward(law.ticks(), Interval(-start, start))
     if found is not None:
         return holding.told_run(found, law.ticks(), "start", Interval(-start, start))
@@ -258,11 +266,24 @@ def _replay(n: Numbers, given: Entries) -> str:
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
 
+def _drift(n: Numbers) -> Entries | None:
+    return holding.find_drift(_floats(n).standing())
+
+
+def _replay_drift(n: Numbers, given: Entries) -> str:
+    with holding.refused():
+        with localcontext(Context(prec=scalar_maps.DIGITS)):
+            tick = funnel.decimals(_law(n)).standing()
+        holding.replay_drift(given, tick)
+        return "the push is above the largest pull, and the error leaves its funnel"
+    raise DoesNotHold("counterexample: numbers too large for a proof")
+
+
 def _run_behind(n: Numbers) -> Entries | None:
     if not _behind(n):
         return None
     law, standing = _lagged_in_time(n, float), _lagged(n, float, True)
-    start_at = float(n["start"])
+    start_at = float(_begin(n))
     if _moves(n) and standing.dead:
         return None
     found, start = lagged_runs.outward(law, Interval(-start_at, start_at)), "start"
@@ -337,6 +358,9 @@ def _values(n: Numbers) -> dict[str, Quantity]:
 def _witness(n: Numbers) -> Witness | None:
     """Run of the law that leaves, in z; without lag."""
     given = {k: Fraction(v) for k, v in n.items()}
+    if _drift(given) is not None:
+        return Witness(f"the constant w = {disturbance(n):.6g} 1/s, outward",
+                       {"leaves_the_funnel": (1.0, "1")})  # fmt: skip
     entries = _run(given) or _run_behind(given)
     if entries is None:
         return None
@@ -374,7 +398,7 @@ PRESCRIBED_PERFORMANCE = register(System(
         "eta_0": Number("1", "eta at the start", None, power=1.0, optional=True, role=INPUT,
                         says="a funnel that shrinks from eta = {}", absent="a shrinking funnel"),
         "k": Number("1/s", "decay of eta", None, "not negative", optional=True),
-        "start": Number("1", "share of the half-width at the start", 0.5, "not negative"),
+        "start": Number("1", "share of the half-width at the start", float(HALF), "not negative"),
         "noise": Number("1", "largest noise of the measured error", None, "not negative", 1.0,
                         True, INPUT, "every noise up to {}", "measurement noise"),
         "lag": Number("s", "time constant of the actuator, at rest at the start", None,
@@ -405,7 +429,8 @@ PRESCRIBED_PERFORMANCE = register(System(
     },
     {"stays": Target("the error, as it is measured, stays inside its funnel at every tick")},
     start="every error up to {start} of the half-width from the middle of the funnel",
-    refuters={"run": Refuter("stays", _run, _replay),
+    refuters={"drift": Refuter("stays", _drift, _replay_drift),
+              "run": Refuter("stays", _run, _replay),
               "run_behind_the_actuator": Refuter("stays", _run_behind, _replay_behind)},
     never=("the time between two ticks of a funnel that shrinks", "a limit of the command"),
     guard=guard,

@@ -11,6 +11,7 @@ from itertools import groupby
 from typing import Any
 
 from slipctl.certify import lagged_maps, lagged_runs, scalar_maps, scalar_runs
+from slipctl.certify.bisection import bisect
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.lagged_maps import NORMALS, SIDES, Lagged
 from slipctl.certify.scalar_maps import SLOP, Interval, Tick
@@ -95,6 +96,58 @@ def standing(tick: Tick, start: float, step: float) -> tuple[float, float]:
     most = scalar_maps.limits(tick)
     pairs = [(-kept.low, most[0]), (kept.high, most[1])]
     return max(pairs, key=lambda p: p[0] - p[1])
+
+
+# ---- a push that no pull stops ------------------------------------------------------------------
+
+
+def find_drift(tick: Tick) -> Entries | None:
+    """Side and place that show that the push alone takes the error out; None if it does not.
+
+    The noise lowers the measured distance up to the place, and raises it from there on.
+    """
+    for side, pull in ((1, tick.above), (-1, tick.below)):
+        noise, peak = float(tick.noise), float(pull.peak)
+        far = min(peak + noise, float(pull.width) * (1 - 1e-12) - noise)
+        if far - noise > peak or far < peak - noise or far <= noise:
+            continue
+
+        def gap(z: float, pull: Any = pull, noise: float = noise) -> float:
+            return float(pull.at(max(z - noise, 0.0)) - pull.at(z + noise))
+
+        place = bisect(gap, 0.0, max(peak - noise, 0.0), far) if noise else peak
+        if float(tick.push) > max(pull.at(max(place - noise, 0.0)), pull.at(place + noise)):
+            return {"side": side, "place": text(place)}
+    return None
+
+
+def replay_drift(given: Entries, tick: Tick) -> None:
+    """Check with decimals that the error moves out by a fixed amount or more in each tick.
+
+    Proof note: the pull is concave in the distance y. At a distance z up to the place it is taken
+    at z - noise, and does not fall before place - noise; beyond it is taken at z + noise, and does
+    not rise after place + noise. So it is never above the larger of its values at both, and the
+    command behind any lag and dead time is a mean of such commands.
+
+    Raises:
+        DoesNotHold: it does not. BadInput: the entry is malformed.
+    """
+    where = "counterexample.run"
+    entry = mapping(given, ("side", "place"), where, True)
+    pull = tick.above if whole(entry["side"], f"{where}.side", -1, 1) >= 0 else tick.below
+    place = decimal(entry["place"], f"{where}.place")
+    with localcontext(Context(prec=scalar_maps.DIGITS)):
+        near, far = max(place - tick.noise, Decimal(0)), place + tick.noise
+        if not (place >= 0 and far < pull.width):
+            raise DoesNotHold(f"{where}.place lies outside the bounds")
+        flat = pull.slope(far) <= 0 <= pull.slope(near)
+        top = max(pull.at(near), pull.at(far)) + SLOP
+        if tick.noise == 0:  # one place: the tangent there lies above the whole pull
+            top += abs(pull.slope(place)) * pull.width
+        elif not flat:
+            raise DoesNotHold(f"{where}: the pull does not have its peak about the place")
+        if tick.push <= top or max(tick.push, pull.width) > scalar_maps.LARGEST:
+            raise DoesNotHold(f"{where}: the pull stops the error")
 
 
 # ---- runs without lag ---------------------------------------------------------------------------
