@@ -68,10 +68,10 @@ def test_certificate_written_checked_and_altered(capsys):
     assert said.endswith("and stays there (exact, quadratic, seeber_horn checked)\n")
     text = Path("a.json").read_text()
     changes = {
-        '"569/625"': ('"568/625"', 1, "do not belong to what was asked"),
-        '"11/10"': ('"6/5"', 1, "do not belong to what was asked"),
+        '"569/625"': ('"568/625"', 1, "not the one that its numbers make"),
+        '"11/10"': ('"6/5"', 1, "not the one that its numbers make"),
         '"value": "11/10"': ('"value": "22/20"', 2, "must be written '11/10'"),
-        '"-1.2548': ('"-1.2549', 1, "do not belong to what was asked"),
+        '"-1.2548': ('"-1.2549', 1, "not the one that its numbers make"),
         '"m/s^3"': ('"mm/s^3"', 2, "asked.k2 has the unit 'mm/s^3'"),
         '"multipliers"': ('"multiplyers"', 2, "did you mean 'multipliers'?"),
         '"super_twisting"': ('"barrier"', 2, "no check for the system 'barrier'"),
@@ -144,7 +144,7 @@ def test_certificate_of_another_system(capsys):
     text = Path("b.json").read_text()
     assert '"value": "1/200", "unit": "m/s^2"' in text
     changes = {
-        '"value": "1/200"': ('"value": "1/201"', 1, "do not belong to what was asked"),
+        '"value": "1/200"': ('"value": "1/201"', 1, "not the one that its numbers make"),
         '"value": "1/200", "unit": "m/s^2"': ('"value": "1/200"', 2, "asked.W.unit is missing"),
         '"barrier_lyapunov"': ('"rls"', 2, "asked has no entry 'k'"),
         '"1/5000"': (f'"{"9" * 4000}"', 2, "at most 200 digits"),
