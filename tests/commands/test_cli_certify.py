@@ -68,10 +68,10 @@ def test_certificate_written_checked_and_altered(capsys):
     assert said.endswith("and stays there (exact, quadratic, seeber_horn checked)\n")
     text = Path("a.json").read_text()
     changes = {
-        '"569/625"': ('"568/625"', 1, "not the one that its numbers make"),
-        '"11/10"': ('"6/5"', 1, "not the one that its numbers make"),
+        '"569/625"': ('"568/625"', 1, "do not belong to what was asked"),
+        '"11/10"': ('"6/5"', 1, "do not belong to what was asked"),
         '"value": "11/10"': ('"value": "22/20"', 2, "must be written '11/10'"),
-        '"-1.2548': ('"-1.2549', 1, "not the one that its numbers make"),
+        '"-1.2548': ('"-1.2549', 1, "do not belong to what was asked"),
         '"m/s^3"': ('"mm/s^3"', 2, "asked.k2 has the unit 'mm/s^3'"),
         '"multipliers"': ('"multiplyers"', 2, "did you mean 'multipliers'?"),
         '"super_twisting"': ('"barrier"', 2, "no check for the system 'barrier'"),
