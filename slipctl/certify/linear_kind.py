@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import outward
+from slipctl.certify.bisection import bisect
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -40,28 +41,62 @@ def lagged(K: float, lag: float, T: float) -> Any:
     return control.sample_system(control.tf([K], [lag, 1, 0]), T)
 
 
-def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
-    """Largest |pole|, gain margin, phase margin in degrees and delay margin, by python-control."""
-    import warnings
+def held(lag: float, T: float) -> tuple[float, float, float]:
+    """1 - E, b1 and b0 of the open loop K (b1 z + b0)/((z - 1)(z - E)), E = exp(-T/lag).
 
+    b1 = T - lag (1 - E) and b0 = lag (1 - E) - T E, by their series where T/lag is small.
+    """
+    x = T / lag
+    gone = -math.expm1(-x)
+    if x > 1e-3:
+        return gone, T - lag * gone, lag * gone - T * (1 - gone)
+    return gone, T * x * (1 / 2 - x / 6 + x * x / 24), T * x * (1 / 2 - x / 3 + x * x / 8)
+
+
+def open_loop(K: float, lag: float, T: float, w: float) -> complex:
+    """Open loop of ``lagged`` at the frequency w, without differences of nearly equal numbers."""
+    turn = _expm1(w * T)  # z - 1
+    if lag == 0:
+        return K * T / turn
+    gone, b1, b0 = held(lag, T)
+    return K * (b1 * (turn + 1) + b0) / (turn * (turn + gone))
+
+
+def _expm1(angle: float) -> complex:
+    """exp(i angle) - 1."""
+    return complex(-2 * math.sin(angle / 2) ** 2, math.sin(angle))
+
+
+def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
+    """Largest |pole|, gain margin, phase margin in degrees and delay margin.
+
+    Proof note: the gain margin is the largest K by Jury's conditions over K. The poles lie at 1 and
+    E, the zero in (-1, 0), so |L| falls from 0 to the end of the frequencies, pi/T: it passes 1
+    once, or, where |L| > 1 there, never, and the loop has no delay margin of its own.
+    """
     import control
 
-    open_loop = lagged(K, lag, T)
-    slow = float(max(abs(p) for p in control.feedback(open_loop).poles()))
+    slow = float(max(abs(p) for p in control.feedback(lagged(K, lag, T)).poles()))
+    found: dict[str, Quantity] = {"largest_pole": (slow, "1")}
     if slow >= 1:
-        return {"largest_pole": (slow, "1")}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the pole at z = 1, and a change of method
-        gain, phase, _, crossover = control.margin(open_loop)
-    if lag == 0:
-        gain = 2 / (K * T)  # the phase is -180 degrees at the end of the frequencies only
-    return {
-        "largest_pole": (slow, "1"),
-        "time_constant": (-T / math.log(slow) if slow > 0 else 0.0, "s"),
-        "gain_margin": (float(gain), "1"),
-        "phase_margin": (float(phase), "deg"),
-        "delay_margin": (math.radians(float(phase)) / float(crossover), "s"),
-    }
+        return found
+    found["time_constant"] = (-T / math.log(slow) if slow > 0 else 0.0, "s")
+    most = 2 / T
+    if lag > 0:
+        gone, b1, b0 = held(lag, T)
+        most = min(gone / b0, 2 * (2 - gone) / (b1 - b0)) if b1 > b0 else gone / b0
+    found["gain_margin"] = (most / K, "1")
+
+    def size(w: float) -> float:
+        return abs(open_loop(K, lag, T, w))
+
+    end = math.pi / T
+    if size(end) < 1:
+        crossing = bisect(size, 1.0, 1e-3 * min(K, end), end)
+        margin = math.pi / 2 + cmath.phase(1j * open_loop(K, lag, T, crossing))
+        found["phase_margin"] = (math.degrees(margin), "deg")
+        found["delay_margin"] = (margin / crossing, "s")
+    return found
 
 
 def _jury(n: Numbers) -> Sequence[Side]:
