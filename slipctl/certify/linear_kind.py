@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import outward
+from slipctl.certify import outward, smtlib
 from slipctl.certify.bisection import bisect
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
@@ -17,6 +17,7 @@ from slipctl.certify.systems import (
     SAMPLED,
     TARGET,
     Criterion,
+    Entries,
     Number,
     Numbers,
     Quantity,
@@ -113,6 +114,34 @@ def _jury(n: Numbers) -> Sequence[Side]:
             Side("0 < 1 - p1 + p0", 0, 1 - one + zero)]  # fmt: skip
 
 
+def _lag_step(n: Numbers, entry: Entries) -> str | None:
+    """A quadratic function falls at every tick, for each E = exp(-T/lag) of its enclosure."""
+    import numpy as np
+    from scipy.linalg import solve_discrete_lyapunov
+
+    K, T, lag = n["K"], n["T"], n["lag"]
+    if lag == 0:
+        return smtlib.shrinks([[1 - K * T, 0], [0, 0]], [1, 0, 1], True, None)
+    E = outward.Interval.of(-T / lag, 60).exp()
+    e = float(E.ends()[0])
+    # states e and a T, so that P is of ordinary size
+    gone, b1, _ = held(float(lag), float(T))
+    rows = [[1 - float(K) * b1, float(lag / T) * gone], [-float(K * T) * gone, e]]
+    found = solve_discrete_lyapunov(np.array(rows).T, np.eye(2))
+    P = [Fraction(float(f"{v:.9g}")).limit_denominator(10**9)
+         for v in (found[0, 0], found[0, 1], found[1, 1])]  # fmt: skip
+    gone_term = smtlib.plus(1, smtlib.times(-1, "E"))
+    A = [
+        [smtlib.plus(1 - K * T, smtlib.times(K * lag, gone_term)),
+         smtlib.times(lag / T, gone_term)],
+        [smtlib.times(-K * T, gone_term), "E"],
+    ]  # fmt: skip
+    low, high = E.ends()
+    digits = 10**15  # outwards: short numbers make the solver's work short
+    ends = Fraction(math.floor(low * digits), digits), Fraction(math.ceil(high * digits), digits)
+    return smtlib.shrinks(A, P, True, ends)
+
+
 def _lag_witness(n: Numbers) -> Witness:
     """Sampled loop from e = 1."""
     K, lag, T = n["K"], n["lag"], n["T"]
@@ -144,7 +173,7 @@ LAGGED_LOOP = register(System(
     {
         "poles": Criterion("poles inside the unit circle (Jury)", _jury, EXACT,
                            ("largest_K", "largest_T"), proves=("dies_out",), covers=("T", "lag"),
-                           refutes="none; e = 1 and a = 0 at the start"),
+                           refutes="none; e = 1 and a = 0 at the start", step=_lag_step),
     },
     {"dies_out": Target("e tends to zero")},
     never=("a disturbance", "a dead time"),
@@ -166,6 +195,19 @@ def observer_poles(L1: float, L2: float, J: float) -> list[complex]:
 
 def _hurwitz(n: Numbers) -> Sequence[Side]:
     return [Side("0 < L1", 0, n["L1"]), Side("0 < -L2/J", 0, -n["L2"] / n["J"])]
+
+
+def _observer_step(n: Numbers, slowest: Fraction) -> str:
+    """A quadratic function of (w, T_L/J) falls faster than exp(-2 slowest t).
+
+    P solves A'P + PA = -I, A = [[s - L1, -1], [-L2/J, s]].
+    """
+    a, c, s = slowest - n["L1"], -n["L2"] / n["J"], slowest
+    trace, det = a + s, a * s + c
+    # P = -(det I + adj(A)' adj(A))/(2 trace det)
+    p = [det + s * s + c * c, s - a * c, det + a * a + 1]
+    P = [-x / (2 * trace * det) for x in (p[0], p[1], p[2])]
+    return smtlib.shrinks([[a, -1], [c, s]], P, False, None)
 
 
 def _fast(n: Numbers) -> Sequence[Side]:
@@ -217,10 +259,12 @@ LOAD_OBSERVER = register(System(
     },
     {
         "poles": Criterion("both poles left of 0 (Routh, Hurwitz)", _hurwitz, EXACT,
-                           proves=("dies_out",), refutes="none; T_L^ wrong by 1 N m at the start"),
+                           proves=("dies_out",), refutes="none; T_L^ wrong by 1 N m at the start",
+                           step=lambda n, entry: _observer_step(n, Fraction(0))),
         "fast": Criterion("both poles left of -slowest", _fast, EXACT,
                           ("smallest_L1", "largest_slowest"), ("slowest",), proves=("fast",),
-                          refutes="none; an error along the slower pole"),
+                          refutes="none; an error along the slower pole",
+                          step=lambda n, entry: _observer_step(n, n["slowest"])),
     },
     {
         "dies_out": Target("the errors of speed and load tend to zero, while the load is constant"),
