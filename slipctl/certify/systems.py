@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from slipctl.certify import proofs
@@ -154,7 +155,7 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     for name, c in system.asked(numbers).items():
         holds: bool | None = True if name in found.proofs else None
         if holds is None and c.evidence is None:
-            holds = _shown(lambda c=c: c.holds(numbers), None)
+            holds = _shown(partial(c.holds, numbers), None)
         proves = inputs <= set(c.covers) and any(k in clauses for k in c.proves)
         said = CERTIFIED if holds and proves else REFUTED if name == refuted else UNDECIDED
         ends = system.ends(name, n) if system.ends else margins(c, n)
