@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.signals import Signal, evaluate, names_in, total_size
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_positive, known, nearest
 
 Exprs = dict[str, Any]
 Body = Any
@@ -90,6 +90,11 @@ class Block:
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
+        known(name, "kind", kind, ("law", "flow", "step"))
+        if not callable(body):
+            raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
+        if period is not None:
+            check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
         self.choices: dict[str, Any] = dict(choices or {})
         self.parts: dict[str, Block] = dict(parts or {})

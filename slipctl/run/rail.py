@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, check_number, check_whole
+from slipctl.errors import BadInput, check_kinds, check_number, check_whole
 
 Feed = float | Sequence[tuple[float, float]] | Callable[[np.ndarray], np.ndarray]
 """Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
@@ -31,6 +31,9 @@ class Section:
     values: Mapping[str, float] = field(default_factory=dict)
     length: float | None = None
 
+    def __post_init__(self) -> None:
+        check_kinds("Section", Section, vars(self))
+
 
 @dataclass(frozen=True)
 class Rail:
@@ -51,8 +54,7 @@ class Rail:
     by: str = "time"
 
     def __init__(self, sections: Sequence[Section], by: str = "time") -> None:
-        if not isinstance(sections, Sequence):
-            raise BadInput(f"a Rail takes a list of sections, not {sections!r}")
+        check_kinds("Rail", Rail, {"sections": sections, "by": by})
         object.__setattr__(self, "sections", tuple(sections))
         object.__setattr__(self, "by", by)
         unit = "s" if by == "time" else "m"
@@ -130,6 +132,7 @@ class Scenario:
     doc: str = ""
 
     def __post_init__(self) -> None:
+        check_kinds("Scenario", Scenario, vars(self))
         check_number(f"scenario {self.name}: duration", self.duration, "s")
         check_number(f"scenario {self.name}: noise", self.noise)
         check_whole(f"scenario {self.name}: seed", self.seed, 0)
