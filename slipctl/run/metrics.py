@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.run import periods
 from slipctl.run.roles import Bounded, Names, Signals, first_of
 
 if TYPE_CHECKING:
@@ -204,8 +205,8 @@ def settling(
 
 
 def ripple(values: np.ndarray) -> float:
-    """Peak-to-peak value, of the worst column."""
-    return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
+    """Peak-to-peak value over whole periods, of the worst column."""
+    return max((periods.ripple(column) for column in values.T), default=0.0)
 
 
 def worst(values: np.ndarray) -> np.ndarray:
@@ -390,7 +391,8 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "slip_min": (_slip_min, "smallest slip"),
     "torque_ripple": (
         _torque_ripple,
-        "largest peak-to-peak over the last 0.5 s before each rail change and the end",
+        "largest peak-to-peak over the whole periods in the last 0.5 s before each rail change and"
+        " the end",
     ),
     "torque_variation": (_torque_variation, "total variation of the delivered torque / duration"),
     "adhesion_use": (_adhesion_use, "mean |mu| / mu_max while faster than 1 m/s"),

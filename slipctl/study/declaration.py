@@ -121,6 +121,9 @@ class Context:
         raise NotRun(f"{scenario}/{loop} was not run")
 
 
+Reason = str | Callable[[Results], str]
+"""Words, or a function that reads them off what was run."""
+
 REPRODUCED, FAILED, OPEN = "reproduced", "not reproduced", "not checkable"
 KINDS = ("number", "order", "yes/no")
 
@@ -152,7 +155,8 @@ class Claim:
             is given as a number, is slack on top.
         assumption: what we had to assume, because the paper does not say it.
         scenario, loop: where it was checked.
-        why: what explains the outcome, added to the computed reason.
+        why: what explains the outcome, added to the computed reason. A text holds for any numbers
+            of the loop; what a run decides is a function of the :class:`Results` that gives it.
         why_not: the same, only if it is not reproduced.
         not_checkable: why it cannot be checked; the verdict is then "not checkable".
     """
@@ -170,8 +174,8 @@ class Claim:
     assumption: str = ""
     scenario: str = ""
     loop: str = ""
-    why: str = ""
-    why_not: str = ""
+    why: Reason = ""
+    why_not: Reason = ""
     not_checkable: str = ""
 
     def __post_init__(self) -> None:
@@ -333,8 +337,19 @@ def judge(claim: Claim, results: Results) -> Verdict:
     except NotRun as missing:
         return Verdict(claim, None, OPEN, str(missing))
     holds, reason = _compare(claim, ours)
-    texts = [reason, claim.why, "" if holds else claim.why_not]
+    texts = [reason, _said(claim.why, results)]
+    texts += [] if holds else [_said(claim.why_not, results)]
     return Verdict(claim, ours, REPRODUCED if holds else FAILED, "; ".join(t for t in texts if t))
+
+
+def _said(reason: Reason, results: Results) -> str:
+    """Reason in words; one that needs what was not run stays away."""
+    if isinstance(reason, str):
+        return reason
+    try:
+        return reason(results)
+    except NotRun:
+        return ""
 
 
 def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:

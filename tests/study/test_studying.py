@@ -99,6 +99,16 @@ def test_why_is_added_and_why_not_only_where_it_fails() -> None:
     assert verdict(False, kind="yes/no", paper=True, **texts)[1] == "as in Fig. 3; gains saturate"
 
 
+def test_a_reason_may_be_read_off_the_run_and_stays_away_without_it() -> None:
+    def reason(results: Results) -> str:
+        return f"settles after {results.metric('base', 'soft', 'settling_time')} s"
+
+    assert verdict(True, kind="yes/no", paper=True, why=lambda r: "of 3")[1] == "of 3"
+    assert verdict(True, kind="yes/no", paper=True, why=reason)[1] == ""
+    assert verdict(False, kind="yes/no", paper=True, why_not=lambda r: "so")[1] == "so"
+    assert verdict(True, kind="yes/no", paper=True, why_not=lambda r: "so")[1] == ""
+
+
 @pytest.mark.parametrize(
     ("claim", "message"),
     [

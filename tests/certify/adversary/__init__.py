@@ -1,0 +1,1 @@
+"""Adversaries of certify: plain simulators that try to break every verdict, one file a system."""

@@ -1,0 +1,61 @@
+"""Hold every verdict of certify against the adversaries: python tests/certify/adversary/run.py.
+
+By hand before an issue is closed, 10 000 cases a system; exits with 1 if a verdict was false.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from time import perf_counter
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from adversary import common
+
+BLOCK = 100
+"""Cases of one trial."""
+
+
+def block(name: str, n: int, seed: int) -> common.Tally:
+    """One trial of a system."""
+    return common.trial(common.adversaries()[name], n, seed, every=10)
+
+
+def main() -> int:
+    """Run what is asked for."""
+    known = list(common.adversaries())
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("systems", nargs="*", default=known, metavar="SYSTEM")
+    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    answers, false = {}, 0
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for name in options.systems or known:
+            start, tally = perf_counter(), common.Tally()
+            sizes = [min(BLOCK, options.cases - at) for at in range(0, options.cases, BLOCK)]
+            jobs = [pool.submit(block, name, n, options.seed * 1000 + i)
+                    for i, n in enumerate(sizes)]  # fmt: skip
+            for job in jobs:
+                tally.add(job.result())
+            false += len(tally.false_certified) + len(tally.false_refuted)
+            answers[name] = tally.payload()
+            print(f"{name}: {tally.certified} CERTIFIED, {tally.refuted} REFUTED,"
+                  f" {tally.undecided} UNDECIDED ({tally.share_undecided:.1%});"
+                  f" false {len(tally.false_certified)} and {len(tally.false_refuted)};"
+                  f" {perf_counter() - start:.0f} s", flush=True)  # fmt: skip
+            for text in (*tally.false_certified, *tally.false_refuted):
+                print(f"  {text}", flush=True)
+    if options.out:
+        options.out.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")
+    return 1 if false else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
