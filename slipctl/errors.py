@@ -56,7 +56,7 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
     Raises:
         BadInput: "what takes a number in unit, not given".
     """
-    if not isinstance(given, Real):
+    if not isinstance(given, Real) or (isinstance(given, Integral) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
         raise BadInput(f"{what} takes a number{told}, not {given!r}")
 
@@ -147,8 +147,16 @@ def door(function: F, name: str) -> F:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError as error:
             raise TypeError(f"{function.__name__}: {error}") from None
-        check_kinds(function.__name__, function, given)
-        return function(*args, **kwargs)
+        wrong = _wrong_kind(function.__name__, function, given)
+        if not wrong:
+            return function(*args, **kwargs)
+        try:  # its own words say more, where it has some
+            function(*args, **kwargs)
+        except (BadInput, RunFailed):
+            raise
+        except Exception as error:
+            raise BadInput(wrong) from error
+        raise BadInput(wrong)
 
     checked.__module__, checked.__qualname__ = "slipctl", name  # where a pickle finds it
     return typing.cast(F, checked)
@@ -164,6 +172,13 @@ def check_kinds(where: str, declared: Any, given: Mapping[str, Any]) -> None:
     Raises:
         BadInput: names the argument, what it is and what is wanted.
     """
+    wrong = _wrong_kind(where, declared, given)
+    if wrong:
+        raise BadInput(wrong)
+
+
+def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
+    """What is of another kind than declared, in a line; empty where nothing is."""
     kinds = _kinds(declared)
     for name, value in given.items():
         kind, many = kinds.get(name, (Any, None))
@@ -174,7 +189,8 @@ def check_kinds(where: str, declared: Any, given: Mapping[str, Any]) -> None:
             if not _is(one, kind):
                 told = name if many is None else f"{name}[{key}]" if many == "*" else key
                 shown = repr(one) if len(repr(one)) < 60 else f"of type {type(one).__name__}"
-                raise BadInput(f"{where}: {told} is {shown}, which is no {_told(kind)}")
+                return f"{where}: {told} is {shown}, which is no {_told(kind)}"
+    return ""
 
 
 @functools.lru_cache(maxsize=512)

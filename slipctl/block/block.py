@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.signals import Signal, evaluate, names_in, total_size
+from slipctl.block.units import read_unit
 from slipctl.errors import BadInput, check_positive, known, nearest
 
 Exprs = dict[str, Any]
@@ -115,6 +116,8 @@ class Block:
             if s.name in seen and s.role != "output":
                 raise BadInput(f"{name} declares {s.name!r} twice")
             seen.add(s.name)
+            if not parts:
+                read_unit(f"{name}.{s.name}", s.unit)
             if s.role == "output" and s.name in self._signals["output"]:
                 raise BadInput(f"{name} declares the output {s.name!r} twice")
             self._signals[s.role][s.name] = s

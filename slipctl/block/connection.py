@@ -18,7 +18,7 @@ Call = tuple[str, list[str], bool]
 """One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
 
 
-WIRE_END = re.compile(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*")
+WIRE_END = re.compile(r"[A-Za-z][\w.]*")
 
 
 def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:

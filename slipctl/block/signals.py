@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.block.units import unit
 from slipctl.errors import BadInput, check_number, known, nearest
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
@@ -70,9 +69,8 @@ class Signal:
             raise BadInput(f"{where}: its range has lo = {self.lo:g} above hi = {self.hi:g}")
         if any(not isinstance(n, int) or n < 1 for n in self.shape):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
-        unit(self.unit)
         if self.value is not None and not isinstance(self.value, str):
-            self.check(where, self.value)
+            self.finite(where, self.value)
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
@@ -113,11 +111,11 @@ class Signal:
                 f" in {self.unit}, not {value!r}"
             ) from None
 
-    def check(self, where: str, value: Any) -> np.ndarray:
-        """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
+    def finite(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, refusing NaN and infinity.
 
         Raises:
-            BadInput: with the place, the value and the range.
+            BadInput: with the place.
         """
         array = self.shaped(where, value).copy()
         if np.isnan(array).any():
@@ -126,6 +124,15 @@ class Signal:
             )
         if np.isinf(array).any():
             raise BadInput(f"{where} is infinite; give a finite number in {self.unit}")
+        return array
+
+    def check(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
+
+        Raises:
+            BadInput: with the place, the value and the range.
+        """
+        array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
             raise BadInput(

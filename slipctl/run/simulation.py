@@ -230,7 +230,7 @@ def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float
         elif isinstance(feed, (list, tuple)):
             starts = real_array([t for t, _ in feed])
             if not starts.size or not np.isfinite(starts).all() or (np.diff(starts) <= 0).any():
-                raise BadInput(f"{where}: its feed needs (time, value), each later than the last")
+                raise BadInput(f"{where}: its feed needs steps (time, value) in order of time")
             if starts[0] > 0:
                 raise BadInput(
                     f"{where}: its feed starts at {starts[0]:g} s; say what it is from 0 s on"
@@ -249,7 +249,7 @@ def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float
     if not np.isfinite(values).all():
         raise BadInput(f"{where}: its feed has NaN or infinite values")
     for extreme in (values.min(), values.max()):
-        replace(s, shape=()).check(where, extreme)
+        replace(s, shape=(), value=None).check(where, extreme)
     if len(s.shape) == 2:  # a matrix is packed column by column
         values = values.transpose(0, 2, 1)
     return values.reshape(ticks, -1)

@@ -47,12 +47,12 @@ def fed(feed):
 @pytest.mark.parametrize(
     ("feed", "said"),
     [
-        ([(0, 0.0), (math.nan, 500.0)], "each later than the last"),
-        ([(0, 0.0), (0.02, 1.0), (0.02, 2.0)], "each later than the last"),
+        ([(0, 0.0), (math.nan, 500.0)], "in order of time"),
+        ([(0, 0.0), (0.02, 1.0), (0.02, 2.0)], "in order of time"),
         ([(0.02, 1.0)], "starts at 0.02 s"),
-        (1 + 2j, "inputs"),
-        ("5", "inputs"),
-        ([(0, "5")], "inputs"),
+        (1 + 2j, "no real number"),
+        ("5", "no real number"),
+        ([(0, "5")], "no real number"),
         (lambda t: t + 1j, "no real number"),
         (lambda t: t / 0 if t.size else 1 // 0, "NaN or infinite"),
         (lambda t: 1 // 0, "its feed function fails on 5 times: ZeroDivisionError"),
@@ -60,7 +60,7 @@ def fed(feed):
 )
 @pytest.mark.filterwarnings("ignore")
 def test_a_feed_that_means_nothing_is_refused(feed, said):
-    with pytest.raises(BadInput, match=r"inputs|feed") as error:
+    with pytest.raises(BadInput, match="feed") as error:
         fed(feed)
     assert said in str(error.value)
 
@@ -78,9 +78,8 @@ def test_nan_is_no_end_of_a_range(end):
         lambda: sc.Param("1", 1.0, lo=2, hi=1),
         lambda: sc.Param("1", math.nan),
         lambda: sc.State("1", math.inf),
-        lambda: sc.State("1", -1.0, lo=0),
         lambda: sc.Param("1", 1.0, shape=(0,)),
-        lambda: sc.Param("furlong^", 1.0),
+        lambda: sc.law(y=sc.Output("1"))(lambda u=sc.Input("furlong^"): u),
         lambda: sc.Param("1", [1.0, 2.0], shape=(3,)),
     ],
 )
