@@ -56,7 +56,7 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
     Raises:
         BadInput: "what takes a number in unit, not given".
     """
-    if not isinstance(given, Real) or (isinstance(given, Integral) and abs(given) >= 2**1023):
+    if not isinstance(given, Real) or (isinstance(given, int) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
         raise BadInput(f"{what} takes a number{told}, not {given!r}")
 

@@ -1,4 +1,7 @@
-"""Whole periods of a ripple: means and rms values over a part of one say where it was cut."""
+"""Whole periods of a ripple: means and rms values over a part of one say where it was cut.
+
+A peak-to-peak value needs no such care: a window of a period or more holds the whole ripple.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +64,3 @@ def mean(values: np.ndarray) -> float:
 def rms(values: np.ndarray) -> float:
     """Root of the mean square over whole periods."""
     return float(np.sqrt(np.mean(np.square(values[whole_periods(values)]))))
-
-
-def ripple(values: np.ndarray) -> float:
-    """Peak-to-peak value over whole periods."""
-    return float(np.ptp(values[whole_periods(values)])) if len(values) else 0.0
