@@ -157,6 +157,6 @@ ADVERSARIES = (
     Adversary(
         "filter", _filter_draw, ("time", "q"), _filter_leaves, _filter_replays,
         grows={"time": False, "q": True}, swing={"time": _first_time},
-        guess={"q": lambda n: n["gamma"] ** 2 * n["R"] / (1 + n["gamma"]) / (n["H"] * n["dt"]) ** 2},
+        guess={"q": lambda n: n["gamma"] ** 2 * n["R"] / (n["H"] * n["dt"]) ** 2},
     ),
 )  # fmt: skip

@@ -158,7 +158,7 @@ def _turning(n: Cases, run: dict[str, Any]) -> float:
 
     late, c = _late(n), n["curvature"] / 2
     x = np.array([float(Fraction(run["start"]))])
-    store, g, way, turns = [x], c * x * x - n["beta"] * (1 - 1e-9), 1, []
+    store, g, way, turns = [x], c * x * x - n["beta"] / 2, 1, []
     while len(turns) < run["left"] + run["right"]:
         right = len(turns) >= run["left"]
         seen = _delayed(store, late)
