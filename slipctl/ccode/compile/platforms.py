@@ -39,7 +39,8 @@ _KNOWN = {
     "linux64": ({2: "linux64", 3: "x86_64-linux"}, ".so", *_ELF),
     "aarch64-linux": ({2: "aarch64-linux", 3: "aarch64-linux"}, ".so", *_ELF),
     "win64": ({2: "win64", 3: "x86_64-windows"}, ".dll", (),
-              ("-static-libgcc", "-Wl,--no-insert-timestamp", "-Wl,--disable-auto-image-base", "-s")),
+              ("-static-libgcc", "-s", "-Wl,--no-insert-timestamp",
+               "-Wl,--disable-auto-image-base")),
 }  # fmt: skip
 
 
