@@ -58,7 +58,11 @@ def metrics(results: Path, words: list[str]) -> str:
     scenario, *names = words
     loops = read(results, "metrics.json")["scenarios"][scenario]
     units = {n: m[n]["unit"] for m in loops.values() for n in names if n in m}
-    head = ["loop", *(f"{n} [{units[n]}]" if units[n] != "1" else n for n in names)]
+    rails = {n: " / ".join(m[n].get("rows", ())) for m in loops.values() for n in names if n in m}
+    head = ["loop"]
+    for n in names:
+        unit = f" [{units[n]}]" if units[n] != "1" else ""
+        head.append(n + unit + (f", {rails[n]}" if rails.get(n) else ""))
     rows = []
     for loop, found in loops.items():
         cells = []

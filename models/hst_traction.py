@@ -297,17 +297,17 @@ def plant(
     drive = sampled(_lagging if motor is None else motor, h, "rk4")
     shared = [k for k in ("F_cmd", "v") if k in drive.inputs]
     parts = {
-        "share": distribution,
+        "split": distribution,
         "motor": replicate(drive, len(axles.motors), shared, axis="driven"),
         "brake": sampled(brake, h, "rk4"),
         "res": resistance,
         "train": rolling(adhesion, axles, h, distinct),
     }
     wires = {
-        "share.F_contr": "F_contr",
-        "motor.F_cmd": "share.F_m",
+        "split.F_contr": "F_contr",
+        "motor.F_cmd": "split.F_m",
         "motor.omega": "train.omega_d",
-        "brake.F_cmd": "share.F_b",
+        "brake.F_cmd": "split.F_b",
         "res.v": "train.v",
         "train.T": "motor.T",
         "train.T_b": "brake.T_b",

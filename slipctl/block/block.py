@@ -17,13 +17,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipctl.block import sharing
+from slipctl.block.sharing import ALONE, Sharing
 from slipctl.block.signals import Signal, evaluate, names_in, total_size
 from slipctl.errors import BadInput, nearest
 
 Exprs = dict[str, Any]
 Body = Any
 """Function of dictionaries (x, u, p) of expressions, giving (x' or x+, outputs)."""
-Rebuild = Callable[[dict[str, "Block"]], "Block"]
+Rebuild = Callable[..., "Block"]
 
 ROLES = ("state", "input", "param", "output")
 _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
@@ -58,6 +60,7 @@ class Block:
             paths and swaps look through it.
         own: names of states and parameters whose values this block keeps for itself, although a
             part has the name too (``replicate``: one value per copy).
+        sharing: which places among the parts have one number, and its name.
     """
 
     def __init__(
@@ -83,6 +86,7 @@ class Block:
         prefixed: bool = False,
         transparent: bool = False,
         own: Iterable[str] = (),
+        sharing: Sharing = ALONE,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -103,6 +107,7 @@ class Block:
         self.prefixed = prefixed
         self.transparent = transparent
         self.own = frozenset(own)
+        self.sharing = sharing
         self._body, self._rebuild = body, rebuild
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
         seen: set[str] = set()
@@ -202,10 +207,9 @@ class Block:
                 values[n] = evaluate(e, local, f"{self.name}.{n}")
         return {n: values[n] for n in self.params if n in values}
 
-    @staticmethod
-    def _sibling(name: str, other: str) -> str:
+    def _sibling(self, name: str, other: str) -> str:
         """Full name of ``other`` beside ``name``: expressions speak of their own block."""
-        return name.rpartition(".")[0] + "." + other if "." in name else other
+        return self.sharing.name(name.rpartition(".")[0] + "." + other if "." in name else other)
 
     def param_values(self, **override: Any) -> dict[str, np.ndarray]:
         """Values of all parameters, checked against their ranges, derived ones computed.
@@ -252,6 +256,10 @@ class Block:
         for n in override:
             if n not in self.states:
                 raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
+        shared = {n: v for n, v in override.items() if n in self.sharing.aliases}
+        if shared:  # what follows them does so
+            rest = {n: v for n, v in override.items() if n not in shared}
+            return self.with_params(**shared).start(**rest)
         given: dict[str, Any] = {n: v for n, v in override.items() if isinstance(v, str)}
         for n, s in self.states.items():
             if n in override and n not in given:
@@ -285,10 +293,16 @@ class Block:
         return {n: values[n] for n in self.states}
 
     def _settable(self, name: str) -> Signal:
+        if name in self.sharing.aliases and name not in self.params:
+            shared = self.sharing.name(name)
+            raise BadInput(
+                f"{self.name}.{name} is shared as {shared}; write {shared}, or give it a number of"
+                f" its own first, with_params(**{{{name!r}: ...}})"
+            )
         if name not in self.params:
             raise BadInput(f"{self.name} has no parameter {name!r}{nearest(name, self.params)}")
         signal = self.params[name]
-        if signal.derived:
+        if signal.derived and name not in self.sharing.begun:
             raise BadInput(
                 f"{self.name}.{name} is derived, {signal.value}; set "
                 + " or ".join(names_in(signal.value))
@@ -298,34 +312,59 @@ class Block:
     def with_params(self, **values: Any) -> Block:
         """Return the block with other parameter values (or start values of its states).
 
-        Names may carry dots when passed as ``**{"car.m": 9000}``. An expression of the block's
-        own signals is a value too.
+        Names may carry dots when passed as ``**{"car.m": 9000}``. A shared number is set at all its
+        places; the full path of one place gives that place a number of its own. An ending that
+        only one signal has, and a wildcard (``"*.m"``), mean what they meet. An expression of the
+        block's own signals is a value too.
 
         Raises:
             BadInput: unknown or derived parameter, value off range or NaN, an expression of names
-                that the block has not.
+                that the block has not, a name that meets only some places of a shared number.
         """
-        for name, value in values.items():
-            signal = self.states[name] if name in self.states else self._settable(name)
+        meant: dict[str, Any] = {}
+        for given, value in values.items():
+            for name in sharing.targets(self, given) or [given]:
+                meant[sharing.number_at(self, name)] = value
+        for name, value in meant.items():
+            signal = self._declared(name)
             if not isinstance(value, str):
                 signal.check(f"{self.name}.{name}", value)
                 continue
-            full = [*self.params, *(self.states if name in self.states else ())]
-            last = [n.rpartition(".")[2] for n in full]
-            beside = [k for n, k in zip(full, last, strict=True) if self._sibling(name, k) == n]
+            known = self.signals if name in self.states else self.params.values()
+            beside = [
+                k
+                for k in dict.fromkeys(s.name.rpartition(".")[2] for s in known)
+                if self._sibling(name, k) in self.params or self._sibling(name, k) in self.states
+            ]
             for k in names_in(value):
-                if k not in beside:
+                if k not in beside or name in self.sharing.aliases or name in self.sharing.shares:
                     raise BadInput(
                         f"{self.name}.{name} takes a number in {signal.unit} or an expression;"
                         f" {value!r} uses {k!r}{nearest(k, beside)}"
                     )
-        return self._with_values(values)
+        return self._with_values(meant)
+
+    def _declared(self, name: str) -> Signal:
+        """State, parameter, or place of a shared number, as it was declared."""
+        if name in self.states:
+            return self.states[name]
+        if name in self.params or name not in self.sharing.aliases:
+            return self._settable(name)
+        return self._part_of(name)[0]._declared(self._part_of(name)[1])
+
+    def _part_of(self, name: str) -> tuple[Block, str]:
+        """Part that a place lies in, and the place's name there."""
+        if self.prefixed:
+            head, _, rest = name.partition(".")
+            return self.parts[head], rest
+        return next(iter(self.parts.values())), name
 
     def _with_values(self, values: Mapping[str, Any]) -> Block:
         """Give each value to the part that owns it; what no part owns stays with this block."""
         handed: dict[str, dict[str, Any]] = {}
         own: dict[str, Any] = {}
-        for name, value in values.items():
+        shares, inner = sharing.changed(self, values)
+        for name, value in inner.items():
             owner = self._owner(name)
             if owner is None:
                 own[name] = value
@@ -337,15 +376,21 @@ class Block:
                 k: part._with_values(handed[k]) if k in handed else part
                 for k, part in self.parts.items()
             }
-            return self._rebuild(parts)._keep_values(self, own)
+            return self._rebuilt(parts, shares)._keep_values(self, own)
         return self._keep_values(self, own)
+
+    def _rebuilt(self, parts: dict[str, Block], shares: Mapping[str, sharing.Share]) -> Block:
+        """The block made again of other parts, with the same shares or changed ones."""
+        assert self._rebuild is not None
+        return self._rebuild(parts, shares) if shares else self._rebuild(parts)
 
     def _keep_values(self, before: Block, new: Mapping[str, Any]) -> Block:
         """Take over, from the block as it was, the values that belong to no part."""
         changed = []
         for s in self.signals:
             old = before._signals[s.role].get(s.name)
-            if s.role not in ("param", "state") or self._owner(s.name) is not None:
+            parts_have_it = s.name in self.sharing.shares or self._owner(s.name) is not None
+            if s.role not in ("param", "state") or parts_have_it:
                 changed.append(s)
             elif s.name in new:
                 changed.append(s.valued(new[s.name]))
@@ -357,18 +402,20 @@ class Block:
 
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""
-        role = "state" if name in self.states else "param"
         if name in self.own:
             return None
         if self.prefixed:
             head, _, rest = name.partition(".")
-            found = head in self.parts and rest in self.parts[head]._signals[role]
-            return (head, rest) if found else None
+            return (head, rest) if head in self.parts and self.parts[head]._has(rest) else None
         if self._rebuild is not None:
             for head, part in self.parts.items():
-                if name in part._signals[role]:
+                if part._has(name):
                     return head, name
         return None
+
+    def _has(self, name: str) -> bool:
+        """Whether ``name`` is a state, a parameter, or a place of a shared number."""
+        return name in self.states or name in self.params or name in self.sharing.aliases
 
     def _copy(self, signals: Iterable[Signal]) -> Block:
         block = Block(
@@ -377,7 +424,7 @@ class Block:
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
             expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
-            own=self.own,
+            own=self.own, sharing=self.sharing,
         )  # fmt: skip
         return block
 
@@ -390,22 +437,28 @@ class Block:
     def swap(self, name: str, block: Block) -> Block:
         """Return the block with part ``name`` (a path, ``"plant.adh"``) replaced.
 
+        The new part takes the shared numbers of the block where it has their places; what it
+        shares with nobody, it brings along.
+
         Raises:
-            BadInput: no such part, or the new block does not fit the wires.
+            BadInput: no such part, or the new block does not fit the wires or the shares.
         """
         as_block(f"{self.name}.swap: the new {name}", block)
         parts = dict(self.parts)
+        if self._rebuild is None:
+            head = name.partition(".")[0]
+            if head not in parts:
+                raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
+            raise BadInput(f"{self.name} cannot be rebuilt with another {head!r}")
         if self.transparent:
-            assert self._rebuild is not None
             ((head, part),) = parts.items()
             return self._rebuild({head: part.swap(name, block)})._keep_values(self, {})
         head, _, rest = name.partition(".")
         if head not in parts:
             raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
-        if self._rebuild is None:
-            raise BadInput(f"{self.name} cannot be rebuilt with another {head!r}")
         parts[head] = parts[head].swap(rest, block) if rest else block
-        return self._rebuild(parts)._keep_values(self, {})
+        new = self._rebuilt(parts, {k: s.given for k, s in self.sharing.shares.items()})
+        return sharing.kept(self, new)._keep_values(self, {})
 
     # ---- functions ----------------------------------------------------------------------------
 
@@ -585,6 +638,8 @@ class Block:
             BadInput: unknown, or the last part of several names.
         """
         known = list(dict.fromkeys(n for role in roles for n in self._signals[role]))
+        if "param" in roles and name not in known and name in self.sharing.aliases:
+            self._settable(name)
         hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
         if len(hits) == 1:
             return hits[0]
@@ -602,6 +657,11 @@ class Block:
         for n in numbers:
             if n not in known:
                 raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
+        shared = {n: v for n, v in numbers.items() if n in self.sharing.aliases}
+        if shared and not set(self.states) <= set(numbers):  # what follows them does so
+            rest = {n: v for n, v in numbers.items() if n not in shared}
+            meant = {sharing.number_at(self, n): v for n, v in shared.items()}
+            return self._with_values(meant).point(**rest)
         p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
         given_x = {
             k: s.shaped(f"{self.name}.{k}", numbers[k])

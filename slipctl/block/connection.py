@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block, symbol_maker
+from slipctl.block.sharing import Share, Sharing, bind, joined, numbers_of, read_shares
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, nearest
 
@@ -17,7 +18,13 @@ Call = tuple[str, list[str], bool]
 """One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
 
 
-def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
+def connect(
+    name: str,
+    wires: Mapping[str, str],
+    *,
+    share: Mapping[str, Any] | None = None,
+    **blocks: Block,
+) -> Block:
     """Connect blocks to one block.
 
     Args:
@@ -25,6 +32,11 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
         wires: source by destination: ``{"car.T_b": "ctl.T_b"}``. A source without a dot is an
             input of the new block (``{"car.mu": "mu", "est.mu": "mu"}``), a destination without
             one is an output of it (``{"T_b": "ctl.T_b"}``). A state may be a source too.
+        share: places of each number that several parts have, by the number's name:
+            ``{"m": ["car.m", "ctl.m"], "J": "*.J"}``. The first place declares it, the others take
+            its number; a pattern means every part that has the name, now or after ``swap``. A
+            state among the places begins with the number, and when it is the first, its start
+            value is the shared number. ``"J_w = J * R_g**2"`` is computed from others.
         **blocks: the parts. Flows go with flows and laws, steps with steps and laws.
 
     Returns:
@@ -33,7 +45,8 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
 
     Raises:
         BadInput: unknown signal, wrong unit, sign or slip convention, parts of different kind or
-            period, an algebraic loop (told by its path).
+            period, an algebraic loop (told by its path); a shared place that no part has, or that
+            has another unit or range.
     """
     if not blocks:
         raise BadInput(f"connect({name!r}) needs at least one block")
@@ -42,6 +55,13 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
     for b, block in blocks.items():
         as_block(f"{name}: {b}", block)
     kind, period = _common_kind(name, blocks)
+    given = read_shares(name, share)
+    shares = bind(name, blocks, given)
+    for key in shares:
+        if key in blocks:
+            raise BadInput(f"{name}: {key!r} is a part and a shared number; rename one")
+    blocks = joined(blocks, shares, numbers_of(name, shares))
+    sharing = Sharing.of(blocks, shares)
     inner: dict[tuple[str, str], tuple[str, str]] = {}
     outer_inputs: dict[str, Signal] = {}
     outer_outputs: dict[str, tuple[str, str]] = {}
@@ -65,10 +85,16 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
         _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
         inner[part, port] = (from_part, from_port)
 
+    here = {place for s in shares.values() for place in s.places}
     signals: list[Signal] = []
-    for role in ("state", "param"):
-        for b, block in blocks.items():
-            signals += [s.named(f"{b}.{n}") for n, s in block._signals[role].items()]
+    for b, block in blocks.items():
+        for n, s in block.states.items():
+            s = s.named(f"{b}.{n}")
+            # its own name is the expression that leads to the shared number
+            signals.append(s.valued(n.rpartition(".")[2]) if s.name in here else s)
+    signals += [s.signal for s in shares.values() if s.signal is not None]
+    for b, block in blocks.items():
+        signals += [s.named(f"{b}.{n}") for n, s in block.params.items() if f"{b}.{n}" not in here]
     signals += list(outer_inputs.values())
     free: dict[tuple[str, str], str] = dict(renamed)
     for b, block in blocks.items():
@@ -97,7 +123,7 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
             args = [
                 block.pack("state", {n: x[f"{b}.{n}"] for n in block.states}),
                 block.pack("input", _inputs(b, block, inner, free, results, u)),
-                block.pack("param", {n: p[f"{b}.{n}"] for n in block.params}),
+                block.pack("param", {n: p[sharing.name(f"{b}.{n}")] for n in block.params}),
             ]
             function = block.f if last else _part(block, outputs)
             n, y = function(*args)
@@ -111,17 +137,20 @@ def connect(name: str, wires: Mapping[str, str], **blocks: Block) -> Block:
         y_all |= {out: results[source] for out, source in outer_outputs.items()}
         return nxt, y_all
 
-    def rebuild(parts: dict[str, Block]) -> Block:
-        return connect(name, wires, **parts)
+    def rebuild(parts: dict[str, Block], changed: Mapping[str, Share] | None = None) -> Block:
+        return connect(name, wires, share=given if changed is None else changed, **parts)
 
     conditions: dict[str, dict[str, float]] = {}
     for b, block in blocks.items():
         for condition, values in block.conditions.items():
-            conditions.setdefault(condition, {}).update({f"{b}.{k}": v for k, v in values.items()})
+            conditions.setdefault(condition, {}).update(
+                {sharing.name(f"{b}.{k}"): v for k, v in values.items()}
+            )
     doc = f"Connection of {', '.join(blocks)}."
     return Block(
         name, kind, body, signals, period=period, doc=doc, sx=sx, parts=blocks, rebuild=rebuild,
         wires=wires, conditions=conditions, prefixed=True,
+        sharing=sharing,
     )  # fmt: skip
 
 

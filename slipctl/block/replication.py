@@ -76,7 +76,7 @@ def replicate(
         block.name, block.kind, body, signals, period=block.period, sx=False,
         doc=f"{block.doc}\n\n{n} copies.", choices=block.choices | {"copies": n},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, own=own,
+        transparent=True, own=own, sharing=block.sharing.through(),
     )  # fmt: skip
 
 

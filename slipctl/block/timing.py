@@ -79,7 +79,7 @@ def sampled(
         doc=f"{block.doc}\n\nSampled: {method}, {h:g} s in {substeps} substeps.",
         choices=block.choices | {"method": method, "h": h, "substeps": substeps},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True,
+        transparent=True, sharing=block.sharing.through(),
     )  # fmt: skip
 
 
@@ -243,7 +243,7 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
         period=None if block.period is None else block.period / n, sx=False,
         doc=f"{block.doc}\n\nRuns every {n} ticks.", choices=block.choices | {"every": n},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True,
+        transparent=True, sharing=block.sharing.through(),
     )  # fmt: skip
 
 

@@ -72,6 +72,8 @@ def margins(criterion: Criterion, numbers: Mapping[str, float]) -> dict[str, flo
 def unit_dependent(system: System, name: str, scale: float = 1000.0) -> bool:
     """Whether a verdict of a criterion changes when the state is told in another unit."""
     criterion = system.criteria[name]
+    if criterion.sides is None:
+        return False  # what it brings was searched for; it is checked in the unit of the file
     for panel in system.panel:
         defaults = {k: n.value for k, n in system.numbers.items() if n.value is not None}
         numbers = {**defaults, **panel}

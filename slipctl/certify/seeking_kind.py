@@ -1,29 +1,71 @@
-"""Systems that seek an extremum: sliding mode (Cheng 2022) and perturbation."""
+"""System that seeks an extremum by a sliding mode, after Cheng 2022."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
 
 from slipctl.certify import extremum as bounds
+from slipctl.certify import sliding
+from slipctl.certify.entries import DoesNotHold, rational, whole
 from slipctl.certify.registry import register
+from slipctl.certify.seal import opened, sealed
 from slipctl.certify.systems import (
     EXACT,
+    INPUT,
+    SAMPLED,
+    TARGET,
     Criterion,
+    Entries,
     Number,
     Numbers,
     Quantity,
+    Refuter,
     Side,
     System,
     Target,
     Witness,
+    spelled,
 )
+from slipctl.errors import BadInput
+
+HEARD = {
+    "noise": Number("1", "largest error of the measured value", 0.0, "not negative", role=INPUT,
+                    says="an error of the measured value up to {}", absent="measurement noise"),
+    "dead_time": Number("s", "age of the measured value", 0.0, "not negative", role=INPUT,
+                        says="a dead time of {}", absent="a dead time"),
+    "lag": Number("s", "time constant of the measurement", 0.0, "not negative", role=INPUT,
+                  says="a lag of {}", absent="a lag"),
+}  # fmt: skip
+"""What a seeker hears of the value."""
+
 
 # ---- sliding mode -------------------------------------------------------------------------------
 
 
+def _seeker(n: Numbers) -> sliding.Seeker:
+    late = sliding.ticks_late(n.get("dead_time", 0), n["T"])
+    return sliding.Seeker(n["k"], n["rho"], n["beta"], n["T"], n.get("noise", 0), late,
+                          n.get("lag", 0))  # fmt: skip
+
+
+def _least(n: Numbers) -> Any:
+    return n.get("least", n["slope"])
+
+
 def _slides(n: Numbers) -> Sequence[Side]:
-    return [Side("rho < k slope", n["rho"], n["k"] * n["slope"])]
+    return [Side("rho < k least", n["rho"], n["k"] * _least(n))]
+
+
+def _stays(n: Numbers) -> list[Side]:
+    return [Side("(dead ticks + 1) (k slope + rho) T + 2 (noise + k slope lag) <= beta",
+                 sliding.travel(_seeker(n), n["slope"]), n["beta"])]  # fmt: skip
+
+
+def _climbs(n: Numbers) -> Sequence[Side]:
+    return [*_slides(n), *_stays(n)]
 
 
 def _hears(n: Numbers) -> Sequence[Side]:
@@ -31,11 +73,30 @@ def _hears(n: Numbers) -> Sequence[Side]:
 
 
 def _ripples(n: Numbers) -> Sequence[Side]:
-    return [Side("k beta <= ripple rho", n["k"] * n["beta"], n["ripple"] * n["rho"])]
+    p = _seeker(n)
+    if not n.get("curvature"):
+        return [Side("k T (floor((beta + 2 noise)/(rho T)) + 1) <= ripple",
+                     sliding.flat_ripple(p), n["ripple"])]  # fmt: skip
+    sides = [Side(*s) for s in sliding.ripple_sides(p, n["curvature"])]
+    return [*sides, Side("k beta/rho + 2 r E/beta < ripple", sliding.ripple(p, n["curvature"]),
+                         n["ripple"])]  # fmt: skip
 
 
 def _in_time(n: Numbers) -> Sequence[Side]:
-    return [Side("gap <= rho time", n["gap"], n["rho"] * n["time"])]
+    return [*_climbs(n), Side("gap <= rho time - loss", n["gap"],
+                              sliding.gained(_seeker(n), n["slope"], n["time"]))]  # fmt: skip
+
+
+def _sliding_guard(n: Numbers) -> None:
+    if n.get("least", 0) > n["slope"]:
+        raise BadInput(
+            f"least = {float(n['least']):g} s/m must not exceed slope = {float(n['slope']):g} s/m"
+        )
+    if n.get("curvature") == 0:
+        raise BadInput("curvature = 0 is a flat top; leave it out, or write that of the peak")
+    if ("gap" in n) != ("time" in n):
+        told, other = ("gap", "time") if "gap" in n else ("time", "gap")
+        raise BadInput(f"{told} asks for nothing without {other}; add --set {other}=VALUE")
 
 
 def _sliding_values(n: Numbers) -> dict[str, Quantity]:
@@ -46,10 +107,11 @@ def _sliding_values(n: Numbers) -> dict[str, Quantity]:
         "ripple_at_the_peak": (bounds.ripple(k, beta, rho), "m/s"),
         "ripple_at_the_peak_sampled": (bounds.sampled_ripple(k, beta, rho, n["T"]), "m/s"),
     }
-    if "curvature" in n:
+    if n.get("curvature"):
         found |= {
             "last_time_constant": (bounds.time_constant(k, rho, n["curvature"]), "s"),
             "sliding_stops_at": (bounds.sliding_zone(k, rho, n["curvature"]), "m/s"),
+            "ripple_bound": (sliding.ripple(_seeker(n), n["curvature"]), "m/s"),
         }
     return found
 
@@ -57,144 +119,190 @@ def _sliding_values(n: Numbers) -> dict[str, Quantity]:
 def _sliding_witness(n: Numbers) -> Witness:
     """Seeker on a constant slope: in a sliding mode the speed is rho/mu', here it is not."""
     k, rho, beta, slope = n["k"], n["rho"], n["beta"], n["slope"]
-    cycle = 2 * beta * rho / max(rho * rho - (k * slope) ** 2, 1e-12 * rho * rho)
-    h = min(n["T"], cycle / 400)
-    v, delta, rows, most = 0.0, 0.5 * beta, [(0.0, 0.0)], 40_000
+    cycle = 2 * beta * rho / max(abs(rho * rho - (k * slope) ** 2), 1e-3 * rho * rho)
+    h, most = n["T"], 40_000
+    v, delta, rows_ = 0.0, 0.5 * beta, [(0.0, 0.0)]
     for i in range(1, most + 1):
-        sign = math.copysign(1.0, math.sin(math.pi * delta / beta))
+        sign = math.copysign(1.0, math.sin(math.pi * math.fmod(delta, 2 * beta) / beta))
         v, delta = v + h * k * sign, delta + h * (k * slope * sign - rho)
-        rows.append((i * h, v))
-        if i * h > 20 * cycle:
+        rows_.append((i * h, v))
+        if i * h > 20 * cycle and i > 100:
             break
-    t, rate = rows[-1][0], v / rows[-1][0]
-    every = max(1, len(rows) // 200)
+    t, rate = rows_[-1][0], v / rows_[-1][0]
+    every = max(1, len(rows_) // 200)
+    kept = rows_[::every]
     return Witness(
-        f"none; on a constant slope of {slope:g} s/m the seeker does not slide, it still climbs",
+        f"none; on a constant slope of {slope:g} s/m, tick by tick",
         {"mean_rate": (rate, "m/s^2"), "rate_of_a_sliding_mode": (rho / slope, "m/s^2"),
          "run": (t, "s")},
-        {"t": ("s", [r[0] for r in rows[::every]]), "v": ("m/s", [r[1] for r in rows[::every]])},
+        {"t": ("s", [r[0] for r in kept]), "v": ("m/s", [r[1] for r in kept])},
     )  # fmt: skip
+
+
+# Counterexamples, replayed with rationals.
+
+
+def _find_behind(n: Numbers) -> Entries | None:
+    p = _seeker(n)
+    if p.lag:
+        return None
+    slopes = dict.fromkeys((_least(n), n["slope"]))
+    for ticks in (200, sliding.MOST_TICKS):
+        for slope in slopes:
+            for share in (Fraction(1, 64), Fraction(65, 64), Fraction(127, 64), Fraction(37, 64)):
+                for against in dict.fromkeys((bool(p.noise), False)):
+                    start = share * p.beta
+                    tick, _ = sliding.behind(p, slope, start, against, ticks)
+                    if tick:
+                        return sealed(n, {
+                            "slope": str(slope), "start": str(start), "ticks": tick,
+                            "noise": "against" if against else "none",
+                        })  # fmt: skip
+    return None
+
+
+def _replay_behind(n: Numbers, run: Entries) -> str:
+    p = _seeker(n)
+    run = opened(n, run, ("slope", "start", "noise", "ticks"), "run")
+    slope, start = (rational(run[k], f"run.{k}") for k in ("slope", "start"))
+    ticks = whole(run["ticks"], "run.ticks", 1, sliding.MOST_TICKS)
+    if p.lag or not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
+        raise DoesNotHold("run: its slope, its noise or a lag is outside of what was asked")
+    tick, by = sliding.behind(p, slope, start, run["noise"] == "against", ticks)
+    if not tick:
+        raise DoesNotHold("run: mu does not fall behind by three cells")
+    return f"after {tick} ticks mu is {float(by):.6g} behind a climb at rho"
+
+
+def _find_late(n: Numbers) -> Entries | None:
+    p = _seeker(n)
+    late = sliding.gained_at_most(p, n["slope"], n["time"]) < n["gap"]
+    late = late or n["k"] * n["slope"] * n["time"] < n["gap"]
+    return sealed(n, {"slope": str(n["slope"])}) if late else None
+
+
+def _replay_late(n: Numbers, run: Entries) -> str:
+    """A bound of what that start can have gained, not a run: it may have any number of ticks."""
+    p = _seeker(n)
+    slope = rational(opened(n, run, ("slope",), "run")["slope"], "run.slope")
+    if not _least(n) <= slope <= n["slope"]:
+        raise DoesNotHold("run: its slope is not one that was asked")
+    most = n["k"] * slope * n["time"]
+    if all(s.holds() for s in _stays(n)):
+        most = min(most, sliding.gained_at_most(p, slope, n["time"]))
+    if not most < n["gap"]:
+        raise DoesNotHold("run: it may be in time")
+    shown = max(most, Fraction(0))
+    return f"from just below a turning plane mu has gained {float(shown):.6g} at most by then"
+
+
+def _find_swing(n: Numbers) -> Entries | None:
+    p = _seeker(n)
+    if not n.get("curvature"):
+        ticks = math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
+        return sealed(n, {"ticks": ticks}) if p.k * p.T * ticks > n["ripple"] else None
+    if p.lag:
+        return None
+    start = Fraction(-p.k * p.beta / (2 * p.rho)).limit_denominator(10**9)
+    f = sliding.Seeker(float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late)
+    for count in (4, 20, 100, 300):
+        parts = (count, count) if p.noise else (2, 2 * count - 2)
+        found = list(sliding.turns(f, float(n["curvature"]), float(start), *parts))
+        if sliding.last_swing(found, *parts) > float(n["ripple"]) * (1 + 1e-9):
+            return sealed(n, {"start": str(start), "left": parts[0], "right": parts[1]})
+    return None
+
+
+def _replay_swing(n: Numbers, run: Entries) -> str:
+    p = _seeker(n)
+    if not n.get("curvature"):
+        ticks = whole(opened(n, run, ("ticks",), "run")["ticks"], "run.ticks", 1, 10**300)
+        allowed = ticks <= math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
+        if not (allowed and p.k * p.T * ticks > n["ripple"]):
+            raise DoesNotHold("run: v does not move that far between two turns")
+        return f"on a flat top v moves one way for {ticks} ticks"
+    run = opened(n, run, ("start", "left", "right"), "run")
+    start = rational(run["start"], "run.start")
+    left, right = (whole(run[k], f"run.{k}", 2, sliding.MOST_TURNS) for k in ("left", "right"))
+    if p.lag or abs(start) > sliding.zone(p, n["curvature"]) or max(
+        x.denominator.bit_length() for x in (start, *p[:5]) if isinstance(x, Fraction)
+    ) > 400:  # fmt: skip
+        raise DoesNotHold("run: its start or a lag is outside of what was asked")
+    found = list(sliding.turns(p, n["curvature"], start, left, right))
+    swing = sliding.last_swing(found, left, right)
+    if not swing > n["ripple"]:
+        raise DoesNotHold("run: v stays within the wanted ripple")
+    return (f"after {found[-1].tick} ticks v has moved by {float(swing):.6g} m/s between two turns,"
+            " and does so again")  # fmt: skip
+
+
+def _sliding_start(n: Numbers) -> str:
+    top = ""
+    if "ripple" in n and n.get("curvature"):
+        top = ", for the peak from every |v - v*| <= rho/(k |curvature|) on its parabola"
+    least, most = float(_least(n)), float(n["slope"])
+    slope = f"mu' of {most:g} s/m" if least == most else f"mu' between {least:g} and {most:g} s/m"
+    return f"every v at rest and every g, where |mu'| is {slope[4:]}{top}"
+
+
+def _ripple_claim(n: Numbers, _: Entries) -> str:
+    wanted = spelled(n["ripple"], "m/s")
+    if n.get("curvature"):
+        return f"in the end v stays within an interval of {wanted} about the peak"
+    return f"v moves by at most {wanted} between two turns on a flat top"
 
 
 SLIDING_SEEK = register(System(
     "sliding_seek",
-    "Cheng 2022 (22)-(36): v' = k sgn sin(pi (mu(v) - g)/beta), g' = rho: is there a sliding mode,"
-    " in which mu climbs at rho, where mu has its steepest slope?",
+    "Cheng 2022 (22)-(36), sampled: v' = k sgn sin(pi (y - g)/beta), g' = rho, y = mu(v): does mu"
+    " climb at rho where it has its steepest slope, and how much does v ripple at the peak?",
     {
         "k": Number("m/s^2", "rate of v", power=1.0),
         "rho": Number("1/s", "rate of g"),
         "beta": Number("1", "width of a cell"),
         "slope": Number("s/m", "steepest |mu'|", power=-1.0),
-        "T": Number("s", "sample period"),
+        "T": Number("s", "sample period", role=INPUT, says="a sample time of {}"),
+        "least": Number("s/m", "least |mu'| of the way; that of the steepest if it is not told",
+                        None, power=-1.0, optional=True),
+        **HEARD,
         "curvature": Number("s^2/m^2", "mu'' at the peak", None, "any", -2.0, True),
-        "ripple": Number("m/s", "wanted ripple of v at the peak", power=1.0, optional=True),
-        "gap": Number("1", "mu to be gained", optional=True),
-        "time": Number("s", "in which time", optional=True),
+        "ripple": Number("m/s", "wanted ripple of v at the peak", power=1.0, optional=True,
+                         role=TARGET),
+        "gap": Number("1", "mu to be gained", optional=True, role=TARGET),
+        "time": Number("s", "in which time", optional=True, role=TARGET),
     },
     {
-        "sliding": Criterion("a sliding mode exists at the steepest slope", _slides, EXACT,
+        "climbs": Criterion("a sliding mode exists and no tick leaves its plane", _climbs,
+                            margins=("largest_T", "largest_rho", "smallest_beta"),
+                            proves=("climbs",), covers=("T", *HEARD)),
+        "sliding": Criterion("continuous: a sliding mode exists at the least slope", _slides, EXACT,
                              ("largest_rho", "smallest_k", "smallest_slope")),
-        "hears": Criterion("two ticks fit into a cell", _hears,
+        "hears": Criterion("two ticks fit into a cell (a rule)", _hears,
                            margins=("largest_T", "largest_rho", "smallest_beta")),
-        "ripple": Criterion("k beta/rho is the ripple at the peak", _ripples,
-                            margins=("largest_beta", "smallest_rho"), needs=("ripple",)),
-        "in_time": Criterion("mu climbs at rho at most, so that the gap takes gap/rho", _in_time,
-                             margins=("smallest_rho",), needs=("gap", "time")),
+        "ripple": Criterion("what v ends in at the peak, noise and delay included", _ripples,
+                            margins=("largest_beta", "smallest_ripple"), needs=("ripple",),
+                            proves=("ripple",), covers=("T", *HEARD)),
+        "in_time": Criterion("mu climbs at rho, less what a start may lose", _in_time,
+                             margins=("smallest_time", "largest_gap"), needs=("gap", "time"),
+                             proves=("in_time",), covers=("T", *HEARD)),
     },
-    {"climbs": Target("v climbs to the peak")},
+    {
+        "climbs": Target("mu never falls behind a climb at rho by three cells, 3 beta"),
+        "ripple": Target(_ripple_claim, ("ripple",), "a ripple at the peak"),
+        "in_time": Target("mu is {gap} higher from {time} on, as long as the slope lasts",
+                          ("gap", "time"), "a time"),
+    },
+    start=_sliding_start,
+    refuters={
+        "climbs": Refuter("climbs", _find_behind, _replay_behind),
+        "in_time": Refuter("in_time", _find_late, _replay_late),
+        "ripple": Refuter("ripple", _find_swing, _replay_swing),
+    },
+    never=("a map whose slope varies faster than its parabola at the peak", "limits of v"),
     values=_sliding_values,
     witness=_sliding_witness,
     panel=({"k": 1.0, "rho": 0.1, "beta": 0.02, "slope": 0.66, "T": 2e-4, "ripple": 0.1},
-     {"k": 1.0, "rho": 1.0, "beta": 0.1, "slope": 0.66, "T": 2e-4}),
-))  # fmt: skip
-
-
-# ---- perturbation -------------------------------------------------------------------------------
-
-
-def _seeks(n: Numbers) -> Sequence[Side]:
-    return [Side("k curvature < 0", n["k"] * n["curvature"], 0)]
-
-
-def _separated(n: Numbers) -> Sequence[Side]:
-    return [Side("5 w_l <= w", 5 * n["w_l"], n["w"]),
-            Side("5 w_h <= w", 5 * n["w_h"], n["w"])]  # fmt: skip
-
-
-def _carried(n: Numbers) -> Sequence[Side]:
-    return [Side("10 w T <= 6.283", 10 * n["w"] * n["T"], 6.283)]
-
-
-def _slow(n: Numbers) -> Sequence[Side]:
-    """Both averaged poles are slow against the dither: 5 |p| <= w."""
-    p = bounds.perturbation_poles(*(float(n[k]) for k in ("k", "w_l", "a", "curvature")))
-    return [Side("5 |pole| <= w", bounds.SEPARATION * max(abs(x) for x in p), float(n["w"]))]
-
-
-def _perturbation_values(n: Numbers) -> dict[str, Quantity]:
-    gain = bounds.washout(n["w"], n["w_h"])
-    slow, fast = bounds.perturbation_poles(n["k"], n["w_l"], n["a"], n["curvature"], gain)
-    found = {
-        "slow_pole": (slow.real, "1/s"), "slow_pole_imaginary": (slow.imag, "1/s"),
-        "fast_pole": (fast.real, "1/s"),
-        "loss_of_mu": (bounds.perturbation_loss(n["a"], n["curvature"]), "1"),
-        "washout": (gain, "1"),
-    }  # fmt: skip
-    if "third" in n:
-        bias = bounds.perturbation_bias(n["a"], n["curvature"], n["third"])
-        found["bias"] = (bias, "m/s")
-    return found
-
-
-def _perturbation_witness(n: Numbers) -> Witness:
-    """Seeker on the parabola of the curvature, from one amplitude beside the peak."""
-    k, w_l, w_h, w, a = (n[x] for x in ("k", "w_l", "w_h", "w", "a"))
-    h, th, xi, eta, rows = 2 * math.pi / w / 40, a, 0.0, 0.0, [(0.0, a)]
-    pole = bounds.perturbation_poles(k, w_l, a, n["curvature"])[0].real
-    span = min(3 / max(pole, 1e-9), 4000 * h * 40)
-    for i in range(1, int(min(span / h, 160_000)) + 1):
-        s = math.sin(w * i * h)
-        y = n["curvature"] / 2 * (th + a * s) ** 2
-        th, xi, eta = (th + h * k * xi, xi + h * w_l * ((y - eta) * s - xi),
-                       eta + h * w_h * (y - eta))  # fmt: skip
-        rows.append((i * h, th))
-        if abs(th) > 1e3 * a:
-            break
-    every = max(1, len(rows) // 200)
-    return Witness(
-        "none; from one amplitude beside the peak of a parabola of that curvature",
-        {"distance_over_the_start": (abs(th) / a, "1"), "run": (rows[-1][0], "s")},
-        {"t": ("s", [r[0] for r in rows[::every]]), "th": ("m/s", [r[1] for r in rows[::every]])},
-    )
-
-
-PERTURBATION_SEEK = register(System(
-    "perturbation_seek",
-    "v = th + a sin wt, th' = k xi, xi' = w_l ((y - eta) sin wt - xi), eta' = w_h (y - eta): does"
-    " the averaged loop seek the extremum?",
-    {
-        "k": Number("m/s^2", "gain, in v/mu per s", low="any", power=1.0),
-        "w": Number("1/s", "dither"),
-        "w_l": Number("1/s", "corner of the low-pass"),
-        "w_h": Number("1/s", "corner of the washout"),
-        "a": Number("m/s", "amplitude of the dither", power=1.0),
-        "curvature": Number("s^2/m^2", "mu'' at the extremum", None, "any", -2.0),
-        "third": Number("s^3/m^3", "mu''' there", None, "any", -3.0, True),
-        "T": Number("s", "sample period", 1e-3),
-    },
-    {
-        "averaged": Criterion("the averaged loop is stable (exact for w -> infinity)", _seeks,
-                              EXACT),
-        "separated": Criterion("the dither is 5 times faster than both corners (a rule)",
-                               _separated, margins=("smallest_w", "largest_w_l", "largest_w_h")),
-        "slow": Criterion("both averaged poles are 5 times slower than the dither (a rule)", _slow,
-                          margins=("smallest_w", "largest_a")),
-        "carried": Criterion("ten ticks to a period of the dither (a rule)", _carried,
-                             margins=("largest_w", "largest_T")),
-    },
-    {"seeks": Target("th tends to the neighbourhood of the extremum")},
-    values=_perturbation_values,
-    witness=_perturbation_witness,
-    panel=({"k": 200.0, "w": 12.566, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544},
-     {"k": -2.0, "w": 1.0, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544, "T": 1.0}),
+           {"k": 1.0, "rho": 1.0, "beta": 0.1, "slope": 0.66, "T": 2e-4}),
+    guard=_sliding_guard,
+    time=lambda n: SAMPLED,
 ))  # fmt: skip

@@ -82,5 +82,5 @@ def _summary(results: Results, verdicts: Sequence[Verdict]) -> str:
     parts = ["\n".join(filter(None, [title, changes(results)]))]
     if verdicts:
         parts.append(claim_table(verdicts, width))
-    parts += [metric_table(results, scenario) for scenario in results.metrics]
+    parts += [metric_table(results, scenario, width) for scenario in results.metrics]
     return "\n\n".join(parts)

@@ -22,7 +22,7 @@ from slipctl.predict.horizon import expressions
 from slipctl.predict.tracks import _at, _elements, _logged, _rows
 from slipctl.run.build import column
 from slipctl.run.rail import Scenario
-from slipctl.run.simulation import rail_values
+from slipctl.run.simulation import begun, rail_values
 
 if TYPE_CHECKING:
     import xarray
@@ -159,9 +159,7 @@ class _Problem:
         if plant.kind != "flow":
             raise BadInput(f"{where}: {plant.name} is a {plant.kind}; give the flow, not sampled")
         self.where, self.scenario = where, scenario
-        self.plant = plant = plant.with_params(
-            **{plant.find(k, "param"): v for k, v in scenario.params.items()}
-        )
+        self.plant = plant = begun(plant, scenario)
         names = [control] if isinstance(control, str) else list(control)
         self.controls = [plant.find(c, "input") for c in names]
         self.bounds = self._bounds(dict(zip(names, self.controls, strict=True)), bounds or {})
@@ -173,8 +171,7 @@ class _Problem:
         self.unit = "s" if self.goal is None else plant.states[self.goal].unit
         if self.goal is None and not self.end:
             raise BadInput(f"{where}: least time needs an end=, the states to be reached")
-        start = {plant.find(k, "state"): v for k, v in scenario.start.items()}
-        self.x0 = column(plant.pack("state", plant.start(**start)))
+        self.x0 = column(plant.pack("state", plant.start()))
         self.states = _elements(plant, "state")
         self.phases = self._phases()
         self.scale = np.maximum(np.abs(self.x0), 1.0)

@@ -38,10 +38,17 @@ LOCKED = 0.05
 
 @dataclass(frozen=True)
 class Metric:
-    """A number, or a list of numbers, with its unit; None where an event never came."""
+    """A number, or a list of numbers, with its unit; None where an event never came.
+
+    Attributes:
+        value: the number or numbers.
+        unit: their unit.
+        rows: of a list, what each number belongs to: the rail, ``("dry", "wet")``.
+    """
 
     value: float | int | list[float | None] | None
     unit: str
+    rows: tuple[str, ...] = ()
 
 
 @dataclass
@@ -53,12 +60,14 @@ class Run:
         signals: which signal plays which role.
         changes: times in s at which the rail changes.
         ideal: metrics of the loop ``ideal`` in the same scenario.
+        rails: name of the rail from the start and from each change on, see :func:`rail_names`.
     """
 
     log: xarray.Dataset
     signals: Signals
     changes: Sequence[float] = ()
     ideal: Mapping[str, Metric] = field(default_factory=dict)
+    rails: Sequence[str] = ()
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -120,6 +129,16 @@ class Run:
         first, last = np.searchsorted(self.time, np.array([start, stop]) - 1e-9)
         return slice(int(first), int(last))
 
+    @property
+    def stretches(self) -> list[tuple[float, float]]:
+        """Start and end in s of the run on each rail."""
+        return list(zip([0.0, *self.changes], [*self.changes, self.duration], strict=True))
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the rails, for a metric with a number for each."""
+        return tuple(self.rails) if len(self.rails) == len(self.stretches) else ()
+
     @cached_property
     def moving(self) -> np.ndarray:
         """Ticks at which the vehicle is faster than 1 m/s (all, where the speed is not known)."""
@@ -155,10 +174,13 @@ class Run:
 
         At each tick that of the axle where it is largest.
         """
-        slip, wanted = self.each("slip"), self.each("reference")
-        if wanted is None:
-            wanted = self.each("best_slip")
-        return None if slip is None or wanted is None else worst(slip - wanted)
+        own = self.off("reference")
+        return self.off("best_slip") if own is None else own
+
+    def off(self, wanted: str) -> np.ndarray | None:
+        """Slip minus the slip that plays the role ``wanted``, of the worst axle, or None."""
+        slip, level = self.each("slip"), self.each(wanted)
+        return None if slip is None or level is None else worst(slip - level)
 
     @cached_property
     def stop(self) -> int | None:
@@ -189,6 +211,20 @@ def rail_changes(log: xarray.Dataset, scenario: Any, signals: Signals) -> list[f
         return []
     found = [int(np.argmax(x >= start)) for start in rail.starts[1:] if (x >= start).any()]
     return [float(time[k]) for k in found]
+
+
+def rail_names(scenario: Any, changes: Sequence[float]) -> list[str]:
+    """Name of the rail from the start and from each change on; of equal ones with the time.
+
+    Empty where the rail has no names, or was not left as often as it changes.
+    """
+    sections = () if scenario.rail is None else scenario.rail.sections[: len(changes) + 1]
+    names = [s.condition or "" for s in sections]
+    if len(names) != len(changes) + 1 or not all(names):
+        return []
+    twice = {n for n in names if names.count(n) > 1}
+    starts = [0.0, *changes]
+    return [f"{n} from {t:.4g} s" if n in twice else n for n, t in zip(names, starts, strict=True)]
 
 
 def settling(
@@ -236,20 +272,22 @@ def _stopping_distance(run: Run) -> Metric | None:
     return Metric(float(run.way[run.stop]), "m")
 
 
+def _settling(run: Run, wanted: str) -> Metric | None:
+    """Per rail: time until the slip stays within the band about ``wanted``, while moving."""
+    error, band = run.off(wanted), BAND.get(run.unit("slip"))
+    if error is None or band is None:
+        return None
+    time, error = run.time[run.moving], error[run.moving]
+    found = [settling(time, error, a, b, band) for a, b in run.stretches]
+    return Metric(found, "s", run.rows)
+
+
 def _settling_time(run: Run) -> Metric | None:
-    if run.slip_error is None or not run.changes:
-        return None
-    band = BAND.get(run.unit("slip"))
-    if band is None:
-        return None
-    ends = [*run.changes[1:], run.duration]
-    return Metric(
-        [
-            settling(run.time, run.slip_error, a, b, band)
-            for a, b in zip(run.changes, ends, strict=True)
-        ],
-        "s",
-    )
+    return _settling(run, "best_slip")
+
+
+def _tracking_time(run: Run) -> Metric | None:
+    return _settling(run, "reference")
 
 
 def _slip_error_rms(run: Run) -> Metric | None:
@@ -270,9 +308,7 @@ def _torque_ripple(run: Run) -> Metric | None:
     torque = run.each("torque")
     if torque is None:
         return None
-    ends = [*run.changes, run.duration]
-    starts = [0.0, *run.changes]
-    spans = [run.span(max(a, b - WINDOW), b) for a, b in zip(starts, ends, strict=True)]
+    spans = [run.span(max(a, b - WINDOW), b) for a, b in run.stretches]
     return Metric(max(ripple(torque[s]) for s in spans), run.unit("torque"))
 
 
@@ -295,10 +331,9 @@ def _acceleration_variance(run: Run) -> Metric | None:
     a = run.acceleration
     if a is None:
         return None
-    starts = [0.0, *run.changes]
-    ends = [*run.changes, run.duration]
-    spans = [run.span(s, min(s + WINDOW, e)) for s, e in zip(starts, ends, strict=True)]
-    return Metric([float(np.var(a[s])) if len(a[s]) > 1 else None for s in spans], "m2/s4")
+    spans = [run.span(s, min(s + WINDOW, e)) for s, e in run.stretches]
+    found = [float(np.var(a[s])) if len(a[s]) > 1 else None for s in spans]
+    return Metric(found, "m2/s4", run.rows)
 
 
 def _jerk_rms(run: Run) -> Metric | None:
@@ -364,7 +399,7 @@ def _lock_time(run: Run) -> Metric | None:
     return Metric(float(np.count_nonzero(locked)) * run.tick, "s")
 
 
-def _regret(run: Run) -> Metric | None:
+def _above_ideal(run: Run) -> Metric | None:
     distance, ideal = _distance(run), _ideal_distance(run)
     if distance is None or ideal is None:
         return None
@@ -383,7 +418,12 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "stopping_distance": (_stopping_distance, "way until the speed is below 0.1 m/s"),
     "settling_time": (
         _settling_time,
-        "per rail change: until slip minus its reference stays below 0.05 m/s or 0.01",
+        "per rail, start included: until the slip stays within 0.05 m/s or 0.01 of the best one,"
+        " while faster than 1 m/s; a dash if never",
+    ),
+    "tracking_time": (
+        _tracking_time,
+        "the same about the loop's own reference, which may be off the best slip",
     ),
     "slip_error_rms": (_slip_error_rms, "slip minus its reference, whole run"),
     "slip_max": (_slip_max, "largest slip"),
@@ -406,8 +446,8 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "position_error_rms": (_position_error_rms, "position minus wanted position"),
     "position_error_max": (_position_error_max, "largest of its absolute values"),
     "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
-    "regret": (
-        _regret,
+    "above_ideal": (
+        _above_ideal,
         "way lost to the bound, the loop `ideal`: beyond its way, in traction short of it",
     ),
     "step_time": (_step_time, "longest time to compute one tick"),

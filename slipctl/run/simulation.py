@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, as_block, symbol_maker
+from slipctl.block.sharing import targets
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
@@ -74,17 +75,14 @@ def simulate(
             f"scenario {scenario.name}: duration {scenario.duration:g} s is shorter than one tick"
             f" of {h:g} s"
         )
-    params = {_find(loop, "param", k): v for k, v in scenario.params.items()}
-    start = {_find(loop, "state", k): v for k, v in scenario.start.items()}
-    if params:
-        loop = loop.with_params(**params)
+    loop = begun(loop, scenario)
     rail_inputs, rail_params = rail_values(loop, scenario)
     u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
 
     check_whole("simulate: every", every)
 
-    x = np.array(ca.DM(loop.pack("state", loop.start(**start))).full()).ravel()
+    x = np.array(ca.DM(loop.pack("state", loop.start())).full()).ravel()
     rows = np.arange(0, ticks, int(every))
     x_log, y_log = np.empty((rows.size, x.size)), np.empty((rows.size, f.size1_out(1)))
     roll = build.rolling(f, compile)
@@ -116,6 +114,22 @@ def stream(seed: int, path: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *words])))
 
 
+def begun(loop: Block, scenario: Scenario) -> Block:
+    """Loop with the parameters and the start of a scenario; what follows the start does so.
+
+    Raises:
+        BadInput: an unknown name, a value off range.
+    """
+    values: dict[str, Any] = {}
+    for given, roles in ((scenario.params, ("param",)), (scenario.start, ("state",))):
+        for key, value in given.items():
+            meant = targets(loop, key, roles)
+            if not meant:
+                _find(loop, *roles, key)  # says what there is
+            values |= dict.fromkeys(meant, value)
+    return loop.with_params(**values) if values else loop
+
+
 def _find(loop: Block, role: str, name: str) -> str:
     """Full name of a signal given by its full name or its unique last part."""
     return loop.find(name, role)
@@ -139,9 +153,9 @@ def rail_values(
                 )
             row |= loop.conditions[s.condition]
         for name, value in s.values.items():
-            known = {**loop.inputs, **loop.params}
-            hits = [name] if name in known else [n for n in known if n.endswith("." + name)]
+            hits = targets(loop, name, ("input", "param"))
             if len(hits) != 1:
+                known = {**loop.inputs, **loop.params}
                 why = (
                     "could be " + " or ".join(hits) if hits else "is unknown" + nearest(name, known)
                 )
@@ -264,7 +278,7 @@ def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarr
     inputs, params = rail_values(loop, scenario)
     varying = {**inputs, **params}
     sym = symbol_maker(loop.sx)
-    n, places = len(rail.sections), Block._sibling(name, "behind")
+    n, places = len(rail.sections), loop._sibling(name, "behind")
     x, u, p = (sym("xup"[i], loop.f.size1_in(i)) for i in range(3))
     table = sym("table", n * (1 + len(varying)))
     position = loop.unpack("state", x)[name]

@@ -74,7 +74,10 @@ def save_metrics(results: Results, out: Path, command: str) -> None:
     """Write ``metrics.json``."""
     scenarios = {
         s: {
-            loop: {n: {"value": m.value, "unit": m.unit} for n, m in metrics.items()}
+            loop: {
+                n: {"value": m.value, "unit": m.unit} | ({"rows": list(m.rows)} if m.rows else {})
+                for n, m in metrics.items()
+            }
             for loop, metrics in loops.items()
         }
         for s, loops in results.metrics.items()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
+from slipctl.block.sharing import targets
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run.results import Case
 from slipctl.run.simulation import _find, rail_values, simulate
@@ -46,20 +46,9 @@ class Setting:
         """Full names of the parameters and start values that are meant.
 
         Raises:
-            BadInput: more than one, without a ``*``.
+            BadInput: more than one, without a ``*``; only some places of a shared number.
         """
-        known = [*loop.params, *loop.states]
-        if self.name in known:
-            return [self.name]
-        if "*" in self.name:
-            return [n for n in known if fnmatchcase(n, self.name)]
-        hits = [n for n in known if n.endswith("." + self.name)]
-        if len(hits) > 1:
-            raise BadInput(
-                f"--set {self.name}: could be {' or '.join(hits)}; write which,"
-                f" or '*.{self.name}' for all"
-            )
-        return hits
+        return targets(loop, self.name)
 
 
 def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:

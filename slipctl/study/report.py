@@ -28,6 +28,9 @@ from slipctl.study.texts import answers, changes, count, metric_rows, number, to
 if TYPE_CHECKING:
     from slipctl.block.block import Block
 
+LOOPS = 7
+"""Loops beside each other in a table of metrics; the others get a table below it."""
+
 ROWS = 40
 """Rows of an experiment's table that the page shows; all of them are in tables.json."""
 
@@ -196,7 +199,10 @@ def _metrics(results: Results) -> str:
         head, *rows = metric_rows(results, scenario)
         doc = f"<p>{escape(case.scenario.doc)}</p>" if case.scenario.doc else ""
         out.append(f"<h3>{escape(scenario)}</h3>{doc}")
-        out.append(table(head, rows, range(1, len(head))))
+        for first in range(1, len(head), LOOPS):
+            group = [0, *range(first, min(first + LOOPS, len(head)))]
+            shown = [[r[k] for k in group] for r in rows if any(r[k] for k in group[1:])]
+            out.append(table([head[k] for k in group], shown, range(1, len(group))))
     meanings = [(n, doc) for n, (_, doc) in METRICS.items()]
     used = {n for loops in results.metrics.values() for m in loops.values() for n in m}
     out.append("<details><summary>What the metrics mean</summary>")

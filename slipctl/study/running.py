@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run.metrics import Run, measure, place, rail_changes
+from slipctl.run.metrics import Run, measure, place, rail_changes, rail_names
 from slipctl.run.results import Case, NotRun, Results, Table
 from slipctl.run.simulation import simulate
 from slipctl.study.declaration import OPEN, Context, Study, Verdict, judge
@@ -127,9 +127,10 @@ def _run_one(
         study=study.name, quick=int(results.quick), loop_name=name, rail_changes_s=changes
     )
     ideal = results.metrics.get(scenario, {}).get("ideal", {})
-    metrics = measure(Run(data, study.signals, changes, ideal))
+    rails = rail_names(case.scenario, changes)
+    metrics = measure(Run(data, study.signals, changes, ideal, rails))
     if name == "ideal" and "distance" in metrics:
-        metrics = measure(Run(data, study.signals, changes, metrics))
+        metrics = measure(Run(data, study.signals, changes, metrics, rails))
     results.data.setdefault(scenario, {})[name] = data
     results.metrics.setdefault(scenario, {})[name] = metrics
     log.debug("%s/%s done", scenario, name)

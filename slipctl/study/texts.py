@@ -115,24 +115,37 @@ def metric_rows(results: Results, scenario: str) -> list[list[str]]:
         unit = next(iter(found.values())).unit
         digits = 6 if unit == "m" else 4  # ways differ in their centimetres
         lists = {k: m.value if isinstance(m.value, list) else [m.value] for k, m in found.items()}
+        label = name if unit == "1" else f"{name} [{unit}]"
+        named = max((m.rows for m in found.values()), key=len)
         for k in range(max(map(len, lists.values()))):  # a list goes down, an entry per row
-            label = name if unit == "1" else f"{name} [{unit}]"
             cells = [
                 number(v[k], digits) if k < len(v := lists.get(loop, [])) else "" for loop in loops
             ]
-            rows.append([label if k == 0 else "", *cells])
+            rail = f", {named[k]}" if k < len(named) else ""
+            rows.append([f"{label}{rail}" if k == 0 or rail else "", *cells])
     return rows
 
 
-def metric_table(results: Results, scenario: str) -> str:
-    """Metrics of one scenario as text."""
+def metric_table(results: Results, scenario: str, width: int = 132) -> str:
+    """Metrics of one scenario as text; loops that do not fit beside the others go below them."""
     rows = metric_rows(results, scenario)
     wide = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     lines = [f"scenario {scenario}"]
-    for row in rows:
-        cells = [
-            row[0].ljust(wide[0]),
-            *(c.rjust(w) for c, w in zip(row[1:], wide[1:], strict=True)),
-        ]
-        lines.append("  " + "  ".join(cells).rstrip())
-    return "\n".join(lines)
+    for group in side_by_side(wide, width - 2):
+        shown = [r for r in rows if any(r[k] for k in group)]
+        for row in shown:
+            cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
+            lines.append("  " + "  ".join(cells).rstrip())
+        lines.append("")
+    return "\n".join(lines[:-1])
+
+
+def side_by_side(wide: Sequence[int], width: int) -> list[list[int]]:
+    """Columns in groups that fit, with the first one before each, into a width of characters."""
+    groups: list[list[int]] = [[]]
+    for k in range(1, len(wide)):
+        taken = wide[0] + sum(2 + wide[j] for j in [*groups[-1], k])
+        if groups[-1] and taken > width:
+            groups.append([])
+        groups[-1].append(k)
+    return groups

@@ -71,9 +71,7 @@ def test_every_system_has_a_good_and_a_bad_example():
 
 
 OPEN = {"reaching_law": {CERTIFIED}, "saturation_compensation": {CERTIFIED},
-        "prescribed_performance": {CERTIFIED}, "barrier_lyapunov": {REFUTED},
-        "sliding_seek": {CERTIFIED, REFUTED},
-        "perturbation_seek": {CERTIFIED, REFUTED}}  # fmt: skip
+        "prescribed_performance": {CERTIFIED}, "barrier_lyapunov": {REFUTED}}  # fmt: skip
 """Verdicts of the examples for which there is no proof, or no counterexample that replays, yet."""
 
 

@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from slipctl import Rail, Scenario, Section
-from slipctl.run.metrics import METRICS, Metric, Run, measure, rail_changes, settling
+from slipctl.run.metrics import METRICS, Metric, Run, measure, rail_changes, rail_names, settling
 from slipctl.run.roles import Signals
 
 H = 0.01
@@ -45,7 +45,7 @@ def test_worst_axle_counts_and_the_mean_does_not():
     found = {k: m.value for k, m in measure(Run(data, roles, (2.0, 4.0))).items()}
     assert (found["slip_max"], found["slip_min"]) == (10, -2)
     assert found["slip_error_rms"] == pytest.approx(np.sqrt((100 + 4) / 6))
-    assert found["settling_time"] == [None, 0.0]
+    assert found["tracking_time"] == [None, None, 0.0]
     assert found["torque_ripple"] == 5
     assert found["torque_variation"] == pytest.approx(5 / 6)
     assert found["lock_time"] == pytest.approx(1.0)
@@ -86,13 +86,45 @@ def test_stopping_distance_ends_at_a_tenth_of_a_metre_per_second() -> None:
 # ---- slip ---------------------------------------------------------------------------------------
 
 
-def test_settling_time_per_change_and_null_where_never() -> None:
+def test_settling_time_per_rail_and_null_where_never() -> None:
     error = np.zeros_like(T)
+    error[T < 0.1 - 1e-9] = -0.3
     error[(T >= 2 - 1e-9) & (T < 2.3 - 1e-9)] = 0.2
     error[T >= 4 - 1e-9] = 0.06
-    s = Signals(slip="s", reference="ref")
-    got = metric("settling_time", s, s=1 + error, ref=1.0)
-    assert got == [pytest.approx(0.3), None]
+    got = metric("settling_time", Signals(slip="s", best_slip="ref"), s=1 + error, ref=1.0)
+    assert got == [pytest.approx(0.1), pytest.approx(0.3), None]
+
+
+def test_settled_is_said_of_the_best_slip_and_tracked_of_the_own_reference() -> None:
+    """A loop that holds its own reference exactly has not settled where that is wrong."""
+    s = Signals(slip="s", reference="ref", best_slip="best")
+    right = np.where(T < 4, 1.0, 1.0 + 0.2 * np.exp(4 - T))  # comes back: 0.05 after ln 4 s
+    values = dict(s=right, ref=right, best=1.0)
+    assert metric("tracking_time", s, **values) == [0.0, 0.0, 0.0]
+    settled = metric("settling_time", s, **values)
+    assert settled == [0.0, 0.0, pytest.approx(np.log(4), abs=H)]
+    assert metric("settling_time", Signals(slip="s", reference="ref"), s=T, ref=T) == "absent"
+
+
+def test_a_standing_vehicle_is_not_unsettled() -> None:
+    """Below 1 m/s no slip of 1.2 m/s exists: those ticks do not count."""
+    v = np.maximum(5 - T, 0)
+    slip = np.where(v > 1, 1.2, v)
+    s = Signals(speed="v", slip="s", best_slip="best")
+    assert metric("settling_time", s, (), v=v, s=slip, best=1.2) == [0.0]
+
+
+def test_rows_name_their_rail() -> None:
+    sections = [Section(0, "dry"), Section(2, "leaves"), Section(4, "dry")]
+    changes = rail_changes(log(), where := Scenario("s", 6.0, Rail(sections)), Signals())
+    rails = rail_names(where, changes)
+    assert rails == ["dry from 0 s", "leaves", "dry from 4 s"]
+    run = Run(log(s=1.0, best=1.0, a=T), Signals(slip="s", best_slip="best", deceleration="a"))
+    assert measure(run)["settling_time"].rows == ()
+    named = measure(Run(run.log, run.signals, changes, {}, rails))
+    assert named["settling_time"].rows == named["acceleration_variance"].rows == tuple(rails)
+    assert rail_names(Scenario("s", 6.0, Rail([Section(0)])), []) == []
+    assert rail_names(Scenario("s", 6.0), []) == []
 
 
 def test_settling_time_counts_until_the_last_excursion() -> None:
@@ -105,13 +137,13 @@ def test_settling_time_counts_until_the_last_excursion() -> None:
 def test_settling_time_of_a_slip_ratio_has_the_band_of_one_percent() -> None:
     UNITS["k"] = "1"
     error = np.where((T >= 2) & (T < 2.5), 0.02, 0.009)
-    s = Signals(slip="k", reference="r")
-    assert metric("settling_time", s, k=0.1 + error, r=0.1) == [pytest.approx(0.5), 0.0]
+    s = Signals(slip="k", best_slip="r")
+    assert metric("settling_time", s, k=0.1 + error, r=0.1) == [0.0, pytest.approx(0.5), 0.0]
 
 
-def test_settling_time_is_absent_without_rail_change_or_reference() -> None:
-    assert metric("settling_time", Signals(slip="s", reference="r"), (), s=T, r=T) == "absent"
+def test_settling_time_is_absent_without_a_best_slip() -> None:
     assert metric("settling_time", Signals(slip="s"), s=T) == "absent"
+    assert metric("tracking_time", Signals(slip="s", best_slip="r"), s=T, r=T) == "absent"
 
 
 def test_slip_error_uses_the_reference_else_the_best_slip() -> None:
@@ -166,16 +198,16 @@ def test_adhesion_use_leaves_out_standstill_and_signs() -> None:
     assert metric("adhesion_use", s, v=0.5 + 0 * T, mu=mu, best=0.1) == "absent"
 
 
-def test_regret_is_the_distance_beyond_the_bound_or_absent() -> None:
+def test_above_ideal_is_the_distance_beyond_the_bound_or_absent() -> None:
     s = Signals(speed="v")
     distance = metric("distance", s, v=20 - T)
     ideal = {"distance": Metric(90.0, "m")}
-    assert metric("regret", s, v=20 - T, ideal=ideal) == pytest.approx(distance - 90.0)
-    assert metric("regret", s, v=20 - T) == "absent"
+    assert metric("above_ideal", s, v=20 - T, ideal=ideal) == pytest.approx(distance - 90.0)
+    assert metric("above_ideal", s, v=20 - T) == "absent"
     data = log(v=20 - T, s=0 * T)
     data["s"].attrs |= {"units": "m/s", "positive": "traction"}
     driven = measure(Run(data, Signals(speed="v", slip="s"), (), ideal))
-    assert driven["regret"].value == pytest.approx(90.0 - distance)  # farther is better
+    assert driven["above_ideal"].value == pytest.approx(90.0 - distance)  # farther is better
 
 
 def test_acceleration_variance_after_start_and_changes() -> None:
@@ -264,7 +296,7 @@ def test_order_units_and_plain_numbers() -> None:
     assert [n for n in METRICS if n in found] == list(found)
     assert found["torque_variation"].unit == "N m/s"
     assert found["slip_max"].unit == "m/s"
-    assert found["settling_time"] == Metric([0.0, 0.0], "s")
+    assert found["tracking_time"] == Metric([0.0, 0.0, 0.0], "s")
     for m in found.values():
         for value in m.value if isinstance(m.value, list) else [m.value]:
             assert value is None or type(value) in (float, int)

@@ -16,11 +16,12 @@ from casadi import exp, sqrt
 
 from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, law
 from slipctl.run import store
+from slipctl.run.metrics import Metric
 from slipctl.run.results import NotRun, Results
 from slipctl.study import files, preparing, running
 from slipctl.study.declaration import Context, half_last_digit, judge
 from slipctl.study.doors import load_study
-from slipctl.study.texts import number
+from slipctl.study.texts import metric_table, number
 
 EMPTY = Results(toy_study.study, [])
 
@@ -432,6 +433,22 @@ def test_what_is_kept_is_read_again_and_a_changed_question_is_computed_anew(tmp_
     assert context.kept({"seed": 1, "gain": (2.0, 3.0)}, compute) == first
     assert len(calls) == 3
     assert Context(True, {}, []).kept({"seed": 1}, compute) == first
+
+
+@pytest.mark.parametrize("width", [72, 100, 132])
+def test_a_table_of_many_loops_goes_on_below_and_never_wraps(width: int) -> None:
+    """19 loops: every loop, and every number of each row, stands in some part of the table."""
+    loops = {f"loop_number_{k}": Metric([k + 0.25, None], "s", ("dry", "wet")) for k in range(19)}
+    one = Results(toy_study.study, [], metrics={"base": {
+        n: {"settling_time": m} for n, m in loops.items()
+    }})  # fmt: skip
+    text = metric_table(one, "base", width)
+    assert max(map(len, text.splitlines())) <= width
+    assert all(text.count(n + " ") + text.count(n + "\n") == 1 for n in list(loops)[:2])
+    words = text.split()
+    assert [w for w in words if w.startswith("loop_number")] == list(loops)
+    assert [float(w) for w in words if w.endswith(".25")] == [k + 0.25 for k in range(19)]
+    assert text.count("settling_time [s], dry") == text.count("settling_time [s], wet") > 1
 
 
 def test_no_minus_zero() -> None:

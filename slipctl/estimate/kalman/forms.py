@@ -276,6 +276,7 @@ def _discretised(
         units=flow.units,
         choices=flow.choices | {"method": method, "substeps": substeps}, doc=flow.doc,
         parts={flow.name: flow}, rebuild=rebuild, transparent=True,
+        sharing=flow.sharing.through(),
     )  # fmt: skip
 
 

@@ -1,0 +1,331 @@
+"""What a seeker with a fixed dither does on a parabola, tick by tick, by a Lyapunov function.
+
+    y = c/2 (v - v*)^2, v = th + a sin phi, phi+ = phi + w T
+    high = y + n - eta,  eta+ = eta + T w_h high
+    th+ = th + T k xi,  xi+ = xi + T w_l (high sin phi - xi)
+
+In x = (th - v*)/a, z = xi/(c a^2), e = (eta - c/2 (th - v*)^2)/(c a^2), and with S = sin phi,
+
+    x+ = x - W q z,  z+ = z + W l (S H - z),  e+ = e + W (h H + q x z - q^2 W z^2/2)
+    H = x S + S^2/2 - e + n/(c a^2),  W = w T,  q = -k c a/w,  l = w_l/w,  h = w_h/w
+
+exactly: taking c/2 (th - v*)^2 off eta leaves one product that is not linear. The loop follows a
+periodic orbit p(phi). With d = (x, z, e) - p(phi) and V^2 = d' P(phi) d, both trigonometric sums,
+
+    V+ <= (1 - W mu) V + W (alpha V^2 + rho)
+
+if M = -(J'P+ + P+ J + W J'P+ J + (P+ - P)/W) >= 2 mu P for all phi, where P+ = P(phi + W), J is the
+Jacobian at the orbit, alpha bounds the product and rho what the sum for the orbit leaves over, and
+the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from wherever it is below the
+larger one. ``dither_search`` looks for P and p; ``proven`` needs no search: it bounds each of
+these functions with balls at equally spaced nodes, and between them by the theorem of Ehlich and
+Zeller (Math. Z. 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N
+nodes divided by cos(pi D/N).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slipctl.certify.ball import Ball
+
+NODES = 1024
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+Coefficients = tuple[tuple[float, ...], ...]
+"""Row by row 1, cos phi, sin phi, cos 2 phi, sin 2 phi, ..."""
+
+
+class Loop(NamedTuple):
+    """A seeker without dimensions: q, l, h, W as above, noise as a share of |c| a^2."""
+
+    q: Any
+    l: Any
+    h: Any
+    W: Any
+    noise: Any
+
+
+class Proof(NamedTuple):
+    """What ``find`` brings: the orbit (3 sums), P (6, upper triangle), units of d, rate mu."""
+
+    orbit: Coefficients
+    P: Coefficients
+    units: tuple[float, float, float]
+    mu: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is proven, lengths in amplitudes of the dither.
+
+    Attributes:
+        farthest: largest V from which the loop returns. last: V below which it ends.
+        spread: |x - orbit| is at most this times V. swing: largest |x| of the orbit.
+        mu, alpha, rho: of the inequality above. proof: what was checked.
+    """
+
+    farthest: float
+    last: float
+    spread: float
+    swing: float
+    mu: float
+    alpha: float
+    rho: float
+    proof: Proof
+
+    def from_start(self, start: float) -> float | None:
+        """V at a start at x = start or -start, xi = 0, eta = y; None if it lies too far out."""
+        worst = 0.0
+        at = Ball.of(self.proof.orbit).dot(
+            Ball.of(basis_at(np.zeros(1), _degree(self.proof.orbit)))
+        )
+        P = _matrix(
+            Ball.of(self.proof.P).dot(Ball.of(basis_at(np.zeros(1), _degree(self.proof.P))))
+        )
+        for x in (start, -start):
+            d = [(Ball.of(v) - at[i]) * Ball.of(1.0).over(self.proof.units[i])
+                 for i, v in enumerate((x, 0.0, 0.0))]  # fmt: skip
+            worst = max(worst, float(_form(P, d).sqrt().high().max()))
+        return worst if worst <= self.farthest else None
+
+    def reach(self, start: float) -> float | None:
+        """Bound of |x| for all ticks from such a start."""
+        V = self.from_start(start)
+        return None if V is None else (self.swing + self.spread * max(V, self.last)) * (1 + 1e-12)
+
+    def rest(self) -> float:
+        """Bound of |x| in the end."""
+        return (self.swing + self.spread * self.last) * (1 + 1e-12)
+
+    def at_least(self, loop: Loop, start: float, tick: int) -> float:
+        """Number that |x| exceeds at a tick, from |x| <= start; below zero if it need not.
+
+        Proof note: u = V - last obeys u+ <= (1 - W (mu - alpha (V + last))) u, and V does not
+        rise from above ``last``; |x| is within spread V of the orbit.
+        """
+        V = self.from_start(start)
+        if V is None:
+            return -1.0
+        W = Ball.of(loop.W)
+        fall = self.mu - self.alpha * (V + self.last) * (1 + 1e-12)
+        slow = fall * float(W.low()) * tick * (1 - 1e-9)
+        near = (self.last + V * math.exp(-max(slow, 0.0))) * (1 + 1e-9)
+        degree = _degree(self.proof.orbit)
+        angle = float(W.mid) * tick
+        error = degree * (angle * 1e-15 + tick * float(W.rad) + 1e-14)
+        basis = Ball.near(basis_at(np.array([angle]), degree), error)
+        at = Ball.of(self.proof.orbit[:1]).dot(basis)
+        return float((abs(at.mid) - at.rad).min()) * (1 - 1e-12) - self.spread * near
+
+    def beyond(self, loop: Loop, start: float, limit: float) -> int | None:
+        """Tick at which |x| certainly exceeds a limit, late on its orbit; None if there is none."""
+        V = self.from_start(start)
+        if V is None or not self.swing > limit:
+            return None
+        W = float(loop.W)
+        fall = self.mu - self.alpha * (V + self.last)
+        spare = (self.swing - limit) / self.spread - self.last
+        if not (fall > 0 and spare > 0):
+            return None
+        first = math.ceil(max(math.log(V / spare), 0.0) / (fall * W) + 10 / (fall * W))
+        ticks = first + np.arange(4000)
+        row = np.asarray(self.proof.orbit[0])
+        x = np.abs(row @ basis_at(np.remainder(ticks * W, 2 * np.pi), _degree(self.proof.orbit)))
+        best = int(ticks[int(x.argmax())])
+        return best if self.at_least(loop, start, best) > limit * (1 + 1e-9) else None
+
+
+# ---- the proof ----------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=64)
+def proven(loop: Loop, proof: Proof) -> Found | None:
+    """Check a proof, without any search; None if it proves nothing.
+
+    Args:
+        loop: rationals, or floats as they are. proof: as ``find`` gives it.
+    """
+    try:
+        return _proven(Loop(*(Ball.of(v) for v in loop)), proof)
+    except ZeroDivisionError:
+        return None
+
+
+def _proven(loop: Loop, proof: Proof) -> Found | None:
+    q, l, h, W, noise = loop
+    degree = _degree(proof.P)
+    angles = 2 * np.pi * np.arange(NODES) / NODES
+    here = Ball.near(basis_at(angles, degree), 1e-14 * (degree + 1))
+    turned, slope = _shifted(here, W, degree)
+    S = here[2]
+    units = [Ball.of(u) for u in proof.units]
+    coefficients, sums = Ball.of(proof.P), Ball.of(proof.orbit)
+    P, after, rate = (_matrix(coefficients.dot(b)) for b in (here, turned, slope))
+    x, z, e = (sums.dot(here)[i] for i in range(3))
+    p_rate = sums.dot(slope)
+
+    zero = x * 0.0
+    J = [[zero, zero - q, zero],
+         [l * S * S, zero - l, zero - l * S],
+         [h * S + q * z, q * x - q * q * W * z, zero - h]]  # fmt: skip
+    J = [[J[i][j] * units[j] * Ball.of(1.0).over(units[i]) for j in range(3)] for i in range(3)]
+    PJ = _product(after, J)
+    JPJ = _product(_transposed(J), PJ)
+    mu = Ball.of(proof.mu)
+    F = [[-(PJ[i][j] + PJ[j][i] + W * JPJ[i][j] + rate[i][j]) - 2.0 * mu * P[i][j]
+          for j in range(3)] for i in range(3)]  # fmt: skip
+    if not (proof.mu > 0 and min(proof.units) > 0 and _positive(P, degree)):
+        return None
+    if not _positive(F, 3 * degree) or not float(mu.high() * W.high()) < 1:
+        return None
+
+    N = [[zero, q * 0.5 + zero, zero], [q * 0.5 + zero, q * q * W * -0.5 + zero, zero],
+         [zero, zero, zero]]  # fmt: skip
+    N = [[N[i][j] * units[i] * units[j] * Ball.of(1.0).over(units[2]) for j in range(3)]
+         for i in range(3)]  # fmt: skip
+    nu = _dominated(P, N, degree)
+    spread = _dominated(P, _corner(zero, units[0] * units[0]), degree)
+    if nu is None or spread is None:
+        return None
+    alpha = nu * math.sqrt(_most(P[2][2], degree))
+
+    H = x * S + S * S * 0.5 - e
+    f = [zero - q * z, l * (S * H - z), h * H + q * x * z - q * q * W * 0.5 * z * z]
+    rho = sum(
+        _largest((f[i] - p_rate[i]) * Ball.of(1.0).over(units[i]), 2 * degree)
+        * math.sqrt(_most(P[i][i], degree))
+        for i in range(3)
+    )  # fmt: skip
+    heard = [zero, l * S * Ball.of(1.0).over(units[1]), h * Ball.of(1.0).over(units[2]) + zero]
+    rho += math.sqrt(_most(_form(after, heard), degree + 2)) * float(noise.high())
+    rho, alpha, least = rho * (1 + 1e-12), alpha * (1 + 1e-12), proof.mu * (1 - 1e-12)
+    room = least * least - 4 * alpha * rho
+    if not room > 0:
+        return None
+    root = math.sqrt(room) * (1 - 1e-12)
+    farthest = (least + root) / (2 * alpha) * (1 - 1e-12)
+    last = 2 * rho / (least + root) * (1 + 1e-12)
+    return Found(farthest, last, math.sqrt(spread) * (1 + 1e-12), _largest(x, degree), proof.mu,
+                 alpha, rho, proof)  # fmt: skip
+
+
+def _shifted(here: Ball, W: Ball, degree: int) -> tuple[Ball, Ball]:
+    """The sums 1, cos, sin, ... one tick later, and their difference quotient by W.
+
+    Proof note: sin(n W) and 2 sin(n W/2)^2 over W, so that nothing cancels; an argument that is off
+    by r moves a sine by r at most, and its quotient by W then by r/W.
+    """
+    mid, rad = float(W.mid), float(W.rad)
+    later, slope = [here[0]], [here[0] * 0.0]
+    for n in range(1, degree + 1):
+        c, s = here[2 * n - 1], here[2 * n]
+        error = n * (1e-15 + 2 * rad / mid)
+        turn = Ball.near(math.sin(n * mid) / mid, error)
+        half = Ball.near(math.sin(n * mid / 2) / mid, error)
+        fall = half * half * 2.0 * W
+        slope += [-(c * fall) - s * turn, c * turn - s * fall]
+        later += [c + slope[-2] * W, s + slope[-1] * W]
+    return _stacked(later), _stacked(slope)
+
+
+def _stacked(rows: Sequence[Ball]) -> Ball:
+    return Ball(np.stack([r.mid for r in rows]), np.stack([r.rad for r in rows]))
+
+
+def _degree(sums: Coefficients) -> int:
+    return (len(sums[0]) - 1) // 2
+
+
+def basis_at(angles: np.ndarray, degree: int) -> np.ndarray:
+    """Rows 1, cos phi, sin phi, cos 2 phi, sin 2 phi, ... at angles."""
+    n = np.outer(np.arange(1, degree + 1), angles)
+    rows = np.empty((2 * degree + 1, len(angles)))
+    rows[0], rows[1::2], rows[2::2] = 1.0, np.cos(n), np.sin(n)
+    return rows
+
+
+def _matrix(entries: Ball) -> list[list[Ball]]:
+    found: list[list[Ball]] = [[entries[0]] * 3 for _ in range(3)]
+    for n, (i, j) in enumerate(PAIRS):
+        found[i][j] = found[j][i] = entries[n]
+    return found
+
+
+def _transposed(A: list[list[Ball]]) -> list[list[Ball]]:
+    return [[A[j][i] for j in range(3)] for i in range(3)]
+
+
+def _product(A: list[list[Ball]], B: list[list[Ball]]) -> list[list[Ball]]:
+    return [[A[i][0] * B[0][j] + A[i][1] * B[1][j] + A[i][2] * B[2][j] for j in range(3)]
+            for i in range(3)]  # fmt: skip
+
+
+def _form(A: list[list[Ball]], d: Sequence[Ball]) -> Ball:
+    found = d[0] * 0.0
+    for i in range(3):
+        for j in range(3):
+            found = found + A[i][j] * d[i] * d[j]
+    return found
+
+
+def _corner(zero: Ball, value: Ball) -> list[list[Ball]]:
+    return [[zero + value if i == j == 0 else zero for j in range(3)] for i in range(3)]
+
+
+def _between(degree: int) -> float:
+    """How much larger than at the nodes a sum of this degree can be."""
+    return 1 / math.cos(math.pi * degree / NODES) * (1 + 1e-12)
+
+
+def _largest(values: Ball, degree: int) -> float:
+    return float(values.size().max()) * _between(degree)
+
+
+def _most(values: Ball, degree: int) -> float:
+    """Largest value of a sum, from its nodes."""
+    high, low = float(values.high().max()), float(values.low().min())
+    return high + (high - low) / 2 * (_between(degree) - 1) * (1 + 1e-9)
+
+
+def _definite(F: list[list[Ball]], least: float) -> bool:
+    """Whether all eigenvalues at all nodes exceed a number, by Sylvester's minors."""
+    a, b, c = (F[i][i] - least for i in range(3))
+    r, s, t = F[0][1], F[0][2], F[1][2]
+    second = a * b - r * r
+    third = second * c - (a * t * t - 2.0 * r * s * t + b * s * s)
+    return all(bool(np.all(m.low() > 0)) for m in (a, second, third))
+
+
+def _positive(F: list[list[Ball]], degree: int) -> bool:
+    """Whether a symmetric matrix of sums is positive definite at all angles.
+
+    Proof note: at a unit vector it is a sum between least and most at the nodes, so it falls below
+    least by at most half of most - least times what a sum can rise between nodes.
+    """
+    mid = np.array([[F[i][j].mid for j in range(3)] for i in range(3)]).transpose(2, 0, 1)
+    least = float(np.linalg.eigvalsh(mid).min()) * (1 - 1e-6)
+    most = max(float((F[i][0].size() + F[i][1].size() + F[i][2].size()).max()) for i in range(3))
+    drop = (most - least) / 2 * (_between(degree) - 1)
+    return least - drop * (1 + 1e-9) > 0 and _definite(F, least)
+
+
+def _dominated(P: list[list[Ball]], N: list[list[Ball]], degree: int) -> float | None:
+    """Number g with -g P <= N <= g P at all angles; N does not depend on the angle."""
+    array = np.array([[[A[i][j].mid for j in range(3)] for i in range(3)] for A in (P, N)])
+    p, n = array.transpose(0, 3, 1, 2)
+    inverse = np.linalg.inv(np.linalg.cholesky(p))
+    sizes = np.linalg.eigvalsh(inverse @ n @ inverse.transpose(0, 2, 1))
+    for room in (1.003, 1.03, 1.2):
+        g = float(abs(sizes).max()) * room
+        both = ([[g * P[i][j] + s * N[i][j] for j in range(3)] for i in range(3)]
+                for s in (1.0, -1.0))  # fmt: skip
+        if all(_positive(F, degree) for F in both):
+            return g
+    return None

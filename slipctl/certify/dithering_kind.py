@@ -1,0 +1,336 @@
+"""System that seeks an extremum by a dither, on a parabola."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+from slipctl.certify import dither, dither_flight, dither_search
+from slipctl.certify import extremum as bounds
+from slipctl.certify.entries import DoesNotHold, rational, rows, whole
+from slipctl.certify.registry import register
+from slipctl.certify.seal import opened, sealed
+from slipctl.certify.seeking_kind import HEARD
+from slipctl.certify.systems import (
+    ASIDE,
+    INPUT,
+    SAMPLED,
+    TARGET,
+    Criterion,
+    Entries,
+    Evidence,
+    Number,
+    Numbers,
+    Quantity,
+    Refuter,
+    Side,
+    System,
+    Target,
+    Witness,
+    rounded_up,
+    spelled,
+)
+from slipctl.errors import BadInput
+
+MOST_DITHER_TICKS = 60_000
+
+
+def _loop(n: Numbers) -> dither.Loop:
+    """The seeker without dimensions, of floats or as balls around rationals."""
+    q = -n["k"] * n["curvature"] * n["a"] / n["w"]
+    noise = n.get("noise", 0) / (abs(n["curvature"]) * n["a"] ** 2)
+    return dither.Loop(q, n["w_l"] / n["w"], n["w_h"] / n["w"], n["w"] * n["T"], noise)
+
+
+def _from(n: Numbers) -> Any:
+    return n.get("start", n["a"])
+
+
+def _seeks(n: Numbers) -> Sequence[Side]:
+    return [Side("k curvature < 0", n["k"] * n["curvature"], 0)]
+
+
+def _separated(n: Numbers) -> Sequence[Side]:
+    return [Side("5 w_l <= w", 5 * n["w_l"], n["w"]),
+            Side("5 w_h <= w", 5 * n["w_h"], n["w"])]  # fmt: skip
+
+
+def _carried(n: Numbers) -> Sequence[Side]:
+    return [Side("10 w T <= 6.283", 10 * n["w"] * n["T"], 6.283)]
+
+
+def _slow(n: Numbers) -> Sequence[Side]:
+    """Both averaged poles are slow against the dither: 5 |p| <= w."""
+    p = bounds.perturbation_poles(*(float(n[k]) for k in ("k", "w_l", "a", "curvature")))
+    return [Side("5 |pole| <= w", bounds.SEPARATION * max(abs(x) for x in p), float(n["w"]))]
+
+
+PROOF = ("units", "rate", "orbit", "P")
+
+
+def _find_return(n: Numbers, target: str) -> Entries | None:
+    if not n["k"] * n["curvature"] < 0 or not n["w"] * n["T"] < 3:
+        return None
+    reach = float(n["reach"] / n["a"]) if target == "reach" and "reach" in n else None
+    found = dither_search.find(
+        _loop({k: float(v) for k, v in n.items()}), float(_from(n) / n["a"]), reach
+    )
+    if found is None:
+        return None
+    entries = sealed(n, {
+        "units": [int(math.log2(u)) for u in found.proof.units],
+        "rate": str(Fraction(str(found.proof.mu))),
+        "orbit": [[repr(v) for v in row] for row in found.proof.orbit],
+        "P": [[repr(v) for v in row] for row in found.proof.P],
+    })  # fmt: skip
+    try:
+        _check_return(n, entries, target)
+    except DoesNotHold:
+        return None
+    return entries
+
+
+def _read_return(n: Numbers, entries: Entries) -> dither.Found:
+    """Check the proof that a file brings.
+
+    Raises:
+        DoesNotHold: it proves nothing. BadInput: it is malformed.
+    """
+    units = [2.0 ** whole(u, "units", -60, 60) for u in rows(entries["units"], "units", 3, 3)]
+    mu = float(rational(entries["rate"], "rate"))
+    length = 2 * dither_search.DEGREE + 1
+    orbit, P = (
+        tuple(tuple(_decimal(v, k) for v in rows(row, k, length, length))
+              for row in rows(entries[k], k, count, count))
+        for k, count in (("orbit", 3), ("P", 6))
+    )  # fmt: skip
+    exact = _loop({k: Fraction(v) for k, v in n.items()})
+    found = dither.proven(exact, dither.Proof(orbit, P, (units[0], units[1], units[2]), mu))
+    if found is None:
+        raise DoesNotHold("its function need not fall")
+    return found
+
+
+def _decimal(text: Any, where: str) -> float:
+    """Number of a text; a proof may be any numbers, so that its last digit is no matter."""
+    try:
+        value = float(text) if isinstance(text, str) and len(text) < 30 else math.nan
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= 1e6 or repr(value) != text:
+        raise BadInput(f"{where} must hold decimal numbers of at most 1e6, written shortest")
+    return value
+
+
+def _check_return(n: Numbers, entries: Entries, target: str) -> None:
+    found = _read_return(n, opened(n, entries, PROOF, "evidence"))
+    value = _bounds_of(n, found)[target]
+    if value is None:
+        raise DoesNotHold("evidence: it does not return from as far as that")
+    if target in n and not value < n[target]:
+        raise DoesNotHold(f"evidence: {target} is {float(value):.6g}, more than what was asked")
+
+
+def _bounds_of(n: Numbers, found: dither.Found) -> dict[str, Fraction | None]:
+    """What is proven in m/s, as rationals that are rounded up."""
+    a, start = Fraction(n["a"]), float(_from(n) / n["a"]) * (1 + 1e-12)
+    reach = found.reach(start)
+    if reach is None:
+        return {"reach": None, "rest": None}
+    return {"reach": rounded_up(Fraction(reach) * a, 9),
+            "rest": rounded_up(Fraction(found.rest()) * a, 9)}  # fmt: skip
+
+
+def _farthest(n: Numbers) -> Any:
+    """What a run must exceed to leave: what was asked, or ten times its start."""
+    return n["reach"] if "reach" in n else 10 * max(_from(n), n["a"])
+
+
+def _return_claim(name: str) -> Any:
+    def claim(n: Numbers, entry: Entries) -> str:
+        words = {"reach": "|th - v*| never exceeds {}",
+                 "rest": "in the end |th - v*| stays below {}"}[name]  # fmt: skip
+        wanted = n.get(name, _farthest(n) if name == "reach" else max(_from(n), n["a"]))
+        if name not in n and "evidence" in entry:
+            proof = opened(n, entry["evidence"], PROOF, "evidence")
+            wanted = _bounds_of(n, _read_return(n, proof))[name] or wanted
+            wanted = rounded_up(wanted)
+        return words.format(spelled(wanted, "m/s"))
+
+    return claim
+
+
+def _find_flight(n: Numbers) -> Entries | None:
+    """Run that leaves: from either end of the starts, with floats."""
+    limit, noise = float(_farthest(n)), float(n.get("noise", 0))
+    for start in (float(_from(n)), -float(_from(n))):
+        for against in dict.fromkeys((bool(noise), False)):
+            tick = _flight(n, start, limit, against)
+            if tick:
+                return sealed(n, {
+                    "start": str(_from(n) * (1 if start > 0 else -1)), "ticks": tick,
+                    "noise": "outward" if against else "none",
+                })  # fmt: skip
+    return None
+
+
+def _flight(n: Numbers, start: float, limit: float, against: bool) -> int:
+    k, w, w_l, w_h, a, c, T = (float(n[x]) for x in ("k", "w", "w_l", "w_h", "a", "curvature", "T"))
+    noise = float(n.get("noise", 0)) if against else 0.0
+    th, xi, eta = start, 0.0, c / 2 * start * start
+    for i in range(MOST_DITHER_TICKS):
+        s = math.sin(w * T * i)
+        high = c / 2 * (th + a * s) ** 2 - eta + math.copysign(noise, s * start * k)
+        th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
+        if not abs(th) <= limit * (1 + 1e-9):
+            return i + 1
+    return 0
+
+
+def _replay_flight(n: Numbers, run: Entries) -> str:
+    """Whole numbers of 60 digits, with a bound of their error that grows at every tick."""
+    run = opened(n, run, ("start", "noise", "ticks"), "run")
+    start = rational(run["start"], "run.start")
+    ticks = whole(run["ticks"], "run.ticks", 1, MOST_DITHER_TICKS)
+    if abs(start) > _from(n) or run["noise"] not in ("outward", "none"):
+        raise DoesNotHold("run: its start or its noise is outside of what was asked")
+    limit = _farthest(n)
+    far = dither_flight.flight(
+        {k: n[k] for k in ("k", "w", "w_l", "w_h", "a", "curvature", "T")}, start,
+        n.get("noise", Fraction(0)) if run["noise"] == "outward" else Fraction(0), ticks,
+    )  # fmt: skip
+    if far is None or not far > limit:
+        raise DoesNotHold("run: it does not leave")
+    return f"after {ticks} ticks |th - v*| exceeds {float(limit):.6g} m/s"
+
+
+def _quiet(n: Numbers) -> dict[str, Any]:
+    """The same seeker without noise, from an amplitude or less: one of its starts."""
+    kept = {k: v for k, v in n.items() if k not in ("reach", "rest", "noise")}
+    return kept | {"start": min(_from(n), n["a"])}
+
+
+def _find_swings_on(n: Numbers) -> Entries | None:
+    if "rest" not in n:
+        return None
+    plain = _quiet(n)
+    entries = _find_return(plain, "rest")
+    if entries is None:
+        return None
+    proof = opened(plain, entries, PROOF, "run")
+    tick = _read_return(plain, proof).beyond(
+        _loop({k: float(v) for k, v in plain.items()}), float(plain["start"] / n["a"]),
+        float(n["rest"] / n["a"]),
+    )  # fmt: skip
+    return None if tick is None else sealed(n, {"ticks": tick, **proof})
+
+
+def _replay_swings_on(n: Numbers, run: Entries) -> str:
+    plain = _quiet(n)
+    proof = opened(n, run, ("ticks", *PROOF), "run")
+    tick = whole(proof["ticks"], "run.ticks", 1, 10**12)
+    start = float(plain["start"] / n["a"]) * (1 + 1e-12)
+    least = _read_return(plain, proof).at_least(_loop(plain), start, tick)
+    if "rest" not in n or not Fraction(least) * n["a"] > n["rest"]:
+        raise DoesNotHold("run: th does not swing that far")
+    return (f"th follows a periodic orbit, and at tick {tick} |th - v*| is above"
+            f" {least * float(n['a']):.6g} m/s")  # fmt: skip
+
+
+def _perturbation_guard(n: Numbers) -> None:
+    for name in ("k", "curvature"):
+        if n[name] == 0:
+            raise BadInput(f"{name} = 0 seeks nothing; write another number")
+
+
+def _perturbation_values(n: Numbers) -> dict[str, Quantity]:
+    gain = bounds.washout(n["w"], n["w_h"])
+    slow, fast = bounds.perturbation_poles(n["k"], n["w_l"], n["a"], n["curvature"], gain)
+    found = {
+        "slow_pole": (slow.real, "1/s"), "slow_pole_imaginary": (slow.imag, "1/s"),
+        "fast_pole": (fast.real, "1/s"),
+        "loss_of_mu": (bounds.perturbation_loss(n["a"], n["curvature"]), "1"),
+        "washout": (gain, "1"),
+    }  # fmt: skip
+    if "third" in n:
+        bias = bounds.perturbation_bias(n["a"], n["curvature"], n["third"])
+        found["bias"] = (bias, "m/s")
+    return found
+
+
+def _perturbation_witness(n: Numbers) -> Witness:
+    """Seeker on the parabola of the curvature, tick by tick from its farthest start."""
+    k, w_l, w_h, w, a, T, c = (float(n[x]) for x in ("k", "w_l", "w_h", "w", "a", "T", "curvature"))
+    first = float(_from(n))
+    th, xi, eta, kept = first, 0.0, c / 2 * first * first, [(0.0, first)]
+    for i in range(MOST_DITHER_TICKS):
+        s = math.sin(w * T * i)
+        high = c / 2 * (th + a * s) ** 2 - eta
+        th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
+        kept.append(((i + 1) * T, th))
+        if not abs(th) <= 1e3 * max(a, first):
+            break
+    every = max(1, len(kept) // 200)
+    return Witness(
+        "none; from the farthest start on a parabola of that curvature",
+        {"distance_over_the_start": (abs(th) / first, "1"), "run": (kept[-1][0], "s")},
+        {"t": ("s", [r[0] for r in kept[::every]]), "th": ("m/s", [r[1] for r in kept[::every]])},
+    )
+
+
+PERTURBATION_SEEK = register(System(
+    "perturbation_seek",
+    "v = th + a sin wt, th' = k xi, xi' = w_l ((y - eta) sin wt - xi), eta' = w_h (y - eta),"
+    " sampled, on the parabola y of a peak at v*: does th stay near v* and come back to it?",
+    {
+        "k": Number("m/s^2", "gain, in v/mu per s", low="any", power=1.0),
+        "w": Number("1/s", "dither"),
+        "w_l": Number("1/s", "corner of the low-pass"),
+        "w_h": Number("1/s", "corner of the washout"),
+        "a": Number("m/s", "amplitude of the dither", power=1.0),
+        "curvature": Number("s^2/m^2", "mu'' at the extremum", None, "any", -2.0),
+        "third": Number("s^3/m^3", "mu''' there", None, "any", -3.0, True, role=ASIDE),
+        "T": Number("s", "sample period", 1e-3, role=INPUT, says="a sample time of {}"),
+        "noise": HEARD["noise"],
+        "start": Number("m/s", "farthest |th - v*| at the start; a if it is not told", None,
+                        power=1.0, optional=True),
+        "reach": Number("m/s", "farthest |th - v*| wanted", None, power=1.0, optional=True,
+                        role=TARGET),
+        "rest": Number("m/s", "wanted |th - v*| in the end", None, power=1.0, optional=True,
+                       role=TARGET),
+    },
+    {
+        **{name: Criterion(f"a periodic Lyapunov function falls, tick by tick: {name}",
+                           evidence=Evidence(partial(_find_return, target=name),
+                                             partial(_check_return, target=name)),
+                           proves=(name,), covers=("T", "noise"))
+           for name in ("reach", "rest")},
+        "averaged": Criterion("the averaged loop is stable (for w -> infinity)", _seeks),
+        "separated": Criterion("the dither is 5 times faster than both corners (a rule)",
+                               _separated, margins=("smallest_w", "largest_w_l", "largest_w_h")),
+        "slow": Criterion("both averaged poles are 5 times slower than the dither (a rule)", _slow,
+                          margins=("smallest_w", "largest_a")),
+        "carried": Criterion("ten ticks to a period of the dither (a rule)", _carried,
+                             margins=("largest_w", "largest_T")),
+    },
+    {
+        "reach": Target(_return_claim("reach")),
+        "rest": Target(_return_claim("rest")),
+    },
+    start=lambda n: f"every |th - v*| <= {spelled(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0",
+    refuters={
+        "reach": Refuter("reach", _find_flight, _replay_flight),
+        "rest": Refuter("rest", _find_swings_on, _replay_swings_on),
+    },
+    never=("a dead time", "a lag", "a map that is no parabola"),
+    values=_perturbation_values,
+    witness=_perturbation_witness,
+    panel=({"k": 200.0, "w": 12.566, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544},
+           {"k": -2.0, "w": 1.0, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544,
+            "T": 1.0}),
+    guard=_perturbation_guard,
+    time=lambda n: SAMPLED,
+))  # fmt: skip
