@@ -37,7 +37,7 @@ from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
 from slipctl.ccode.write.source import source
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_positive
 
 LIMIT = expected.LIMIT
 """Largest difference allowed between C in double and Python, relative to the largest value."""
@@ -257,6 +257,8 @@ def _produce(
         analysis.tool()
     if fuzz_seconds:
         fuzz.tool()
+    if period is not None:
+        check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
     made = texts(plan)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]

@@ -1,4 +1,4 @@
-"""Systems around the switching laws: reaching law, command with saturation compensation."""
+"""The reaching law, sampled, behind a lag."""
 
 from __future__ import annotations
 
@@ -109,90 +109,4 @@ REACHING_LAW = register(System(
     panel=({"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 5.0, "band": 0.01},
      {"g1": 5.0, "g2": 1.0, "T": 0.5, "D": 2.0, "band": 0.3}),
     time=lambda n: SAMPLED,
-))  # fmt: skip
-
-
-# ---- saturation compensation --------------------------------------------------------------------
-
-
-def _poles(n: Numbers) -> Sequence[Side]:
-    return [Side("0 < k1", 0, n["k1"]), Side("0 < k3", 0, n["k3"])]
-
-
-def _authority(n: Numbers) -> Sequence[Side]:
-    return [Side("F_min < F_low", n["F_min"], n["F_low"]),
-            Side("F_high < F_max", n["F_high"], n["F_max"])]  # fmt: skip
-
-
-def command_poles(k1: float, k3: float) -> list[complex]:
-    """Poles in 1/s of the command with saturation compensation on s = 0, by python-control.
-
-    Proof note: on s = k1 e1 + e2 - lam = 0 the command is F_d/M + v_d' + delta/M - (k1 + k3) e2
-    - k1 k3 e1: e1'' = -(k1 + k3) e1' - k1 k3 e1, whose poles are -k1 and -k3, in any saturation
-    that s itself does not see (s' = u - delta/M exactly).
-    """
-    import control
-    import numpy as np
-
-    found = control.ss([[0, 1], [-k1 * k3, -(k1 + k3)]], [[0], [1]], [[1, 0]], [[0]]).poles()
-    return [complex(p) for p in np.sort_complex(found)]
-
-
-def _compensated_values(n: Numbers) -> dict[str, Quantity]:
-    poles = command_poles(n["k1"], n["k3"])
-    found = {f"pole_{i + 1}": (p.real, "1/s") for i, p in enumerate(poles)}
-    found["recovery_to_2_%"] = (4 / min(n["k1"], n["k3"]), "s")
-    found["spare_force"] = (min(n["F_max"] - n["F_high"], n["F_low"] - n["F_min"]), "N")
-    return found
-
-
-def _compensated_witness(n: Numbers) -> Witness:
-    """Double integrator under the limited command, where the required force is out of reach."""
-    high = n["F_high"] >= n["F_max"]
-    need = n["F_high"] if high else n["F_low"]
-    h, e1, e2, t = 0.02, 0.0, 0.0, 0.0
-    rows: list[tuple[float, float]] = []
-    for i in range(3000):
-        wanted = need - n["M"] * ((n["k1"] + n["k3"]) * e2 + n["k1"] * n["k3"] * e1)
-        force = min(max(wanted, n["F_min"]), n["F_max"])
-        e1, e2, t = e1 + h * e2, e2 + h * (force - need) / n["M"], t + h
-        if i % 30 == 0:
-            rows.append((t, e2))
-    return Witness(
-        f"a constant force of {need:g} N is needed, beyond the limit",
-        {"speed_error_after_60_s": (e2, "m/s"), "position_error_after_60_s": (e1, "m")},
-        {"t": ("s", [r[0] for r in rows]), "e2": ("m/s", [r[1] for r in rows])},
-    )
-
-
-SATURATION = register(System(
-    "saturation_compensation",
-    "Wang 2025 (34)-(36): lam' = -k3 lam - (F_HO - F)/M keeps s' = u - delta/M in any saturation;"
-    " do the errors die out, with which poles, and is the force enough?",
-    {
-        "k1": Number("1/s", "slope of the sliding surface"),
-        "k3": Number("1/s", "rate at which the compensation is forgotten"),
-        "M": Number("kg", "mass"),
-        "F_min": Number("N", "least force", low="any"),
-        "F_max": Number("N", "largest force", low="any"),
-        "F_low": Number("N", "least force that the profile needs after the event", low="any",
-                        role=INPUT,
-                        says="every need from {}"),
-        "F_high": Number("N", "largest force that it needs", low="any", role=INPUT,
-                         says="every need up to {}"),
-    },
-    {
-        "poles": Criterion("poles -k1 and -k3 of the motion on s = 0", _poles, EXACT),
-        "authority": Criterion("the force that is needed lies strictly inside the limits",
-                               _authority, EXACT, ("largest_F_high", "smallest_F_low",
-                                                   "smallest_F_max", "largest_F_min"),
-                               proves=("dies_out",), refuted_under=("F_low", "F_high"),
-                               refutes="the constant need that is out of reach, e1 = 0, e2 = -1"),
-    },
-    {"dies_out": Target("e1 and e2 tend to zero")},
-    never=("the law computed once per period", "a lag of the actuator"),
-    values=_compensated_values,
-    witness=_compensated_witness,
-    panel=({"k1": 0.5, "k3": 0.2, "M": 5e5, "F_min": -1e5, "F_max": 1e5,
-            "F_low": 0.0, "F_high": 5e4},),
 ))  # fmt: skip
