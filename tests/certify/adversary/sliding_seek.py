@@ -29,11 +29,11 @@ def draw(rng: np.random.Generator, n: int) -> Cases:
 
 def _plus(delta: np.ndarray, n: Cases, wanted: np.ndarray) -> np.ndarray:
     """Direction of a tick, by the noise that makes it the wanted one wherever it can."""
-    beta, N = n["beta"], np.nan_to_num(n["noise"])
-    hit = np.zeros(delta.shape, bool)
-    for heard in (delta - N, delta, delta + N):
-        up = np.sin(np.pi * np.mod(heard, 2 * beta) / beta) >= 0
-        hit |= up == wanted
+    beta, N = n["beta"], n["noise"]
+    hit = (np.floor(delta / beta) % 2 == 0) == wanted
+    if N.any():
+        for heard in (delta - N, delta + N):
+            hit |= (np.floor(heard / beta) % 2 == 0) == wanted
     return hit == wanted
 
 
@@ -51,6 +51,7 @@ def _late(n: Cases) -> np.ndarray:
 
 def _climb(n: Cases, share: np.ndarray, ticks: int) -> np.ndarray:
     """Gain of mu on the straight slope at each tick, from delta = share 2 beta; noise says -."""
+    n = n | {"noise": np.nan_to_num(n["noise"])}
     late, store = _late(n), [np.zeros_like(n["k"])]
     mu, g, out = np.zeros_like(n["k"]), -share * 2 * n["beta"], []
     for _ in range(ticks):
@@ -64,6 +65,7 @@ def _climb(n: Cases, share: np.ndarray, ticks: int) -> np.ndarray:
 
 def _peak(n: Cases, x: np.ndarray, share: np.ndarray, ticks: int) -> np.ndarray:
     """Range of v in the end: noise to the right, to the left, to the right, a third each."""
+    n = n | {"noise": np.nan_to_num(n["noise"])}
     late, c = _late(n), n["curvature"] / 2
     store, g = [x], c * x * x - share * 2 * n["beta"]
     low, high = np.full_like(x, np.inf), np.full_like(x, -np.inf)
