@@ -77,9 +77,9 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
                     if not every:
                         break
     proofs = {k: v for k, v in tried.items() if v is not None}
-    by = {clause: proofs[name] for clause, name in first.items()}
-    promise = system.promise(numbers, by)
     left = tuple(k for k in clauses if k not in first)
+    by = {} if left else {clause: proofs[name] for clause, name in first.items()}
+    promise = system.promise(numbers, by)  # a bound that is proven stands in a whole promise only
     if not left:
         return Decision(CERTIFIED, promise, proofs)
     against, shows = counterexample(system, numbers)

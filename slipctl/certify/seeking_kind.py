@@ -144,7 +144,7 @@ def _sliding_witness(n: Numbers) -> Witness:
 
 def _find_behind(n: Numbers) -> Entries | None:
     p = _seeker(n)
-    if p.lag:
+    if p.lag or p.late > sliding.MOST_TICKS:
         return None
     slopes = dict.fromkeys((_least(n), n["slope"]))
     for ticks in (200, sliding.MOST_TICKS):
@@ -166,7 +166,8 @@ def _replay_behind(n: Numbers, run: Entries) -> str:
     run = opened(n, run, ("slope", "start", "noise", "ticks"), "run")
     slope, start = (rational(run[k], f"run.{k}") for k in ("slope", "start"))
     ticks = whole(run["ticks"], "run.ticks", 1, sliding.MOST_TICKS)
-    if p.lag or not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
+    bad = p.lag or p.late > ticks or not _least(n) <= slope <= n["slope"]
+    if bad or run["noise"] not in ("against", "none"):
         raise DoesNotHold("run: its slope, its noise or a lag is outside of what was asked")
     tick, by = sliding.behind(p, slope, start, run["noise"] == "against", ticks)
     if not tick:

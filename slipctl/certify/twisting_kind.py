@@ -282,7 +282,7 @@ def _young_fall(n: Numbers, entry: Entries) -> str:
 
 def _weight(n: Numbers) -> dict[str, Fraction]:
     theta = best_weight(float(n["alpha"]), float(n["beta"]), float(n["eta"]))
-    return {"theta": Fraction(theta).limit_denominator(10**9)}
+    return {"theta": Fraction(theta).limit_denominator(10**9) or Fraction(theta)}
 
 
 def _higher_weighted(n: Numbers) -> Sequence[Side]:

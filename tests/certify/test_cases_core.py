@@ -129,3 +129,25 @@ def _answers(name, numbers):
     except BadInput as error:
         if "\n" in str(error):
             raise AssertionError(str(error)) from None
+
+
+def test_certify_hst_braking_asks_what_its_pages_show():
+    """Case 13: the jump dry -> snow leaves the funnel, on the same plant, as printed or not."""
+    from slipctl.studies.hst_braking import gains as own
+    from slipctl.study import doors
+
+    study = doors.load_study("hst_braking")
+    cases = doors.build_cases(study)
+    found = {}
+    for g in study.gains:
+        if g.system == "prescribed_performance":
+            loop, _ = doors.pick_loop(study, cases, g.loop)
+            found[g.name] = certify(g.system, **g.numbers(loop))
+    for name in ("eppfc", "eppfc_lag50", "eppfc_printed"):
+        assert found[name].verdict == "REFUTED"
+        assert found[name].gains["F_error"] == pytest.approx(own.jump_of_rail())
+    assert found["eppfc_lag50"].gains["lag"] == 0.05
+    assert found["eppfc_steady"].verdict == "CERTIFIED"
+    unsaid = " ".join(found["eppfc_steady"].decision.promise.not_promised)
+    assert "an error of the adhesion estimate" in unsaid
+    assert "a lag of the actuator" in unsaid

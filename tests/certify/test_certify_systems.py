@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import random
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -19,10 +20,18 @@ from slipctl.certify import super_twisting as sta
 from slipctl.certify.catalogue import SYSTEMS, certify, system
 from slipctl.certify.systems import (
     CERTIFIED,
+    EXACT,
+    INPUT,
     PRINTED,
     REFUTED,
     SUFFICIENT,
     UNDECIDED,
+    Criterion,
+    Number,
+    Refuter,
+    Side,
+    System,
+    Target,
     report,
     unit_dependent,
 )
@@ -451,12 +460,68 @@ def test_a_proof_that_is_missing_is_missed():
 def test_a_proof_that_does_not_cover_an_input_proves_nothing():
     """The continuous proof of super-twisting is none of the law as sampled."""
     payload = payload_of("super_twisting", GOOD["super_twisting"])
-    with_T = payload["asked"] | {"T": {"value": "1/1000", "unit": "s"}}
-    told = proofs.write(SYSTEMS["super_twisting"], exactly(GOOD["super_twisting"] | {"T": 1e-3}))
+    with_T = payload["asked"] | {"T": {"value": "1/1000", "unit": "s"},
+                                 "delta": {"value": "1/10", "unit": "m^.5/s^1.5"}}  # fmt: skip
+    more = exactly(GOOD["super_twisting"] | {"T": 1e-3}) | {"delta": F(1, 10)}
+    told = proofs.write(SYSTEMS["super_twisting"], more)
     assert told["verdict"] == UNDECIDED
     with pytest.raises(certificate.DoesNotHold, match="no proof of"):
         certificate.check(payload | {"asked": with_T, "promise": told["promise"],
                                      "time": told["time"]})  # fmt: skip
+
+
+# ---- a system of a user --------------------------------------------------------------------------
+
+
+def own(**criterion):
+    """Whether x+ = a x dies out, as somebody else may declare it."""
+    return System(
+        "own", "x+ = a x", {
+            "a": Number("1", "factor", low="any"),
+            "W": Number("1", "input", 0.0, "not negative", role=INPUT, says="every |w| <= {}"),
+        },
+        {"small": Criterion("|a| < 1", lambda n: [Side("a^2 < 1", n["a"] ** 2, 1)], **criterion)},
+        {"dies_out": Target("x tends to zero")},
+    )  # fmt: skip
+
+
+def test_no_word_makes_a_verdict():
+    """A criterion that is called exact proves and refutes nothing by that."""
+    for a in (0.5, 2.0):
+        assert report(own(kind=EXACT), {"a": a}).verdict == UNDECIDED
+    told = dict(kind=EXACT, proves=("dies_out",), refutes="none; x = 1 at the start")
+    assert report(own(**told), {"a": 0.5}).verdict == CERTIFIED
+    assert report(own(**told), {"a": 2}).verdict == REFUTED
+    for a in (0.5, 2):  # and not where another input is told than its proof covers
+        assert report(own(**told), {"a": a, "W": 1}).verdict == UNDECIDED
+    other = dict(told, proves=("another",))
+    assert report(own(**other), {"a": 0.5}).verdict == UNDECIDED
+
+
+def test_floats_prove_nothing():
+    loose = Criterion("", lambda n: [Side("a < 1", float(n["a"]), 1)], proves=("dies_out",))
+    system_ = replace(own(), criteria={"small": loose})
+    assert report(system_, {"a": 0.5}).criteria["small"].holds
+    assert report(system_, {"a": 0.5}).verdict == UNDECIDED
+
+
+def test_a_counterexample_that_does_not_replay_refutes_nothing():
+    def replay(n, run):
+        x = F(run["start"])
+        if not abs(x * n["a"] ** 10) >= abs(x) > 0:
+            raise certificate.DoesNotHold("it shrinks")
+        return "it has not shrunk after 10 ticks"
+
+    for start, verdict in (("0", UNDECIDED), ("1", REFUTED)):
+        told = Refuter("dies_out", lambda n, s=start: {"start": s}, replay)
+        system_ = replace(own(), refuters={"grows": told})
+        payload = proofs.write(system_, {"a": F(2)})
+        assert payload["verdict"] == verdict
+        assert verdict in proofs.check(system_, payload)
+    for wrong in ({"start": "0"}, {"start": "2/0"}, {}):
+        with pytest.raises((certificate.DoesNotHold, BadInput, KeyError, ZeroDivisionError)):
+            proofs.check(system_, {**payload, "counterexample": {
+                **payload["counterexample"], "run": wrong}})  # fmt: skip
 
 
 # ---- bad input -----------------------------------------------------------------------------------
