@@ -29,7 +29,7 @@ class Loop:
         self.n, self.T, self.standing = n, n["T"], standing
         self.lag, self.noise = told(n, "lag"), told(n, "noise")
         self.left = np.exp(-self.T / np.where(self.lag > 0, self.lag, 1.0)) * (self.lag > 0)
-        self.wait = np.minimum(np.ceil(told(n, "dead") / self.T * (1 - 1e-12)), 31).astype(int)
+        self.wait = np.minimum(np.ceil(told(n, "dead") / self.T * (1 - 1e-12)), 200).astype(int)
         self.t, self.i = 0.0 * self.T, 0
         low, high = self.bounds()
         self.e = self.place(np.asarray(share), low, high)
@@ -57,11 +57,10 @@ class Loop:
         self.out |= (seen >= high) | (seen <= low)
         seen = np.where(self.out, (low + high) / 2, seen)
         self.line = [self.command(seen), *self.line[:-1]]
-        u = (
-            np.choose(np.broadcast_to(self.wait, self.e.shape), self.line)
-            if len(self.line) > 1
-            else self.line[0]
-        )
+        u = self.line[0]
+        for late in range(1, len(self.line)):
+            if (self.wait == late).any():
+                u = np.where(self.wait == late, self.line[late], u)
         moved = self.T * u + self.lag * (self.a - u) * (1 - self.left)
         self.e = self.e + moved + self.T * w * self.push()
         self.a = u + (self.a - u) * self.left
