@@ -33,28 +33,39 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; gives the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     verbose = "-v" in arguments or "--verbose" in arguments
+    closed = sys.stdout is None
+    if closed:  # started with >&-
+        sys.stdout = io.StringIO()
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that it lacks is no reason to stop
+        sys.stdout.reconfigure(errors="backslashreplace")
+    try:
+        options = parser().parse_args(arguments)
+    except SystemExit as told:  # --help, --version
+        return int(told.code or 0)
+    except BadInput as error:
+        return _explain(error, verbose)
     try:
         with stopping.listening():
-            options = parser().parse_args(arguments)
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
             _talk(options)
             home = import_module(ANSWERS[options.command])
             code: int = home.answer(options, _written(arguments))
-            if sys.stdout is not None:
-                sys.stdout.flush()
-            return code
+            sys.stdout.flush()
+            if closed:
+                _say("standard output is closed; nothing was printed")
+            return code or int(closed)
     except KeyboardInterrupt:
         _say("stopped; what had finished is written")
         return 130
     except BrokenPipeError:
         _silence()
         return 0
-    except Exception as error:
+    except (Exception, SystemExit, GeneratorExit) as error:  # sys.exit() in somebody's file
         return _explain(error, verbose)
 
 
-def _explain(error: Exception, verbose: bool) -> int:
+def _explain(error: BaseException, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
     from slipctl.study.doors import blame
 
@@ -77,7 +88,7 @@ def _explain(error: Exception, verbose: bool) -> int:
         what = f" {known.filename}" if known.filename else ""
         _say(f"cannot read or write{what}: {known.strerror or known}")
         return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
-    except Exception as unknown:
+    except (Exception, SystemExit, GeneratorExit) as unknown:
         text = str(unknown).strip().partition("\n")[0]
         _say(f"a fault of slipctl, {type(unknown).__name__}: {text}; -v shows where")
         return 1
@@ -93,9 +104,7 @@ def _say(text: str) -> None:
 
 
 def _talk(options: argparse.Namespace) -> None:
-    """Send warnings and progress to stderr; letters that stdout does not have become others."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+    """Send warnings and progress to stderr."""
     level = logging.ERROR if options.quiet else logging.DEBUG if options.verbose else logging.INFO
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("slipctl: %(message)s"))

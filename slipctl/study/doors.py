@@ -119,7 +119,9 @@ def load_file(path: str) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, SyntaxError) and not error.filename:  # no text at all
             raise BadInput(f"{path} is no Python file: {error.msg}") from error
-        if isinstance(error, Exception):
+        if isinstance(error, (MemoryError, RecursionError)):
+            raise BadInput(f"{path} is nested too deeply to be read") from error
+        if not isinstance(error, KeyboardInterrupt):
             blame(error)
         raise
     return module
@@ -132,7 +134,7 @@ def _import(name: str) -> ModuleType:
         blame(error)
 
 
-def blame(error: Exception) -> NoReturn:
+def blame(error: BaseException) -> NoReturn:
     """Raise what went wrong in somebody's equations as one line with file and line.
 
     Raises:
@@ -156,7 +158,7 @@ def blame(error: Exception) -> NoReturn:
     raise error
 
 
-def reason(error: Exception) -> str:
+def reason(error: BaseException) -> str:
     """Say an error in one line, with its place where it is in a model or a study."""
     try:
         blame(error)
@@ -164,7 +166,7 @@ def reason(error: Exception) -> str:
         return str(known)
     except OSError as known:
         return f"cannot write {known.filename or ''}: {known.strerror or known}"
-    except Exception as unknown:
+    except (Exception, SystemExit, GeneratorExit) as unknown:
         return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
 
 

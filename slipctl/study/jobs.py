@@ -256,6 +256,6 @@ def _attempt(job: Job[T], tell: Tell) -> Outcome[T]:
         return Outcome(value=job(tell))
     except NotRun as missing:
         return Outcome(error=type(missing)(str(missing)))
-    except Exception as error:
+    except (Exception, SystemExit, GeneratorExit) as error:  # sys.exit() in somebody's file
         log.debug("a job broke", exc_info=True)
         return Outcome(error=RunFailed(reason(error)))
