@@ -283,9 +283,13 @@ def variants(models: Mapping[str, Any]) -> dict[str, Block]:
     return {
         "hosm_limited_uncompensated": loop(models, control.higher_order(compensation=False)),
         "hosm_limited_printed": loop(models, control.higher_order("printed")),
+        "hosm_limited_rule": loop(models, models["hosm"]).with_params(**RULE),
         "smc_motor_printed": loop(models, models["smc"], False, motors=motor("printed-33")),
     }
 
+
+RULE = {"ctl.usable.axle.class.blind": 0.0, "ctl.usable.axle.class.cut": 1.0}
+"""Limit by the rule of Fig. 4 alone: a class at any creep, no further cut beyond the peak."""
 
 LOGGED = (
     "x_d", "v_d", "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.F_all",
