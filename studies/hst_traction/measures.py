@@ -114,25 +114,55 @@ def where_lost(scenario: str, loop: str) -> Any:
     def told(r: Results) -> str:
         share = stretches(r, scenario, loop)
         a, b = max(share, key=lambda k: share[k])
-        off = float(np.mean(error(r, scenario, loop, a, b)))
-        what = f"{share[a, b]:.0%} of the squared error is of {surface_at(a)} rail, {a:g} s to"
-        what += f" {min(b, DURATION):g} s"
-        forces = [f(r, scenario, loop, a, b) for f in (demand, carried)]
-        limit = after(r, scenario, loop, a, b, "ctl.limit.F_hi")
-        need, rail, allowed = (float(np.mean(f)) for f in (*forces, limit))
-        numbers = (
-            f"on average the target asks for {need / 1e3:.0f} kN, the limit allows"
-            f" {allowed / 1e3:.0f}, the rail carries {rail / 1e3:.0f}"
+        off = error(r, scenario, loop, a, b)
+        what = f"{share[a, b]:.0%} of the squared error is of {stretch(a, b)}"
+        fast = float((off[off > 0] ** 2).sum() / (off**2).sum())
+        if fast < 0.5:
+            return f"{what}: {held_back(r, scenario, loop, a, b)}"
+        what += f", where the train is too fast, by up to {off.max():.2g} m/s"
+        behind = {k: _lost(r, scenario, loop, *k) for k in share}
+        a, b = max(behind, key=lambda k: behind[k])
+        if behind[a, b] < 0.1:
+            return what
+        return (
+            f"{what}, to regain its place; it falls behind by {behind[a, b]:.2g} m on"
+            f" {stretch(a, b)}: {held_back(r, scenario, loop, a, b)}"
         )
-        if off > 0:
-            return f"{what}, where the train is too fast by {off:.2g} m/s"
-        if need > rail:
-            return f"{what}: {numbers}; no law can follow"
-        if allowed < rail * (1 - KEPT) and (limit < forces[0]).any():
-            return f"{what}: {numbers}; the rule of the next poorer surface holds the train back"
-        return f"{what}: {numbers}"
 
     return told
+
+
+def stretch(a: float, b: float) -> str:
+    """Name of a part of the run."""
+    return f"{surface_at(a)} rail, {a:g} s to {min(b, DURATION):g} s"
+
+
+def _lost(r: Results, scenario: str, loop: str, a: float, b: float) -> float:
+    """Way in m that a train falls behind its target over a stretch, from its begin on."""
+    x, x_d = (after(r, scenario, loop, a, b, n) for n in ("plant.train.x", "x_d"))
+    return float((x - x_d)[0] - (x - x_d).min())
+
+
+def held_back(r: Results, scenario: str, loop: str, a: float, b: float) -> str:
+    """What target, limit and rail say of a stretch, and which of them holds the train back."""
+    need, rail = (f(r, scenario, loop, a, b) for f in (demand, carried))
+    limit = after(r, scenario, loop, a, b, "ctl.limit.F_hi")
+    numbers = (
+        f"the target asks for {spread(need)} kN, the limit allows {spread(limit)}, the rail"
+        f" and motors give {spread(rail)}"
+    )
+    short = need > limit
+    if not short.any():
+        return numbers
+    if (need[short] > rail[short]).mean() > 0.5:
+        return f"{numbers}; no law can follow"
+    return f"{numbers}; the rule of the limit holds the train back"
+
+
+def spread(force: np.ndarray) -> str:
+    """Range of a force over a stretch in kN, a hundredth of the time left out to either side."""
+    low, high = np.quantile(force, [0.01, 0.99]) / 1e3
+    return f"{low:.0f} to {high:.0f}"
 
 
 def believed(r: Results, scenario: str, loop: str) -> float:

@@ -14,7 +14,7 @@ from slipctl.studies.hst_traction import contact, experiments
 from slipctl.studies.hst_traction import regret as lost
 from slipctl.studies.hst_traction.claims import CLAIMS, SHOWN
 from slipctl.studies.hst_traction.gains import GAINS
-from slipctl.studies.hst_traction.loops import BAND, MODELS, RAIL, cases
+from slipctl.studies.hst_traction.loops import BAND, MODELS, RAIL, cases, check
 from slipctl.studies.hst_traction.measures import KMH, begin
 
 SLIDING = ("smc", "asmc", "hosm")
@@ -167,6 +167,7 @@ study = Study(
     " the gains of the higher-order sliding mode hold, and what does the run ask of them?",
     models=MODELS,
     cases=cases,
+    check=check,
     signals=Signals(
         speed="plant.train.v", position="plant.train.x", slip="worst.creep",
         torque="ctl.F_contr", deceleration="plant.train.a",
