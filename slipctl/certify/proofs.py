@@ -82,7 +82,7 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     promise = system.promise(numbers, by)  # a bound that is proven stands in a whole promise only
     if not left:
         return Decision(CERTIFIED, promise, proofs)
-    against, shows = counterexample(system, numbers)
+    against, shows = counterexample(system, numbers, left)
     return Decision(REFUTED if against else UNDECIDED, promise, proofs, against, left, shows)
 
 
@@ -109,9 +109,13 @@ def proof(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | No
 
 
 def counterexample(
-    system: System, numbers: Mapping[str, Fraction]
+    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str]
 ) -> tuple[dict[str, Any] | None, str]:
-    """First counterexample that replays, as the file holds it, and what it does; else None."""
+    """First counterexample that replays, as the file holds it, and what it does; else None.
+
+    Args:
+        system: the system. numbers: its numbers. unproved: clauses for which runs are searched.
+    """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     for name, c in system.asked(numbers).items():
         clause = _refuted(c, inputs, clauses)
@@ -121,7 +125,7 @@ def counterexample(
                 entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
                 return entry, c.refutes
     for name, r in system.refuters.items():
-        if r.target in clauses:
+        if r.target in unproved:
             try:
                 found = r.find(numbers)
                 if found is None:

@@ -227,7 +227,7 @@ def test_certify_a_study(toy, capsys):
     assert "the paper's own condition, printed_48*, is violated" in said
     assert said.endswith("* its verdict depends on the unit of length\n")
     assert "needs band: k1 <= 141.4 (is 2000) or T <= 7.071e-05 (is 0.001)" in said
-    assert "none (loop a), reaching_law: UNDECIDED as sampled\n" in said
+    assert "none (loop a), reaching_law: CERTIFIED as sampled\n" in said
     assert main(["certify", "toy.py", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["format"] == 1

@@ -41,7 +41,7 @@ FUNNEL = dict(K1=100, T=1e-3, eta_inf=0.005, delta_l=1.2, delta_u=1.2)
 FREIGHT = dict(k=1200, k_a=1.22986, k_s=0.02, T=2e-4)
 GOOD = {
     "super_twisting": dict(k1=1.5, k2=1.1, L=1),
-    "reaching_law": dict(g1=36, g2=12, T=1e-3, D=3, band=0.01),
+    "reaching_law": dict(g1=36, g2=12, T=1e-3, D=3, band=0.016),
     "adhesion_observer": dict(K1=98.5, K2=4400, K3=0.5, L=2000),
     "higher_order": dict(k4=0.25, alpha=0.02, beta=0.09, eta=0.009),
     "saturation_compensation": dict(k1=0.5, k3=0.2, M=5e5, F_min=-1e5, F_max=1e5, F_low=-4e4,
@@ -80,7 +80,7 @@ def test_every_system_has_a_good_and_a_bad_example():
     assert set(GOOD) == set(BAD) == set(SYSTEMS)
 
 
-OPEN = {"reaching_law": {CERTIFIED}}
+OPEN: dict[str, set[str]] = {}
 """Verdicts of the examples for which there is no proof, or no counterexample that replays, yet."""
 
 

@@ -13,17 +13,19 @@ from .common import Adversary, Cases
 
 
 def draw(rng: np.random.Generator, n: int) -> Cases:
-    """w 1 to 20 rad/s, corners w/25 to w/6, averaged natural frequency^2 0.1 to 1 w_l^2.
+    """w 1 to 20 rad/s, corners w/20 to w/6, averaged natural frequency^2 0.15 to 1 w_l^2.
 
-    a 0.05 to 0.5, curvature -0.05 to -1, 15 to 50 ticks to a period; one in ten flees (k < 0).
+    a 0.05 to 0.5, curvature -0.05 to -1, start 0.1 to 1 a, 12 to 30 ticks to a period; one in ten
+    flees (k < 0).
     """
     w = common.log_uniform(rng, 1, 20, n)
-    w_l, w_h = w / common.log_uniform(rng, 6, 25, n), w / common.log_uniform(rng, 6, 25, n)
+    w_l, w_h = w / common.log_uniform(rng, 6, 20, n), w / common.log_uniform(rng, 6, 20, n)
     a, c = common.log_uniform(rng, 0.05, 0.5, n), -common.log_uniform(rng, 0.05, 1, n)
-    k = 2 * w_l * common.log_uniform(rng, 0.1, 1, n) / (a * -c)
+    k = 2 * w_l * common.log_uniform(rng, 0.15, 1, n) / (a * -c)
     k = k * np.where(rng.random(n) < 0.9, 1, -1)
-    T = 2 * np.pi / w / rng.integers(15, 50, n)
-    return {"k": k, "w": w, "w_l": w_l, "w_h": w_h, "a": a, "curvature": c, "T": T}
+    T = 2 * np.pi / w / rng.integers(12, 30, n)
+    return {"k": k, "w": w, "w_l": w_l, "w_h": w_h, "a": a, "curvature": c, "T": T,
+            "start": a * common.log_uniform(rng, 0.1, 1, n)}  # fmt: skip
 
 
 def _run(n: Cases, share: float, ticks: int) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +54,7 @@ def _search(n: Cases, effort: int) -> tuple[np.ndarray, np.ndarray]:
     natural = np.abs(n["k"] * n["curvature"]) * n["a"] * n["w_l"] / 2
     slow = np.minimum(natural / n["w_l"], n["w_l"] / 2)
     ticks = int((14 / slow / n["T"]).max()) + 200
-    found = [_run(n, share, min(ticks, 30_000)) for share in (1.0, -1.0, 0.3)[: 1 + effort]]
+    found = [_run(n, share, min(ticks, 12_000)) for share in (1.0, -1.0, 0.3)[: 1 + effort]]
     return np.max([f[0] for f in found], 0), np.max([f[1] for f in found], 0)
 
 
@@ -60,7 +62,7 @@ def leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     """It goes farther than was asked, or rests farther out, or runs away."""
     most, last = _search(n, effort)
     far = np.where(np.isnan(n["start"]), n["a"], n["start"]) if "start" in n else n["a"]
-    out = most > 10 * far
+    out = most > 10 * np.maximum(far, n["a"])
     for name, value in (("reach", most), ("rest", last)):
         if name in n:
             out |= value > np.where(np.isnan(n[name]), np.inf, n[name]) * (1 + 1e-9)

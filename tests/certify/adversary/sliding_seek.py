@@ -29,11 +29,11 @@ def draw(rng: np.random.Generator, n: int) -> Cases:
 
 def _plus(delta: np.ndarray, n: Cases, wanted: np.ndarray) -> np.ndarray:
     """Direction of a tick, by the noise that makes it the wanted one wherever it can."""
-    beta, N = n["beta"], np.nan_to_num(n["noise"])
-    hit = np.zeros(delta.shape, bool)
-    for heard in (delta - N, delta, delta + N):
-        up = np.sin(np.pi * np.mod(heard, 2 * beta) / beta) >= 0
-        hit |= up == wanted
+    beta, N = n["beta"], n["noise"]
+    hit = (np.floor(delta / beta) % 2 == 0) == wanted
+    if N.any():
+        for heard in (delta - N, delta + N):
+            hit |= (np.floor(heard / beta) % 2 == 0) == wanted
     return hit == wanted
 
 
@@ -51,6 +51,7 @@ def _late(n: Cases) -> np.ndarray:
 
 def _climb(n: Cases, share: np.ndarray, ticks: int) -> np.ndarray:
     """Gain of mu on the straight slope at each tick, from delta = share 2 beta; noise says -."""
+    n = n | {"noise": np.nan_to_num(n["noise"])}
     late, store = _late(n), [np.zeros_like(n["k"])]
     mu, g, out = np.zeros_like(n["k"]), -share * 2 * n["beta"], []
     for _ in range(ticks):
@@ -63,18 +64,19 @@ def _climb(n: Cases, share: np.ndarray, ticks: int) -> np.ndarray:
 
 
 def _peak(n: Cases, x: np.ndarray, share: np.ndarray, ticks: int) -> np.ndarray:
-    """Range of v in the end: noise to the right, to the left, to the right, a third each."""
+    """Range of v in the end: noise to the right for a half, then to the left and to the right."""
+    n = n | {"noise": np.nan_to_num(n["noise"])}
     late, c = _late(n), n["curvature"] / 2
     store, g = [x], c * x * x - share * 2 * n["beta"]
     low, high = np.full_like(x, np.inf), np.full_like(x, -np.inf)
     for i in range(ticks):
-        right = not ticks <= 3 * i < 2 * ticks
+        right = not 2 * ticks <= 4 * i < 3 * ticks
         seen = _delayed(store, late)
         up = _plus(c * seen * seen - g, n, np.full(x.shape, right))
         x = x + n["T"] * n["k"] * np.where(up, 1, -1)
         g = g + n["T"] * n["rho"]
         store = [*store[-12:], x]
-        if 3 * i >= ticks:
+        if 2 * i >= ticks:
             low, high = np.minimum(low, x), np.maximum(high, x)
     return high - low
 
@@ -85,8 +87,9 @@ def _wide(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     slow = zone / (n["k"] * n["T"])  # ticks of the last time constant
     ticks = int(np.quantile(8 * cycle + 6 * slow, 0.95)) if len(zone) else 0
     ticks, worst = min(ticks, 12_000), np.zeros_like(zone)
+    near = n["k"] * n["beta"] / n["rho"]  # from farther out a run would still be on its way
     for _ in range(1 + effort // 4):
-        x, share = zone * rng.uniform(-1, 1, len(zone)), rng.random(len(zone))
+        x, share = near * rng.uniform(-0.5, 0.5, len(zone)), rng.random(len(zone))
         worst = np.maximum(worst, _peak(n, x, share, ticks))
     return worst
 

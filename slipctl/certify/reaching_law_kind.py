@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
 
-from slipctl.certify import reaching_law
+from slipctl.certify import reaching_law, relay_proof
+from slipctl.certify.outward import Interval
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -22,8 +25,6 @@ from slipctl.certify.systems import (
     Witness,
 )
 
-# ---- reaching law -------------------------------------------------------------------------------
-
 
 def _drives(n: Numbers) -> Sequence[Side]:
     return [Side("D < g2", n["D"], n["g2"])]
@@ -32,18 +33,33 @@ def _drives(n: Numbers) -> Sequence[Side]:
 def _sampled(n: Numbers) -> Sequence[Side]:
     if n["lag"] == 0:
         return [Side("T g1 < 2", n["T"] * n["g1"], 2)]
-    (a, b, c, d), _, _ = reaching_law.tick(*(float(n[k]) for k in ("g1", "g2", "T", "lag")))
+    entries: Any
+    if isinstance(n["T"], Fraction):
+        left = Interval.of(-n["T"] / n["lag"], 60).exp()
+        taken = 1 - left
+        reach = taken * n["lag"]
+        held = n["T"] - reach
+        entries = 1 - held * n["g1"], reach, -(taken * n["g1"]), left
+    else:
+        entries, _, _ = reaching_law.tick(*(float(n[k]) for k in ("g1", "g2", "T", "lag")))
+    a, b, c, d = entries
     det, trace = a * d - b * c, a + d
-    return [Side("det M < 1", det, 1.0), Side("0 < 1 + trace M + det M", 0.0, 1 + trace + det)]
+    ends = [Side("det M < 1", det, 1), Side("0 < 1 + trace M + det M", 0, trace + det + 1)]
+    return ends if n["g1"] else ends[1:]
 
 
 def _band(n: Numbers) -> Sequence[Side]:
-    if n["lag"] == 0:
-        return [
-            Side("T g1 < 2", n["T"] * n["g1"], 2),
-            Side("T g2 <= band (2 - T g1)", n["T"] * n["g2"], n["band"] * (2 - n["T"] * n["g1"])),
-        ]
-    return [Side("half-swing of the largest orbit <= band", _orbit(n)[1], float(n["band"]))]
+    """Without a lag."""
+    T, g1 = n["T"], n["g1"]
+    sides = [Side("T g1 < 2", T * g1, 2)]
+    if g1 == 0:
+        sides.append(Side("D < g2", n["D"], n["g2"]))
+    if n["lag"]:
+        return [Side("lag <= 0", n["lag"], 0)]
+    if "band" in n and all(s.holds() for s in sides):
+        largest = relay_proof.no_lag_band(g1, n["g2"], T, n["D"])
+        sides.append(Side("largest |s| in the end <= band", largest, n["band"]))
+    return sides
 
 
 def _orbit(n: Numbers) -> tuple[int, float]:
@@ -96,13 +112,19 @@ REACHING_LAW = register(System(
         "sampled": Criterion("sampled: large errors die out", _sampled, EXACT,
                              ("largest_g1", "largest_T"), proves=("ends", "band"),
                              refuted_under=("T", "lag", "D"), refutes="none; a large s"),
-        "band": Criterion("sampled, d = 0: the largest orbit fits into the wanted band", _band,
-                          EXACT, ("largest_T", "smallest_band"), ("band",)),
+        "band": Criterion("sampled, no lag: the largest |s| that any d leads to in the end", _band,
+                          EXACT, ("largest_T", "largest_D", "smallest_band"),
+                          proves=("ends", "band"), covers=("T", "D"),
+                          refutes="d = D or -D at every tick, see reaching_law.no_lag_band"),
+        "polygon": Criterion("sampled, lag: a polygon that every run enters, then tick by tick",
+                             proves=("ends", "band"), covers=("T", "D", "lag"),
+                             evidence=relay_proof.POLYGON),
     },
     {
-        "ends": Target("|s| is bounded in the end", unless=("band",)),
-        "band": Target("|s| stays below {band} in the end", ("band",)),
+        "ends": Target(relay_proof.claim, unless=("band",)),
+        "band": Target("|s| stays below {band} at every tick in the end", ("band",)),
     },
+    refuters={"orbit": relay_proof.ORBIT},
     never=("measurement noise", "a limit of the command"),
     values=_reaching_values,
     witness=_reaching_witness,
