@@ -409,6 +409,51 @@ def test_a_second_run_does_not_compile(tmp_path, monkeypatch, needs_compiler):
     assert time.perf_counter() - began < 5
 
 
+def test_a_library_of_another_loop_or_a_damaged_one_is_not_loaded(
+    tmp_path, monkeypatch, caplog, needs_compiler
+):
+    """Its name is not trusted: the content must be what was built under it; else it is rebuilt."""
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    right = simulate(closed_loop(), three_rails(0.3))
+    (mine,) = tmp_path.glob("*.so")
+    build.compiled(one_input(value=1.0).f)
+    (other,) = set(tmp_path.glob("*.so")) - {mine}
+    whole = mine.read_bytes()
+    for content in (other.read_bytes(), whole[: len(whole) // 2], whole[:-1] + b"x", b""):
+        mine.unlink()  # a library that is loaded must not change
+        mine.write_bytes(content)
+        with caplog.at_level(logging.WARNING):
+            assert same(simulate(closed_loop(), three_rails(0.3)), right)
+        assert f"{mine.name} in the cache is damaged, building it again" in caplog.text
+        assert mine.read_bytes() == whole
+        caplog.clear()
+    mine.unlink()
+    mine.write_bytes(other.read_bytes())
+    seal = mine.with_suffix(".sum")
+    seal.write_bytes(other.with_suffix(".sum").read_bytes())
+    assert same(simulate(closed_loop(), three_rails(0.3)), right)
+    assert mine.read_bytes() == whole
+
+
+def test_folders_of_killed_compiles_are_removed(tmp_path, monkeypatch, needs_compiler):
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    for number in (dead.pid, os.getpid()):
+        (tmp_path / f"{build.BUILDING}{number}.x").mkdir()
+    simulate(closed_loop(), three_rails(0.3))
+    assert [p.name for p in tmp_path.glob(".*")] == [f"{build.BUILDING}{os.getpid()}.x"]
+
+
+def test_levels_of_the_compiler_give_the_same_bits(tmp_path, monkeypatch, needs_compiler):
+    """A short run is compiled faster, a long one better."""
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    short = simulate(closed_loop(), three_rails(0.3))
+    monkeypatch.setattr(build, "LONG", 1)
+    assert same(simulate(closed_loop(), three_rails(0.3)), short)
+    assert len(list(tmp_path.glob("*.so"))) == 2
+
+
 def test_the_compiled_roll_refuses_arrays_that_do_not_fit(needs_compiler):
     """What it would read beyond the end, or as other bits, is an error before the call."""
     roller = build.compiled(one_input(value=1.0).f)
