@@ -138,7 +138,7 @@ def test_every_model_has_well_formed_equations(name: str) -> None:
 
 def test_chatter_hides_no_other_signal():
     """Mean of each column as a line; what it covers is drawn behind the lines, see-through."""
-    fig, axes = plots.panels()
+    _, axes = plots.panels()
     t = np.arange(6000) / 1e3
     plots.chatter(axes[0, 0], {"smc": (t, np.where(np.arange(6000) % 2, 3.0, -1.0))}, ("F", "kN"))
     (line,) = axes[0, 0].lines
