@@ -21,6 +21,7 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
+        digits = telling(list(value.values()), digits)
         return ", ".join(f"{k} {number(v, digits)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):
         return " / ".join(number(v, digits) for v in value)
@@ -34,6 +35,14 @@ def number(value: Any, digits: int = 4) -> str:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}" if e else mantissa
     return str(value)
+
+
+def telling(values: Sequence[Any], digits: int) -> int:
+    """Digits, 9 at most, with which values that differ look different: an order can be seen."""
+    plain = {v for v in values if isinstance(v, float) and math.isfinite(v)}
+    while digits < 9 and len({number(v, digits) for v in plain}) < len(plain):
+        digits += 1
+    return digits
 
 
 def with_unit(value: Any, unit: str) -> str:

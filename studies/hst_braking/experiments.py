@@ -17,7 +17,7 @@ from slipctl.models import hst_braking_control as control
 from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import I_W, G, R, peak_height, plant
 from slipctl.studies.bench.best_possible import against_optimum
-from slipctl.studies.hst_braking.limits import funnel, locked, printed, standstill
+from slipctl.studies.hst_braking.limits import funnel, locked, order, printed, standstill
 from slipctl.studies.hst_braking.loops import (
     NAMES,
     NOISE,
@@ -414,6 +414,7 @@ def regret(context: Context) -> Table:
 EXPERIMENTS = {
     "table_4": Experiment("Table 4", table_4, "How far does each controller get in 6 s?"),
     "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),
+    "order": Experiment("Order of the distances", order, "Does it hold for other limits, gains?"),
     "closed_form": Experiment("Bounds", closed_form, "Does the simulation agree with formulas?"),
     "filter": Experiment("Filter", filter_convergence, "How fast and how honest is the filter?"),
     "search": Experiment("Search", search, "When is the best slip found?"),

@@ -6,213 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from slipctl import Claim, Figure, Results, Signals, Study
+from slipctl import Figure, Results, Signals, Study
 from slipctl.draw import plots
 from slipctl.models.contact import peak
 from slipctl.models.hst_traction import tractive_effort
-from slipctl.run.results import NotRun
 from slipctl.studies.hst_traction import contact, experiments
 from slipctl.studies.hst_traction import regret as lost
+from slipctl.studies.hst_traction.claims import CLAIMS, SHOWN
 from slipctl.studies.hst_traction.gains import GAINS
-from slipctl.studies.hst_traction.loops import BAND, MODELS, NAMES, RAIL, cases
+from slipctl.studies.hst_traction.loops import BAND, MODELS, RAIL, cases, check
+from slipctl.studies.hst_traction.measures import KMH, begin
 
 SLIDING = ("smc", "asmc", "hosm")
 """The three laws of Figs 7 to 10."""
-
-SHOWN = ("smc", "asmc", "hosm_limited")
-"""As the paper shows them: the first two without a limit."""
-
-KMH = 3.6
-
-
-# ---- answers to the claims -----------------------------------------------------------------------
-
-
-def creep(r: Results, scenario: str, loop: str, which: str) -> float:
-    """Largest (``"highest"``) or smallest (``"lowest"``) creep of a run in km/h."""
-    values = r.log(scenario, loop)[f"worst.{which}"].values
-    return KMH * float(values.max() if which == "highest" else values.min())
-
-
-def after(r: Results, scenario: str, loop: str, start: float, stop: float, name: str) -> np.ndarray:
-    """Values of a logged signal between two times in s of the paper's run."""
-    log = r.log(scenario, loop)
-    t = log["time"].values + begin(r)
-    inside = (t >= start) & (t < stop)
-    if not inside.any():
-        raise NotRun(f"{scenario}/{loop} was not run from {start:g} s to {stop:g} s")
-    return np.asarray(log[name].values[inside])
-
-
-def begin(r: Results) -> float:
-    """Time of the paper's run in s at which the runs begin."""
-    return 105.0 if r.quick else 0.0
-
-
-def error(
-    r: Results, scenario: str, loop: str, start: float = 0.0, stop: float = 1e9
-) -> np.ndarray:
-    """Speed less its target in m/s."""
-    speed = after(r, scenario, loop, start, stop, "plant.train.v")
-    return speed - after(r, scenario, loop, start, stop, "v_d")
-
-
-def rms(values: np.ndarray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def speed_errors(r: Results) -> dict[str, float]:
-    """RMS speed error in m/s in ``stress``: without the limit, but hosm with it, as in print."""
-    return {name: rms(error(r, "stress", name)) for name in SHOWN}
-
-
-def limited_errors(r: Results) -> dict[str, float]:
-    """RMS speed error in m/s in ``stress``, every law with the limit."""
-    names = ("hosm", "smc", "asmc")
-    return {n: rms(error(r, "stress", f"{n}_limited")) for n in names}
-
-
-def response(name: str, column: str = "first change of the command after") -> Any:
-    """Response to the ice in ms, from the experiment."""
-    return lambda r: r.table("response").where(column, law=name)
-
-
-def recovers(r: Results, loop: str) -> bool:
-    """Whether a run on damp rail keeps within 0.5 m/s of its target, 400 s on."""
-    return bool(np.abs(error(r, "stress", loop, 400.0, 530.0)).max() < 0.5)
-
-
-def misled(r: Results) -> bool:
-    """Whether the limit falls below 100 kN while the train coasts on wet rail, 200 s to 250 s."""
-    return bool(after(r, "stress", "hosm_limited", 200.0, 250.0, "ctl.limit.F_hi").min() < 100e3)
-
-
-def worst_limited(r: Results) -> float:
-    """Largest creep in km/h of any law with the limit, in ``base`` and ``stress``."""
-    found = [
-        creep(r, s, f"{n}_limited", "highest")
-        for s in ("base", "stress")
-        for n in NAMES
-        if f"{n}_limited" in r.data.get(s, {})
-    ]
-    return max(found)
-
-
-TABLE_4 = {
-    "hosm": ("0.02", "0.10", 5.0), "mpc": ("0.05", "0.20", 30.0), "robust": ("0.04", "0.18", 25.0),
-    "pid": ("0.07", "0.25", 15.0),
-}  # fmt: skip
-"""RMSE, largest error, response in ms as printed; the units of the first two are not."""
-
-CLAIMS = (
-    *(
-        Claim(
-            f"creep_high_{scenario}", "section 4, Fig. 9(c)",
-            f"the proposed controller keeps the creep below 2.88 km/h, {scenario}", "number",
-            2.88, lambda r, s=scenario: creep(r, s, "hosm_limited", "highest"), "km/h",
-            bound="at most", scenario=scenario, loop="hosm_limited",
-            assumption="Hertz, brake, motor lag and target are not given; margin 0.9 on ice",
-        )
-        for scenario in ("base", "stress")
-    ),
-    *(
-        Claim(
-            f"creep_low_{scenario}", "section 4, Fig. 9(c)",
-            f"and above -0.72 km/h, {scenario}", "number", -0.72,
-            lambda r, s=scenario: creep(r, s, "hosm_limited", "lowest"), "km/h",
-            bound="at least", scenario=scenario, loop="hosm_limited", assumption="as above",
-        )
-        for scenario in ("base", "stress")
-    ),
-    Claim(
-        "creep_every_law", "section 3.2", "the limit prevents slip, whatever the law", "number",
-        2.0, worst_limited, "km/h", bound="at most", scenario="stress",
-        assumption="below 2.0 km/h in base and stress for all six laws; the bound is ours",
-    ),
-    *(
-        Claim(
-            f"slips_{name}", "section 4, Fig. 9", f"{name} without the limit slips by over 200 km/h"
-            " after 115 s", "number", 200.0,
-            lambda r, n=name: creep(r, "stress", n, "highest"), "km/h", bound="at least",
-            scenario="stress", loop=name,
-            why_not="it slips away, but a motor whose power is limited by its own wheel's speed"
-            " (docs/errata.md) comes to rest where the falling adhesion meets that limit",
-        )
-        for name in ("smc", "asmc")
-    ),
-    Claim(
-        "slips_printed_motor", "section 4, Fig. 9; (33)", "the same, with the power limited by the"
-        " train's speed as printed", "number", 200.0,
-        lambda r: creep(r, "stress", "smc_motor_printed", "highest"), "km/h", bound="at least",
-        scenario="stress", loop="smc_motor_printed",
-    ),
-    *(
-        Claim(
-            f"rmse_{name}", "Table 4", f"RMSE of {name}", "number", printed[0],
-            lambda r, n=name: r.metric("base", f"{n}_limited", "speed_error_rms"), "m/s",
-            tolerance="last digit", scenario="base", loop=f"{name}_limited",
-            assumption="of the speed in m/s over the whole run; Table 4 prints \'(Units)\'",
-            why_not="while the rail carries less than the target asks for, no law can follow; that"
-            " makes nearly all of the error, and depends on the target, which is not given",
-        )
-        for name, printed in TABLE_4.items()
-    ),
-    *(
-        Claim(
-            f"error_{name}", "Table 4", f"largest error of {name}", "number", printed[1],
-            lambda r, n=name: r.metric("base", f"{n}_limited", "speed_error_max"), "m/s",
-            tolerance="last digit", scenario="base", loop=f"{name}_limited",
-            assumption="of the speed in m/s", why_not="as above",
-        )
-        for name, printed in TABLE_4.items()
-    ),
-    *(
-        Claim(
-            f"response_{name}", "Table 4", f"response time of {name}", "number", printed[2],
-            response(name), "ms", bound="at most", scenario="stress", loop=f"{name}_limited",
-            assumption="from the ice to the first change of the command; with the limit, which the"
-            " paper gives to its own controller only",
-        )
-        for name, printed in TABLE_4.items()
-    ),
-    *(
-        Claim(
-            f"execution_{name}", "Table 4", f"execution time of {name}", "number", printed, None,
-            "s", not_checkable="measured on the authors' DSP",
-        )
-        for name, printed in (("hosm", "0.005"), ("mpc", "0.030"), ("robust", "0.020"),
-                              ("pid", "0.010"))
-    ),
-    Claim(
-        "smc_recovers", "section 4, Fig. 7(a)", "conventional sliding mode recovers after 320 s",
-        "yes/no", True, lambda r: recovers(r, "smc"), scenario="stress", loop="smc",
-        assumption="speed within 0.5 m/s from 400 s on",
-    ),
-    Claim(
-        "asmc_fails", "section 4, Fig. 7(b)", "adaptive sliding mode does not, because of its"
-        " integral", "yes/no", True, lambda r: not recovers(r, "asmc"), scenario="stress",
-        loop="asmc", assumption="as above; without anti-windup",
-        why="with the limit it fails in the same way: the limit prevents slip, not windup",
-    ),
-    Claim(
-        "limit_misled", "section 4, Fig. 10(c)", "the limit misbehaves at 200 s to 250 s, where the"
-        " command is near zero", "yes/no", True, misled, scenario="stress", loop="hosm_limited",
-        assumption="it falls below 100 kN on wet rail, where it should be 154 kN",
-        why_not="where the curves lie closer than 0.01 the class is kept",
-    ),
-    Claim(
-        "smallest_error", "section 4, Figs 7, 8", "the proposed controller tracks best", "order",
-        "asmc > smc > hosm_limited", speed_errors, "m/s", tolerance=0.0, tolerance_why="an order",
-        scenario="stress", assumption="the others without the limit, as in the paper",
-        why="RMS speed error over the run",
-    ),
-    Claim(
-        "smallest_error_limited", "section 4, Figs 7, 8", "and so it does where every law has the"
-        " limit", "order", "asmc > smc > hosm", limited_errors, "m/s", tolerance=0.0,
-        tolerance_why="an order", scenario="stress", assumption="as above",
-    ),
-)  # fmt: skip
 
 
 # ---- figures -------------------------------------------------------------------------------------
@@ -361,6 +167,7 @@ study = Study(
     " the gains of the higher-order sliding mode hold, and what does the run ask of them?",
     models=MODELS,
     cases=cases,
+    check=check,
     signals=Signals(
         speed="plant.train.v", position="plant.train.x", slip="worst.creep",
         torque="ctl.F_contr", deceleration="plant.train.a",
