@@ -23,8 +23,12 @@ Field = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndar
 
 
 def growth(field: Field, k1: np.ndarray, k2: np.ndarray, L: np.ndarray, v: np.ndarray,
-           shares: np.ndarray) -> np.ndarray:  # fmt: skip
-    """Largest g over the shares, per case; infinite where x1 does not come back."""
+           shares: np.ndarray, creeps: float) -> np.ndarray:  # fmt: skip
+    """Largest g over the shares, per case; infinite where x1 does not come back.
+
+    A run that has not come back at the end creeps into the origin, g = 0, if its x2 has fallen by
+    the factor ``creeps`` since half of it.
+    """
     h = 0.1 / np.maximum(k1, np.sqrt(2 * (k2 + L)))[:, None]
     y, z = np.zeros((len(k1), len(shares))), np.repeat(v[:, None], len(shares), axis=1)
     found = np.full(y.shape, np.inf)
@@ -52,7 +56,7 @@ def growth(field: Field, k1: np.ndarray, k2: np.ndarray, L: np.ndarray, v: np.nd
         still = running & (np.hypot(new_y * k1[:, None], new_z) < 1e-7 * v[:, None])
         found, running = np.where(still, 0.0, found), running & ~still
         y, z = np.where(running, new_y, 0.0), np.where(running, new_z, 0.0)
-    found = np.where(running & (z < halfway), 0.0, found)  # it creeps in; else it goes away
+    found = np.where(running & (z < creeps * halfway), 0.0, found)
     return found.max(axis=1)
 
 
@@ -70,7 +74,7 @@ def _observer(n: Cases, effort: int) -> np.ndarray:
 
     # near to the origin, where K3 y^2 is a ten thousandth
     v = np.where(K3 > 0, 1e-2 / np.sqrt(np.maximum(K3, 1e-30)), 1.0) * np.sqrt(K2)
-    return growth(field, K1, K2 / 2, L, v, _shares(effort))
+    return growth(field, K1, K2 / 2, L, v, _shares(effort), SURE if effort else 0.9)
 
 
 def _adaptive(n: Cases, effort: int) -> np.ndarray:
@@ -80,8 +84,13 @@ def _adaptive(n: Cases, effort: int) -> np.ndarray:
         phi = y + y**2
         return z - k1[:, None] * phi, 2 * y * d - k2[:, None] * phi * (1 + 2 * y)
 
-    return growth(field, k1, k2 / 2, L, 1e-5 * np.sqrt(k2 + L), _shares(effort))
+    return growth(
+        field, k1, k2 / 2, L, 1e-5 * np.sqrt(k2 + L), _shares(effort), SURE if effort else 0.9
+    )
 
+
+SURE = 1 - 1e-6
+"""Of what is certified a run that still falls is given the benefit."""
 
 BLUR = 2e-4
 """What K3 y^2 (or y), and the steps, may change of g."""
