@@ -92,8 +92,8 @@ def _adaptive(n: Cases, effort: int) -> np.ndarray:
 SURE = 1 - 1e-6
 """Of what is certified a run that still falls is given the benefit."""
 
-BLUR = 2e-4
-"""What K3 y^2 (or y), and the steps, may change of g."""
+BLUR = 2e-3
+"""What K3 y^2 (or y), and the straight line between two steps, may change of g."""
 
 
 def _draw_observer(rng: np.random.Generator, n: int) -> Cases:
