@@ -60,6 +60,35 @@ def limit_at_work(r: Results) -> Any:
     return fig
 
 
+def speeds(r: Results) -> Any:
+    """Speed of the train and of its fastest rim around the low adhesion."""
+    fig, axes = plots.panels(2, 1, height=2.1, sharex=True)
+    for axis, name in zip(axes[:, 0], ("hosm", "hosm_limited"), strict=True):
+        log, t = clock(r, "stress", name)
+        inside = (t >= 105.0) & (t < 300.0)
+        v = log["plant.train.v"].values[inside]
+        rim = v + log["worst.highest"].values[inside]
+        plots.lines({"fastest rim": (t[inside], rim), "train": (t[inside], v)}, ("time", "s"),
+                    ("speed", "m/s"), axis=axis, title=name)  # fmt: skip
+    return fig
+
+
+def real(r: Results) -> Any:
+    """Creep, speed and limit behind converters and noise."""
+    fig, axes = plots.panels(3, 1, height=2.0, sharex=True)
+    names = ("hosm_limited", "pid_limited")
+    runs = {n: clock(r, "real", n) for n in names}
+    creep = {n: (t, KMH * log["worst.creep"].values) for n, (log, t) in runs.items()}
+    speed = {n: (t, log["plant.train.v"].values) for n, (log, t) in runs.items()}
+    limit = {n: (t, log["ctl.limit.F_hi"].values / 1e3) for n, (log, t) in runs.items()}
+    plots.chatter(axes[0, 0], creep, ("creep", "km/h"))
+    log, t = runs[names[0]]
+    axes[1, 0].plot(t, log["v_d"].values, color=plots.GREY, lw=0.9, label="target")
+    plots.lines(speed, ("time", "s"), ("train speed", "m/s"), axis=axes[1, 0])
+    plots.chatter(axes[2, 0], limit, ("limit", "kN"))
+    return fig
+
+
 def tracking(r: Results) -> Any:
     """Speed under the three sliding modes, and its error."""
     fig, axes = plots.panels(2, 1, height=2.3, sharex=True)
@@ -71,6 +100,7 @@ def tracking(r: Results) -> Any:
     axes[0, 0].plot(t, log["v_d"].values, color=plots.GREY, lw=0.9, label="target")
     plots.lines(speeds, ("time", "s"), ("train speed", "m/s"), axis=axes[0, 0])
     plots.lines(off, ("time", "s"), ("speed error", "m/s"), axis=axes[1, 0], legend=False)
+    axes[1, 0].set_ylim(-10, 10)
     return fig
 
 
@@ -103,15 +133,20 @@ def creeps(r: Results) -> Any:
 
 
 def outputs(r: Results) -> Any:
-    """Commands without and with the limit."""
-    fig, axes = plots.panels(2, 1, height=2.3, sharex=True)
-    for axis, ending in zip(axes[:, 0], ("", "_limited"), strict=True):
-        curves = {}
+    """Commands without and with the limit: mean and what they cover, and close up at the ice."""
+    fig, axes = plots.panels(2, 2, height=2.3, sharex="col")
+    for row, ending in zip(axes, ("", "_limited"), strict=True):
+        title = "with the limit" if ending else "without the limit"
+        near, whole = {}, {}
         for name in SLIDING:
             log, t = clock(r, "stress", name + ending)
-            curves[name] = (t, log["ctl.F_contr"].values / 1e3)
-        title = "with the limit" if ending else "without the limit"
-        plots.lines(curves, ("time", "s"), ("commanded force", "kN"), axis=axis, title=title)
+            F = log["ctl.F_contr"].values / 1e3
+            whole[name] = (t, F)
+            inside = (t >= 114.5) & (t < 115.5)
+            near[name] = (t[inside], F[inside])
+        plots.chatter(row[0], whole, ("commanded force", "kN"), title)
+        plots.lines(near, ("time", "s"), ("commanded force", "kN"), axis=row[1], legend=False,
+                    title=f"{title}, close up")  # fmt: skip
     return fig
 
 
@@ -146,10 +181,19 @@ FIGURES = {
         "The limit at work: it follows the next poorer surface, on ice 0.9 of its own peak.",
         limit_at_work, "Fig. 4",
     ),
-    "fig07": Figure("Speed and its error, stress.", tracking, "Fig. 7"),
+    "fig07": Figure(
+        "Speed and its error (asmc leaves the panel), stress.", tracking, "Fig. 7"
+    ),
     "fig08": Figure("Position error, stress.", displacement, "Fig. 8"),
     "fig09": Figure("Creep, stress.", creeps, "Fig. 9"),
-    "fig10": Figure("Commanded force, stress.", outputs, "Fig. 10"),
+    "fig10": Figure(
+        "Commanded force, stress: mean and range of each law, and close up at the ice.", outputs,
+        "Fig. 10",
+    ),
+    "speeds": Figure("Train and fastest rim, with and without the limit, stress.", speeds),
+    "real": Figure(
+        "Converters of 12 bit and noise: creep, speed, and what the limit allows.", real
+    ),
     "position": Figure("Ice by place: creep (cut off), speed, command.", by_place),
     "compensation": Figure("What the saturation compensation does.", compensation),
     "fit": Figure(
