@@ -143,7 +143,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
     """
 
     def make(w: Wheel) -> Block:
-        p = {"I_w": w.J, "r": w.r, "T_max": w.T_max}
+        p = {"J": w.J, "r": w.r, "T_max": w.T_max}
         if control_law.choices.get("motion"):
             p |= {"n": 1.0, "m": w.m}
         block = control_law.with_params(**{k: x for k, x in p.items() if k in control_law.params})
@@ -164,7 +164,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
         ports = {"v": "v", "lam": "ratio.y", "F_a": "force.y", "lam_ref": "reference.lam_ref",
                  "rate": "reference.rate"}  # fmt: skip
         wires |= {f"law.{n}": ports[n] for n in block.inputs}
-        shape = zhang.shaper.with_params(I_w=w.J, r=w.r)
+        shape = zhang.shaper.with_params(J=w.J, r=w.r)
         shape = shape.with_params(limited=first, smooth=first)
         return connect(
             "law", wires, ratio=speed_to_ratio(), best=speed_to_ratio(),
