@@ -230,6 +230,12 @@ class Block:
         values = self.derive(free)
         return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
 
+    def values_by_place(self) -> dict[str, np.ndarray]:
+        """Values of all parameters, those of shared numbers by the name of each place too."""
+        values = self.param_values()
+        shared = self.sharing.aliases.items()
+        return values | {place: values[name] for place, name in shared if name in values}
+
     def orders(self) -> list[tuple[str, str]]:
         """Pairs (larger, smaller) of parameters that the law expects in this order.
 

@@ -365,7 +365,8 @@ def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Sig
                 f"{name}: share {share.name!r}: {place} is in {s.unit}, {places[0]} in"
                 f" {first.unit}; write both in one unit"
             )
-        if s.shape not in ((), first.shape) and first.shape != ():
+        scalar = first.shape == () or share.expression or signals[0].derived
+        if s.shape not in ((), first.shape) and not scalar:
             raise BadInput(
                 f"{name}: share {share.name!r}: {place} has shape {s.shape}, {places[0]}"
                 f" {first.shape}"
@@ -407,6 +408,7 @@ def _declared(
         "param",
         name=share.name,
         value=first.value if value is None else value,
+        shape=first.shape if value is None else (),
         lo=max(s.lo for s in signals),
         hi=min(s.hi for s in signals),
         source=first.source or next((s.source for s in signals if s.source), ""),

@@ -48,6 +48,7 @@ from slipctl.models.brakes import brake
 from slipctl.models.common_form import Wheel
 from slipctl.models.ep_valve import air_brake
 from slipctl.models.predictive_slip import predictive
+from slipctl.models.shared import SHARED
 
 H = form.T_S
 """Tick of every loop in s."""
@@ -95,16 +96,72 @@ def estimator_parts(noise: float) -> tuple[dict[str, Block], dict[str, str]]:
 @law(F=Output("N", "adhesion force", positive="braking"))
 def force(
     mu=Input("1", "adhesion coefficient", positive="braking"),
-    W=Param("kg", 8000.0, "load on the rail", form.ADDED, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 8000.0, "load on the rail", form.ADDED, lo=1e3, hi=5e4),
     g=Param("m/s^2", 9.81, "gravity", form.ADDED),
 ):
     """F = mu W g."""
-    return mu * W * g
+    return mu * m_axle * g
 
 
 def falling(w: Wheel) -> Block:
     """D of the common form with the numbers of a wheel."""
     return form.fall.with_params(J=w.J, r=w.r, m=w.m)
+
+
+SUBWAY_SHARES = SHARED | {
+    "m_axle = m": "force.m_axle",
+    "v_start": "plant.wheel.v",
+    "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
+    "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
+    "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
+    "v_s_start = v_start - r * omega_start": "meter.v_s_start",
+}
+HST_SHARES = SHARED | {
+    "m": ["plant.m", "meter.m"],
+    "n": "*.n",
+    "m_wheel = m / n": "fall.m",
+    "theta": "plant.brake.theta",
+    "P_max": "plant.brake.P_max",
+    "v_0": ["plant.wheel.v_0", "fusion.v_0"],
+    "v_start": ["plant.wheel.v", "fusion.v_start"],
+    "omega_start": ["plant.wheel.omega", "meter.omega_start"],
+    "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "meter.lam_start",
+    "P_c_start": "plant.brake.P_c",
+    "T_b_start = theta * P_c_start": "meter.T_b_start",
+}
+FREIGHT_SHARES = SHARED | freight.TRAIN | {
+    "m": ["plant.m", "resistance.m", "mirrored.m"],
+    "J": ["plant.J", "observer.J"],
+    "m_wheel = m / n_d": "fall.m",
+    "J_wheel = J * R_g**2": "fall.J",
+    **{n: [f"plant.res.{n}", f"resistance.{n}"] for n in ("a1", "a2", "a3", "v_0")},
+    "v_start": "plant.train.v_t",
+    "omega_m_start": ["plant.train.omega_m", "observer.omega_m"],
+}  # fmt: skip
+"""Numbers that the parts of a vehicle have in common; fall has those of one wheel."""
+
+
+def shares(world: Block, control_law: Block) -> dict[str, Any]:
+    """Numbers that a vehicle and its law have in common; a law has those of one wheel."""
+    has = world.params
+    found: dict[str, Any] = {n: f"*.{n}" for n in ("r", "g", "tau")}
+    found["T"] = ["*.T", "*.T_s"]
+    found |= {n: f"world.{n}" for n in ("m", "J", "n", "n_d", "R_g", "theta", "P_max") if n in has}
+    for n in "mJ":  # of one wheel
+        name = f"{n}_wheel" if f"{n}_wheel" in has else n
+        found[name] = [f"world.{name}", *(["law." + n] if n in control_law.params else [])]
+    T_max = ["limits.T_max", *(["law.T_max"] if "T_max" in control_law.params else [])]
+    if "theta" in has:
+        found["T_max = -theta * P_max"] = T_max
+    elif "R_g" in has:
+        found |= {"T_max": "world.T_max", "T_wheel = T_max * R_g": T_max}
+    else:
+        found["T_max"] = ["world.T_max", *T_max]
+    if "m_axle" in has:
+        found["m_axle"] = ["world.m_axle", "*.m_axle"]
+    else:
+        found["m_axle = m / n"] = "*.m_axle"
+    return found
 
 
 # ---- the vehicles --------------------------------------------------------------------------------
@@ -138,7 +195,7 @@ def subway_world() -> Block:
         "slip_true": "plant.wheel.v_s",
     }
     return connect(
-        "world", wires, plant=plant, tooth=sensors.tooth_wheel,
+        "world", wires, share=SUBWAY_SHARES, plant=plant, tooth=sensors.tooth_wheel,
         speed=sensors.speed_sensor.with_params(sigma=0.01), slip=sensors.slip_sensor,
         meter=sensors.adhesion_meter(window=16, torque="sampled"), force=force,
         fall=falling(SUBWAY), **fit,
@@ -188,7 +245,8 @@ def hst_world() -> Block:
         "slip_true": "plant.wheel.v_s",
     }
     return connect(
-        "world", wires, plant=plant, tacho=zhang.wheel_speed_sensor.with_params(sigma=1e-3),
+        "world", wires, share=HST_SHARES, plant=plant,
+        tacho=zhang.wheel_speed_sensor.with_params(sigma=1e-3),
         accelerometer=zhang.accelerometer.with_params(sigma=0.05, bias=0.02),
         filter=zhang.adhesion_filter(), fusion=zhang.speed_fusion,
         meter=zhang.adhesion_meter(window, "sampled"), estimator=every(fit, 5),
@@ -220,10 +278,10 @@ def to_wheel(
 @law(a_R=Output("m/s^2", "deceleration by resistance, in the mirror", positive="braking"))
 def mirrored_resistance(
     F_Z=Input("N", "running resistance, as known", positive="braking"),
-    M=Param("kg", 6e6, "train, as the controller knows it", lo=1e4, hi=3e7),
+    m=Param("kg", 6e6, "train, as the controller knows it", lo=1e4, hi=3e7),
 ):
     """What slows the train speeds it up in the mirror."""
-    return -F_Z / M
+    return -F_Z / m
 
 
 def freight_world() -> Block:
@@ -265,12 +323,13 @@ def freight_world() -> Block:
     }
     speed = ("m/s", "braking", "speed")
     return connect(
-        "world", wires, plant=plant, sensor=freight.motor_speed_sensor.with_params(sigma=1e-3),
+        "world", wires, share=FREIGHT_SHARES, plant=plant,
+        sensor=freight.motor_speed_sensor.with_params(sigma=1e-3),
         observer=sampled(observer, H, "rk4"), adhesion=freight.adhesion_of_load,
         creep=cheng.creep, slip=mirror(*speed), grip=mirror("1", "braking"),
         resistance=freight.resistance, mirrored=mirrored_resistance, gear_in=to_motor,
         gear_out=to_wheel, command=mirror("N m", "traction"), torque=mirror("N m", "braking"),
-        true_slip=mirror(*speed), force=force.with_params(W=FREIGHT.W, g=FREIGHT.g),
+        true_slip=mirror(*speed), force=force.with_params(m_axle=FREIGHT.W, g=FREIGHT.g),
         fall=falling(FREIGHT), **fit,
     )  # fmt: skip
 
@@ -320,19 +379,19 @@ VEHICLES: dict[str, Vehicle] = {
         SUBWAY, subway_world, CURVE, False, CURVE, "v_s", ("c",),
         {"table_1": ("dry", "wet", "ice"), "moving": ("dry_moving", "wet_moving", "ice_moving")},
         2.0, lambda: subway.plant(CURVE, brake(lag=True)), "wheel.x", 1.0,
-        ("wheel.m", "curve.m"), "brake.tau", {"wheel.v_s": (-0.2, 6.0)},
+        ("m",), "tau", {"wheel.v_s": (-0.2, 6.0)},
     ),
     "hst": Vehicle(
         HST, hst_world, hst.grip(zhang.family()), False, hst.grip(hst.burckhardt), "lam",
         ("a0", "a2"), {"section_5": ("dry", "snow", "wet"), "rising": ("snow", "wet", "dry")},
         2.0, lambda: hst.plant(hst.burckhardt, air_brake("lag")), "wheel.x", -1.0,
-        ("wheel.m",), "brake.tau", {"wheel.lam": (-0.02, 0.5)},
+        ("m",), "tau", {"wheel.lam": (-0.02, 0.5)},
     ),
     "freight": Vehicle(
         FREIGHT, freight_world, CURVE, True, freight.adhesion, "v_s", ("c",),
         {"table_1": ("dry", "wet", "dry"), "moving": ("dry_moving", "wet_moving", "damp_moving")},
         3.0, lambda: freight.plant(freight.adhesion, freight.motor(lag=True)), "train.x", GEAR,
-        ("train.W",), "motor.tau", {"train.v_s": (-0.2, 6.0)},
+        ("m_axle",), "tau", {"train.v_s": (-0.2, 6.0)},
     ),
 }  # fmt: skip
 
@@ -424,7 +483,7 @@ def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1
         "world.T_cmd": "limits.T_cmd",
     } | {f"law.{n}": f"world.{n}" for n in control_law.inputs if n in world.outputs}
     return connect(
-        "loop", wires, world=world, law=control_law,
+        "loop", wires, share=shares(world, control_law), world=world, law=control_law,
         limits=form.limits.with_params(T_max=w.T_max, lead=lead),
     )  # fmt: skip
 

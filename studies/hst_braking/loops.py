@@ -107,7 +107,7 @@ def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
         "v_start": ["plant.wheel.v", "*.v_start"],
         "omega_start": ["plant.wheel.omega", "*.omega_start"],
         "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
-        "v_0": ["plant.wheel.v_0", "ctl.fusion.v_*"],
+        "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
         "theta": "*.theta",
         "P_max": "*.P_max",
     }

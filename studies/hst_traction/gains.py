@@ -25,7 +25,7 @@ RESERVE = 0.9
 
 def number(loop: Block, name: str) -> float:
     """Parameter of a loop."""
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def _observer(loop: Block) -> dict[str, float]:
@@ -40,7 +40,7 @@ def slope_met(form: str) -> Bound:
     log, _ = window(
         MODELS, law, True, 100.0, 15.0, ("ctl.F_contr", "plant.train.F_all"), True, every=5
     )
-    mass = float(law.param_values()["M"])
+    mass = float(law.param_values()["m"])
     delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / mass
     rates = np.abs(np.diff(delta))[1000:] / control.T_C
     value = float(np.quantile(rates, 0.999))
@@ -58,7 +58,7 @@ def _higher(form: str) -> Callable[[Block], dict[str, float]]:
 
 def _saturated(loop: Block) -> dict[str, float]:
     """Force to hold the speed on ice, and what ten axles of ice carry."""
-    M, W, g = (number(loop, n) for n in ("ctl.strategy.law.M", "ctl.observer.W", "ctl.observer.g"))
+    M, W, g = (number(loop, f"ctl.{n}") for n in ("m", "m_axle", "g"))
     need = float(resistance(v=SPEED)["F_d"])
     most = RESERVE * peak(SPEED, "ice").value * 10 * W * g
     return {

@@ -208,6 +208,21 @@ def net_torque(axles: int) -> Block:
     return net
 
 
+SHARES: dict[str, Any] = {
+    **{n: f"*.{n}" for n in ("m", "J", "r", "g", "tau", "n_m", "n_b", "F_top", "P_top", "B_t")},
+    **{n: ["plant." + n, f"*.res.{n}"] for n in ("w_0", "w_1", "w_2")},
+    "v_0": "*.res.v_0",
+    "m_axle": ["plant.m_axle", "*.m_axle"],
+    "Q = m_axle * g / 2": "*.Q",
+    **{n: [f"*.adh.{n}", f"*.curves.{n}"] for n in ("G", "a", "b", "c11", "v_min")},
+    "F_max": "*.F_max",
+    "F_brake = n_b * F_max": "*.F_brake",
+    "v_start": "plant.train.v",
+    "omega_start": "plant.train.omega",
+}
+"""Numbers that the parts of a loop have in common."""
+
+
 def loop(
     models: Mapping[str, Any],
     control_law: Block,
@@ -266,7 +281,7 @@ def loop(
             "T_in.u": "net.T",
             "ctl.T": "T_in.y",
         }
-    return connect("loop", wires, **parts)
+    return connect("loop", wires, share=SHARES, **parts)
 
 
 def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> dict[str, Block]:

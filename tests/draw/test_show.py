@@ -403,8 +403,8 @@ def test_what_differs_is_told_and_nothing_else():
     assert "+ form = printed-38" in changed
     assert "nu" in changed
     assert "u+" not in changed
-    values = show.difference(loop(), loop().with_params(**{"plant.m": 9000.0}))
-    assert "param plant.m, value: 8000 -> 9000" in values
+    values = show.difference(loop(), loop().with_params(**{"plant.wheel.m": 9000.0}))
+    assert "param plant.wheel.m, value: 8000 -> 9000" in values
     assert "Equations" not in values
 
 
