@@ -221,6 +221,7 @@ def estimating_controller(
     start: Mapping[str, float] | None = None,
     period: int = 16,
     name: str = "ctl",
+    form: str = "window",
 ) -> Block:
     """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
 
@@ -231,6 +232,8 @@ def estimating_controller(
         start: first guess of the parameters; by default their values in the law.
         period: ticks between two runs of estimator, search and probe (16 ms speed bus).
         name: name of the controller.
+        form: ``"window"``: windowed least squares and the probe; ``"recursive"``: the recursive
+            least squares of (15)-(19) on the exact Jacobian, and the found peak as it is.
 
     Returns:
         Block from v, v_s (each tick), mu_m and v_s_m (measured adhesion and the slip it belongs
@@ -240,19 +243,17 @@ def estimating_controller(
     constant slip the parameters cannot be identified; F in the slip law is the estimated curve at
     the present slip, which is smoother than the measurement and as fast.
     """
+    known("estimating_controller", "form", form, ("window", "recursive"))
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
-    estimator = rls(adhesion, form="window", start=start)
-    peak = probe(adhesion, "v_s", within=(0.1, 6.0))
+    estimator = rls(adhesion, form=form, start=start)
+    probing = form == "window"
     inner = controller(slip_law, "slip")
     wires = {
         "estimator.mu": "mu_m",
         "estimator.v_s": "v_s_m",
-        "probe.best": "search.best",
-        "probe.covariance": "estimator.covariance",
-        "probe.changed": "estimator.changed",
         "curve.v_s": "v_s",
         "slip.mu_hat": "curve.mu",
-        "slip.v_opt": "probe.reference",
+        "slip.v_opt": "probe.reference" if probing else "search.best",
         "slip.v": "v",
         "slip.v_s": "v_s",
         "slip.a_demand": "a_demand",
@@ -260,10 +261,16 @@ def estimating_controller(
         "slip.W_hat": "W_hat",
         "T_b": "slip.T_b",
     }
+    parts = {"estimator": every(estimator, period), "search": every(search, period)}
+    if probing:
+        wires |= {
+            "probe.best": "search.best",
+            "probe.covariance": "estimator.covariance",
+            "probe.changed": "estimator.changed",
+        }
+        parts["probe"] = every(probe(adhesion, "v_s", within=(0.1, 6.0)), period)
+    fed = ("search", "probe", "curve") if probing else ("search", "curve")
+    parts |= {"curve": opened(adhesion), "slip": inner}
     for n in unknown:
-        wires |= {f"{b}.{n}": f"estimator.{n}" for b in ("search", "probe", "curve")}
-    return connect(
-        name, wires, share=SHARED,
-        estimator=every(estimator, period), search=every(search, period),
-        probe=every(peak, period), curve=opened(adhesion), slip=inner,
-    )  # fmt: skip
+        wires |= {f"{b}.{n}": f"estimator.{n}" for b in fed}
+    return connect(name, wires, share=SHARED, **parts)

@@ -6,6 +6,7 @@ One definition of a model serves simulation, exact derivatives, stability condit
 from __future__ import annotations
 
 from importlib import import_module
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -82,7 +83,13 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     """Import on first use, so that ``slipctl --help`` answers at once."""
     if name in _HOME:
-        return getattr(import_module(f"slipctl.{_HOME[name]}"), name)
+        found = getattr(import_module(f"slipctl.{_HOME[name]}"), name)
+        if isinstance(found, FunctionType):
+            from slipctl.errors import door
+
+            found = door(found, name)
+        globals()[name] = found
+        return found
     raise AttributeError(f"module 'slipctl' has no attribute {name!r}")
 
 

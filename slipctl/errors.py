@@ -1,10 +1,17 @@
 """What can go wrong, said in one line: where, what, and what to write instead."""
 
+import builtins
+import collections.abc
+import functools
+import inspect
 import math
-from collections.abc import Iterable, Mapping
+import sys
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
-from numbers import Integral, Real
-from typing import Any
+from numbers import Integral, Number, Real
+from typing import Any, TypeVar
 
 
 class BadInput(ValueError):
@@ -49,7 +56,7 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
     Raises:
         BadInput: "what takes a number in unit, not given".
     """
-    if not isinstance(given, Real):
+    if not isinstance(given, Real) or (isinstance(given, int) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
         raise BadInput(f"{what} takes a number{told}, not {given!r}")
 
@@ -64,6 +71,17 @@ def check_positive(what: str, given: Any, unit: str = "1") -> None:
     if not (math.isfinite(given) and given > 0):
         told = "" if unit == "1" else f" {unit}"
         raise BadInput(f"{what} = {given:g}{told} must be positive")
+
+
+def check_finite(what: str, given: Any, unit: str = "1") -> None:
+    """Refuse what is no number, or not finite.
+
+    Raises:
+        BadInput: "what = given unit must be finite".
+    """
+    check_number(what, given, unit)
+    if not math.isfinite(given):
+        raise BadInput(f"{what} = {given}{'' if unit == '1' else f' {unit}'} must be finite")
 
 
 def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) -> None:
@@ -105,3 +123,196 @@ def check_ranges(where: str, over: Any) -> None:
         if not isinstance(ends, (tuple, list)) or len(ends) != 2:
             raise BadInput(f"{where}: over has {name!r}: {ends!r}; give its range, (lo, hi)")
         check_range(f"{where}: {name}", *ends)
+
+
+# ---- kinds of arguments --------------------------------------------------------------------------
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def door(function: F, name: str) -> F:
+    """Return a public function that refuses an argument of another kind than its annotation says.
+
+    The signature stays what it was. Only what is called from outside goes through the door: the
+    engine calls the function itself.
+
+    Raises:
+        BadInput: "simulate: loop is None, which is no Block".
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError as error:
+            raise TypeError(f"{function.__name__}: {error}") from None
+        wrong = _wrong_kind(function.__name__, function, given)
+        if not wrong:
+            return function(*args, **kwargs)
+        try:  # its own words say more, where it has some
+            function(*args, **kwargs)
+        except (BadInput, RunFailed):
+            raise
+        except Exception as error:
+            raise BadInput(wrong) from error
+        raise BadInput(wrong)
+
+    checked.__module__, checked.__qualname__ = "slipctl", name  # where a pickle finds it
+    return typing.cast(F, checked)
+
+
+def check_kinds(where: str, declared: Any, given: Mapping[str, Any]) -> None:
+    """Refuse values of another kind than the annotations of a function or class say.
+
+    Args:
+        where: what is called. declared: function or dataclass with annotations.
+        given: values by name; of ``*args`` and ``**kwargs`` each one is checked.
+
+    Raises:
+        BadInput: names the argument, what it is and what is wanted.
+    """
+    wrong = _wrong_kind(where, declared, given)
+    if wrong:
+        raise BadInput(wrong)
+
+
+def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
+    """What is of another kind than declared, in a line; empty where nothing is."""
+    kinds = _kinds(declared)
+    for name, value in given.items():
+        kind, many = kinds.get(name, (Any, None))
+        rows: Iterable[tuple[Any, Any]] = [(name, value)]
+        if many:
+            rows = value.items() if many == "**" else enumerate(value)
+        for key, one in rows:
+            if not _is(one, kind):
+                told = name if many is None else f"{name}[{key}]" if many == "*" else key
+                shown = repr(one) if len(repr(one)) < 60 else f"of type {type(one).__name__}"
+                return f"{where}: {told} is {shown}, which is no {_told(kind)}"
+    return ""
+
+
+@functools.lru_cache(maxsize=512)
+def _kinds(declared: Any) -> dict[str, tuple[Any, str | None]]:
+    """Annotation of each argument, and whether it stands for many (``*``, ``**``)."""
+    names = {**vars(builtins), **vars(typing), **vars(collections.abc)}
+    names |= vars(sys.modules[declared.__module__])
+    many: dict[Any, str] = {
+        inspect.Parameter.VAR_POSITIONAL: "*",
+        inspect.Parameter.VAR_KEYWORD: "**",
+    }
+    kinds = {}
+    for p in inspect.signature(declared).parameters.values():
+        kind = p.annotation
+        if isinstance(kind, str):
+            try:
+                kind = eval(kind, dict(names))
+            except Exception:  # a name that only a type checker imports
+                kind = Any
+        kinds[p.name] = (Any if kind is p.empty else kind, many.get(p.kind))
+    return kinds
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether a value is of an annotated kind; of a sequence or mapping, every member too."""
+    origin, inside = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any or isinstance(kind, TypeVar | str):
+        return True
+    if kind is None or kind is type(None):
+        return value is None
+    if origin in (typing.Union, types.UnionType):
+        return any(_is(value, k) for k in inside)
+    if kind is float:
+        return _is_number(value)
+    if kind is complex:
+        return isinstance(value, Number)
+    if kind is int:
+        whole = isinstance(value, Integral) or (isinstance(value, float) and value.is_integer())
+        return whole and abs(value) < 2**63
+    if kind is bool:
+        return isinstance(value, bool) or type(value).__name__ == "bool"
+    if origin is collections.abc.Callable:
+        return callable(value)
+    if origin is tuple and inside and inside[-1] is not Ellipsis:
+        return isinstance(value, tuple | list) and len(value) == len(inside) and all(
+            _is(v, k) for v, k in zip(value, inside, strict=True))  # fmt: skip
+    if origin is typing.Literal:
+        return value in inside
+    plain = origin or kind
+    if not isinstance(plain, type):
+        return True
+    if issubclass(plain, Mapping):  # a data frame is one too
+        if not (hasattr(value, "keys") and hasattr(value, "__getitem__")):
+            return False
+        plainly = isinstance(value, dict) and bool(inside)
+        return not plainly or all(_is(k, inside[0]) and _is(v, inside[1]) for k, v in value.items())
+    if plain in _MANY:
+        once = plain is collections.abc.Iterable and isinstance(value, _ROLLED)
+        if not _has_members(value) and not once:
+            return False
+        if not inside or isinstance(value, collections.abc.Iterator):
+            return True
+        if hasattr(value, "__array__"):  # numbers, or of a kind that cannot be told
+            return inside[0] in (float, complex, int) or not isinstance(inside[0], type)
+        return all(_is(v, inside[0]) for v in value)
+    return isinstance(value, plain)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is one real number that a float can hold (also an array or DM of one element)."""
+    single = getattr(value, "ndim", None) == 0 or type(value).__name__ == "DM"
+    if not isinstance(value, Real) and not single:
+        return False
+    try:
+        float(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        return False
+    return True
+
+
+def _has_members(value: Any) -> bool:
+    """Whether it is a list, a tuple, or an array or series with a length."""
+    if isinstance(value, str | bytes):
+        return False
+    return isinstance(value, collections.abc.Sequence) or (
+        hasattr(value, "__array__") and getattr(value, "ndim", 0) >= 1
+    )
+
+
+_ROLLED = (
+    collections.abc.Set, collections.abc.MappingView, collections.abc.Iterator, Mapping
+)  # fmt: skip
+"""What one can only go through."""
+
+_MANY = (
+    collections.abc.Sequence, collections.abc.Iterable, collections.abc.Collection, list, tuple
+)  # fmt: skip
+"""Kinds with members; an array is one too."""
+
+
+def _told(kind: Any) -> str:
+    """Kind in words."""
+    origin, inside = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_told(k) for k in inside))
+    if kind is None or kind is type(None):
+        return "None"
+    words = {
+        float: "number",
+        complex: "number",
+        int: "whole number",
+        str: "text",
+        bool: "True or False",
+    }
+    if kind in words:
+        return words[kind]
+    if origin is collections.abc.Callable:
+        return "function"
+    if origin and issubclass(origin, Mapping) and len(inside) == 2:
+        return f"mapping from {_told(inside[0])} to {_told(inside[1])}"
+    if origin and inside and origin in _MANY:
+        return f"list of {_told(inside[0])}"
+    if kind is Any:
+        return "anything"
+    return getattr(origin or kind, "__name__", str(kind))

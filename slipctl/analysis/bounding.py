@@ -11,6 +11,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.certify.enclosure import enclose, expanded, largest
+from slipctl.certify.jumps import largest_jump
 from slipctl.errors import BadInput, nearest
 
 METHODS = ("interval", "grid")
@@ -53,7 +54,8 @@ def largest_slope(
         **at: values of the other signals.
 
     Raises:
-        BadInput: an unknown name or method, an empty range, an operation without an interval rule.
+        BadInput: an unknown name or method, an empty range, an operation without an interval rule,
+            or an output that jumps inside the box: no slope bounds a jump.
     """
     if method not in METHODS:
         raise BadInput(f"largest_slope has no method {method!r}{nearest(method, METHODS)}")
@@ -63,6 +65,7 @@ def largest_slope(
         if not (np.isfinite([a, b]).all() and a < b):
             raise BadInput(f"largest_slope: the range {a:g}..{b:g} of {name} is empty")
     low, high = ends[:, 0], ends[:, 1]
+    _refuse_jump(block, output, list(over), at, low, high)
     if method == "interval":
         middle = np.abs(np.array(f((low + high) / 2).full())).max()
         found = largest(
@@ -83,6 +86,29 @@ def largest_slope(
     return Bound(float((seen + rest).max()), float(seen.max()), how)
 
 
+NO_JUMP = 1e-6
+"""Share of a function's span below which what is left in the narrowest boxes is no jump."""
+
+
+def _refuse_jump(
+    block: Block, output: str, varying: Sequence[str], at: Mapping[str, float],
+    low: np.ndarray, high: np.ndarray,
+) -> None:  # fmt: skip
+    """Refuse an output that jumps inside a box, or of which that cannot be excluded."""
+    whole = block.function()
+    results = [n.partition("_")[2] for n in whole.name_out()]
+    f = _of_column(block, whole, results.index(output), varying, at)
+    found = largest_jump(f, low, high)
+    a, b = enclose(f, low.reshape(-1, 1), high.reshape(-1, 1))
+    span = float((b - a)[0, 0])
+    if found.bound > (NO_JUMP * span if np.isfinite(span) else 0.0):
+        where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(varying, found.at, strict=True))
+        raise BadInput(
+            f"{block.name}.{output} may jump by {found.bound:.3g} at {where}, and no slope bounds a"
+            " jump; leave that place out of the range, or smooth it"
+        )
+
+
 def slope_function(
     block: Block, output: str, wrt: str, varying: Sequence[str], at: Mapping[str, float]
 ) -> ca.Function:
@@ -91,8 +117,20 @@ def slope_function(
     Raises:
         BadInput: an unknown name.
     """
-    jacobian = expanded(block.jacobian(output, wrt))
-    names = [n.partition("_")[2] for n in jacobian.name_in()]
+    return _of_column(block, block.jacobian(output, wrt), 0, varying, at)
+
+
+def _of_column(
+    block: Block, function: ca.Function, result: int, varying: Sequence[str],
+    at: Mapping[str, float],
+) -> ca.Function:  # fmt: skip
+    """One result of a named Function, as a Function of the column of varying signals.
+
+    Raises:
+        BadInput: an unknown name.
+    """
+    named = expanded(function)
+    names = [n.partition("_")[2] for n in named.name_in()]
     for name in (*varying, *at):
         if name not in names:
             raise BadInput(f"{block.name} has no signal {name!r}{nearest(name, names)}")
@@ -106,7 +144,9 @@ def slope_function(
         if value is None:
             raise BadInput(f"{block.name}: give a value or a range of {name}")
         arguments.append(value)
-    return ca.Function("slope", [x], [ca.densify(jacobian(*arguments))])
+    found = named(*arguments)
+    found = found[result] if isinstance(found, tuple) else found
+    return ca.Function("of_column", [x], [ca.densify(found)])
 
 
 def fastest(

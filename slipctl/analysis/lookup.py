@@ -13,7 +13,7 @@ from slipctl.analysis.optimum import highest_peak, objective_functions
 from slipctl.block.block import Block, Exprs, about, make_block
 from slipctl.block.signals import Output
 from slipctl.block.units import one
-from slipctl.errors import BadInput, RunFailed, check_range, nearest
+from slipctl.errors import BadInput, RunFailed, check_positive, check_range, nearest
 
 MOST = 400
 """Largest number of nodes of a table."""
@@ -55,6 +55,7 @@ def argmax_table(
     """
     where = f"argmax_table({law.name})"
     check_range(where, lo, hi)
+    check_positive(f"{where}: error", error)
     check_range(where, *span)
     if by not in law.inputs or by == over:
         others = [n for n in law.inputs if n != over]

@@ -20,7 +20,8 @@ import numpy as np
 from slipctl.block import sharing
 from slipctl.block.sharing import ALONE, Sharing
 from slipctl.block.signals import Signal, evaluate, names_in, total_size
-from slipctl.errors import BadInput, nearest
+from slipctl.block.units import read_unit
+from slipctl.errors import BadInput, check_positive, known, nearest
 
 Exprs = dict[str, Any]
 Body = Any
@@ -94,6 +95,11 @@ class Block:
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
+        known(name, "kind", kind, ("law", "flow", "step"))
+        if not callable(body):
+            raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
+        if period is not None:
+            check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
         self.choices: dict[str, Any] = dict(choices or {})
         self.parts: dict[str, Block] = dict(parts or {})
@@ -115,6 +121,8 @@ class Block:
             if s.name in seen and s.role != "output":
                 raise BadInput(f"{name} declares {s.name!r} twice")
             seen.add(s.name)
+            if not parts:
+                read_unit(f"{name}.{s.name}", s.unit)
             if s.role == "output" and s.name in self._signals["output"]:
                 raise BadInput(f"{name} declares the output {s.name!r} twice")
             self._signals[s.role][s.name] = s

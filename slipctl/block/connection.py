@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,9 @@ from slipctl.errors import BadInput, nearest
 
 Call = tuple[str, list[str], bool]
 """One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
+
+
+WIRE_END = re.compile(r"[A-Za-z][\w.]*")
 
 
 def connect(
@@ -50,7 +54,8 @@ def connect(
     """
     if not blocks:
         raise BadInput(f"connect({name!r}) needs at least one block")
-    if not isinstance(wires, Mapping) or not all(isinstance(s, str) for s in wires.values()):
+    texts = isinstance(wires, Mapping) and [*wires, *wires.values()]
+    if texts is False or not all(isinstance(end, str) for end in texts):
         raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
     for b, block in blocks.items():
         as_block(f"{name}: {b}", block)
@@ -67,6 +72,9 @@ def connect(
     outer_outputs: dict[str, tuple[str, str]] = {}
     renamed: dict[tuple[str, str], str] = {}
     for destination, source in wires.items():
+        for end in (destination, source):
+            if not WIRE_END.fullmatch(end):
+                raise BadInput(f"{name}: a wire ends at {end!r}; write part.signal, or one name")
         if "." not in destination:
             outer_outputs[destination] = _source(name, blocks, source)
             continue

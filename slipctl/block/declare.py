@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_positive, nearest
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
@@ -117,6 +117,6 @@ def step(period: float | None = None, **options: Any) -> Callable[[Callable[...,
         period: sample period in s if the equations insist on one, otherwise the loop's.
         **options: one ``Output`` per result; other settings as of ``law``.
     """
-    if period is not None and not period > 0:
-        raise BadInput(f"@step(period={period}) must be positive, in s")
+    if period is not None:
+        check_positive("@step: period", period, "s")
     return _decorate("step", {"period": period, **options})

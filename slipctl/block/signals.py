@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, known, nearest
+from slipctl.errors import BadInput, check_number, known, nearest
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
 """Functions that a value expression may use: CasADi's, so numbers and symbols both work."""
@@ -60,6 +60,17 @@ class Signal:
         ):
             if given is not None:
                 known(self.name or self.doc or self.unit, what, given, choices)
+        where = self.name or self.doc or f"a {self.role}"
+        for what, end in (("lo", self.lo), ("hi", self.hi)):
+            check_number(f"{where}: {what}", end, str(self.unit))
+            if math.isnan(end):
+                raise BadInput(f"{where}: {what} is NaN, which is no end of a range; leave it out")
+        if self.lo > self.hi:
+            raise BadInput(f"{where}: its range has lo = {self.lo:g} above hi = {self.hi:g}")
+        if any(not isinstance(n, int) or n < 1 for n in self.shape):
+            raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
+        if self.value is not None and not isinstance(self.value, str):
+            self.finite(where, self.value)
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
@@ -93,18 +104,18 @@ class Signal:
         try:
             if hasattr(value, "full"):  # a CasADi number, always two-dimensional
                 value = value.full().reshape(self.shape if value.numel() == self.size else ())
-            return np.broadcast_to(np.asarray(value, dtype=float), self.shape)
+            return np.broadcast_to(real_array(value), self.shape)
         except (TypeError, ValueError):
             raise BadInput(
                 f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
                 f" in {self.unit}, not {value!r}"
             ) from None
 
-    def check(self, where: str, value: Any) -> np.ndarray:
-        """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
+    def finite(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, refusing NaN and infinity.
 
         Raises:
-            BadInput: with the place, the value and the range.
+            BadInput: with the place.
         """
         array = self.shaped(where, value).copy()
         if np.isnan(array).any():
@@ -113,6 +124,15 @@ class Signal:
             )
         if np.isinf(array).any():
             raise BadInput(f"{where} is infinite; give a finite number in {self.unit}")
+        return array
+
+    def check(self, where: str, value: Any) -> np.ndarray:
+        """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
+
+        Raises:
+            BadInput: with the place, the value and the range.
+        """
+        array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
             raise BadInput(
@@ -120,6 +140,23 @@ class Signal:
                 f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
             )
         return array
+
+
+def real_array(value: Any) -> np.ndarray:
+    """Return numbers as an array of floats; text and complex numbers are none.
+
+    Raises:
+        TypeError, ValueError: what is no real number.
+    """
+    if hasattr(value, "full"):  # a CasADi number, always two-dimensional
+        value = value.full() if value.numel() != 1 else float(value)
+    array = np.asarray(value)
+    if array.dtype.kind in "USc":
+        raise TypeError(f"{value!r} is no real number")
+    try:
+        return array.astype(float)
+    except OverflowError:
+        raise ValueError(f"{value!r} is beyond what a float holds") from None
 
 
 def State(

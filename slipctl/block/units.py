@@ -128,7 +128,25 @@ def unit(text: str) -> Unit:
     """
     if not isinstance(text, str):
         raise BadInput(f"a unit is a text such as 'm/s^2', not {text!r}")
-    return _Reader(text).read()
+    try:
+        found = _Reader(text).read()
+    except OverflowError:
+        found = None
+    if found is None or not 1e-150 < found.scale < 1e150:
+        raise BadInput(f"unit {text!r} is beyond what a number can hold")
+    return found
+
+
+def read_unit(where: str, text: str) -> Unit:
+    """Read the unit of what stands in ``where``.
+
+    Raises:
+        BadInput: as of :func:`unit`, with the place.
+    """
+    try:
+        return unit(text)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
 
 
 class _Reader:

@@ -8,7 +8,7 @@ block itself. What the folder holds is told in docs/c_interface.md.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,13 +31,14 @@ from slipctl.ccode.compile import (
 from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
+from slipctl.ccode.compile.platforms import platforms as chosen
 from slipctl.ccode.ship import a2l, fmu, manual
 from slipctl.ccode.ship.readable import readable
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
 from slipctl.ccode.write.source import source
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_positive
 
 LIMIT = expected.LIMIT
 """Largest difference allowed between C in double and Python, relative to the largest value."""
@@ -194,6 +195,7 @@ def export(
     target: str = "host",
     misra: bool = False,
     fmus: bool = False,
+    platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
@@ -213,6 +215,8 @@ def export(
         misra: count the findings of cppcheck and of its MISRA C:2012 addon.
         fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
+        platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
+            compiler is installed for.
 
     Returns:
         What was written; printable.
@@ -223,7 +227,7 @@ def export(
     return _produce(
         block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
-        fuzz_seconds=fuzz_seconds,
+        platforms=platforms, fuzz_seconds=fuzz_seconds,
     )  # fmt: skip
 
 
@@ -243,6 +247,7 @@ def _produce(
     target: str = "host",
     misra: bool = False,
     fmus: bool = False,
+    platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
@@ -257,6 +262,11 @@ def _produce(
         analysis.tool()
     if fuzz_seconds:
         fuzz.tool()
+    if platforms is not None and not fmus:
+        raise BadInput("platforms are those of FMUs; ask for these too (--fmu)")
+    built_for = chosen(platforms) if fmus else []
+    if period is not None:
+        check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
     made = texts(plan)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
@@ -309,7 +319,7 @@ def _produce(
         data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
     written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
     if fmus:
-        written |= fmu.fmus(plan, made, content, cc.found())
+        written |= fmu.fmus(plan, made, content, built_for)
     data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
     folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
     return Report(folder, data, CModule(folder, plan))

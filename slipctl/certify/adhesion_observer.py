@@ -88,6 +88,8 @@ def convergence_time(
     P, Q = _matrices(K1, K2, L)
     (p, m, q), (a, b, c) = P, Q
     det = p * q - m * m
+    if not det > 0:
+        return math.inf  # too near to the edge for doubles
     half, product = (q * a - 2 * m * b + p * c) / (2 * det), (a * c - b * b) / det
     mu = product / (half + math.sqrt(max(half * half - product, 0.0)))
     return 4 * math.sqrt(q / det * _energy(P, e1, e2, K3)) / mu if mu > 0 else math.inf

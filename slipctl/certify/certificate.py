@@ -73,7 +73,7 @@ def check(payload: Mapping[str, Any]) -> str:
         DoesNotHold: a proof fails, or its numbers do not belong to what was asked.
         BadInput: it is no certificate of a system that is known, or an entry is no number.
     """
-    if payload.get("kind") != KIND:
+    if not isinstance(payload, Mapping) or payload.get("kind") != KIND:
         raise BadInput("it is no certificate; slipctl certify ... --out FILE writes one")
     found = payload.get("format")
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:

@@ -38,8 +38,8 @@ def _find(loop: Loop, start: float, reach: float | None) -> Found | None:
         return None
     solutions = _solutions(loop, orbit)
     best: tuple[float, _Trial] | None = None
-    for second in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0):
-        for third in 10.0 ** np.arange(-4, 1.0, 0.5):
+    for second in (0.3, 1.0, 3.0, 10.0):
+        for third in 10.0 ** np.arange(-3.5, 0.5, 0.5):
             trial = _trial(solutions, (second, float(third)))
             score = None if trial is None else _score(loop, orbit, trial, start, reach)
             if trial is not None and score is not None and (best is None or score > best[0]):

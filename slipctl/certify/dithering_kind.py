@@ -165,6 +165,8 @@ def _return_claim(name: str) -> Any:
 
 def _find_flight(n: Numbers) -> Entries | None:
     """Run that leaves: from either end of the starts, with floats."""
+    if n["w"] * n["T"] > 4:
+        return None
     limit, noise = float(_farthest(n)), float(n.get("noise", 0))
     for start in (float(_from(n)), -float(_from(n))):
         for against in dict.fromkeys((bool(noise), False)):
@@ -195,7 +197,7 @@ def _replay_flight(n: Numbers, run: Entries) -> str:
     run = opened(n, run, ("start", "noise", "ticks"), "run")
     start = rational(run["start"], "run.start")
     ticks = whole(run["ticks"], "run.ticks", 1, MOST_DITHER_TICKS)
-    if abs(start) > _from(n) or run["noise"] not in ("outward", "none"):
+    if n["w"] * n["T"] > 4 or abs(start) > _from(n) or run["noise"] not in ("outward", "none"):
         raise DoesNotHold("run: its start or its noise is outside of what was asked")
     limit = _farthest(n)
     far = dither_flight.flight(

@@ -9,7 +9,7 @@ Interval Analysis, 2009, chapters 5 and 11).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import casadi as ca
@@ -54,12 +54,21 @@ def expanded(f: ca.Function) -> ca.Function:
         ) from None
 
 
-def enclose(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Interval:
+def enclose(
+    f: ca.Function,
+    lo: np.ndarray,
+    hi: np.ndarray,
+    open_: dict[int, Interval] | None = None,
+    forced: Mapping[int, np.ndarray] | None = None,
+) -> Interval:
     """Enclosure of every output element over many boxes at once.
 
     Args:
         f: Function of one column with one dense column as result; MX is expanded.
         lo, hi: ends of the boxes, one column per box.
+        open_: is filled with the enclosures of what jumps (comparisons, signs, floors), by the
+            number of the instruction.
+        forced: values that stand in the place of such an instruction's enclosure.
 
     Returns:
         Ends of the enclosures, one row per output element; infinite where nothing can be said.
@@ -84,6 +93,11 @@ def enclose(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Interval:
             elif op in _RULES:
                 ends = _RULES[op](*(work[a] for a in args))
                 work[to[0]] = ends if op in _EXACT else _sound(*ends)
+                if op in _JUMPS:
+                    if open_ is not None:
+                        open_[k] = ends
+                    if forced is not None and k in forced:
+                        work[to[0]] = (forced[k], forced[k])
             else:
                 raise BadInput(
                     f"{f.name()}: CasADi operation {op} cannot be enclosed; known are"
@@ -290,6 +304,9 @@ _EXACT = {
     )
 }  # fmt: skip
 """Operations without rounding."""
+
+_JUMPS = {getattr(ca, f"OP_{n}") for n in ("SIGN", "FLOOR", "CEIL", "LT", "LE", "EQ", "NE")}
+"""Operations that jump; all other ones with a rule are continuous where they are finite."""
 
 
 def _nonzero(a: Interval) -> np.ndarray:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import outward
+from slipctl.certify import outward, smtlib
+from slipctl.certify.bisection import bisect
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -16,6 +17,7 @@ from slipctl.certify.systems import (
     SAMPLED,
     TARGET,
     Criterion,
+    Entries,
     Number,
     Numbers,
     Quantity,
@@ -40,28 +42,62 @@ def lagged(K: float, lag: float, T: float) -> Any:
     return control.sample_system(control.tf([K], [lag, 1, 0]), T)
 
 
-def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
-    """Largest |pole|, gain margin, phase margin in degrees and delay margin, by python-control."""
-    import warnings
+def held(lag: float, T: float) -> tuple[float, float, float]:
+    """1 - E, b1 and b0 of the open loop K (b1 z + b0)/((z - 1)(z - E)), E = exp(-T/lag).
 
+    b1 = T - lag (1 - E) and b0 = lag (1 - E) - T E, by their series where T/lag is small.
+    """
+    x = T / lag
+    gone = -math.expm1(-x)
+    if x > 1e-3:
+        return gone, T - lag * gone, lag * gone - T * (1 - gone)
+    return gone, T * x * (1 / 2 - x / 6 + x * x / 24), T * x * (1 / 2 - x / 3 + x * x / 8)
+
+
+def open_loop(K: float, lag: float, T: float, w: float) -> complex:
+    """Open loop of ``lagged`` at the frequency w, without differences of nearly equal numbers."""
+    turn = _expm1(w * T)  # z - 1
+    if lag == 0:
+        return K * T / turn
+    gone, b1, b0 = held(lag, T)
+    return K * (b1 * (turn + 1) + b0) / (turn * (turn + gone))
+
+
+def _expm1(angle: float) -> complex:
+    """exp(i angle) - 1."""
+    return complex(-2 * math.sin(angle / 2) ** 2, math.sin(angle))
+
+
+def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
+    """Largest |pole|, gain margin, phase margin in degrees and delay margin.
+
+    Proof note: the gain margin is the largest K by Jury's conditions over K. The poles lie at 1 and
+    E, the zero in (-1, 0), so |L| falls from 0 to the end of the frequencies, pi/T: it passes 1
+    once, or, where |L| > 1 there, never, and the loop has no delay margin of its own.
+    """
     import control
 
-    open_loop = lagged(K, lag, T)
-    slow = float(max(abs(p) for p in control.feedback(open_loop).poles()))
+    slow = float(max(abs(p) for p in control.feedback(lagged(K, lag, T)).poles()))
+    found: dict[str, Quantity] = {"largest_pole": (slow, "1")}
     if slow >= 1:
-        return {"largest_pole": (slow, "1")}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the pole at z = 1, and a change of method
-        gain, phase, _, crossover = control.margin(open_loop)
-    if lag == 0:
-        gain = 2 / (K * T)  # the phase is -180 degrees at the end of the frequencies only
-    return {
-        "largest_pole": (slow, "1"),
-        "time_constant": (-T / math.log(slow) if slow > 0 else 0.0, "s"),
-        "gain_margin": (float(gain), "1"),
-        "phase_margin": (float(phase), "deg"),
-        "delay_margin": (math.radians(float(phase)) / float(crossover), "s"),
-    }
+        return found
+    found["time_constant"] = (-T / math.log(slow) if slow > 0 else 0.0, "s")
+    most = 2 / T
+    if lag > 0:
+        gone, b1, b0 = held(lag, T)
+        most = min(gone / b0, 2 * (2 - gone) / (b1 - b0)) if b1 > b0 else gone / b0
+    found["gain_margin"] = (most / K, "1")
+
+    def size(w: float) -> float:
+        return abs(open_loop(K, lag, T, w))
+
+    end = math.pi / T
+    if size(end) < 1:
+        crossing = bisect(size, 1.0, 1e-3 * min(K, end), end)
+        margin = math.pi / 2 + cmath.phase(1j * open_loop(K, lag, T, crossing))
+        found["phase_margin"] = (math.degrees(margin), "deg")
+        found["delay_margin"] = (margin / crossing, "s")
+    return found
 
 
 def _jury(n: Numbers) -> Sequence[Side]:
@@ -76,6 +112,34 @@ def _jury(n: Numbers) -> Sequence[Side]:
     one, zero = K * reach - 1 - E, E + K * (lag * (1 - E) - T * E)
     return [Side("p0 < 1", zero, 1), Side("0 < 1 + p1 + p0", 0, 1 + one + zero),
             Side("0 < 1 - p1 + p0", 0, 1 - one + zero)]  # fmt: skip
+
+
+def _lag_step(n: Numbers, entry: Entries) -> str | None:
+    """A quadratic function falls at every tick, for each E = exp(-T/lag) of its enclosure."""
+    import numpy as np
+    from scipy.linalg import solve_discrete_lyapunov
+
+    K, T, lag = n["K"], n["T"], n["lag"]
+    if lag == 0:
+        return smtlib.shrinks([[1 - K * T, 0], [0, 0]], [1, 0, 1], True, None)
+    E = outward.Interval.of(-T / lag, 60).exp()
+    e = float(E.ends()[0])
+    # states e and a T, so that P is of ordinary size
+    gone, b1, _ = held(float(lag), float(T))
+    rows = [[1 - float(K) * b1, float(lag / T) * gone], [-float(K * T) * gone, e]]
+    found = solve_discrete_lyapunov(np.array(rows).T, np.eye(2))
+    P = [Fraction(float(f"{v:.9g}")).limit_denominator(10**9)
+         for v in (found[0, 0], found[0, 1], found[1, 1])]  # fmt: skip
+    gone_term = smtlib.plus(1, smtlib.times(-1, "E"))
+    A = [
+        [smtlib.plus(1 - K * T, smtlib.times(K * lag, gone_term)),
+         smtlib.times(lag / T, gone_term)],
+        [smtlib.times(-K * T, gone_term), "E"],
+    ]  # fmt: skip
+    low, high = E.ends()
+    digits = 10**15  # outwards: short numbers make the solver's work short
+    ends = Fraction(math.floor(low * digits), digits), Fraction(math.ceil(high * digits), digits)
+    return smtlib.shrinks(A, P, True, ends)
 
 
 def _lag_witness(n: Numbers) -> Witness:
@@ -109,7 +173,7 @@ LAGGED_LOOP = register(System(
     {
         "poles": Criterion("poles inside the unit circle (Jury)", _jury, EXACT,
                            ("largest_K", "largest_T"), proves=("dies_out",), covers=("T", "lag"),
-                           refutes="none; e = 1 and a = 0 at the start"),
+                           refutes="none; e = 1 and a = 0 at the start", step=_lag_step),
     },
     {"dies_out": Target("e tends to zero")},
     never=("a disturbance", "a dead time"),
@@ -131,6 +195,19 @@ def observer_poles(L1: float, L2: float, J: float) -> list[complex]:
 
 def _hurwitz(n: Numbers) -> Sequence[Side]:
     return [Side("0 < L1", 0, n["L1"]), Side("0 < -L2/J", 0, -n["L2"] / n["J"])]
+
+
+def _observer_step(n: Numbers, slowest: Fraction) -> str:
+    """A quadratic function of (w, T_L/J) falls faster than exp(-2 slowest t).
+
+    P solves A'P + PA = -I, A = [[s - L1, -1], [-L2/J, s]].
+    """
+    a, c, s = slowest - n["L1"], -n["L2"] / n["J"], slowest
+    trace, det = a + s, a * s + c
+    # P = -(det I + adj(A)' adj(A))/(2 trace det)
+    p = [det + s * s + c * c, s - a * c, det + a * a + 1]
+    P = [-x / (2 * trace * det) for x in (p[0], p[1], p[2])]
+    return smtlib.shrinks([[a, -1], [c, s]], P, False, None)
 
 
 def _fast(n: Numbers) -> Sequence[Side]:
@@ -182,10 +259,12 @@ LOAD_OBSERVER = register(System(
     },
     {
         "poles": Criterion("both poles left of 0 (Routh, Hurwitz)", _hurwitz, EXACT,
-                           proves=("dies_out",), refutes="none; T_L^ wrong by 1 N m at the start"),
+                           proves=("dies_out",), refutes="none; T_L^ wrong by 1 N m at the start",
+                           step=lambda n, entry: _observer_step(n, Fraction(0))),
         "fast": Criterion("both poles left of -slowest", _fast, EXACT,
                           ("smallest_L1", "largest_slowest"), ("slowest",), proves=("fast",),
-                          refutes="none; an error along the slower pole"),
+                          refutes="none; an error along the slower pole",
+                          step=lambda n, entry: _observer_step(n, n["slowest"])),
     },
     {
         "dies_out": Target("the errors of speed and load tend to zero, while the load is constant"),

@@ -71,19 +71,27 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
         for name, c in criteria.items():
             if clause in c.proves and inputs <= set(c.covers):
                 if name not in tried:
-                    tried[name] = proof(c, numbers)
+                    tried[name] = _try(c, numbers)
                 if tried[name] is not None:
                     first.setdefault(clause, name)
                     if not every:
                         break
     proofs = {k: v for k, v in tried.items() if v is not None}
-    by = {clause: proofs[name] for clause, name in first.items()}
-    promise = system.promise(numbers, by)
     left = tuple(k for k in clauses if k not in first)
+    by = {} if left else {clause: proofs[name] for clause, name in first.items()}
+    promise = system.promise(numbers, by)  # a bound that is proven stands in a whole promise only
     if not left:
         return Decision(CERTIFIED, promise, proofs)
-    against, shows = counterexample(system, numbers)
+    against, shows = counterexample(system, numbers, left)
     return Decision(REFUTED if against else UNDECIDED, promise, proofs, against, left, shows)
+
+
+def _try(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | None:
+    """Proof of a criterion; None too where a search meets numbers that floats cannot hold."""
+    try:
+        return proof(criterion, numbers)
+    except ArithmeticError:
+        return None
 
 
 def proof(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | None:
@@ -101,9 +109,13 @@ def proof(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | No
 
 
 def counterexample(
-    system: System, numbers: Mapping[str, Fraction]
+    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str]
 ) -> tuple[dict[str, Any] | None, str]:
-    """First counterexample that replays, as the file holds it, and what it does; else None."""
+    """First counterexample that replays, as the file holds it, and what it does; else None.
+
+    Args:
+        system: the system. numbers: its numbers. unproved: clauses for which runs are searched.
+    """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     for name, c in system.asked(numbers).items():
         clause = _refuted(c, inputs, clauses)
@@ -113,14 +125,15 @@ def counterexample(
                 entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
                 return entry, c.refutes
     for name, r in system.refuters.items():
-        if r.target in clauses:
-            found = r.find(numbers)
-            if found is not None:
-                try:
-                    shows = r.replay(numbers, found)
-                except DoesNotHold:
-                    continue  # the run leaves by less than what rounding may be
-                return {"clause": r.target, "by": name, "run": dict(found)}, shows
+        if r.target in unproved:
+            try:
+                found = r.find(numbers)
+                if found is None:
+                    continue
+                shows = r.replay(numbers, found)
+            except (DoesNotHold, ArithmeticError):
+                continue  # it leaves by less than rounding may be, or with numbers beyond floats
+            return {"clause": r.target, "by": name, "run": dict(found)}, shows
     return None, ""
 
 

@@ -29,9 +29,12 @@ def tick(g1: float, g2: float, T: float, lag: float) -> tuple[tuple[float, ...],
         ``(m11, m12, m21, m22), b1, b2`` of s+ = m11 s + m12 a - b1 sgn s, a+ = m21 s + m22 a -
         b2 sgn s. Without a lag m12 = m22 = 0.
     """
-    E = math.exp(-T / lag) if lag > 0 else 0.0
-    reach = lag * (1 - E)
-    return (1 - g1 * (T - reach), reach, -g1 * (1 - E), E), g2 * (T - reach), g2 * (1 - E)
+    x = T / lag if lag > 0 else math.inf
+    E, taken = math.exp(-x), -math.expm1(-x)
+    reach = lag * taken
+    # T - reach cancels where the lag is long; its series is good to x^4/120 there
+    held = T * x * (0.5 - x / 6 + x * x / 24) if x < 1e-3 else T - reach
+    return (1 - g1 * held, reach, -g1 * taken, E), g2 * held, g2 * taken
 
 
 def orbit(g1: float, g2: float, T: float, lag: float = 0.0, most: int = 2000) -> tuple[int, float]:

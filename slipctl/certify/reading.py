@@ -32,6 +32,8 @@ def read(path: Path) -> Mapping[str, Any]:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise BadInput(f"{path} is no regular file")
             raw = file.read(LARGEST + 1)
+    except BadInput:
+        raise
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}") from None
     except ValueError:

@@ -139,16 +139,22 @@ def _sliding_witness(n: Numbers) -> Witness:
     )  # fmt: skip
 
 
+SEARCHED = 4000
+"""Ticks in which a seeker is searched that falls behind."""
+
+
 # Counterexamples, replayed with rationals.
 
 
 def _find_behind(n: Numbers) -> Entries | None:
-    p = _seeker(n)
-    if p.lag:
+    p, least = _seeker(n), _least(n)
+    if p.k * least < p.rho:
+        ticks = math.ceil(3 * p.beta / ((p.rho - p.k * least) * p.T))
+        return sealed(n, {"slope": str(least), "start": "0", "ticks": ticks, "noise": "none"})
+    if p.lag or p.late > SEARCHED:
         return None
-    slopes = dict.fromkeys((_least(n), n["slope"]))
-    for ticks in (200, sliding.MOST_TICKS):
-        for slope in slopes:
+    for ticks in (200, SEARCHED):
+        for slope in dict.fromkeys((n["slope"], least)):
             for share in (Fraction(1, 64), Fraction(65, 64), Fraction(127, 64), Fraction(37, 64)):
                 for against in dict.fromkeys((bool(p.noise), False)):
                     start = share * p.beta
@@ -165,11 +171,16 @@ def _replay_behind(n: Numbers, run: Entries) -> str:
     p = _seeker(n)
     run = opened(n, run, ("slope", "start", "noise", "ticks"), "run")
     slope, start = (rational(run[k], f"run.{k}") for k in ("slope", "start"))
-    ticks = whole(run["ticks"], "run.ticks", 1, sliding.MOST_TICKS)
-    if p.lag or not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
-        raise DoesNotHold("run: its slope, its noise or a lag is outside of what was asked")
-    tick, by = sliding.behind(p, slope, start, run["noise"] == "against", ticks)
-    if not tick:
+    ticks = whole(run["ticks"], "run.ticks", 1, 10**300)
+    if not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
+        raise DoesNotHold("run: its slope or its noise is outside of what was asked")
+    by = (p.rho - p.k * slope) * p.T * ticks  # mu cannot climb faster than k slope
+    tick = ticks
+    if by < 3 * p.beta:
+        if p.lag or max(p.late, ticks) > sliding.MOST_TICKS:
+            raise DoesNotHold("run: it has a lag, or more ticks than are replayed")
+        tick, by = sliding.behind(p, slope, start, run["noise"] == "against", ticks)
+    if by < 3 * p.beta:
         raise DoesNotHold("run: mu does not fall behind by three cells")
     return f"after {tick} ticks mu is {float(by):.6g} behind a climb at rho"
 

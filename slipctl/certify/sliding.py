@@ -191,8 +191,9 @@ class Turn(NamedTuple):
 def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[Turn]:
     """Half cycles on a parabola, first with the noise that drives to the left, then to the right.
 
-    It starts at x with delta = beta, which is heard as +, late from then on. Within the zone only,
-    where delta falls at each tick; it ends where that is left.
+    It starts at rest at x with delta = beta/2, which is heard as +; places are told as they are
+    heard, a dead time late. Within the zone only, where delta falls at each tick; it ends where
+    that is left.
 
     Args:
         p: a seeker without lag. curvature: mu''. x: start, less the peak.
@@ -200,7 +201,7 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
     """
     c, r = abs(curvature), zone(p, curvature)
     step, fall = p.k * p.T, p.rho * p.T
-    delta, edge, tick, side = p.beta, 0 * p.beta, 0, 1
+    delta, edge, tick, side = p.beta / 2 - p.late * fall, 0 * p.beta, p.late, 1
     for number in range(left + right):
         towards = (1 if number >= left else -1) == side
         limit = edge - p.noise if towards else edge + p.noise

@@ -48,6 +48,36 @@ def problem(variables: Iterable[str], facts: Sequence[str], negated: str) -> str
     return "\n".join([*rows, f"(assert (not {negated}))", "(check-sat)"]) + "\n"
 
 
+RAYS = "(or (= x 1.0) (and (= x 0.0) (= y 1.0)))"
+"""One point of each line through the origin: enough for quadratic forms."""
+
+
+def shrinks(
+    A: Sequence[Sequence[Any]], P: Sequence[Any], sampled: bool, E: tuple[Fraction, Fraction] | None
+) -> str:
+    """Step of a linear proof: V = x'P x > 0, and x+ = A x or x' = A x makes it fall, on each ray.
+
+    Args:
+        A: rows of two terms or rationals. P: P11, P12, P22. sampled: whether it is x+.
+        E: interval of the number E, where the terms of A have it.
+    """
+    x = ("x", "y")
+
+    def row(coefficients: Sequence[Any], of: Sequence[Any]) -> str:
+        return plus(*(times(c, v) for c, v in zip(coefficients, of, strict=True)))
+
+    def form(one: Sequence[Any], two: Sequence[Any]) -> str:
+        return plus(times(one[0], row(P[:2], two)), times(one[1], row(P[1:], two)))
+
+    moved = [row(r, x) for r in A]
+    fall = plus(form(moved, moved), times(-1, form(x, x))) if sampled else form(moved, x)
+    facts = [RAYS]
+    if E:
+        facts += [term("<=", E[0], "E"), term("<=", "E", E[1])]
+    claim = term("and", term(">", form(x, x), 0), term("<", fall, 0))
+    return problem((*x, *(("E",) if E else ())), facts, claim)
+
+
 def steps(system: System, payload: Mapping[str, Any]) -> dict[str, str]:
     """Problems of a certificate by the name of the criterion, of those that are polynomial."""
     numbers = {k: Fraction(v["value"]) for k, v in payload["asked"].items()}

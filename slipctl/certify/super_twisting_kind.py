@@ -10,6 +10,7 @@ from typing import Any
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as twisting
 from slipctl.certify.outward import Interval
+from slipctl.certify.promise import Entries, spelled
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     ASIDE,
@@ -31,6 +32,7 @@ from slipctl.certify.systems import (
     Witness,
 )
 from slipctl.certify.twisting_kind import MATRIX, exact_sides, fall, matrix, quadratic_sides
+from slipctl.certify.twisting_proof import SAMPLED_BOUND, WORST_RUN, claim
 from slipctl.errors import BadInput
 
 SHIFTED = ("k1 - delta", "k2", "L")
@@ -100,6 +102,15 @@ def _orbit_fits(n: Numbers) -> Sequence[Side]:
     return [Side("T^2 (k1 + sqrt(k1^2 - 4 k2))^2 <= 16 band", wide * wide, 16 * n["band"])]
 
 
+def _turns(n: Numbers) -> Sequence[Side]:
+    return [Side("L < k2", n["L"], n["k2"])]
+
+
+def _band_claim(n: Numbers, entry: Entries) -> str:
+    ticks = " at every tick" if "T" in n else ""
+    return f"|x1| stays below {spelled(n['band'], 'm/s')}{ticks} in the end"
+
+
 def _values(n: Numbers) -> dict[str, Quantity]:
     k1, k2, L, delta = (n[k] for k in ("k1", "k2", "L", "delta"))
     least, most = sta.reaching_time_bounds(k1, k2, L, 1.0, delta)
@@ -125,6 +136,8 @@ def _values(n: Numbers) -> dict[str, Quantity]:
 def _ends(name: str, n: Numbers) -> Mapping[str, float | None]:
     if name in twisting.TESTS:
         return twisting.margins(name, n["k1"], n["k2"], n["L"], n["delta"])
+    if name != "band":
+        return {}
     return twisting.orbit_margins(n["k1"], n["k2"], n["T"], n["band"])
 
 
@@ -181,15 +194,23 @@ SUPER_TWISTING = register(System(
                                multipliers=MATRIX, proves=("settles", "band"),
                                covers=CONTINUOUS_INPUTS, step=_fall),
         **{k: _named(k) for k in sta.SUFFICIENT if k != "quadratic"},
+        "turns": Criterion("sampled: x2 turns back", _turns, NECESSARY, needs=("T",),
+                           proves=("ends", "band"), refuted_under=("L", "delta", "T"),
+                           refutes="the constant d = L; x1 stays as large as it is"),
+        "sampled": Criterion("explicit steps: a polygon that every run enters, then rows of states",
+                             needs=("T",), proves=("ends", "band"), covers=("L", "T"),
+                             evidence=SAMPLED_BOUND),
         "band": Criterion("necessary: explicit Euler's period-2 orbit fits into the wanted band",
                           _orbit_fits, NECESSARY, needs=("T", "band"), proves=("band",), covers=(),
                           refutes="none; d = 0 on the period-2 orbit",
                           refuted_under=("L", "delta", "T")),
     },
     {
-        "settles": Target("x1 is 0 after a finite time, and stays there", unless=("band",)),
-        "band": Target("|x1| stays below {band} in the end", ("band",)),
+        "settles": Target("x1 is 0 after a finite time, and stays there", unless=("band", "ends")),
+        "ends": Target(claim, ("T",), unless=("band",)),
+        "band": Target(_band_claim, ("band",)),
     },
+    refuters={"run": WORST_RUN},
     never=("a lag of the actuator", "measurement noise", "a limit of the command"),
     values=_values,
     witness=_witness,

@@ -8,9 +8,10 @@ a certificate holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from slipctl.certify import proofs
@@ -154,7 +155,7 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     for name, c in system.asked(numbers).items():
         holds: bool | None = True if name in found.proofs else None
         if holds is None and c.evidence is None:
-            holds = c.holds(numbers)
+            holds = _shown(partial(c.holds, numbers), None)
         proves = inputs <= set(c.covers) and any(k in clauses for k in c.proves)
         said = CERTIFIED if holds and proves else REFUTED if name == refuted else UNDECIDED
         ends = system.ends(name, n) if system.ends else margins(c, n)
@@ -162,6 +163,14 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     units = {k: v.unit for k, v in system.numbers.items()}
     shown = system.show_witness or found.verdict == REFUTED
     return Report(
-        system.name, n, units, found.verdict, criteria, system.values(n),
-        system.witness(n) if shown else None, found.promise.time, found,
+        system.name, n, units, found.verdict, criteria, _shown(lambda: system.values(n), {}),
+        _shown(lambda: system.witness(n), None) if shown else None, found.promise.time, found,
     )  # fmt: skip
+
+
+def _shown(compute: Callable[[], Any], otherwise: Any) -> Any:
+    """What is shown beside a verdict; left out where numbers are beyond what floats can hold."""
+    try:
+        return compute()
+    except (ArithmeticError, ValueError):
+        return otherwise

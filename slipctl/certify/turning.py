@@ -45,7 +45,7 @@ def run(pull: Law, push: Law, L: float, v: float, step: float, count: int = 4) -
     Args:
         pull, push: laws of y, see the module text. L: largest |d|. v: x2 at the start.
         step: step of s. count: half turns; it ends earlier if one does not come back within
-            20 000 steps, or x2 has fallen below 1e-9 v.
+            20 000 steps, or grows beyond what a double holds, or x2 has fallen below 1e-9 v.
     """
     out = Turns([v], [0.0], [0.0], [0.0], [v], [L])
     side, now = 1.0, 0.0
@@ -57,7 +57,10 @@ def run(pull: Law, push: Law, L: float, v: float, step: float, count: int = 4) -
         y, z, t, grows = 0.0, out.crossings[-1], now, True
         for k in range(20_000):
             d = L if grows else -L
-            new = _rk4(rates, (y, z, t), d, step)
+            try:
+                new = _rk4(rates, (y, z, t), d, step)
+            except OverflowError:
+                return out  # it does not come back
             if grows and new[1] < pull(new[0]):  # the turn lies inside this step; go there
                 share = (z - pull(y)) / (z - pull(y) - new[1] + pull(new[0]))
                 new, grows = _rk4(rates, (y, z, t), d, step * share), False

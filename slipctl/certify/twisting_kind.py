@@ -274,9 +274,15 @@ def _higher_fall(n: Numbers, entry: Entries) -> str:
     return fall(n["k4"], n["beta"] * n["k4"], n["eta"], P)
 
 
+def _young_fall(n: Numbers, entry: Entries) -> str:
+    """The matrix of (49): what the weight in Young's inequality is for."""
+    P = [n["alpha"] + 4 * n["beta"] ** 2, -2 * n["beta"], Fraction(1)]
+    return fall(n["k4"], n["beta"] * n["k4"], n["eta"], P)
+
+
 def _weight(n: Numbers) -> dict[str, Fraction]:
     theta = best_weight(float(n["alpha"]), float(n["beta"]), float(n["eta"]))
-    return {"theta": Fraction(theta).limit_denominator(10**9)}
+    return {"theta": Fraction(theta).limit_denominator(10**9) or Fraction(theta)}
 
 
 def _higher_weighted(n: Numbers) -> Sequence[Side]:
@@ -332,9 +338,9 @@ HIGHER_ORDER = register(System(
                                multipliers=MATRIX, **_SETTLES, step=_higher_fall),
         "homogenised_49": Criterion("the matrix of (49), best weight in Young's inequality",
                                     _higher_weighted, SUFFICIENT, _ENDS, find=_weight,
-                                    multipliers=("theta",), **_SETTLES),
+                                    multipliers=("theta",), **_SETTLES, step=_young_fall),
         "printed_49": Criterion("Wang 2025, (49) as printed: weight 1", _higher_printed,
-                                margins=_ENDS, **_SETTLES),
+                                margins=_ENDS, **_SETTLES, step=_young_fall),
     },
     {"settles": Target("s is 0 after a finite time, and stays there, at the least gain k4")},
     never=(*NEVER, "gains that adapt"),

@@ -128,6 +128,10 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
     p.add_argument(
+        "--platforms", metavar="linux64,win64",
+        help="what the FMUs hold binaries for; by default each that a compiler is installed for",
+    )  # fmt: skip
+    p.add_argument(
         "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
     )
     p.add_argument(

@@ -32,7 +32,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
 
     if options.check and build.compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
+    platforms = options.platforms.split(",") if options.platforms is not None else None
     wanted = {
+        "platforms": platforms,
         "check": options.check, "real": options.real, "target": options.target,
         "misra": options.misra, "fmus": options.fmu, "fuzz_seconds": options.fuzz or 0,
     }  # fmt: skip

@@ -108,24 +108,35 @@ def answers(study: Study) -> list[Answer]:
 
 
 def needs(report: Report) -> str:
-    """What would make each refuted criterion hold; if none is, the margin that is used up most."""
-    missing = []
+    """What would make the criteria hold that the promise lacks; or the margin that is used up most.
+
+    Those are the criteria whose failure refutes the promise; where none fails, the ones that would
+    have proved it.
+    """
+    criteria = catalogue.SYSTEMS[report.system].criteria
+    failing = {k: f for k, f in report.criteria.items() if f.holds is False}
+    hard = {k: f for k, f in failing.items() if criteria[k].refutes}
+    soft = {k: f for k, f in failing.items() if criteria[k].proves}
+    if report.verdict != systems.CERTIFIED:
+        missing = []
+        for name, f in (hard or soft).items():
+            wants = [f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})"
+                     for m, v in _finite(f)]  # fmt: skip
+            missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
+        return "needs " + "; ".join(missing) if missing else "nothing that a criterion here names"
     closest = (math.inf, "")
     for name, f in report.criteria.items():
-        ends = [(m, v) for m, v in f.margins.items() if v is not None and math.isfinite(v)]
-        if f.verdict == systems.REFUTED:
-            wants = [
-                f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})" for m, v in ends
-            ]
-            missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
-        elif f.verdict == systems.CERTIFIED:
-            for m, v in ends:
+        if f.verdict == systems.CERTIFIED:
+            for m, v in _finite(f):
                 now = report.gains[m.partition("_")[2]]
                 if now and v and max(v / now, now / v) < closest[0]:
                     closest = max(v / now, now / v), f"{name}: {_bound(m, v)} (is {now:.4g})"
-    if missing:
-        return "needs " + "; ".join(missing)
     return f"nearest limit {closest[1]}" if closest[1] else "no limit near"
+
+
+def _finite(found: systems.Finding) -> list[tuple[str, float]]:
+    ends = found.margins.items()
+    return [(m, v) for m, v in ends if v is not None and math.isfinite(v)]
 
 
 def _bound(margin: str, value: float) -> str:
@@ -164,6 +175,7 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
             holds = "holds" if a.condition else "is violated"
             unit = "*" if r.criteria[g.condition].unit_dependent else ""
             rows.append(f"  the paper's own condition, {g.condition}{unit}, {holds}")
+        rows += promised(r)
         rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
         if g.bounds:
             rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import io
 import logging
 import os
 import sys
@@ -31,26 +32,38 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; gives the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     verbose = "-v" in arguments or "--verbose" in arguments
+    closed = sys.stdout is None
+    if closed:  # started with >&-
+        sys.stdout = io.StringIO()
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that it lacks is no reason to stop
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         options = parser().parse_args(arguments)
+    except SystemExit as told:  # --help, --version
+        return int(told.code or 0)
+    except BadInput as error:
+        return _explain(error, verbose)
+    try:
         if options.command is None:
             raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
         _talk(options)
         home = import_module(ANSWERS[options.command])
         code: int = home.answer(options, _written(arguments))
         sys.stdout.flush()
-        return code
+        if closed:
+            _say("standard output is closed; nothing was printed")
+        return code or int(closed)
     except KeyboardInterrupt:
         _say("stopped; what had finished is written")
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception as error:
+    except (Exception, SystemExit, GeneratorExit) as error:  # sys.exit() in somebody's file
         return _explain(error, verbose)
 
 
-def _explain(error: Exception, verbose: bool) -> int:
+def _explain(error: BaseException, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
     from slipctl.study.doors import blame
 
@@ -71,7 +84,7 @@ def _explain(error: Exception, verbose: bool) -> int:
         what = f" {known.filename}" if known.filename else ""
         _say(f"cannot read or write{what}: {known.strerror or known}")
         return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
-    except Exception as unknown:
+    except (Exception, SystemExit, GeneratorExit) as unknown:
         text = str(unknown).strip().partition("\n")[0]
         _say(f"a fault of slipctl, {type(unknown).__name__}: {text}; -v shows where")
         return 1

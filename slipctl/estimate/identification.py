@@ -28,7 +28,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.connection import connect
 from slipctl.block.signals import Output, Param, State
 from slipctl.block.timing import every
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_positive
 from slipctl.estimate.misfit import (
     SURE,
     advice_for,
@@ -95,6 +95,8 @@ def identify(
     """
     measured, names, rows = regressor(law, measured, unknown)
     where = f"identify({law.name})"
+    check_positive(f"{where}: accuracy", accuracy)
+    check_positive(f"{where}: largest_condition", largest_condition)
     n = len(names)
     inputs, m = columns(where, law, data, measured)
     N = len(m)

@@ -18,7 +18,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, State
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_finite, check_positive, nearest
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
@@ -180,8 +180,10 @@ def peak_bound(
     """
     measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
     _scalar_input(law, over, "peak_bound")
-    if not (math.isfinite(noise) and noise > 0):
-        raise BadInput(f"peak_bound({law.name}): noise = {noise:g} must be positive")
+    check_positive(f"peak_bound({law.name}): noise", noise)
+    check_finite(f"peak_bound({law.name}): at", at)
+    for k, deviation in (spread or {}).items():
+        check_positive(f"peak_bound({law.name}): spread of {k}", deviation)
     for k in law.inputs:
         if k not in samples:
             raise BadInput(f"peak_bound({law.name}): samples lack {k} [{law.inputs[k].unit}]")
@@ -190,6 +192,8 @@ def peak_bound(
             names = [*law.inputs, *unknown]
             raise BadInput(f"peak_bound({law.name}) has no {k!r}{nearest(k, names)}")
     columns = [np.atleast_1d(np.asarray(samples[k], dtype=float)) for k in law.inputs]
+    if not all(np.isfinite(c).all() for c in columns):
+        raise BadInput(f"peak_bound({law.name}): samples must be finite numbers")
     if len({c.shape for c in columns}) != 1 or columns[0].ndim != 1:
         raise BadInput(f"peak_bound({law.name}): samples must be lists of one length")
     every = law.param_values(**params)

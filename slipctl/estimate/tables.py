@@ -42,6 +42,10 @@ class Table(NamedTuple):
         return value
 
 
+EXCEL = re.compile(r"\s*#(N/A|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!)", re.I)
+"""What a spreadsheet writes for a number it has not; a row that begins so is no comment."""
+
+
 def read_table(path: str | Path) -> Table:
     """Read a table: comments begin with ``#``, the first other line is its head.
 
@@ -54,16 +58,21 @@ def read_table(path: str | Path) -> Table:
         raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise BadInput(f"{path} is no text; save it as CSV in UTF-8") from None
+    if "\0" in text:
+        raise BadInput(f"{path} is no text; save it as CSV in UTF-8")
     names: list[str] = []
     units: list[str] = []
     rows, settings = [], []
     for line, content in enumerate(text.splitlines(), 1):
-        if content.lstrip().startswith("#"):
+        if content.lstrip().startswith("#") and not (names and EXCEL.match(content)):
             said = re.fullmatch(r"\s*#\s*set\s+(\w+)\s*=\s*(.+?)\s*", content)
             if said:
                 settings.append((line, said[1], said[2]))
             continue
-        cells = [c.strip() for c in next(csv.reader([content]), [])]
+        try:
+            cells = [c.strip() for c in next(csv.reader([content]), [])]
+        except csv.Error as error:
+            raise BadInput(f"{path}, line {line}: {error}") from None
         if not any(cells):
             continue
         if not names:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, check_number, check_whole
+from slipctl.errors import BadInput, check_kinds, check_number, check_whole
 
-Feed = float | Sequence[tuple[float, float]] | Callable[[np.ndarray], np.ndarray]
+Feed = float | Sequence[Any] | Callable[[np.ndarray], np.ndarray]
 """Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
 
 
@@ -30,6 +30,9 @@ class Section:
     condition: str | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     length: float | None = None
+
+    def __post_init__(self) -> None:
+        check_kinds("Section", Section, vars(self))
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ class Rail:
     def __init__(self, sections: Sequence[Section], by: str = "time") -> None:
         if not isinstance(sections, Sequence):
             raise BadInput(f"a Rail takes a list of sections, not {sections!r}")
+        if not isinstance(by, str):
+            raise BadInput(f"a Rail goes by 'time', 'position' or a state's name, not {by!r}")
         object.__setattr__(self, "sections", tuple(sections))
         object.__setattr__(self, "by", by)
         unit = "s" if by == "time" else "m"
@@ -108,7 +113,8 @@ class Scenario:
         name: name in files and figures.
         duration: in s.
         rail: conditions along the run; None leaves the loop's own parameters.
-        inputs: feeds of the loop's inputs by full or last name, in the input's unit.
+        inputs: feeds (see :data:`Feed`) of the loop's inputs by full or last name, in the
+            input's unit.
         start: start values of states by full or last name.
         params: parameters by full or last name, for the whole run.
         noise: factor on every noise source; 0 is silent.
@@ -122,7 +128,7 @@ class Scenario:
     name: str
     duration: float
     rail: Rail | None = None
-    inputs: Mapping[str, Feed] = field(default_factory=dict)
+    inputs: Mapping[str, Any] = field(default_factory=dict)
     start: Mapping[str, Any] = field(default_factory=dict)
     params: Mapping[str, Any] = field(default_factory=dict)
     noise: float = 1.0
@@ -139,6 +145,7 @@ class Scenario:
             raise BadInput(f"scenario {self.name}: duration {self.duration:g} s must be positive")
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
+        check_kinds("Scenario", Scenario, vars(self))
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some fields replaced."""

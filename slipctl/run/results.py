@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_kinds, nearest
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,6 +31,9 @@ class Known:
     values: float | Sequence[float] | Callable[[xarray.Dataset], np.ndarray]
     doc: str = ""
 
+    def __post_init__(self) -> None:
+        check_kinds("Known", Known, vars(self))
+
 
 @dataclass(frozen=True)
 class Case:
@@ -50,6 +53,9 @@ class Case:
     log: Sequence[str] | None = None
     every: int = 1
 
+    def __post_init__(self) -> None:
+        check_kinds("Case", Case, vars(self))
+
 
 @dataclass(frozen=True)
 class Table:
@@ -66,6 +72,7 @@ class Table:
     doc: str = ""
 
     def __post_init__(self) -> None:
+        check_kinds("Table", Table, vars(self))
         lengths = {name: len(values) for name, (_, values) in self.columns.items()}
         if len(set(lengths.values())) > 1:
             raise BadInput(f"table {self.title!r}: columns of unequal length, {lengths}")

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from slipctl.errors import check_kinds
+
 Names = str | Sequence[str] | None
 """Name of a logged signal, or names of which the first that a loop has is meant."""
 
@@ -49,6 +51,9 @@ class Signals:
     funnel: Bounded | None = None
     barrier: Bounded | None = None
     step_time: Names = None
+
+    def __post_init__(self) -> None:
+        check_kinds("Signals", Signals, vars(self))
 
     def find(self, role: str, log: Mapping[Any, Any]) -> str | None:
         """Name of the logged signal that plays ``role``, or None."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block, as_block, symbol_maker
 from slipctl.block.sharing import targets
-from slipctl.block.signals import Signal
+from slipctl.block.signals import Signal, real_array, total_size
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
 from slipctl.run.rail import Feed, Rail, Scenario
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 CHUNKS = 40
 """Pieces a run is cut into, for progress and for stopping it."""
+
+LARGEST = 2**36
+"""Most bytes that a run may ask for, its inputs and the rows of its log."""
 
 SCRATCH = 20_000
 """Most ticks that are held in memory at a time where only some rows are kept."""
@@ -75,12 +78,19 @@ def simulate(
             f"scenario {scenario.name}: duration {scenario.duration:g} s is shorter than one tick"
             f" of {h:g} s"
         )
+    check_whole("simulate: every", every)
+    read = total_size(loop.inputs.values())
+    logged = total_size([*loop.states.values(), *loop.outputs.values()])
+    room = 8 * ticks * (read + logged / every)
+    if room > LARGEST:
+        raise BadInput(
+            f"scenario {scenario.name}: {ticks:.3g} ticks of {h:g} s need {room / 2**30:.3g} GiB;"
+            " shorten the duration, or keep fewer rows with every="
+        )
     loop = begun(loop, scenario)
     rail_inputs, rail_params = rail_values(loop, scenario)
     u = _feed(loop, scenario, ticks, h, rail_inputs)
     f, pieces = _pieces(loop, scenario, ticks, h, rail_params)
-
-    check_whole("simulate: every", every)
 
     x = np.array(ca.DM(loop.pack("state", loop.start())).full()).ravel()
     rows = np.arange(0, ticks, int(every))
@@ -213,22 +223,37 @@ def _feed(
     return np.ascontiguousarray(np.hstack(columns)) if columns else np.zeros((ticks, 0))
 
 
+def _asked(where: str, feed: Any, times: np.ndarray) -> Any:
+    """What a feed function gives; what breaks in it is told as its own."""
+    try:
+        return feed(times)
+    except Exception as error:
+        raise BadInput(
+            f"{where}: its feed function fails on {times.size} times:"
+            f" {type(error).__name__}: {error}"
+        ) from error
+
+
 def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float) -> np.ndarray:
     """Values of one input over all ticks, in range and element by element as the loop packs it."""
     wanted = (ticks, *s.shape)
     try:
         if callable(feed):
-            values = np.asarray(feed(np.arange(ticks) * h), dtype=float)
+            values = real_array(_asked(where, feed, np.arange(ticks) * h))
             values = np.broadcast_to(values, wanted) if values.ndim == 0 else values
         elif isinstance(feed, (list, tuple)):
-            starts = [float(t) for t, _ in feed]
-            if not starts or starts != sorted(starts):
+            starts = real_array([t for t, _ in feed])
+            if not starts.size or not np.isfinite(starts).all() or (np.diff(starts) <= 0).any():
                 raise BadInput(f"{where}: its feed needs steps (time, value) in order of time")
+            if starts[0] > 0:
+                raise BadInput(
+                    f"{where}: its feed starts at {starts[0]:g} s; say what it is from 0 s on"
+                )
             at = np.searchsorted(_first_tick(starts, h), np.arange(ticks), side="right") - 1
-            steps = [np.broadcast_to(np.asarray(v, dtype=float), s.shape) for _, v in feed]
+            steps = [np.broadcast_to(real_array(v), s.shape) for _, v in feed]
             values = np.array(steps)[np.maximum(at, 0)]
         else:
-            values = np.broadcast_to(np.asarray(feed, dtype=float), wanted)
+            values = np.broadcast_to(real_array(feed), wanted)
     except BadInput:
         raise
     except (TypeError, ValueError) as error:
@@ -238,7 +263,7 @@ def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float
     if not np.isfinite(values).all():
         raise BadInput(f"{where}: its feed has NaN or infinite values")
     for extreme in (values.min(), values.max()):
-        replace(s, shape=()).check(where, extreme)
+        replace(s, shape=(), value=None).check(where, extreme)
     if len(s.shape) == 2:  # a matrix is packed column by column
         values = values.transpose(0, 2, 1)
     return values.reshape(ticks, -1)

@@ -10,11 +10,11 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, about, make_block
+from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.block.units import unit
 from slipctl.certify import extremum as bounds
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_finite, check_positive
 
 log = logging.getLogger(__name__)
 
@@ -228,6 +228,12 @@ def seek_limits(
     Raises:
         BadInput: no such block, or a gain that flees the extremum.
     """
+    where = f"seek_limits({as_block('seek_limits: the seeker', block).name})"
+    check_positive(f"{where}: steepest", steepest)
+    check_finite(f"{where}: curvature", curvature)
+    if curvature == 0:
+        raise BadInput(f"{where}: a map with curvature = 0 has no peak; give its slope's slope")
+    check_finite(f"{where}: third", third)
     p: Mapping[str, float] = {n: float(v) for n, v in block.param_values().items()}
     if "rho" in p and "beta" in p:
         name = bounds.regime(p["k"], p["rho"], steepest)

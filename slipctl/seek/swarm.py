@@ -10,8 +10,8 @@ import numpy as np
 
 from slipctl.analysis.objective import objective, open_law, refuse_names
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
-from slipctl.block.signals import Output, Param, State
-from slipctl.errors import BadInput, check_number, check_ranges, check_whole
+from slipctl.block.signals import Output, Param, State, real_array
+from slipctl.errors import BadInput, check_number, check_positive, check_ranges, check_whole
 from slipctl.seek import random as wh
 from slipctl.seek.evolution import BLOCK, repeated
 
@@ -216,7 +216,9 @@ class Fit(NamedTuple):
 
 
 def least_squares(
-    regressor: Any, measured: Sequence[float] | np.ndarray, largest_condition: float = 1e4
+    regressor: Sequence[Sequence[float]] | np.ndarray,
+    measured: Sequence[float] | np.ndarray,
+    largest_condition: float = 1e4,
 ) -> Fit:
     """Fit a linear model, and say how well the data determine it.
 
@@ -228,7 +230,13 @@ def least_squares(
     Raises:
         BadInput: fewer samples than coefficients plus one, or data without excitation.
     """
-    Phi, y = np.asarray(regressor, dtype=float), np.asarray(measured, dtype=float)
+    try:
+        Phi, y = real_array(regressor), real_array(measured)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"least_squares: regressor and measured are no numbers: {error}") from None
+    if Phi.ndim != 2 or not (np.isfinite(Phi).all() and np.isfinite(y).all()):
+        raise BadInput("least_squares: regressor and measured must be rows of finite numbers")
+    check_positive("least_squares: largest_condition", largest_condition)
     N, n = Phi.shape
     if n >= N or y.shape != (N,):
         raise BadInput(f"least_squares: {y.size} measured and {N} rows for {n} coefficients;"

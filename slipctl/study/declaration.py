@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_kinds
 from slipctl.run.results import Case, NotRun, Results, Table
 from slipctl.run.roles import Signals
 from slipctl.run.store import plain, read_json, write_json
@@ -53,6 +53,9 @@ class Experiment:
     title: str
     run: Callable[[Context], Table | Mapping[str, Table]]
     doc: str = ""
+
+    def __post_init__(self) -> None:
+        check_kinds("Experiment", Experiment, vars(self))
 
 
 @dataclass(frozen=True)
@@ -176,6 +179,7 @@ class Claim:
     not_checkable: str = ""
 
     def __post_init__(self) -> None:
+        check_kinds("Claim", Claim, vars(self))
         if self.kind not in KINDS:
             raise BadInput(f"claim {self.id}: kind {self.kind!r} is none of {', '.join(KINDS)}")
         if self.bound not in ("", "at most", "at least"):
@@ -231,6 +235,9 @@ class Figure:
     draw: Callable[[Results], Any]
     source: str = ""
 
+    def __post_init__(self) -> None:
+        check_kinds("Figure", Figure, vars(self))
+
 
 @dataclass(frozen=True)
 class Gains:
@@ -254,6 +261,9 @@ class Gains:
     bounds: str = ""
     condition: str = ""
     source: str = ""
+
+    def __post_init__(self) -> None:
+        check_kinds("Gains", Gains, vars(self))
 
 
 @dataclass(frozen=True)
@@ -293,6 +303,7 @@ class Study:
     gains: Sequence[Gains] = ()
 
     def __post_init__(self) -> None:
+        check_kinds("Study", Study, vars(self))
         seen: set[str] = set()
         for c in self.claims:
             if c.id in seen:

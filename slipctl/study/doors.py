@@ -115,7 +115,9 @@ def load_file(path: str) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, SyntaxError) and not error.filename:  # no text at all
             raise BadInput(f"{path} is no Python file: {error.msg}") from error
-        if isinstance(error, Exception):
+        if isinstance(error, (MemoryError, RecursionError)):
+            raise BadInput(f"{path} is nested too deeply to be read") from error
+        if not isinstance(error, KeyboardInterrupt):
             blame(error)
         raise
     return module
@@ -128,7 +130,7 @@ def _import(name: str) -> ModuleType:
         blame(error)
 
 
-def blame(error: Exception) -> NoReturn:
+def blame(error: BaseException) -> NoReturn:
     """Raise what went wrong in somebody's equations as one line with file and line.
 
     Raises:

@@ -25,6 +25,7 @@ from slipctl import (
 )
 from slipctl.certify import extremum as bounds
 from slipctl.models import freight_traction as freight
+from slipctl.run import periods
 from slipctl.seek.lock import LOCK, WAIT
 from slipctl.studies.bench.best_possible import against_optimum
 from slipctl.studies.freight_traction import barrier
@@ -39,12 +40,7 @@ from slipctl.studies.freight_traction.loops import (
     seeking,
     steepest,
 )
-
-LOCKED = 0.997
-"""Share of the peak adhesion from which on a creep counts as locked."""
-
-NEAR = 0.05
-"""Share of the best creep within which it counts as found."""
+from slipctl.studies.freight_traction.measures import LOCKED, NEAR, from_when
 
 SEEN = (
     "plant.train.v_s", "plant.adh.mu", "plant.motor.T_m", "ctl.seek.mode", "ctl.seek.v",
@@ -68,20 +64,14 @@ def sections(scenario: Scenario) -> list[tuple[str, slice]]:
     ]
 
 
-def from_when(good: np.ndarray) -> float | None:
-    """Time in s from which all ticks are good; None if they are not so for 0.5 s at least."""
-    first = int(np.flatnonzero(~good)[-1]) + 1 if not good.all() else 0
-    return None if (good.size - first) * H < 0.5 else first * H
-
-
 def outcome(log: Any, span: slice, place: float, height: float) -> dict[str, Any]:
     """What a seeker made of one section: times in s, and the last half second."""
     mu, creep = log["plant.adh.mu"].values[span], log["plant.train.v_s"].values[span]
     last = round(0.5 / H)
     torque = log["plant.motor.T_m"].values[span][-last:]
     return {
-        "lock": from_when(mu >= LOCKED * height),
-        "found": from_when(np.abs(creep / place - 1) <= NEAR),
+        "lock": from_when(mu >= LOCKED * height, H),
+        "found": from_when(np.abs(creep / place - 1) <= NEAR, H),
         "use": 100 * float(mu[-last:].min()) / height,
         "creep": float(np.ptp(creep[-last:])),
         "torque": float(np.ptp(torque)),
@@ -197,7 +187,7 @@ def reopen(context: Context) -> Table:
         rows["place"].append(v)
         rows["height"].append(100 * mu / height)
         rows["open"].append(float(np.argmax(mode == WAIT)) * H if (mode == WAIT).any() else None)
-        rows["lock"].append(from_when(log["plant.adh.mu"].values >= LOCKED * height))
+        rows["lock"].append(from_when(log["plant.adh.mu"].values >= LOCKED * height, H))
     return Table(
         "A lock put off the peak, dry rail",
         {
@@ -367,6 +357,37 @@ def printed(context: Context) -> Table:
     )
 
 
+def dither(context: Context) -> Table:
+    """Perturbation seeking at the end of the dry section, over what the paper does not print."""
+    loop, where = context.loop("base", "esa_robust")
+    scenario = where.but(duration=10.0)
+    tried = (10.0, 20.0) if context.quick else (1.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+    place, _ = best(context.models["adh"], "dry")
+    rows: dict[str, list[Any]] = {k: [] for k in ("gain", "a", "middle", "torque")}
+    grid = [(k, a) for k in tried for a in (0.05, 0.1, 0.2)]
+    for count, (k, a) in enumerate(grid):
+        made = loop.with_params(**{"ctl.seek.k": k, "ctl.seek.a": a})
+        log = simulate(
+            made, scenario, compile=context.compile, log=["ctl.seek.v", "plant.motor.T_m"], every=10
+        )
+        last = log["time"].values >= 9.0
+        rows["gain"].append(k)
+        rows["a"].append(a)
+        rows["middle"].append(periods.mean(log["ctl.seek.v"].values[last]) / place)
+        rows["torque"].append(periods.mean(log["plant.motor.T_m"].values[last]))
+        context.progress((count + 1) / len(grid))
+    return Table(
+        "esa_robust over the last second before 10 s, dry rail",
+        {
+            "gain": ("m/s^2", rows["gain"]),
+            "dither": ("m/s", rows["a"]),
+            "middle of the dither, of the best creep": ("1", rows["middle"]),
+            "mean torque": ("N m", rows["torque"]),
+        },
+        "The paper prints neither gain nor dither. Means over whole periods.",
+    )
+
+
 def regret(context: Context) -> Table:
     """Every loop against the clairvoyant optimum: the longest way in the time of the scenario."""
     law = context.models["adh"]
@@ -389,6 +410,7 @@ EXPERIMENTS = {
     "seeds": Experiment("Many seeds", seeds, "Does noise make false locks?"),
     "reopen": Experiment("Locks off the peak", reopen, "Does a false lock open?"),
     "theory": Experiment("Formulas", theory, "Do ripple and rate follow their formulas?"),
+    "dither": Experiment("Dither", dither, "What do the numbers that are not printed decide?"),
     "told": Experiment("Told before", told, "What does a seeker say of itself?"),
     **barrier.EXPERIMENTS,
     "printed": Experiment("Printed forms", printed, "What does each misprint do?"),

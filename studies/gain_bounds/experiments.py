@@ -28,10 +28,11 @@ from slipctl.studies.subway_braking import loops as subway_braking_loops
 
 
 def _all(loops: Any) -> dict[str, Block]:
-    """Loops of a study by name, the first of that name."""
+    """Loops of a study by name, the first of that name, and by name and scenario."""
     found: dict[str, Block] = {}
     for case in loops.cases(loops.MODELS, True):
         found |= {k: v for k, v in case.loops.items() if k not in found}
+        found |= {f"{k}@{case.scenario.name}": v for k, v in case.loops.items()}
     return found
 
 

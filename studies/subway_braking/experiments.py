@@ -33,6 +33,7 @@ from slipctl.models.subway_braking_control import super_twisting as super_twisti
 from slipctl.run import build
 from slipctl.run.metrics import settling
 from slipctl.studies.bench.best_possible import against_optimum
+from slipctl.studies.subway_braking import estimation
 from slipctl.studies.subway_braking.loops import (
     MOVING,
     START,
@@ -469,6 +470,7 @@ def regret(context: Context) -> Table:
 
 
 EXPERIMENTS = {
+    "held": Experiment("Optimum held", estimation.held, "Is it, with lag and real sensors?"),
     "search": Experiment("Search", search, "Does differential evolution find the best slip?"),
     "sweep": Experiment("Estimator on a sweep", sweep, "Does the estimator find the peak?"),
     "moving": Experiment(

@@ -40,7 +40,7 @@ def disturbance_slope(loop: Block) -> float:
 
 
 def _number(loop: Block, name: str) -> float:
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def _twisting(loop: Block) -> dict[str, float]:

@@ -156,8 +156,14 @@ def real(models: Mapping[str, Any], law: Block) -> Block:
     return connect("loop", wires, share=MEASURED, plant=_world(models, lag=True), **parts)
 
 
-def online(models: Mapping[str, Any], law: Block) -> Block:
-    """Loop with perfect sensors in which the best slip is estimated and searched online."""
+def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
+    """Loop with perfect sensors in which the best slip is estimated and searched online.
+
+    Args:
+        models: the study's models.
+        law: the slip law.
+        form: of the estimator, see ``estimating_controller``.
+    """
     wires = {
         "adhesion.mu": "plant.adh.mu",
         "ctl.v": "plant.wheel.v",
@@ -173,7 +179,7 @@ def online(models: Mapping[str, Any], law: Block) -> Block:
     return connect(
         "loop", wires, share=SHARED | START_OF_PLANT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
-        ctl=_estimating(models, law), truth=truth,
+        ctl=_estimating(models, law, form), truth=truth,
     )  # fmt: skip
 
 
@@ -200,10 +206,10 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
     )  # fmt: skip
 
 
-def _estimating(models: Mapping[str, Any], law: Block) -> Block:
+def _estimating(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
-    return estimating_controller(law, adh, searcher(adh), start)
+    return estimating_controller(law, adh, searcher(adh), start, form=form)
 
 
 def searcher(law: Block) -> Block:
@@ -242,6 +248,7 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         "sta_implicit": perfect(models, implicit),
         "sta_printed": perfect(models, super_twisting(gains="printed")),
         "sta_online": online(models, sta),
+        "sta_rls": online(models, sta, "recursive"),
     }
     found = [
         Case(Scenario("base", 6.0, rail, doc="brake limits, no lag, perfect sensors"), base, known),
@@ -253,12 +260,12 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         ),
         Case(
             Scenario("curves", 6.0, curved, doc="R = 800 m from 2 s, 400 m from 4 s"),
-            {k: base[k] for k in ("ideal", "smc", "sta")},
+            {k: base[k] for k in ("ideal", "smc", "sta", "sta_printed")},
             known,
         ),
         Case(
             Scenario("moving_optimum", 6.0, moving, doc="rails whose best slip differs"),
-            {k: base[k] for k in ("ideal", "smc", "sta", "sta_online")},
+            {k: base[k] for k in ("ideal", "smc", "sta", "sta_online", "sta_rls")},
             _known(adh, MOVING),
         ),
     ]  # fmt: skip

@@ -144,7 +144,7 @@ def test_certificate_of_another_system(capsys):
     text = Path("b.json").read_text()
     assert '"value": "1/200", "unit": "m/s^2"' in text
     changes = {
-        '"value": "1/200"': ('"value": "1/201"', 1, "do not belong to what was asked"),
+        '"value": "1/200"': ('"value": "1/201"', 1, "not the one that its numbers make"),
         '"value": "1/200", "unit": "m/s^2"': ('"value": "1/200"', 2, "asked.W.unit is missing"),
         '"barrier_lyapunov"': ('"rls"', 2, "asked has no entry 'k'"),
         '"1/5000"': (f'"{"9" * 4000}"', 2, "at most 200 digits"),

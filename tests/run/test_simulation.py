@@ -279,7 +279,6 @@ def test_feeds_that_cannot_be_are_refused(feed, words):
         ((), 3, None, [3.0] * 4),  # a Python integer
         ((), None, 2, [2.0] * 4),
         ((), None, ((0, 1), (0.5, 4)), [1, 1, 4, 4]),
-        ((), None, ((0.5, 4),), [4, 4, 4, 4]),
         ((), None, lambda t: 3.0, [3.0] * 4),
         ((2,), None, 5.0, [[5, 5]] * 4),
         ((2,), [1, 2], None, [[1, 2]] * 4),

@@ -71,7 +71,8 @@ def link(compiler: str, objects: Sequence[Path], target: Path, *flags: str) -> N
 def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        lines = done.stderr.strip().splitlines() or ["no message"]
+        silent = f"it ended with code {done.returncode} and said nothing; CC chooses a compiler"
+        lines = done.stderr.strip().splitlines() or [silent]
         worst = next((line for line in lines if "error" in line), lines[0])
         raise RunFailed(f"{Path(command[0]).name} refuses the generated C: {worst}")
 

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import io
-import platform
-import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from slipctl.block.block import Block
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.files import licence
+from slipctl.ccode.compile.platforms import Platform
 from slipctl.ccode.ship import fmu_xml
 from slipctl.ccode.ship.fmu_source import interface
 from slipctl.ccode.write.header import CONTENT
@@ -36,7 +35,7 @@ def is_plant(block: Block) -> bool:
 
 
 def fmus(
-    plan: Plan, made: Mapping[str, str], content: str, compiler: str | None
+    plan: Plan, made: Mapping[str, str], content: str, platforms: Sequence[Platform]
 ) -> dict[str, bytes]:
     """Both FMUs by file name.
 
@@ -44,7 +43,7 @@ def fmus(
         plan: the module.
         made: text of its files by name.
         content: hash of header and source.
-        compiler: makes the binary; None leaves it out, tools then build the sources.
+        platforms: what a binary is made for; without any, tools build the sources.
 
     Raises:
         BadInput: a step without a period.
@@ -58,7 +57,7 @@ def fmus(
     now = is_plant(plan.block)
     own = {n: made[n] for n in (f"{plan.name}.c", f"{plan.name}.h")}
     found = {}
-    objects: dict[str, bytes] = {}  # the module is compiled once
+    objects: dict[tuple[str, str], bytes] = {}  # the module is compiled once for each
     for version in VERSIONS:
         describe = fmu_xml.description_2 if version == 2 else fmu_xml.description_3
         token = _token(describe(plan, "", now), interface(plan, version, "", now), *own.values())
@@ -72,9 +71,9 @@ def fmus(
         else:
             files["documentation/licenses/license.txt"] = licence(plan).encode()
             files["sources/buildDescription.xml"] = fmu_xml.build_description(plan).encode()
-        where = _place(version)
-        if compiler is not None and where is not None:
-            files[f"binaries/{where}/{plan.name}.so"] = _binary(plan, sources, compiler, objects)
+        for p in platforms:
+            name = f"binaries/{p.folders[version]}/{plan.name}{p.suffix}"
+            files[name] = _binary(plan, sources, p, objects)
         found[f"{plan.name}_fmi{version}.fmu"] = _zipped(files)
     return found
 
@@ -85,20 +84,11 @@ def _token(*texts: str) -> str:
     return "{" + "-".join((h[:8], h[8:12], h[12:16], h[16:20], h[20:32])) + "}"
 
 
-def _place(version: int) -> str | None:
-    """Folder of the binary of this machine."""
-    machine = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64"}.get(
-        platform.machine().lower()
-    )
-    if not sys.platform.startswith("linux") or machine is None:
-        return None
-    if version == 3:
-        return f"{machine}-linux"
-    return "linux64" if machine == "x86_64" else None
-
-
 def _binary(
-    plan: Plan, sources: Mapping[str, str], compiler: str, objects: dict[str, bytes]
+    plan: Plan,
+    sources: Mapping[str, str],
+    platform: Platform,
+    objects: dict[tuple[str, str], bytes],
 ) -> bytes:
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
@@ -106,16 +96,17 @@ def _binary(
             (folder / name).write_text(text, encoding="utf-8")
         linked = [folder / n.replace(".c", ".o") for n in sources if n.endswith(".c")]
         for o in linked:
-            if o.name in objects:
-                o.write_bytes(objects[o.name])
+            key = platform.name, o.name
+            if key in objects:
+                o.write_bytes(objects[key])
                 continue
             cc.compile_object(
-                compiler, o.with_suffix(".c"), o, "-fPIC", "-fvisibility=hidden",
+                platform.compiler, o.with_suffix(".c"), o, *platform.compile_flags,
                 "-Wno-unused-parameter",
             )  # fmt: skip
-            objects[o.name] = o.read_bytes()
-        target = folder / f"{plan.name}.so"
-        cc.link(compiler, linked, target, "-shared", "-Wl,--build-id=none", "-s")
+            objects[key] = o.read_bytes()
+        target = folder / f"{plan.name}{platform.suffix}"
+        cc.link(platform.compiler, linked, target, "-shared", *platform.link_flags)
         return target.read_bytes()
 
 

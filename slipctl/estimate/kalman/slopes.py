@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs
 from slipctl.certify.enclosure import Bracket, expanded, largest
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_positive, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, per_second, start_value
 
 
@@ -64,6 +64,8 @@ def observability(
     Raises:
         BadInput: as of ``ctukf``, or a slope that is not finite there.
     """
+    check_positive("observability: horizon", horizon, "s")
+    check_positive("observability: tolerance", tolerance)
     problem = Problem.of("observability", block, measured, estimate)
     scales = _scales(problem, scale)
     symbols = problem.symbols()
@@ -137,6 +139,7 @@ def lipschitz(
         BadInput: as of ``ctukf``, an unknown name, a range that is empty, an operation that has no
             interval rule.
     """
+    check_positive("lipschitz: tolerance", tolerance)
     problem = Problem.of("lipschitz", block, measured, estimate)
     if of not in ("measurement", "states"):
         raise BadInput(f"{problem.who} has no of={of!r}{nearest(of, ('measurement', 'states'))}")

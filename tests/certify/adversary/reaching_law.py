@@ -1,0 +1,126 @@
+"""Adversary of the reaching law: exact ticks behind a lag, against many disturbances at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from . import common
+from .common import Adversary, Cases
+
+KINDS = 36
+
+
+def _draw(rng: np.random.Generator, n: int) -> Cases:
+    """g2 0.1 to 100 m/s^2; T 0.1 ms to 0.1 s; g1 T 0.001 to 1.9, 0 in a tenth; D 0 to 1.1 g2.
+
+    The lag is 0 in a third, else 0.1 to 20 periods, with g1 lag at most 3.
+    """
+    T, g2 = common.log_uniform(rng, 1e-4, 0.1, n), common.log_uniform(rng, 0.1, 100, n)
+    lag = np.where(rng.random(n) < 1 / 3, 0.0, common.log_uniform(rng, 0.1, 20, n) * T)
+    g1 = common.log_uniform(rng, 1e-3, 1.9, n) / T
+    g1 = np.where(lag > 0, np.minimum(g1, 3 / np.maximum(lag, 1e-9)), g1)
+    g1 = np.where(rng.random(n) < 0.1, 0.0, g1)
+    D = np.where(rng.random(n) < 0.2, 0.0, rng.uniform(0, 1.1, n)) * g2
+    return {
+        "g1": g1,
+        "g2": g2,
+        "T": T,
+        "lag": lag,
+        "D": np.where(g1 > 0, D, np.minimum(D, 0.8 * g2)),
+    }
+
+
+def _tick(n: Cases, s: Any, a: Any, d: Any) -> Any:
+    """Command u = -g1 s - g2 sgn s held; s' = a + d, lag a' = u - a."""
+    T, lag = n["T"], n["lag"]
+    u = -n["g1"] * s - n["g2"] * np.sign(s)
+    slow = lag > 0
+    left = np.where(slow, np.exp(-T / np.where(slow, lag, 1.0)), 0.0)
+    a = np.where(slow, a, u)
+    return s + T * u + lag * (a - u) * (1 - left) + T * d, u + (a - u) * left
+
+
+def _swing(n: Cases, rng: np.random.Generator, effort: int = 1) -> np.ndarray:
+    """Largest |s| in the second half of the runs, from starts of different size."""
+    shape = (KINDS, len(n["T"]))
+    size = n["g2"] * (n["T"] + 2 * n["lag"]) * 10 ** rng.uniform(-2, 0.7, shape)
+    s, a = size * rng.uniform(-1, 1, shape), n["g2"] * rng.uniform(-1, 1, shape)
+    period, phase = rng.integers(1, 40, shape), rng.integers(0, 40, shape)
+    how = np.arange(KINDS)[:, None] % 9
+    worst, ticks = np.zeros(len(n["T"])), 1000 * effort
+    for i in range(ticks):
+        side = np.sign(s)
+        ahead, _ = _tick(n, s, a, 0.0)
+        # carried over the middle as far as can be: near 0 before, away from it after
+        near = -np.clip(ahead / np.maximum(n["T"] * n["D"], 1e-300), -1, 1) + 1e-9 * side
+        square = np.where((i + phase) % (2 * period) < period, 1.0, -1.0)
+        near = np.where((i + phase) % (period + 1) == 0, np.where(ahead > 0, 1.0, -1.0), near)
+        d = np.select(
+            [how == 0, how == 1, how == 2, how == 3, how == 4, how == 5, how == 6],
+            [np.ones(shape), np.sign(a), side, -side, square, rng.choice([-1.0, 1.0], shape), near],
+            np.where(rng.random(shape) < 0.9, np.sign(a), square),
+        )
+        s, a = _tick(n, s, a, np.clip(d, -1, 1) * n["D"])
+        if i >= ticks // 2:
+            worst = np.maximum(worst, abs(s).max(axis=0))
+    return worst
+
+
+def _leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
+    """Beyond the band by more than what doubles and a run that still settles blur."""
+    return _swing(n, rng, effort) > n["band"] * (1 + 1e-3)
+
+
+def _replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
+    one = {k: np.array([v]) for k, v in n.items()}
+    if counterexample["by"] == "sampled":
+        s, a, before = np.array([1e6 * n["g2"] * n["T"]]), np.zeros(1), 0.0
+        for i in range(4000):
+            s, a = _tick(one, s, a, 0.0)
+            if i == 2000:
+                before = abs(s[0])
+            if abs(s[0]) > 1e200:
+                return True
+        return bool(abs(s[0]) > before * 0.999)
+    if counterexample["by"] == "orbit":
+        run = counterexample["run"]
+        s, a = (np.array([_number(run["start"][k])]) for k in ("s", "a"))
+        d = [_number(x) for x in run["d"]]
+        assert max(map(abs, d)) <= n["D"] * (1 + 1e-12)
+        worst = 0.0
+        for _ in range(max(2, 300 // len(d))):
+            worst = 0.0
+            for x in d:
+                s, a = _tick(one, s, a, x)
+                worst = max(worst, abs(s[0]))
+        return worst > n["band"] * (1 - 1e-6)
+    # no lag, in closed form: a constant d, an alternating one, or back to just beside 0 and across
+    T, g1, g2, D = n["T"], n["g1"], n["g2"], n["D"]
+    top = 0.0
+    for way in (lambda s: D, lambda s: -D * np.sign(s), lambda s: D * np.sign(s)):
+        s = 1e-9 * T * g2
+        for i in range(6000):
+            s = float(_tick(one, np.array([s]), np.zeros(1), way(s))[0][0])
+            if i > 5000:
+                top = max(top, abs(s))
+    s = 1e-9 * T * g2
+    for _ in range(20):
+        s = (1 - g1 * T) * s - T * g2 - T * D
+        top = max(top, abs(s))
+        back = (1 - g1 * T) * s + T * g2
+        if abs(back) > T * D:
+            break
+        s = 1e-9 * T * g2  # d = (s - back)/T takes it there
+    return top > n["band"] * (1 - 1e-6)
+
+
+def _number(text: str) -> float:
+    top, _, bottom = text.partition("/")
+    return int(top) / int(bottom or 1)
+
+
+ADVERSARY = Adversary(
+    "reaching_law", _draw, ("band",), _leaves, _replays, swing={"band": _swing},
+)  # fmt: skip

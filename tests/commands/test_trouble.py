@@ -1,0 +1,101 @@
+"""Files that end the program, closed outputs, letters that a terminal lacks: told in one line."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slipctl import BadInput
+from slipctl.block.units import parse_quantity, unit
+from slipctl.commands.cli import main
+from slipctl.estimate.tables import read_table
+
+LAW = "from slipctl import law, Output, Input\n@law(mu=Output('1'))\ndef g(v=Input('1')):\n    "
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import sys\nsys.exit()\n", "own.py, line 2: SystemExit"),
+        ("raise GeneratorExit\n", "own.py, line 1: GeneratorExit"),
+        (LAW + "import sys\n    sys.exit()\n", "own.py, line 5: SystemExit"),
+        ("x = " + "-" * 100_000 + "1\n", "nested too deeply"),
+    ],
+)
+def test_a_file_cannot_end_slipctl(text, said, tmp_path, monkeypatch, capsys):
+    """What a user's file raises is told with its line and is never taken for success."""
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(text)
+    assert main(["show", "own.py:g"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def command(*words: str, **options) -> subprocess.CompletedProcess:
+    line = [sys.executable, "-m", "slipctl", *words]
+    return subprocess.run(line, capture_output=True, text=True, **options)
+
+
+def test_a_closed_output_is_told():
+    """``slipctl list >&-``: nothing was printed, so the exit code is not that of success."""
+    script = f"{sys.executable} -m slipctl list >&-"
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "standard output is closed" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_output_is_told():
+    done = subprocess.run(["sh", "-c", f"{sys.executable} -m slipctl list > /dev/full"],
+                          capture_output=True, text=True)  # fmt: skip
+    assert done.returncode == 1
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_terminal_without_a_letter_gets_its_number(monkeypatch):
+    """A dash or a Greek letter that ASCII lacks is written another way, and nothing is lost."""
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    done = command("show", "hst_braking")
+    assert done.returncode == 0
+    assert "scenarios and loops" in done.stdout
+
+
+@pytest.mark.parametrize("written", ["1 ym^-99", "1 Ym^99", "1 km^99"])
+def test_a_unit_beyond_every_number_is_refused(written):
+    with pytest.raises(BadInput, match=r"beyond what a number can hold|another dimension"):
+        parse_quantity(written, "kg", "wheel.m")
+    with pytest.raises(BadInput, match="beyond what a number can hold"):
+        unit("ym^-99")
+
+
+def numbers(file: Path) -> list[float]:
+    table = read_table(file)
+    return [table.number(line, cell) for line, cells in table.rows for cell in cells]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("v [m/s],mu\n0.1,0.1\n#N/A,0.3\n", "line 3: '#N/A' is no number"),
+        ("v [m/s],mu\n0.1,0.1\n#DIV/0!,0.3\n", "line 3: '#DIV/0!' is no number"),
+        ("v [m/s],mu\n" + "1" * 140_000 + ",0.1\n", "line 2: field larger"),
+        ("v [m/s],mu\n0.1,0.1\n".encode("utf-16-le").decode(), "is no text"),
+    ],
+)
+def test_a_table_that_a_spreadsheet_spoilt_is_refused(text, said, tmp_path):
+    """A number that is not there is no comment, and no row is left out in silence."""
+    file = tmp_path / "curve.csv"
+    file.write_text(text)
+    with pytest.raises(BadInput) as error:
+        numbers(file)
+    assert said in str(error.value)
+
+
+def test_a_compiler_that_says_nothing_is_named(tmp_path, monkeypatch):
+    from slipctl import RunFailed
+    from slipctl.ccode.compile import compilers
+
+    with pytest.raises(RunFailed, match=r"false .* ended with code 1 and said nothing"):
+        compilers.link("false", [], tmp_path / "x")
