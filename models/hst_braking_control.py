@@ -302,8 +302,7 @@ def arbitration(
 
 # ---- the whole controller ------------------------------------------------------------------------
 
-CONTROLLER = {n: f"*.{n}" for n in ("n", "v_off", "v_start", "omega_start", "T_b_start",
-                                    "lam_start")}  # fmt: skip
+CONTROLLER = {n: f"*.{n}" for n in ("n", "v_off", "omega_start", "T_b_start", "lam_start")}
 """Numbers that several parts of the controller have, beside those of every model."""
 
 REFERENCES = ("true", "gradient", "fitted", "free", "fixed")
@@ -428,9 +427,10 @@ def controller(
         "arbitration.a_demand": "a_demand",
         "T_out": "arbitration.T_b",
     }
-    block = connect(name, wires, share=SHARED | CONTROLLER, **parts)
+    follows = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
-        block = block.with_params(v_off=3.0)
+        block = block.with_params(**{"*.v_off": 3.0})
     return block
 
 

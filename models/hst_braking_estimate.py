@@ -88,7 +88,7 @@ def wheel_speed_sensor(
     variance_lam=Output("1", "variance of the slip ratio"),
 )
 def speed_fusion(
-    v_h=State("m/s", "v_start", "speed, predicted from the last tick"),
+    v_h=State("m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)"),
     b_h=State("m/s^2", 0.0, "bias of the accelerometer"),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed"),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias"),
@@ -104,7 +104,6 @@ def speed_fusion(
     F_roll=Param("N", 300.0, "adhesion force up to which a wheel rolls", GUESS, lo=0),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
     T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
-    v_start=Param("m/s", 50.0, "speed at the start"),
 ):
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
 

@@ -123,7 +123,7 @@ HST_SHARES = SHARED | {
     "theta": "plant.brake.theta",
     "P_max": "plant.brake.P_max",
     "v_0": ["plant.wheel.v_0", "fusion.v_0"],
-    "v_start": ["plant.wheel.v", "fusion.v_start"],
+    "v_start": ["plant.wheel.v", "fusion.v_h"],
     "omega_start": ["plant.wheel.omega", "meter.omega_start"],
     "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "meter.lam_start",
     "P_c_start": "plant.brake.P_c",

@@ -68,9 +68,9 @@ CHANGES = (0.0, 10.0, 15.0)
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best creep in m/s and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 1.0, 0.1  # the run says which conditions the law must declare
-    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])
+    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions.get(condition, {}))
     return found.location, found.value
 
 
@@ -267,7 +267,8 @@ def steepest(loop: Block, scenario: Scenario) -> float | None:
     """Largest slope in s/m of the adhesion on the rail, at no creep; None for a swapped law."""
     slopes = []
     for section in scenario.rail.sections if scenario.rail else ():
-        p = {n.rpartition(".")[2]: v for n, v in loop.conditions[str(section.condition)].items()}
+        known = loop.conditions.get(str(section.condition), {})
+        p = {n.rpartition(".")[2]: v for n, v in known.items()}
         if set(p) != {"a", "b", "c"}:
             return None
         slopes.append(float(freight.steepest_slope(**p)))

@@ -58,14 +58,14 @@ NOISE = 1e-3
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best slip ratio and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 0.1, 0.0  # the run says which conditions the law must declare
     found = argmax(grip(law), "lam", lo=1e-3, hi=0.9, at=_at(law, condition))
     return found.location, found.value
 
 
 def _at(law: Block, condition: str) -> dict[str, float]:
-    values = dict(law.conditions[condition])
+    values = dict(law.conditions.get(condition, {}))
     return values | ({"v": 50.0} if "v" in law.inputs else {})
 
 

@@ -54,9 +54,9 @@ MODELS: dict[str, Any] = {
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best slip in m/s and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 1.0, 0.0  # the run says which conditions the law must declare
-    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])
+    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions.get(condition, {}))
     return found.location, found.value
 
 
