@@ -493,7 +493,7 @@ def test_doors():
     assert list(block.outputs) == ["F_a", "variance_F_a", "innovation_omega", "nis"]
     assert set(block.params) == {
         "gamma", "sigma", "prior_F_a", "drift_F_a", "floor_F_a", "cap_F_a", "noise_omega",
-        "J", "r",
+        "I_w", "r",
     }  # fmt: skip
     assert block.outputs["variance_F_a"].unit == "N^2"
     assert block.period == DT
