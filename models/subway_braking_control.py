@@ -222,6 +222,8 @@ def estimating_controller(
     period: int = 16,
     name: str = "ctl",
     form: str = "window",
+    memory: int = 32,
+    looks: bool = False,
 ) -> Block:
     """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
 
@@ -234,6 +236,8 @@ def estimating_controller(
         name: name of the controller.
         form: ``"window"``: windowed least squares and the probe; ``"recursive"``: the recursive
             least squares of (15)-(19) on the exact Jacobian, and the found peak as it is.
+        memory: samples in which a change of rail is looked for, see :func:`slipctl.rls`.
+        looks: whether the probe looks again from time to time, see :func:`slipctl.probe`.
 
     Returns:
         Block from v, v_s (each tick), mu_m and v_s_m (measured adhesion and the slip it belongs
@@ -245,8 +249,8 @@ def estimating_controller(
     """
     known("estimating_controller", "form", form, ("window", "recursive"))
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
-    estimator = rls(adhesion, form=form, start=start)
     probing = form == "window"
+    estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1)
     inner = controller(slip_law, "slip")
     wires = {
         "estimator.mu": "mu_m",
@@ -268,7 +272,7 @@ def estimating_controller(
             "probe.covariance": "estimator.covariance",
             "probe.changed": "estimator.changed",
         }
-        parts["probe"] = every(probe(adhesion, "v_s", within=(0.1, 6.0)), period)
+        parts["probe"] = every(probe(adhesion, "v_s", within=(0.1, 6.0), looks=looks), period)
     fed = ("search", "probe", "curve") if probing else ("search", "curve")
     parts |= {"curve": opened(adhesion), "slip": inner}
     for n in unknown:

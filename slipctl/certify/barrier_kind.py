@@ -277,7 +277,7 @@ BARRIER = register(System(
                       "not negative", 0.0, True, INPUT, "an actuator's lag of {}",
                       "a lag of the actuator"),
         "dead": Number("s", "dead time, in whole ticks", None, "not negative", 0.0, True, INPUT,
-                       "a dead time of {}, rounded up to whole ticks", "a dead time"),
+                       "a dead time of {}, rounded up to whole ticks, at rest too", "a dead time"),
     },
     {
         "disturbance": Criterion("the disturbance against the largest pull", _pulls, NECESSARY,

@@ -405,7 +405,7 @@ PRESCRIBED_PERFORMANCE = register(System(
                       "not negative", 0.0, True, INPUT, "an actuator's lag of {}",
                       "a lag of the actuator"),
         "dead": Number("s", "dead time, in whole ticks", None, "not negative", 0.0, True, INPUT,
-                       "a dead time of {}, rounded up to whole ticks", "a dead time"),
+                       "a dead time of {}, rounded up to whole ticks, at rest too", "a dead time"),
     },
     {
         "continuous": Criterion("all inputs added, against the largest pull", _held, NECESSARY,

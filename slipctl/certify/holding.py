@@ -274,12 +274,14 @@ def check_polygons(law: Lagged, still: Lagged, start: Interval, step: Any, given
     kept, moved = _levels(entry["kept"], "evidence.kept")
     with localcontext(Context(prec=scalar_maps.DIGITS)):
         size = [abs(n0) for n0, _ in NORMALS]
-        least = [max(n0 * start.low, n0 * start.high) + abs(n0) * SLOP for n0, _ in NORMALS]
+        wide = law.dead * law.push + SLOP
+        least = [max(n0 * start.low, n0 * start.high) + abs(n0) * wide for n0, _ in NORMALS]
         if any(level < x for level, x in zip(kept, least, strict=True)):
             raise DoesNotHold("evidence.kept does not hold the start set")
         if step:
             inner, inner_moved = _levels(entry["settled"], "evidence.settled")
-            if min(inner) < 0 or not lagged_maps.keeps(still, inner, inner_moved):
+            held = all(x >= n * still.dead * still.push for x, n in zip(inner, size, strict=True))
+            if not held or not lagged_maps.keeps(still, inner, inner_moved):
                 raise DoesNotHold("evidence.settled is left in a tick")
             if still.dead and inner_moved > moved:
                 raise DoesNotHold("evidence.settled moves more than evidence.kept")

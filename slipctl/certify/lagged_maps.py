@@ -9,6 +9,7 @@ With alpha = a T, E = exp(-T/lag), c1 = (lag/T)(1 - E), c2 = 1 - c1 and U the co
 
 r and g tell the motion of a funnel; a bound that stands still has r = 1. A dead time of m ticks
 makes y an error of m ticks ago, which differs from z by no more than m moves: it counts as noise.
+At the start nothing is on its way: alpha = 0, and U = 0 in the first m ticks.
 
 A set is a polygon with given normals, {n_k (z, alpha/scale) <= s_k}. It is cut into slices of z. A
 slice lies in a trapezoid, U on it in an interval, and the map is affine in what is left, so the
@@ -127,10 +128,12 @@ def grown(
     """Levels of a polygon that nothing leaves, and how far z moves in a tick at most; or None.
 
     It holds the start, with the actuator at rest, and ``inner`` shifted by a step either way. Tried
-    are large strides first, then small ones that overshoot less.
+    are large strides first, then small ones that overshoot less. During the dead time nothing
+    pulls, so that the push alone widens the start.
     """
     normals = np.array(NORMALS, dtype=float)
-    levels = needed(start, normals[:, 0])
+    wide = law.dead * float(law.push)
+    levels = needed(Interval(start.low - wide, start.high + wide), normals[:, 0])
     if inner is not None:
         levels = np.maximum(levels, inner + np.abs(normals[:, 0]) * step)
     for spare, stride in ((1e-3, 8.0), (1e-4, 2.0)):

@@ -90,6 +90,7 @@ def outward(law: Callable[[int], Lagged], start: Interval, step: float = 0.0) ->
             return Chosen(float(begin[k]), [int(s[k]) for s in signs], at if moved else -1, moved)
         y = old[0] - signs[max(0, i - own.dead)] * noise
         U = -signed_pull(own, y) - float(own.g) * (1 - 1 / r) * (y + float(own.c))
+        U = U if i >= own.dead else np.zeros_like(z)
         z = r * (z + float(own.c) + own.c1 * alpha + own.c2 * U) - float(own.c) + feel * push
         alpha = r * (own.E * alpha + (1 - own.E) * U)
         if i + 1 == at:
@@ -109,11 +110,12 @@ def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any) -> Path | Non
             z = z.quantize(QUANTUM)
             errors.append(z)
             if z + own.noise >= own.above.width or z - own.noise <= -own.below.width:
-                noise = [-s for s in chosen.signs[: i + 1]]
+                shown = 1 if z + own.noise >= own.above.width else -1
+                noise = [*(-s for s in chosen.signs[:i]), shown]
                 told = errors if own.push else errors[:1]
                 return Path(told, noise, chosen.stepped, forward * step)
-            j = max(0, i - own.dead)
-            U = _command(own, errors[j] - chosen.signs[j] * own.noise)
+            j = i - own.dead
+            U = _command(own, errors[j] - chosen.signs[j] * own.noise) if j >= 0 else Decimal(0)
             z = own.r * (z + own.c + own.c1 * alpha + own.c2 * U) - own.c + sign * own.push * NEAR
             alpha = own.r * (own.E * alpha + (1 - own.E) * U)
             if i + 1 == chosen.stepped:
@@ -149,12 +151,13 @@ def leaves(law: Callable[[int], Lagged], path: Path) -> bool:
                 return i == last
             if i == last:
                 return False
-            j = max(0, i - own.dead)
-            y = errors[j] + path.noise[j] * own.noise
-            if not (-own.below.width < y - radii[j] and y + radii[j] < own.above.width):
-                return False
-            U = _command(own, y)
-            around = _steepest(own, y, radii[j]) * radii[j] + SLOP
+            j, U, around = i - own.dead, Decimal(0), Decimal(0)
+            if j >= 0:
+                y = errors[j] + path.noise[j] * own.noise
+                if not (-own.below.width < y - radii[j] and y + radii[j] < own.above.width):
+                    return False
+                U = _command(own, y)
+                around = _steepest(own, y, radii[j]) * radii[j] + SLOP
             after = own.r * (z + own.c + own.c1 * alpha + own.c2 * U) - own.c
             after += path.step if i + 1 == path.stepped else Decimal(0)
             spread = own.r * (radius + own.c1 * loose + own.c2 * around) + SLOP

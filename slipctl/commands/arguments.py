@@ -75,13 +75,21 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument(
         "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",
-        help="run these loops only (and no experiments)",
+        help="run these loops only",
     )  # fmt: skip
     p.add_argument(
         "--scenario", metavar="S", nargs="+", action="extend", default=[], dest="scenarios",
-        help="run these scenarios only (and no experiments)",
+        help="run these scenarios only; without it base and real run",
     )  # fmt: skip
-    p.add_argument("--quick", action="store_true", help="the same with fewer or shorter runs")
+    p.add_argument(
+        "--full", action="store_true",
+        help="run all scenarios and experiments, on all cores; what an interrupted run has finished"
+        " is not done again",
+    )  # fmt: skip
+    p.add_argument("--jobs", metavar="N", type=int, help="run so many things at once (all cores)")
+    p.add_argument(
+        "--quick", action="store_true", help="shorter and fewer runs, for tests of a study"
+    )
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")

@@ -1,8 +1,8 @@
 """The command line: list, show, copy, run, fit, c, pil, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
-verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C, with what had
-finished whole. Nothing heavy is imported before a command needs it.
+verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
+with what had finished whole. Nothing heavy is imported before a command needs it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from importlib import import_module
 
 from slipctl.commands.arguments import parser
 from slipctl.errors import BadInput, RunFailed
+from slipctl.run import stopping
 
 log = logging.getLogger("slipctl")
 
@@ -44,20 +45,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         return _explain(error, verbose)
     try:
-        if options.command is None:
-            raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
-        _talk(options)
-        home = import_module(ANSWERS[options.command])
-        code: int = home.answer(options, _written(arguments))
-        sys.stdout.flush()
-        if closed:
-            _say("standard output is closed; nothing was printed")
-        return code or int(closed)
+        with stopping.listening():
+            if options.command is None:
+                raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+            _talk(options)
+            home = import_module(ANSWERS[options.command])
+            code: int = home.answer(options, _written(arguments))
+            sys.stdout.flush()
+            if closed:
+                _say("standard output is closed; nothing was printed")
+            return code or int(closed)
     except KeyboardInterrupt:
         _say("stopped; what had finished is written")
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence()
         return 0
     except (Exception, SystemExit, GeneratorExit) as error:  # sys.exit() in somebody's file
         return _explain(error, verbose)
@@ -81,6 +83,8 @@ def _explain(error: BaseException, verbose: bool) -> int:
         _say(f"run failed: {known}")
         return 1
     except OSError as known:
+        if sys.stdout is not None and known.errno in (errno.ENOSPC, errno.EIO, errno.EBADF):
+            _silence()
         what = f" {known.filename}" if known.filename else ""
         _say(f"cannot read or write{what}: {known.strerror or known}")
         return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
@@ -88,6 +92,11 @@ def _explain(error: BaseException, verbose: bool) -> int:
         text = str(unknown).strip().partition("\n")[0]
         _say(f"a fault of slipctl, {type(unknown).__name__}: {text}; -v shows where")
         return 1
+
+
+def _silence() -> None:
+    """Send what is left of stdout nowhere, so that its end is quiet."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(text: str) -> None:

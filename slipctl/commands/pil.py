@@ -16,7 +16,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     """Run the loop and print the comparison."""
     out = Path(options.out) if options.out else None
     if out is not None:
-        store.check_folder(out.parent)
+        store.check_file(out)
     floats = len(processor.ROUNDINGS) if options.real == "float" and not options.faults else 0
     progress = Progress(2 + floats, sys.stderr, options.quiet)
     try:

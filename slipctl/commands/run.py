@@ -1,4 +1,9 @@
-"""``slipctl run``: metrics, claims, logs, figures and a report of a study."""
+"""``slipctl run``: metrics, claims, logs, figures and a report of a study.
+
+A plain run answers in seconds: the scenarios ``base`` and ``real``, and the claims that they can
+answer. ``--scenario`` runs others, ``--full`` all of them and the experiments. What an earlier run
+of the same left in the folder is taken; what another one left is removed.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.commands.progress import Progress
-from slipctl.run import store
+from slipctl.run import stopping, store
 from slipctl.run.results import Results
-from slipctl.study import doors, files, preparing, running
+from slipctl.study import doors, files, preparing, running, speaking
 from slipctl.study.declaration import Verdict
-from slipctl.study.texts import changes, claim_table, metric_table
+from slipctl.study.jobs import Cores
+from slipctl.study.keeping import Keep, key_of
+from slipctl.study.texts import changes, claim_table, left_to_full, metric_table
 
 log = logging.getLogger("slipctl")
+
+STOPPED = "stopped before its end; what had not finished is missing here"
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
@@ -25,62 +34,126 @@ def answer(options: argparse.Namespace, command: str) -> int:
     study = doors.load_study(options.study)
     out = Path(options.out or Path("out") / study.name)
     store.check_folder(out)
-
+    preparing.read_swaps(study, options.swaps)  # their files belong to the key
+    key = key_of(study, quick=options.quick, settings=options.settings, swaps=options.swaps)
+    keep = Keep(out, key)
+    chosen = bool(options.loops or options.scenarios)
+    everything = options.full and not chosen
+    plain = None if options.full or options.scenarios else {} if chosen else keep.logs()
+    left: list[str] = []
     cases, models = preparing.prepare(
         study, quick=options.quick, settings=options.settings, swaps=options.swaps,
-        loops=options.loops, scenarios=options.scenarios,
+        loops=options.loops, scenarios=options.scenarios, plain=plain, left=left,
     )  # fmt: skip
     changed = preparing.in_words(options.swaps, options.settings)
-    results = running.new_results(study, cases, options.quick, changed)
-    everything = not (options.loops or options.scenarios)
-    if study.experiments and not everything:
-        log.info("experiments are left out; they run without --loop and --scenario")
-    if study.experiments and everything and options.settings:
-        log.info("--set reaches the loops of the scenarios, not those that an experiment builds")
-    total = sum(len(c.loops) for c in cases) + (len(study.experiments) if everything else 0)
-    progress = Progress(total, sys.stderr, options.quiet)
+    if not everything:
+        left += [n for n in study.experiments if keep.tables(n) is None]
+    results = running.new_results(study, cases, options.quick, changed, () if chosen else left)
+    with Cores(options.jobs) as cores:
+        return _Run(options, command, results, models, keep, cores, everything).answer()
 
-    def save(what: str, write: Callable[[], Any]) -> None:
-        with running.noted(results, what):
+
+class _Run:
+    """A run whose cases are ready: it writes, judges and prints."""
+
+    def __init__(
+        self, options: argparse.Namespace, command: str, results: Results, models: Any, keep: Keep,
+        cores: Cores, everything: bool,
+    ) -> None:  # fmt: skip
+        self.options, self.command, self.results, self.models = options, command, results, models
+        self.keep, self.cores, self.everything = keep, cores, everything
+        study, cases = results.study, results.cases
+        if study.experiments and options.settings and everything:
+            log.info("--set reaches the loops of the scenarios, not those that experiments build")
+        total = sum(len(c.loops) for c in cases) + (len(study.experiments) if everything else 0)
+        self.progress = Progress(total, sys.stderr, options.quiet)
+
+    def answer(self) -> int:
+        """Run, write and print; gives the exit code."""
+        results, out = self.results, self.keep.out
+        wanted = {c.scenario.name: tuple(c.loops) for c in results.cases}
+        self.keep.clear(wanted)
+        self._metrics("running, or ended before its end")
+        try:
+            running.run(
+                results.study, results.cases, self.models, quick=results.quick,
+                compile=not self.options.no_compile, experiments=self.everything,
+                report=self.progress, results=results, keep=self.keep, command=self.command,
+                cores=self.cores,
+            )  # fmt: skip
+            self._found_tables()
+            self.progress.end()
+            self._metrics()
+            verdicts = self._claims()
+            self._save(
+                "report.html",
+                lambda: files.save_pages(results, verdicts, out, self.command, self.cores),
+            )
+        except KeyboardInterrupt:
+            stopping.heard()
+            self._stopped()
+            raise
+        print(self._summary(verdicts))
+        for where, why in results.failed.items():
+            log.error("%s failed: %s", where, why)
+        if "report.html" not in results.failed:
+            print(f"\n{out / 'report.html'}")
+        return 1 if results.failed else 0
+
+    def _found_tables(self) -> None:
+        """Take what an earlier run has found in experiments that this one leaves out."""
+        if self.everything or self.options.loops or self.options.scenarios:
+            return
+        for name in self.results.study.experiments:
+            found = self.keep.tables(name)
+            if found is not None:
+                self.results.tables[name] = found
+
+    def _metrics(self, state: str = "") -> None:
+        results, out = self.results, self.keep.out
+        self._save("metrics.json", lambda: files.save_metrics(results, out, self.command, state))
+        self._save("tables.json", lambda: files.save_tables(results, out, self.command))
+
+    def _claims(self, state: str = "") -> list[Verdict]:
+        results, o = self.results, self.options
+        changed = speaking.changes(results, o.settings, o.swaps, self.models)
+        verdicts = running.judge_all(results, changed)
+        self._save(
+            "claims.json",
+            lambda: files.save_claims(results, verdicts, self.keep.out, self.command, state),
+        )
+        return verdicts
+
+    def _stopped(self) -> None:
+        """Write what had finished, and that the rest is missing."""
+        self.progress.end()
+        self.keep.clear_parts()
+        self._found_tables()
+        self._metrics(STOPPED)
+        verdicts = self._claims(STOPPED)
+        state = f"This run was {STOPPED}."
+        self._save(
+            "report.html",
+            lambda: files.save_stopped(self.results, verdicts, self.keep.out, self.command, state),
+        )
+
+    def _save(self, what: str, write: Callable[[], Any]) -> None:
+        with running.noted(self.results, what):
             write()
 
-    def save_log(found: Results, scenario: str, loop: str) -> None:
-        where = f"log of {scenario}/{loop}"
-        save(where, lambda: files.save_log(found, scenario, loop, out, command))
-
-    def save_numbers() -> None:
-        progress.end()
-        save("metrics.json", lambda: files.save_metrics(results, out, command))
-        save("tables.json", lambda: files.save_tables(results, out, command))
-
-    try:
-        running.run(
-            study, cases, models, quick=options.quick, compile=not options.no_compile,
-            experiments=everything, report=progress, results=results, finished=save_log,
-            folder=out / "parts",
-        )  # fmt: skip
-    except KeyboardInterrupt:
-        save_numbers()
-        raise
-    save_numbers()
-    verdicts = running.judge_all(results)
-    save("claims.json", lambda: files.save_claims(results, verdicts, out, command))
-    print(_summary(results, verdicts))
-    sys.stdout.flush()
-    save("report.html", lambda: files.save_pages(results, verdicts, out, command))
-    if "report.html" not in results.failed:
-        print(f"\n{out / 'report.html'}")
-    for where, why in results.failed.items():
-        log.error("%s failed: %s", where, why)
-    return 1 if results.failed else 0
-
-
-def _summary(results: Results, verdicts: Sequence[Verdict]) -> str:
-    """Claims and metrics as text tables."""
-    width = shutil.get_terminal_size((132, 50)).columns if sys.stdout.isatty() else 132
-    title = f"{results.study.name}: {results.study.title}" + (" (quick)" if results.quick else "")
-    parts = ["\n".join(filter(None, [title, changes(results)]))]
-    if verdicts:
-        parts.append(claim_table(verdicts, width))
-    parts += [metric_table(results, scenario, width) for scenario in results.metrics]
-    return "\n\n".join(parts)
+    def _summary(self, verdicts: Sequence[Verdict]) -> str:
+        """Claims and metrics as text tables."""
+        results = self.results
+        width = (
+            shutil.get_terminal_size((132, 50)).columns
+            if sys.stdout and sys.stdout.isatty()
+            else 132
+        )
+        quick = " (quick)" if results.quick else ""
+        title = f"{results.study.name}: {results.study.title}{quick}"
+        parts = ["\n".join(filter(None, [title, changes(results)]))]
+        if verdicts:
+            parts.append(claim_table(verdicts, width))
+        parts += [metric_table(results, scenario, width) for scenario in results.metrics]
+        parts += filter(None, [left_to_full(results)])
+        return "\n\n".join(parts)

@@ -159,7 +159,7 @@ def traces(
         signals: for each panel a role (``"slip"``), a logged name, or several of them, of which
             the second and later ones are drawn thin and grey (a reference, a bound).
         span: times in s from and to which to draw.
-        limits: range of the vertical axis by role or name.
+        limits: range of the vertical axis by role or name, in the unit of the log.
         labels: axis label without unit by role or name; otherwise the signal's meaning.
         names: what the legend says of a loop.
     """
@@ -194,9 +194,10 @@ def traces(
                 entries.setdefault((names or {}).get(loop, loop), line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
+            factor, unit = scaled(unit)
             axis.set_ylabel(label((labels or {}).get(first, _wrap(text)), unit))
             if limits and first in limits:
-                axis.set_ylim(*limits[first])
+                axis.set_ylim(*(factor * edge for edge in limits[first]))
         case = next(c for c in results.cases if c.scenario.name == scenario)
         axes[0, 0].set_xlim(*(span or (0.0, case.scenario.duration)))
         for axis in axes[:, 0]:
@@ -251,7 +252,13 @@ def _trace(
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
+    y = scaled(str(log[name].attrs.get("units", "1")))[0] * y
     return axis.plot(*envelope(t, y), **options)[0]
+
+
+def scaled(unit: str) -> tuple[float, str]:
+    """Factor and unit in which a signal is drawn: forces in kN and torques in kN m."""
+    return (1e-3, f"k{unit}") if unit in ("N", "N m") else (1.0, unit)
 
 
 def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:
@@ -264,6 +271,42 @@ def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndar
         low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
         keep += sorted({a, low, high, b - 1})
     return t[keep], y[keep]
+
+
+def chatter(
+    axis: Axes,
+    signals: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    y: tuple[str, str],
+    title: str = "",
+    columns: int = 300,
+) -> None:
+    """Signals that chatter, over time in s: means as lines over what they cover, hiding no other.
+
+    Args:
+        axis: where.
+        signals: times and values of each, by the loop's name.
+        y: what it is, and its unit.
+        title: above the panel.
+        columns: parts of the time of which each mean and range is.
+    """
+    with style():
+        for name, (t, values) in signals.items():
+            _chatter(axis, t, values, name, min(columns, len(t)))
+        axis.set_xlabel(label("time", "s"))
+        axis.set_ylabel(label(*y))
+        axis.set_title(title)
+        axis.margins(x=0.0)
+        if len(signals) > 1:
+            axis.legend()
+
+
+def _chatter(axis: Axes, t: np.ndarray, y: np.ndarray, name: str, columns: int) -> None:
+    edges = np.linspace(0, len(t), columns + 1).astype(int)[:-1]
+    low, high = np.minimum.reduceat(y, edges), np.maximum.reduceat(y, edges)
+    mean = np.add.reduceat(y, edges) / np.diff([*edges, len(y)])
+    hue = colour(name)
+    axis.fill_between(t[edges], low, high, color=hue, alpha=0.25, lw=0, zorder=1.5)
+    axis.plot(t[edges], mean, color=hue, label=name)
 
 
 def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:

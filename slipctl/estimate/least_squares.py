@@ -45,6 +45,7 @@ def rls(
     period: float = 0.016,
     window: int = 128,
     iterations: int = 6,
+    memory: int = 1,
     **numbers: float,
 ) -> Block:
     """Make an estimator of a law's parameters from measured inputs and a measured output.
@@ -64,6 +65,8 @@ def rls(
         period: sample period in s.
         window: samples kept, for ``form="window"``.
         iterations: Gauss-Newton iterations per sample, for ``form="window"``.
+        memory: latest samples in which a change is looked for, for ``form="window"``: 1 takes the
+            newest residual alone, more the generalised likelihood ratio of a shift in them.
         **numbers: values of the block's parameters (``noise=1e-3``).
 
     Returns:
@@ -80,7 +83,7 @@ def rls(
     if form not in FORMS:
         raise BadInput(f"rls has no form {form!r}{nearest(form, FORMS)}")
     check_positive(f"rls({law.name}): period", period, "s")
-    for word, count in (("window", window), ("iterations", iterations)):
+    for word, count in (("window", window), ("iterations", iterations), ("memory", memory)):
         check_whole(f"rls({law.name}): {word}", count)
     if form == "printed-16" and not (coordinates is None and start is None):
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
@@ -88,7 +91,7 @@ def rls(
     if form == "window":
         from slipctl.estimate.window import windowed
 
-        block = windowed(model, period, int(window), int(iterations))
+        block = windowed(model, period, int(window), int(iterations), int(memory))
     else:
         block = (_recursive if form == "recursive" else _printed_16)(model, period)
     return block.with_params(**numbers) if numbers else block

@@ -39,6 +39,7 @@ def probe(
     measured: str | None = None,
     unknown: Sequence[str] | None = None,
     period: float = 0.016,
+    looks: bool = False,
     **numbers: float,
 ) -> Block:
     """Make the reference that goes to the estimated peak, and past it while the peak is unsure.
@@ -48,6 +49,10 @@ def probe(
     soon as the peak is known to ``tolerance``, at the latest after ``longest``. In between the
     slip moves as fast as controller and brake can; the estimator uses what it sees.
 
+    A rail that changes without a trace in the samples at hand, because both curves meet there, is
+    noticed by looking again: after ``again`` without probing the reference is ``best (1 + nudge)``
+    for ``look``.
+
     Args:
         law: the estimated law.
         over: input along which the peak is sought.
@@ -55,6 +60,7 @@ def probe(
         measured: as given to :func:`slipctl.rls`.
         unknown: as given to :func:`slipctl.rls`.
         period: sample period in s.
+        looks: look again from time to time.
         **numbers: values of the block's parameters.
 
     Returns:
@@ -93,10 +99,16 @@ def probe(
         unsure = ca.logic_and(deviation > p["tolerance"], elapsed < p["longest"])
         probing = ca.logic_and(before, unsure)
         wanted = best * (1 + p["depth"] * probing)
+        nxt: Exprs = {}
+        if looks:
+            looking = ca.logic_and(ca.logic_not(probing), x["waited"] >= p["again"])
+            wanted = wanted + best * p["nudge"] * looking
+            done = ca.logic_or(probing, x["waited"] + period >= p["again"] + p["look"])
+            nxt["waited"] = ca.if_else(done, 0, x["waited"] + period)
         reference = ca.fmax(low, ca.fmin(wanted, ca.fmin(high, u["limit"])))
         following = ca.fmin(elapsed + period, p["longest"])
         outputs = {"reference": reference, "deviation": deviation, "probing": probing}
-        return {"elapsed": following, "probing": probing}, outputs
+        return {"elapsed": following, "probing": probing} | nxt, outputs
 
     convention: Any = {"positive": s.positive, "per": s.per}
     block = make_block(
@@ -104,6 +116,7 @@ def probe(
         states=[
             State("s", 0.0, "time since the last change, up to longest").named("elapsed"),
             State("1", 1.0, "1 until the peak is known").named("probing"),
+            *[State("s", 0.0, "time since it was probed or looked at").named("waited")][:looks],
         ],
         inputs=[
             *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
@@ -124,6 +137,14 @@ def probe(
             Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
                   lo=1e-6).named("tolerance"),
             Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
+            *[
+                Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(
+                    "again"
+                ),
+                Param("s", 0.08, "how long it looks", "chosen", lo=0, hi=60).named("look"),
+                Param("1", 0.15, "how far it looks past the peak, over its place", "chosen", lo=0,
+                      hi=2).named("nudge"),
+            ][: 3 * looks],
             *known,
         ],
         outputs=[

@@ -7,6 +7,13 @@ Minimised over theta, with m_i, u_i the samples kept and sigma their noise,
 The second term is what is known besides: the spread around the old estimate after a change, and
 from then on also the samples that have left the window, linearised where they left it. So P, the
 inverse of the Hessian of J, never grows beyond the spread, whatever the excitation.
+
+A change is looked for in the residuals e_i of new samples before they are used, over their
+standard deviations t_i. With ``memory`` = 1 it is |t| > gate. With more it is the generalised
+likelihood ratio of a shift k samples ago: the largest (t_1 + ... + t_k)^2/k > gate^2 over k up to
+the memory, so that a shift of D is found after k = (gate s/D)^2 samples. s is then what the
+residuals of the window show, the declared noise sigma counting as BELIEF samples: without noise s
+falls to sigma sqrt(BELIEF/count), and after 128 samples one more shows a shift of 0.6 sigma.
 """
 
 from __future__ import annotations
@@ -37,7 +44,11 @@ ROUNDED = 1e-5
 """Rounding that a variance may have beyond the spread, in float and in double."""
 
 
-def windowed(model: Model, period: float, window: int, iterations: int) -> Block:
+BELIEF = 2.0
+"""Samples that the declared noise counts for, beside those seen, where a change is looked for."""
+
+
+def windowed(model: Model, period: float, window: int, iterations: int, memory: int = 1) -> Block:
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
     n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
     unit = model.law.outputs[model.measured].unit
@@ -54,9 +65,15 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
         e = measurement - predicted
 
         # a change: the residual is beyond the prediction interval of the regression
-        interval = x["scatter"] * (1 + h.T @ x["P"] @ h / sigma2)
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
-        changed = ca.logic_and(enough, e**2 > p["gate"] ** 2 * interval)
+        if memory == 1:
+            interval = x["scatter"] * (1 + h.T @ x["P"] @ h / sigma2)
+            changed = ca.logic_and(enough, e**2 > p["gate"] ** 2 * interval)
+        else:
+            shift = e / ca.sqrt(x["scatter"] + h.T @ x["P"] @ h)
+            shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
+            ratios = ca.cumsum(shifts.T) ** 2 / ca.DM(range(1, memory + 1))
+            changed = ca.mmax(ratios) > p["gate"] ** 2
         unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
         again = ca.logic_or(ca.logic_or(changed, x["count"] == 0), x["unsettled"] > 0)
 
@@ -86,11 +103,17 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
             state = iterate(*state, *arithmetic, *data)
         theta, _, squares, H, _, damping = state
         P = invert(H, least)
+        if memory == 1:
+            scatter = sigma2 + squares / count
+        else:
+            scatter = (BELIEF * sigma2 + squares) / (BELIEF + ca.fmax(0, count - n))
         nxt = {
-            "theta": theta, "P": P, "scatter": sigma2 + squares / count, "mean": mean,
+            "theta": theta, "P": P, "scatter": scatter, "mean": mean,
             "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
             "damping": damping,
         }  # fmt: skip
+        if memory > 1:
+            nxt["shifts"] = ca.if_else(again, 0, shifts)
         return nxt, model.results(theta, P, predicted, e, changed)
 
     return make_block(
@@ -107,6 +130,8 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
             State("1", DAMPING, "damping of the next iteration").named("damping"),
             State("1", 0.0, "samples, newest first, each in its units",
                   shape=(rows, window)).named("kept"),
+            *[State("1", 0.0, "latest residuals over their standard deviations, newest first",
+                    shape=(1, memory)).named("shifts")][: memory > 1],
         ],
         inputs=model.inputs(),
         params=[
@@ -122,7 +147,8 @@ def windowed(model: Model, period: float, window: int, iterations: int) -> Block
             *model.known(),
         ],
         outputs=model.outputs(), period=period, sx=False,
-        choices=model.describe("window") | {"window": window, "iterations": iterations},
+        choices=model.describe("window") | {"window": window, "iterations": iterations}
+        | ({"memory": memory} if memory > 1 else {}),
         doc=__doc__ or "",
     )  # fmt: skip
 

@@ -455,7 +455,16 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
 """Function and definition of each metric, in the order of files and tables."""
 
 
-def measure(run: Run) -> dict[str, Metric]:
-    """All metrics that have a meaning for the run, in order."""
-    found = ((name, function(run)) for name, (function, _) in METRICS.items())
+AGAINST_IDEAL = ("ideal_distance", "above_ideal")
+"""Metrics that need the loop ``ideal``."""
+
+
+def measure(run: Run, names: Sequence[str] = tuple(METRICS)) -> dict[str, Metric]:
+    """All metrics that have a meaning for the run, or those of these names, in order."""
+    found = ((name, METRICS[name][0](run)) for name in names)
     return {name: metric for name, metric in found if metric is not None}
+
+
+def in_order(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
+    """Metrics in the order of files and tables."""
+    return {name: metrics[name] for name in METRICS if name in metrics}

@@ -96,6 +96,13 @@ class NotRun(LookupError):
     """A claim or figure asks for something that was not run; it says so and the rest goes on."""
 
 
+class LeftToFull(NotRun):
+    """It asks for something that only a run with ``--full`` does."""
+
+    def __init__(self, said: str = "needs --full") -> None:
+        super().__init__(said)
+
+
 @dataclass
 class Results:
     """What a study gave.
@@ -109,6 +116,9 @@ class Results:
         tables: tables by experiment and name.
         failed: why a run failed, by ``scenario/loop`` or experiment.
         changed: what was swapped and set, in words; empty for the study as it stands.
+        left: scenarios and experiments that were left to ``--full``.
+        asked: ``scenario/loop`` and experiments that were looked up, for whoever wants to know what
+            an answer speaks of.
     """
 
     study: Any
@@ -119,6 +129,8 @@ class Results:
     tables: dict[str, dict[str, Table]] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     changed: str = ""
+    left: Sequence[str] = ()
+    asked: set[str] = field(default_factory=set)
 
     def part(self, path: str) -> Block:
         """Part that every loop has, such as ``"plant.adh"``, of the first one."""
@@ -128,11 +140,14 @@ class Results:
         """Log of a loop in a scenario.
 
         Raises:
-            NotRun: it was left out or failed.
+            NotRun: it was left out, left to ``--full``, or failed.
         """
+        key = f"{scenario}/{loop}"
+        self.asked.add(key)
         if loop in self.data.get(scenario, {}):
             return self.data[scenario][loop]
-        key = f"{scenario}/{loop}"
+        if scenario in self.left:
+            raise LeftToFull
         raise NotRun(
             f"{key} failed: {self.failed[key]}" if key in self.failed else f"{key} was not run"
         )
@@ -166,7 +181,10 @@ class Results:
         Raises:
             NotRun: the experiment was left out or failed.
         """
+        self.asked.add(experiment)
         found = self.tables.get(experiment)
+        if not found and experiment in self.left:
+            raise LeftToFull
         if not found:
             why = (
                 f" failed: {self.failed[experiment]}"

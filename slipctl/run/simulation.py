@@ -95,7 +95,7 @@ def simulate(
     x = np.array(ca.DM(loop.pack("state", loop.start())).full()).ravel()
     rows = np.arange(0, ticks, int(every))
     x_log, y_log = np.empty((rows.size, x.size)), np.empty((rows.size, f.size1_out(1)))
-    roll = build.rolling(f, compile)
+    roll = build.rolling(f, compile, ticks)
     for first, last, p in pieces:
         size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
         size = min(size, SCRATCH) if every > 1 else size

@@ -9,26 +9,34 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import tempfile
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from slipctl.errors import BadInput
+from slipctl.run.stopping import unbroken
 
 FORMAT = 1
 """Format that this version writes, and the newest that it reads."""
+
+PART = ".slipctl."
+"""How the name of a file begins that is not whole yet."""
 
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written, without making it.
 
     Raises:
-        BadInput: it is a file, lies below a file, or may not be written.
+        BadInput: it is a file, lies below a file, has a name that cannot be, or may not be written.
     """
+    try:
+        str(folder).encode()
+    except UnicodeEncodeError:
+        raise BadInput(
+            f"cannot write to {str(folder)!a}: it is no text; choose another --out"
+        ) from None
     for place in (folder, *folder.absolute().parents):
         if not os.path.lexists(place):
             continue
@@ -41,13 +49,35 @@ def check_folder(folder: Path) -> None:
                 f"cannot write to {folder}: no permission in {place}; choose another --out"
             )
         try:  # a read-only or special file system says no only when asked
-            os.rmdir(tempfile.mkdtemp(prefix=".slipctl.", dir=place))
+            _try_names(place, folder.absolute().relative_to(place.absolute()).parts)
         except OSError as error:
             why = error.strerror or str(error)
             raise BadInput(
                 f"cannot write to {folder}: {why} in {place}; choose another --out"
             ) from None
         return
+
+
+def _try_names(place: Path, names: tuple[str, ...]) -> None:
+    """Make folders of these names in a scratch folder of ``place``, and remove them."""
+    scratch = Path(tempfile.mkdtemp(prefix=PART, dir=place))
+    try:
+        for name in names:
+            (scratch / name).mkdir()
+            (scratch / name).rmdir()
+    finally:
+        scratch.rmdir()
+
+
+def check_file(file: Path) -> None:
+    """Refuse a file that cannot be written, without making it.
+
+    Raises:
+        BadInput: it is a folder, or its folder cannot be written.
+    """
+    if file.is_dir():
+        raise BadInput(f"cannot write {file}: it is a folder; --out names a file")
+    check_folder(file.parent)
 
 
 @contextmanager
@@ -58,34 +88,26 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _replacing(path: Path) -> Iterator[Path]:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    scratch = Path(name)
+    scratch = part(path)
     try:
         yield scratch
-        os.chmod(scratch, 0o666 & ~_umask())
-        os.replace(scratch, path)
+        publish(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)
 
 
-@contextmanager
-def unbroken() -> Iterator[None]:
-    """Let Ctrl-C wait until a file is whole; libraries that write are not all safe to interrupt."""
-    before = signal.getsignal(signal.SIGINT)
-    main = threading.current_thread() is threading.main_thread()
-    if not main or before in (None, signal.SIG_IGN):
-        yield
-        return
-    asked: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if asked:
-            raise KeyboardInterrupt
+def part(path: Path) -> Path:
+    """Make an empty file beside ``path`` to be filled, then given to :func:`publish`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=PART, suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def publish(scratch: Path, path: Path) -> None:
+    """Give a file that is whole its name."""
+    os.chmod(scratch, 0o666 & ~_umask())
+    os.replace(scratch, path)
 
 
 def _umask() -> int:

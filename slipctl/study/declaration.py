@@ -26,18 +26,21 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from slipctl.errors import BadInput, check_kinds
-from slipctl.run.results import Case, NotRun, Results, Table
+from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
 from slipctl.run.roles import Signals
 from slipctl.run.store import plain, read_json, write_json
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
     from slipctl.run.rail import Scenario
+    from slipctl.study.jobs import Cores
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,8 @@ class Context:
         compile: whether loops may be compiled; pass it to ``simulate``.
         progress: call it with the share done, 0 to 1.
         folder: where :meth:`kept` keeps what is finished; None keeps nothing.
+        cores: cores that :meth:`each` shares with all that runs; None is one.
+        key: hash of everything that the whole run depends on; part of what :meth:`each` keeps.
     """
 
     quick: bool
@@ -79,6 +84,48 @@ class Context:
     compile: bool = True
     progress: Callable[[float], None] = lambda share: None
     folder: Path | None = None
+    cores: Cores | None = None
+    key: str = ""
+
+    def each(
+        self,
+        name: str,
+        items: Sequence[Item],
+        work: Callable[[Item], Any],
+        share: tuple[float, float] = (0.0, 1.0),
+    ) -> list[Any]:
+        """Do the same with each item, on all cores; what is finished is kept for the next start.
+
+        Args:
+            name: of this work, unique in the experiment.
+            items: plain values (seeds, names, numbers), the only thing in which the parts differ.
+            work: gives plain values (numbers, texts, lists, dicts) for an item. It runs in a
+                process of its own, so that nothing it changes is seen by the others.
+            share: of the experiment that is done before and after it, for the progress.
+
+        Returns:
+            What ``work`` gave for each item, in their order, as JSON has it (NaN is None).
+        """
+        from slipctl.study.jobs import Cores, each
+
+        def job(item: Item) -> Callable[[Any], Any]:
+            what = {"part": name, "item": item, "key": self.key}
+            quiet = replace(self, folder=self.folder if self.key else None)
+            return lambda tell: quiet.kept(what, lambda: {"value": work(item)})["value"]
+
+        found: dict[str, Any] = {}
+        begun: dict[str, float] = dict.fromkeys(map(str, range(len(items))), 0.0)
+        first, last = share
+
+        def tell(which: str, part: float) -> None:
+            begun[which] = part
+            self.progress(first + (last - first) * sum(begun.values()) / max(len(items), 1))
+
+        jobs = {str(k): job(item) for k, item in enumerate(items)}
+        for which, outcome in each(jobs, self.cores or Cores(1), tell):
+            found[which] = outcome.get()
+            tell(which, 1.0)
+        return [found[which] for which in jobs]
 
     def kept(
         self, what: Mapping[str, Any], compute: Callable[[], Mapping[str, Any]]
@@ -286,6 +333,7 @@ class Study:
         claims: the paper's claims.
         figures: figures by file stem.
         gains: what ``slipctl certify STUDY`` asks about.
+        plain: scenarios that run without ``--full``; of a study that has none of them, all do.
     """
 
     name: str
@@ -301,6 +349,7 @@ class Study:
     claims: Sequence[Claim] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     gains: Sequence[Gains] = ()
+    plain: Sequence[str] = ("base", "real")
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))
@@ -311,18 +360,38 @@ class Study:
             seen.add(c.id)
 
 
+NEEDS_FULL, NOT_RUN, CHANGED = "needs --full", "was not run", "was changed"
+"""Why a claim is left out of this run, and not judged."""
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """A claim with our answer and what follows."""
+    """A claim with our answer and what follows.
+
+    Attributes:
+        claim, ours, verdict, why: the claim, our answer, what follows and its reason.
+        left: why the claim is left out of this run (``NEEDS_FULL``, ``NOT_RUN``, ``CHANGED``);
+            empty where it is judged.
+    """
 
     claim: Claim
     ours: Any
     verdict: str
     why: str
+    left: str = ""
 
 
-def judge(claim: Claim, results: Results) -> Verdict:
-    """Answer a claim from the results."""
+def judge(
+    claim: Claim, results: Results, changed: Callable[[Claim, set[str]], str] | None = None
+) -> Verdict:
+    """Answer a claim from the results.
+
+    Args:
+        claim: the claim.
+        results: what ran.
+        changed: gives what of the claim was changed, in words, from what its answer looked up;
+            empty where the claim still speaks of what ran.
+    """
     if claim.not_checkable:
         ours = None
         if claim.ours is not None:
@@ -332,10 +401,17 @@ def judge(claim: Claim, results: Results) -> Verdict:
                 ours = None
         return Verdict(claim, ours, OPEN, claim.not_checkable)
     assert claim.ours is not None
+    results.asked.clear()
     try:
         ours = plain(claim.ours(results))
+    except LeftToFull as missing:
+        return Verdict(claim, None, OPEN, str(missing), NEEDS_FULL)
     except NotRun as missing:
-        return Verdict(claim, None, OPEN, str(missing))
+        left = NOT_RUN if NOT_RUN in str(missing) else ""
+        return Verdict(claim, None, OPEN, str(missing), left)
+    other = changed(claim, set(results.asked)) if changed else ""
+    if other:
+        return Verdict(claim, None, OPEN, other, CHANGED)
     holds, reason = _compare(claim, ours)
     texts = [reason, _said(claim.why, results)]
     texts += [] if holds else [_said(claim.why_not, results)]

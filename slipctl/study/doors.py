@@ -89,6 +89,10 @@ def _makes_block(f: ast.FunctionDef) -> bool:
 # ---- loading ------------------------------------------------------------------------------------
 
 
+FILE = "slipctl_file_"
+"""How the name of a module begins that is a person's file."""
+
+
 def load_file(path: str) -> ModuleType:
     """Import a Python file of the user.
 
@@ -98,7 +102,7 @@ def load_file(path: str) -> ModuleType:
     place = Path(path)
     if not place.is_file():
         raise BadInput(f"there is no file {path}")
-    name = f"slipctl_file_{abs(hash(str(place.resolve())))}_{place.stem}"
+    name = f"{FILE}{abs(hash(str(place.resolve())))}_{place.stem}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, place)
@@ -152,6 +156,18 @@ def blame(error: BaseException) -> NoReturn:
         where = f"{_short(frame.filename)}, line {frame.lineno}"
         raise BadInput(f"{where}: {type(error).__name__}: {text}") from error
     raise error
+
+
+def reason(error: BaseException) -> str:
+    """Say an error in one line, with its place where it is in a model or a study."""
+    try:
+        blame(error)
+    except (BadInput, RunFailed) as known:
+        return str(known)
+    except OSError as known:
+        return f"cannot write {known.filename or ''}: {known.strerror or known}"
+    except (Exception, SystemExit, GeneratorExit) as unknown:
+        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
 
 
 def _short(file: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Results
 from slipctl.study.declaration import Verdict
+from slipctl.study.jobs import Cores, Job, each
 from slipctl.study.provenance import provenance, stamp
 from slipctl.study.running import noted
 from slipctl.study.texts import tolerance_text
@@ -24,18 +25,34 @@ if TYPE_CHECKING:
 
 def save_log(results: Results, scenario: str, loop: str, out: Path, command: str) -> None:
     """Write one log as ``.nc`` (exact) and ``.csv`` (ten digits)."""
-    data = results.data[scenario][loop].assign_attrs(command=command)
-    folder = out / "logs" / scenario
+    data = results.data[scenario][loop]
+    publish(draft_log(data.assign_attrs(command=command), out / "logs" / scenario, loop))
+
+
+def draft_log(data: xarray.Dataset, folder: Path, loop: str) -> list[tuple[Path, Path]]:
+    """Write one log under temporary names; gives them with the names that they get at last."""
     attrs = {k: v for k, v in data.attrs.items() if not (isinstance(v, list) and not v)}
     packed = {str(n): {"zlib": True, "complevel": 1} for n in data.data_vars}
     exact = data.copy(deep=False)
     exact.attrs = attrs
+    text, log = folder / f"{loop}.csv", folder / f"{loop}.nc"
+    parts = [(store.part(path), path) for path in (text, log)]
+    try:
+        with store.unbroken():
+            parts[0][0].write_text(csv_text(data), encoding="utf-8", newline="\n")
+            exact.to_netcdf(parts[1][0], engine="netcdf4", encoding=packed)
+    except BaseException:
+        for part, _ in parts:
+            part.unlink(missing_ok=True)
+        raise
+    return parts
+
+
+def publish(parts: Sequence[tuple[Path, Path]]) -> None:
+    """Give files that are whole the names that they are known by."""
     with store.unbroken():
-        store.write_with(
-            folder / f"{loop}.nc",
-            lambda path: exact.to_netcdf(path, engine="netcdf4", encoding=packed),
-        )
-        store.write_text(folder / f"{loop}.csv", csv_text(data))
+        for part, path in parts:
+            store.publish(part, path)
 
 
 def csv_text(data: xarray.Dataset) -> str:
@@ -70,8 +87,8 @@ def read_log(path: Path) -> xarray.Dataset:
         raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
 
 
-def save_metrics(results: Results, out: Path, command: str) -> None:
-    """Write ``metrics.json``."""
+def save_metrics(results: Results, out: Path, command: str, state: str = "") -> None:
+    """Write ``metrics.json``; ``state`` says what a run is that did not come to its end."""
     scenarios = {
         s: {
             loop: {
@@ -83,16 +100,22 @@ def save_metrics(results: Results, out: Path, command: str) -> None:
         for s, loops in results.metrics.items()
     }
     payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
+    if state:
+        payload["state"] = state
     payload["scenarios"] = scenarios
     if results.failed:
         payload["failed"] = results.failed
     store.write_json(out / "metrics.json", payload | provenance(results, command))
 
 
-def save_claims(results: Results, verdicts: Sequence[Verdict], out: Path, command: str) -> None:
-    """Write ``claims.json``."""
-    rows = [claim_row(v) for v in verdicts]
-    payload = {"study": results.study.name, "quick": results.quick, "claims": rows}
+def save_claims(
+    results: Results, verdicts: Sequence[Verdict], out: Path, command: str, state: str = ""
+) -> None:
+    """Write ``claims.json``; ``state`` as in :func:`save_metrics`."""
+    payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
+    if state:
+        payload["state"] = state
+    payload["claims"] = [claim_row(v) for v in verdicts]
     store.write_json(out / "claims.json", payload | provenance(results, command))
 
 
@@ -129,23 +152,59 @@ def save_tables(results: Results, out: Path, command: str) -> None:
     store.write_json(out / "tables.json", payload | provenance(results, command))
 
 
+def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable[[Any], str]]:
+    """Jobs by file stem that each draw a figure, write it, and give its SVG."""
+    text = stamp(results, command)
+
+    def job(stem: str) -> Callable[[Any], str]:
+        def draw(tell: Any) -> str:
+            from slipctl.draw import plots
+
+            fig = results.study.figures[stem].draw(results)
+            if results.quick:
+                plots.mark_quick(fig)
+            return plots.save(fig, out / "figures", stem, text)
+
+        return draw
+
+    return {stem: job(stem) for stem in results.study.figures}
+
+
 def save_pages(
-    results: Results, verdicts: Sequence[Verdict], out: Path, command: str
+    results: Results,
+    verdicts: Sequence[Verdict],
+    out: Path,
+    command: str,
+    cores: Cores | None = None,
 ) -> dict[str, str]:
     """Draw the figures, write them and ``report.html``; gives the SVG by file stem.
 
     A figure that asks for what was not run is left out; one that breaks is noted as failed.
     """
-    from slipctl.draw import plots
     from slipctl.study import report
 
-    drawn: dict[str, str] = {}
-    text = stamp(results, command)
-    for stem, figure in results.study.figures.items():
-        with noted(results, f"figure {stem}"):
-            fig = figure.draw(results)
-            if results.quick:
-                plots.mark_quick(fig)
-            drawn[stem] = plots.save(fig, out / "figures", stem, text)
-    store.write_text(out / "report.html", report.page(results, verdicts, drawn, command))
+    figures = figure_jobs(results, out, command)
+    jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
+    parts = report.constant(results)
+    jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
+    done: dict[str, Any] = {}
+    for name, outcome in each(jobs, cores or Cores(1), lambda name, share: None):
+        with noted(results, name):
+            done[name] = outcome.get()
+    drawn = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
+    texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
+    store.write_text(out / "report.html", report.page(results, verdicts, drawn, command, texts))
     return drawn
+
+
+def _section(write: Callable[[], str]) -> Job[Any]:
+    return lambda tell: write()
+
+
+def save_stopped(
+    results: Results, verdicts: Sequence[Verdict], out: Path, command: str, state: str
+) -> None:
+    """Write the page of a run that was stopped: what was measured, at once and without figures."""
+    from slipctl.study import report
+
+    store.write_text(out / "report.html", report.page(results, verdicts, {}, command, {}, state))

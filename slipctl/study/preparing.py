@@ -90,6 +90,8 @@ def prepare(
     swaps: Sequence[str] = (),
     loops: Sequence[str] = (),
     scenarios: Sequence[str] = (),
+    plain: Mapping[str, Sequence[str]] | None = None,
+    left: list[str] | None = None,
 ) -> tuple[list[Case], Mapping[str, Any]]:
     """Build the cases of a study as asked for, and check each of them by a run of one tick.
 
@@ -99,6 +101,8 @@ def prepare(
         settings: ``[loop:]block.param=VALUE[unit]``.
         swaps: ``name=file.py:block``.
         loops, scenarios: the only ones to keep; none given keeps all.
+        plain: keep the scenarios of a plain run only, and these loops of these other scenarios.
+        left: gets the names of the scenarios that ``plain`` leaves out.
 
     Returns:
         The cases, and the models they are made of.
@@ -114,6 +118,11 @@ def prepare(
     try:
         cases = list(study.cases(models, quick))
         cases = _select(study, cases, loops, scenarios)
+        if plain is not None:
+            named = [c.scenario.name for c in cases]
+            cases = _plain(study, cases, plain)
+            run = {c.scenario.name for c in cases}
+            (left if left is not None else []).extend(n for n in named if n not in run)
         cases = _set(study, cases, read)
         said: dict[str, None] = {}
         for case in cases:
@@ -145,6 +154,19 @@ def _select(
     kept = [c for c in kept if c.loops]
     if not kept:
         raise BadInput(f"{study.name} has no loop {' or '.join(loops)} in {' or '.join(scenarios)}")
+    return kept
+
+
+def _plain(study: Study, cases: list[Case], also: Mapping[str, Sequence[str]]) -> list[Case]:
+    """Keep the scenarios of a plain run, where there are any, and what else is wanted."""
+    if not any(c.scenario.name in study.plain for c in cases):
+        return cases
+    kept = []
+    for case in cases:
+        name = case.scenario.name
+        few = {n: b for n, b in case.loops.items() if n in also.get(name, ())}
+        if name in study.plain or few:
+            kept.append(case if name in study.plain else replace(case, loops=few))
     return kept
 
 

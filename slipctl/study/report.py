@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,16 @@ from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
 from slipctl.study.provenance import provenance
-from slipctl.study.texts import answers, changes, count, metric_rows, number, tolerance_text
+from slipctl.study.texts import (
+    answers,
+    changes,
+    count,
+    judged,
+    left_to_full,
+    metric_rows,
+    number,
+    tolerance_text,
+)
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -80,6 +89,8 @@ def page(
     verdicts: Sequence[Verdict],
     figures: Mapping[str, str],
     command: str,
+    parts: Mapping[str, str] | None = None,
+    state: str = "",
 ) -> str:
     """Write the page.
 
@@ -88,24 +99,28 @@ def page(
         verdicts: the claims with our answers.
         figures: SVG by file stem.
         command: the command line.
+        parts: of :func:`constant`; one that is missing is left out. None writes them here.
+        state: what a run is that did not come to its end, in words.
     """
+    texts = {n: write() for n, write in constant(results).items()} if parts is None else parts
     study = results.study
     note = changes(results)
     changed = f'<p class="quick">{escape(note[0].upper() + note[1:])}.</p>' if note else ""
-    parts: list[tuple[str, str, str]] = []
+    sections: list[tuple[str, str]] = []
     if verdicts:
-        parts.append(("claims", "Claims", changed + _claims(verdicts)))
-    parts.append(("metrics", "Metrics", _metrics(results)))
+        sections.append(("Claims", changed + _claims(verdicts)))
+    sections.append(("Metrics", _metrics(results)))
     if figures:
-        parts.append(("figures", "Figures", _figures(results, figures)))
+        sections.append(("Figures", _figures(results, figures)))
     if results.tables:
-        parts.append(("experiments", "Experiments", _experiments(results)))
-    parts.append(("loops", "Loops", _loops(results)))
-    parts.append(("equations", "Equations", _equations(results)))
-    parts.append(("parameters", "Parameters", _parameters(results)))
-    parts.append(("provenance", "Provenance", _provenance(results, command)))
-    contents = "".join(f'<li><a href="#{key}">{title}</a></li>' for key, title, _ in parts)
-    body = "".join(f'<section><h2 id="{k}">{t}</h2>{text}</section>' for k, t, text in parts)
+        sections.append(("Experiments", _experiments(results)))
+    sections += [(n.capitalize(), texts[n]) for n in constant(results) if n in texts]
+    sections.append(("Provenance", _provenance(results, command)))
+    named = [(title.lower(), title, text) for title, text in sections]
+    contents = "".join(f'<li><a href="#{key}">{title}</a></li>' for key, title, _ in named)
+    body = "".join(f'<section><h2 id="{k}">{t}</h2>{text}</section>' for k, t, text in named)
+    stopped = f'<p class="failed">{escape(state)}</p>' if state else ""
+    left = f"<p>{escape(left_to_full(results))}</p>" if results.left else ""
     quick = '<p class="quick">A quick run: shorter or fewer runs than the study proper.</p>'
     failed = "".join(
         f'<p class="failed">{escape(where)} failed: {escape(why)}</p>'
@@ -126,12 +141,21 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
-{quick if results.quick else ""}{changed}{failed}
+{stopped}{quick if results.quick else ""}{changed}{failed}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
 </body>
 </html>
 """
+
+
+def constant(results: Results) -> dict[str, Callable[[], str]]:
+    """Sections that speak of the loops and of no result; the slow ones, each on its own."""
+    return {
+        "loops": lambda: _loops(results),
+        "equations": lambda: _equations(results),
+        "parameters": lambda: _parameters(results),
+    }
 
 
 def _paragraphs(text: str) -> str:
@@ -173,7 +197,7 @@ class Html:
 def _claims(verdicts: Sequence[Verdict]) -> str:
     marks = {REPRODUCED: "yes", FAILED: "no", OPEN: "open"}
     rows = []
-    for v in verdicts:
+    for v in judged(verdicts):
         c = v.claim
         paper, ours = answers(v)
         where = "/".join(p for p in (c.scenario, c.loop) if p)

@@ -5,17 +5,28 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from slipctl.errors import BadInput, RunFailed
-from slipctl.run.metrics import Run, measure, place, rail_changes, rail_names
-from slipctl.run.results import Case, NotRun, Results, Table
+from slipctl.run.metrics import (
+    AGAINST_IDEAL,
+    Metric,
+    Run,
+    in_order,
+    measure,
+    place,
+    rail_changes,
+    rail_names,
+)
+from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
 from slipctl.run.simulation import simulate
-from slipctl.study.declaration import OPEN, Context, Study, Verdict, judge
-from slipctl.study.doors import blame
+from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
+from slipctl.study.doors import reason
+from slipctl.study.jobs import Cores, Job, each
+from slipctl.study.keeping import Keep
 from slipctl.study.provenance import EXPERIMENT_SEED
 
 if TYPE_CHECKING:
@@ -38,11 +49,12 @@ def run(
     compile: bool = True,
     experiments: bool = True,
     report: Report | None = None,
-    finished: Callable[[Results, str, str], None] | None = None,
     results: Results | None = None,
-    folder: Path | None = None,
+    keep: Keep | None = None,
+    command: str = "",
+    cores: Cores | None = None,
 ) -> Results:
-    """Run the cases, then the experiments.
+    """Run the cases and the experiments.
 
     A run that breaks is noted in ``results.failed`` and the others go on.
 
@@ -54,35 +66,38 @@ def run(
         compile: compile the loops where there is a compiler.
         experiments: run them too.
         report: told how far each run is.
-        finished: called after each run, to save it.
         results: filled as the runs finish, so that an interrupted call leaves what was done.
-        folder: where experiments keep what is finished, to be read on the next start.
+        keep: folder in which logs and finished experiments are kept, and from which those of an
+            earlier run of the same are taken; None keeps nothing.
+        command: command line, for the logs.
+        cores: how many runs go on at once; None is one.
     """
     results = new_results(study, cases, quick) if results is None else results
-    tell = report or (lambda what, share: None)
+    given = study.models if models is None else models
+    jobs: dict[str, Job[Any]] = {}
     for case in cases:
-        scenario = case.scenario.name
-        ordered = sorted(case.loops, key=lambda n: n != "ideal")  # the bound first
-        for name in ordered:
-            what = f"{scenario}/{name}"
-            tell(what, 0.0)
-            with noted(results, what):
-                _run_one(results, case, name, compile, _part(tell, what))
-            if finished and name in results.data.get(scenario, {}):
-                finished(results, scenario, name)
-        if scenario in results.data:
-            results.data[scenario] = _as_in(results.data[scenario], case.loops)
-            results.metrics[scenario] = _as_in(results.metrics[scenario], case.loops)
-    if experiments:
-        for name, experiment in study.experiments.items():
-            tell(name, 0.0)
-            context = Context(
-                quick=quick, models=study.models if models is None else models, cases=cases,
-                seed=EXPERIMENT_SEED, compile=compile, progress=_part(tell, name), folder=folder,
-            )  # fmt: skip
-            with noted(results, name):
-                found = experiment.run(context)
-                results.tables[name] = {name: found} if isinstance(found, Table) else dict(found)
+        for name in sorted(case.loops, key=lambda n: n != "ideal"):  # the bound first
+            what = f"{case.scenario.name}/{name}"
+            jobs[what] = _loop_job(results, case, name, compile, keep, command)
+    runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}
+    cores = cores or Cores(1)
+    for name in study.experiments if experiments else ():
+        jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
+    for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
+        with noted(results, what):
+            found = outcome.get()
+            if what in runs:
+                case, name = runs[what]
+                _take(results, case, name, found)
+            else:
+                results.tables[what] = found
+                if keep is not None:
+                    keep.keep_tables(what, found)
+    for case in cases:
+        _finish(results, case)
+    order = {n: k for k, n in enumerate(study.experiments)}
+    results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
+    results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
 
 
@@ -91,6 +106,8 @@ def noted(results: Results, what: str) -> Iterator[None]:
     """Note what breaks, so that the rest goes on and nothing computed is lost."""
     try:
         yield
+    except LeftToFull:
+        log.debug("%s is left to --full", what)
     except NotRun as missing:
         log.info("%s is left out: %s", what, missing)
     except Exception as error:
@@ -98,57 +115,128 @@ def noted(results: Results, what: str) -> Iterator[None]:
         log.debug("%s", what, exc_info=True)
 
 
-def reason(error: Exception) -> str:
-    """Say an error in one line, with its place where it is in a model or a study."""
-    try:
-        blame(error)
-    except (BadInput, RunFailed) as known:
-        return str(known)
-    except OSError as known:
-        return f"cannot write {known.filename or ''}: {known.strerror or known}"
-    except Exception as unknown:
-        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
+@dataclass(frozen=True)
+class _Ran:
+    """What the run of a loop gives: its log, metrics, and files that wait for their names.
+
+    ``trouble`` says why there are no files.
+    """
+
+    data: xarray.Dataset
+    metrics: dict[str, Metric]
+    files: Sequence[tuple[Path, Path]] = ()
+    trouble: str = ""
 
 
-def _run_one(
-    results: Results, case: Case, name: str, compile: bool, progress: Callable[[float], None]
-) -> None:
-    """Simulate one loop in its scenario and measure it."""
-    study, scenario = results.study, case.scenario.name
-    loop = case.loops[name]
+def _loop_job(
+    results: Results, case: Case, name: str, compile: bool, keep: Keep | None, command: str
+) -> Job[_Ran]:
+    """Make the job that simulates one loop in its scenario, measures it and writes its log."""
+
+    def job(tell: Callable[[float], None]) -> _Ran:
+        from slipctl.study import files
+
+        scenario, signals = case.scenario.name, results.study.signals
+        data = keep.log(scenario, name) if keep is not None else None
+        found = data is not None
+        if data is None:
+            data = _simulated(results, case, name, compile, tell)
+        changes = [float(t) for t in data.attrs["rail_changes_s"]]
+        rails = rail_names(case.scenario, changes)
+        metrics = measure(Run(data, signals, changes, rails=rails))
+        if keep is None or found:
+            return _Ran(data, metrics)
+        data = data.assign_attrs(key=keep.of(scenario, name))
+        folder, whole = keep.out / "logs" / scenario, data.assign_attrs(command=command)
+        try:
+            return _Ran(data, metrics, files.draft_log(whole, folder, name))
+        except Exception as error:
+            return _Ran(data, metrics, trouble=reason(error))
+
+    return job
+
+
+def _simulated(
+    results: Results, case: Case, name: str, compile: bool, tell: Callable[[float], None]
+) -> xarray.Dataset:
+    """Log of one loop in its scenario, with what the study knows beside it."""
+    study, loop = results.study, case.loops[name]
     has = {s.name for s in loop.signals if s.role != "param"}
     wanted = None if case.log is None else [n for n in case.log if n in has]
     data = simulate(
-        loop, case.scenario, compile=compile, progress=progress, log=wanted, every=case.every
+        loop, case.scenario, compile=compile, progress=tell, log=wanted, every=case.every
     )
     data = add_known(study, case, data)
     changes = rail_changes(data, case.scenario, study.signals)
-    data = data.assign_attrs(
+    return data.assign_attrs(
         study=study.name, quick=int(results.quick), loop_name=name, rail_changes_s=changes
     )
-    ideal = results.metrics.get(scenario, {}).get("ideal", {})
-    rails = rail_names(case.scenario, changes)
-    metrics = measure(Run(data, study.signals, changes, ideal, rails))
-    if name == "ideal" and "distance" in metrics:
-        metrics = measure(Run(data, study.signals, changes, metrics, rails))
-    results.data.setdefault(scenario, {})[name] = data
-    results.metrics.setdefault(scenario, {})[name] = metrics
+
+
+def _take(results: Results, case: Case, name: str, ran: _Ran) -> None:
+    """Put what a run gave into the results, and its files into the folder."""
+    from slipctl.study import files
+
+    scenario = case.scenario.name
+    results.data.setdefault(scenario, {})[name] = ran.data
+    results.metrics.setdefault(scenario, {})[name] = ran.metrics
     log.debug("%s/%s done", scenario, name)
+    what = f"log of {scenario}/{name}"
+    with noted(results, what):
+        files.publish(ran.files)
+    if ran.trouble:
+        results.failed[what] = ran.trouble
+
+
+def _finish(results: Results, case: Case) -> None:
+    """Measure the loops of a case against its bound, ``ideal``, and put them in their order."""
+    scenario = case.scenario.name
+    if scenario not in results.data:
+        return
+    data, found = results.data[scenario], results.metrics[scenario]
+    ideal = found.get("ideal", {})
+    for name in found if "distance" in ideal else ():
+        changes = [float(t) for t in data[name].attrs["rail_changes_s"]]
+        run_ = Run(data[name], results.study.signals, changes, ideal)
+        found[name] = in_order(found[name] | measure(run_, AGAINST_IDEAL))
+    results.data[scenario] = _as_in(data, case.loops)
+    results.metrics[scenario] = _as_in(found, case.loops)
+
+
+def _experiment_job(
+    study: Study, name: str, cases: Sequence[Case], models: Mapping[str, Any], quick: bool,
+    compile: bool, keep: Keep | None, cores: Cores,
+) -> Job[dict[str, Table]]:  # fmt: skip
+    """Make the job that does one experiment, or takes what an earlier run of it gave."""
+
+    def job(tell: Callable[[float], None]) -> dict[str, Table]:
+        found = keep.tables(name) if keep is not None else None
+        if found is not None:
+            return found
+        context = Context(
+            quick=quick, models=models, cases=cases, seed=EXPERIMENT_SEED, compile=compile,
+            progress=tell, folder=keep.parts if keep is not None else None, cores=cores,
+            key=keep.of(name) if keep is not None else "",
+        )  # fmt: skip
+        given = study.experiments[name].run(context)
+        return {name: given} if isinstance(given, Table) else dict(given)
+
+    return job
 
 
 def new_results(
-    study: Study, cases: Sequence[Case], quick: bool = False, changed: str = ""
+    study: Study,
+    cases: Sequence[Case],
+    quick: bool = False,
+    changed: str = "",
+    left: Sequence[str] = (),
 ) -> Results:
     """Make results to be filled by :func:`run`; ``changed`` is from :func:`in_words`."""
-    return Results(study, cases, quick, changed=changed)
+    return Results(study, cases, quick, changed=changed, left=left)
 
 
 def _as_in(found: dict[str, T], order: Iterable[str]) -> dict[str, T]:
     return {name: found[name] for name in order if name in found}
-
-
-def _part(tell: Report, what: str) -> Callable[[float], None]:
-    return lambda share: tell(what, share)
 
 
 def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
@@ -171,12 +259,19 @@ def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
     return data
 
 
-def judge_all(results: Results) -> list[Verdict]:
-    """Answer every claim of the study; one whose answer breaks is noted as failed."""
+def judge_all(
+    results: Results, changed: Callable[[Claim, set[str]], str] | None = None
+) -> list[Verdict]:
+    """Answer every claim of the study; one whose answer breaks is noted as failed.
+
+    Args:
+        results: what ran.
+        changed: see :func:`~slipctl.study.declaration.judge`.
+    """
     verdicts = []
     for claim in results.study.claims:
         with noted(results, f"claim {claim.id}"):
-            verdicts.append(judge(claim, results))
+            verdicts.append(judge(claim, results, changed))
             continue
         why = results.failed[f"claim {claim.id}"]
         verdicts.append(Verdict(claim, None, OPEN, f"our answer breaks: {why}"))

@@ -11,7 +11,16 @@ import numpy as np
 
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
-from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Claim, Verdict
+from slipctl.study.declaration import (
+    CHANGED,
+    FAILED,
+    NEEDS_FULL,
+    NOT_RUN,
+    OPEN,
+    REPRODUCED,
+    Claim,
+    Verdict,
+)
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -21,6 +30,7 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
+        digits = telling(list(value.values()), digits)
         return ", ".join(f"{k} {number(v, digits)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):
         return " / ".join(number(v, digits) for v in value)
@@ -34,6 +44,14 @@ def number(value: Any, digits: int = 4) -> str:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}" if e else mantissa
     return str(value)
+
+
+def telling(values: Sequence[Any], digits: int) -> int:
+    """Digits, 9 at most, with which values that differ look different: an order can be seen."""
+    plain = {v for v in values if isinstance(v, float) and math.isfinite(v)}
+    while digits < 9 and len({number(v, digits) for v in plain}) < len(plain):
+        digits += 1
+    return digits
 
 
 def with_unit(value: Any, unit: str) -> str:
@@ -62,10 +80,37 @@ def tolerance_text(c: Claim) -> str:
     return c.tolerance_why or usual.get(c.tolerance, str(c.tolerance))  # type: ignore[arg-type]
 
 
+def judged(verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Verdicts that this run gives: those of claims that are not left out of it."""
+    return [v for v in verdicts if not v.left]
+
+
 def count(verdicts: Sequence[Verdict]) -> str:
-    """How many claims have which verdict."""
-    tally = {k: sum(1 for v in verdicts if v.verdict == k) for k in (REPRODUCED, FAILED, OPEN)}
-    return ", ".join(f"{n} {k}" for k, n in tally.items() if n)
+    """How many claims have which verdict, and how many are left out of this run."""
+    tally = {k: sum(v.verdict == k for v in judged(verdicts)) for k in (REPRODUCED, FAILED, OPEN)}
+    said = [", ".join(f"{n} {k}" for k, n in tally.items() if n)]
+    left = {
+        NEEDS_FULL: "--full would judge {} more",
+        NOT_RUN: "{} left out, because they speak of what was not run",
+        CHANGED: "{} left out, because they speak of what was changed",
+    }
+    for why, text in left.items():
+        number_ = sum(v.left == why for v in verdicts)
+        said += [text.format(number_)] if number_ else []
+    return "; ".join(filter(None, said))
+
+
+def left_to_full(results: Results) -> str:
+    """Line that names the scenarios and experiments that were left to ``--full``."""
+    if not results.left:
+        return ""
+    known = results.study.experiments
+    groups = {
+        "scenarios": [n for n in results.left if n not in known],
+        "experiments": [n for n in known if n in results.left],
+    }
+    said = (f"{what} {', '.join(names)}" for what, names in groups.items() if names)
+    return f"Left to --full: {'; '.join(said)}"
 
 
 def changes(results: Results) -> str:
@@ -79,7 +124,7 @@ def changes(results: Results) -> str:
 def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:
     """Table *claim / paper / ours / verdict and why*."""
     rows = [["claim", "paper", "ours", "verdict and why"]]
-    for v in verdicts:
+    for v in judged(verdicts):
         paper, ours = answers(v)
         rows.append([v.claim.claim, paper, ours, f"{v.verdict}{': ' if v.why else ''}{v.why}"])
     room = max(width - 6, 74)

@@ -85,11 +85,14 @@ def barrier(r: Results) -> Any:
     printed = np.array([bounds.pull(x, K, K_S) for x in e])
     robust = np.array([bounds.robust_pull(x, 50.0, K_S) for x in e])
     wanted = ("creep error", "m/s"), ("pull", "m/s^2")
-    plots.lines({"printed shape": (e, printed), "its bound": (e, 0 * e + bounds.largest_disturbance(
-        K, K_S))}, *wanted, axis=axes[0, 0], title="printed shape")  # fmt: skip
-    plots.lines({"printed shape": (e, printed), "robust shape": (e, robust),
-                 "5 % of D": (e, 0 * e + 0.05 * 20.85)}, *wanted, axis=axes[0, 1],
-                title="both, with 5 % adhesion error")  # fmt: skip
+    plots.lines({"printed shape": (e, printed)}, *wanted, axis=axes[0, 0], title="printed shape")
+    plots.lines({"printed shape": (e, printed), "robust shape": (e, robust)}, *wanted,
+                axis=axes[0, 1], title="both, with 5 % adhesion error")  # fmt: skip
+    bound = bounds.largest_disturbance(K, K_S)
+    for axis, height, name in ((axes[0, 0], bound, "its bound"),
+                               (axes[0, 1], 0.05 * 20.85, "5 % of D")):  # fmt: skip
+        axis.axhline(height, color=plots.GREY, lw=0.9, ls=(0, (4, 2)), label=name)
+        axis.legend(loc="lower center" if axis is axes[0, 0] else "upper left")
     return fig
 
 
@@ -105,8 +108,17 @@ def _result(seek: str) -> Any:
 
 
 def _torque(seek: str) -> Any:
+    """Torque over the run, its mean over what it covers, and close up around the first change."""
+
     def draw(r: Results) -> Any:
-        return plots.traces(r, "base", [f"{seek}_robust"], ["torque"])
+        fig, axes = plots.panels(1, 2, height=2.6, width_ratios=(2, 1))
+        log = r.log("base", f"{seek}_robust")
+        t, T = log["time"].values, log["plant.motor.T_m"].values / 1e3
+        plots.chatter(axes[0, 0], {seek: (t, T)}, ("motor torque", "kN m"), "mean and range")
+        near = (t >= 9.0) & (t < 11.0)
+        plots.lines({seek: (t[near], T[near])}, ("time", "s"), ("motor torque", "kN m"),
+                    axis=axes[0, 1], title="close up", legend=False)  # fmt: skip
+        return fig
 
     return draw
 
@@ -181,12 +193,15 @@ def lagged(r: Results) -> Any:
                 ) if at == 1e3 * lag and has == lead
             ]  # fmt: skip
             curves[name] = tuple(zip(*rows, strict=True))
-        inner = curves["with lead"][0]
-        for name, column in (("jump times lag", "jump times lag"),
-                             ("least with 12 kN m", "bound with the torque there is")):  # fmt: skip
-            curves[name] = (inner, [summary.where(column, lag=1e3 * lag)] * len(inner))
         plots.lines(curves, ("inner barrier", "m/s"), ("largest creep error", "m/s"), axis=axis,
-                    log="xy", title=f"lag {1e3 * lag:g} ms", legend=lag == LAGS[0])  # fmt: skip
+                    log="xy", title=f"lag {1e3 * lag:g} ms", legend=False)  # fmt: skip
+        for name, column, dash in (("jump times lag", "jump times lag", (0, (4, 2))),
+                                   ("least with 12 kN m", "bound with the torque there is",
+                                    (0, (1, 1)))):  # fmt: skip
+            height = summary.where(column, lag=1e3 * lag)
+            axis.axhline(height, color=plots.GREY, lw=0.9, ls=dash, label=name)
+        if lag == LAGS[0]:
+            axis.legend(loc="upper left", ncols=2)
         axis.set_ylim(1e-3, 0.6)
     return fig
 

@@ -88,7 +88,7 @@ def twisting_map(r: Results) -> Any:
     k2, k1 = np.geomspace(0.81, 100, 240), np.geomspace(0.4, 4000, 240)
     K1, K2 = np.meshgrid(k1, k2, indexing="ij")
     found = sta.regions(K1, K2, L)
-    fits = sta.explicit_amplitude_map(K1, K2, T)
+    fits = sta.explicit_swing_map(K1, K2, L, T)
     axis = axes[0, 1]
     nested(axis, ("k2", "m/s^3", k2), ("k1", "m^.5/s^1.5", k1),
            {"exact, L = 0.8 m/s^3": found["exact"],

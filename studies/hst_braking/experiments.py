@@ -17,7 +17,7 @@ from slipctl.models import hst_braking_control as control
 from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import I_W, G, R, peak_height, plant
 from slipctl.studies.bench.best_possible import against_optimum
-from slipctl.studies.hst_braking.limits import funnel, locked, printed, standstill
+from slipctl.studies.hst_braking.limits import funnel, locked, order, printed, standstill
 from slipctl.studies.hst_braking.loops import (
     NAMES,
     NOISE,
@@ -179,6 +179,10 @@ def consistency(context: Context) -> Table:
 # ---- the search ----------------------------------------------------------------------------------
 
 
+AFTER = (50, 120, 250)
+"""Times in ms after a change of the rail at which the search is looked at."""
+
+
 def search(context: Context) -> dict[str, Table]:
     """When the best slip is found, and what forbids to find it earlier."""
     seeds = 3 if context.quick else 30
@@ -193,27 +197,34 @@ def search(context: Context) -> dict[str, Table]:
         for name, what in kinds.items()
         for noise, count in ((0.0, 1), (NOISE, seeds))
     ]
-    total, done, law = sum(j[3] for j in jobs), 0, context.models["adh"]
-    for name, what, noise, count in jobs:
+    law = context.models["adh"]
+
+    def outcome(job: tuple[str, float, int]) -> dict[str, Any]:
+        """Errors some time after each change of the rail, and the time until it is small."""
+        name, noise, seed = job
         block, scenario = context.loop("base", name)
         block = sensing({"a": block}, {"tacho.sigma": noise})["a"]
-        off: list[np.ndarray] = []
-        for seed in range(1, count + 1):
-            log = simulate(block, scenario.but(seed=seed), compile=context.compile)
-            found = log["ctl.search.best"].values
-            off.append(np.abs(found - log["lam_opt"].values))
-            done += 1
-            context.progress(done / total)
+        log = simulate(block, scenario.but(seed=seed), compile=context.compile)
+        off = np.abs(log["ctl.search.best"].values - log["lam_opt"].values)
+        starts = [2000 * k for k in range(len(NAMES))]
+        return {
+            "off": [[float(off[first + ms]) for ms in AFTER] for first in starts],
+            "time": [time_until(off[first : first + 2000], NEAR_SLIP) for first in starts],
+        }
+
+    runs = [(n, noise, s) for n, _, noise, count in jobs for s in range(1, count + 1)]
+    outcomes = dict(zip(runs, context.each("runs", runs, outcome, (0.0, 0.9)), strict=True))
+    for name, what, noise, count in jobs:
+        found = [outcomes[name, noise, seed] for seed in range(1, count + 1)]
         for k, rail in enumerate(NAMES):
-            first = 2000 * k
             summary["search"].append(what)
             summary["noise"].append(noise)
             summary["seeds"].append(count)
             summary["rail"].append(rail)
-            for ms in (50, 120, 250):
-                summary[f"off{ms}"].append(max(float(o[first + ms]) for o in off))
-            times = [time_until(o[first : first + 2000], NEAR_SLIP) for o in off]
-            summary["worst"].append(None if None in times else max(times))  # type: ignore[type-var]
+            for at, ms in enumerate(AFTER):
+                summary[f"off{ms}"].append(max(f["off"][k][at] for f in found))
+            times = [f["time"][k] for f in found]
+            summary["worst"].append(None if None in times else max(times))
     block, scenario = context.loop("base", "eppfc_free")
     log = simulate(block, scenario, compile=context.compile)
     prior = simulate(context.loop("base", "eppfc")[0], scenario, compile=context.compile)
@@ -414,6 +425,7 @@ def regret(context: Context) -> Table:
 EXPERIMENTS = {
     "table_4": Experiment("Table 4", table_4, "How far does each controller get in 6 s?"),
     "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),
+    "order": Experiment("Order of the distances", order, "Does it hold for other limits, gains?"),
     "closed_form": Experiment("Bounds", closed_form, "Does the simulation agree with formulas?"),
     "filter": Experiment("Filter", filter_convergence, "How fast and how honest is the filter?"),
     "search": Experiment("Search", search, "When is the best slip found?"),

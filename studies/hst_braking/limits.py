@@ -109,6 +109,52 @@ def neglected(context: Context) -> Table:
 # ---- printed forms and a locked wheel ------------------------------------------------------------
 
 
+LIMITS = (6e3, 10e3, 15e3, 20e3, 30e3, 40e3)
+"""Limits of the torque in N m under which the distances are put in order."""
+
+
+def order(context: Context) -> Table:
+    """Order of the distances over the limit of the torque and the gains of PID."""
+    rows: dict[str, list[Any]] = {
+        k: [] for k in ("what", "value", "unit", "pid", "efc", "eppfc", "holds")
+    }
+    names = {k: f"{k}_true_reference" for k in ("pid", "efc", "eppfc")}
+    blocks = {k: context.loop("base", n)[0] for k, n in names.items()}
+    scenario = context.loop("base", names["pid"])[1]
+    way: dict[tuple[str, float, float], float] = {}
+
+    def run(k: str, limit: float, gain: float) -> float:
+        if (k, limit, gain) not in way:
+            limits = [n for n in blocks[k].params if n.rpartition(".")[2] == "T_max"]
+            K = "ctl.law.K"
+            values = dict.fromkeys(limits, limit)
+            if k == "pid" and gain != 1:
+                values[K] = gain * float(blocks[k].param_values()[K])
+            log = simulate(blocks[k].with_params(**values), scenario, compile=context.compile)
+            way[k, limit, gain] = distance(log)
+        return way[k, limit, gain]
+
+    cases = [("limit of the torque", t, "N m", t, 1.0) for t in LIMITS]
+    cases += [("poles of PID over K1/2", g, "", 20e3, g) for g in (0.5, 2.0, 4.0)]
+    for done, (what, value, unit, limit, gain) in enumerate(cases):
+        x = {k: run(k, limit, gain) for k in blocks}
+        holds = x["pid"] > x["efc"] > x["eppfc"]
+        for key, entry in zip(rows, (what, value, unit, *x.values(), holds), strict=True):
+            rows[key].append(entry)
+        context.progress((done + 1) / len(cases))
+    return Table(
+        "Order of the distances in 6 s, with the true best slip",
+        {
+            "what": ("", rows["what"]),
+            "value": ("", rows["value"]),
+            "unit": ("", rows["unit"]),
+            **{k: ("m", rows[k]) for k in blocks},
+            "pid > efc > eppfc": ("", rows["holds"]),
+        },
+        "The paper states neither the limit of its brake nor the units of its PID.",
+    )
+
+
 def printed(context: Context) -> Table:
     """Each printed form that can be run, beside ours."""
     block, scenario = context.loop("base", "eppfc_true_reference")

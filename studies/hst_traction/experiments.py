@@ -155,6 +155,22 @@ def gains(context: Context) -> Table:
     )
 
 
+DRY = (60.0, 115.0)
+"""Part of the run in s on dry rail over which the slope of delta is taken, here and by certify."""
+
+
+def slopes(
+    models: Mapping[str, Any], law: Block, start: float, end: float, compile: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and |delta'|/M in m/s^3 of a law with the limit, by its periods."""
+    log, t = window(
+        models, law, True, start, end - start, ("ctl.F_contr", "plant.train.F_all"), compile,
+        every=5,
+    )  # fmt: skip
+    delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / M
+    return t[:-1], np.abs(np.diff(delta)) / control.T_C
+
+
 def certified(context: Context) -> Table:
     """Eta by the proof beside the eta that the run has, over the controller's periods."""
     names = {
@@ -163,22 +179,17 @@ def certified(context: Context) -> Table:
         "pid_limited": control.pid,
         "robust_limited": control.robust,
     }
-    spans = {"dry, 60 s to 115 s": (60.0, 115.0), "ice and oil, 115 s to 150 s": (115.0, 150.0)}
+    spans = {"dry, 60 s to 115 s": DRY, "ice and oil, 115 s to 150 s": (115.0, 150.0)}
     start, end = (100.0, 125.0) if context.quick else (50.0, 150.0)
     rows: dict[str, list[Any]] = {k: [] for k in ("loop", "span", "proof", "half", "most", "top")}
     for count, (name, law) in enumerate(names.items()):
-        log, t = window(
-            context.models, law, True, start, end - start,
-            ("ctl.F_contr", "plant.train.F_all"), context.compile, every=5,
-        )  # fmt: skip
-        delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / M
-        slope = np.abs(np.diff(delta)) / control.T_C
+        t, slope = slopes(context.models, law, start, end, context.compile)
         proof = None
         if name.startswith("hosm"):
             p = {k: float(v) for k, v in law.param_values().items()}
             proof = proofs.certified_eta(p["alpha"], p["beta"], p["k_4"])
         for span, (a, b) in spans.items():
-            inside = slope[(t[:-1] >= max(a, start + 5)) & (t[:-1] < min(b, end))]
+            inside = slope[(t >= max(a, start + 5)) & (t < min(b, end))]
             values = (name, span, proof, float(np.median(inside)),
                       float(np.quantile(inside, 0.999)), float(inside.max()))  # fmt: skip
             for key, value in zip(rows, values, strict=True):

@@ -13,7 +13,7 @@ from slipctl.models import hst_traction_control as control
 from slipctl.models.contact import peak
 from slipctl.models.hst_traction import resistance
 from slipctl.models.hst_traction_adhesion import SLOPE
-from slipctl.studies.hst_traction.experiments import window
+from slipctl.studies.hst_traction.experiments import DRY, slopes
 from slipctl.studies.hst_traction.loops import MODELS
 
 SPEED = 40.0
@@ -35,14 +35,10 @@ def _observer(loop: Block) -> dict[str, float]:
 
 @cache
 def slope_met(form: str) -> Bound:
-    """|delta'|/M in m/s^3 that the law meets on dry rail, 105 s to 115 s: its 99.9 % quantile."""
-    law = control.higher_order(form)
-    log, _ = window(
-        MODELS, law, True, 100.0, 15.0, ("ctl.F_contr", "plant.train.F_all"), True, every=5
-    )
-    mass = float(law.param_values()["m"])
-    delta = (log["ctl.F_contr"].values - log["plant.train.F_all"].values) / mass
-    rates = np.abs(np.diff(delta))[1000:] / control.T_C
+    """|delta'|/M in m/s^3 that the law meets on dry rail: its 99.9 % quantile over DRY."""
+    start, end = DRY
+    t, rates = slopes(MODELS, control.higher_order(form), start - 10.0, end)
+    rates = rates[t >= start]
     value = float(np.quantile(rates, 0.999))
     return Bound(value, float(rates.max()), "99.9 % of the ticks of a run, no proof")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import numpy as np
 from casadi import fabs, fmax, fmin, if_else
 
 from slipctl import (
+    BadInput,
     Block,
     Case,
     Input,
@@ -40,6 +42,11 @@ from slipctl.models.hst_traction import (
     tractive_effort,
 )
 from slipctl.models.rolling import Axles
+
+log = logging.getLogger("slipctl")
+
+FITS = 0.01
+"""Share of the mass by which the loads of the axles may differ from it."""
 
 H = 1e-3
 """Tick of every loop in s."""
@@ -298,9 +305,13 @@ def variants(models: Mapping[str, Any]) -> dict[str, Block]:
     return {
         "hosm_limited_uncompensated": loop(models, control.higher_order(compensation=False)),
         "hosm_limited_printed": loop(models, control.higher_order("printed")),
+        "hosm_limited_rule": loop(models, models["hosm"]).with_params(**RULE),
         "smc_motor_printed": loop(models, models["smc"], False, motors=motor("printed-33")),
     }
 
+
+RULE = {"ctl.usable.axle.class.blind": 0.0, "ctl.usable.axle.class.cut": 1.0}
+"""Limit by the rule of Fig. 4 alone: a class at any creep, no further cut beyond the peak."""
 
 LOGGED = (
     "x_d", "v_d", "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.F_all",
@@ -350,3 +361,28 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         Case(position, placed, log=LOGGED, every=ROW),
         Case(real, rig, log=LOGGED, every=ROW),
     ]  # fmt: skip
+
+
+def check(name: str, loop: Block, scenario: Scenario) -> None:
+    """Refuse or warn of numbers of the train that do not fit together, before anything runs.
+
+    Raises:
+        BadInput: counts that are not those of the axles that the train was built of.
+    """
+    p = loop.values_by_place()
+    axles = loop["plant.train"].choices["axles"]
+    count = np.ravel(np.asarray(p["plant.train.count"], dtype=float))
+    load = np.broadcast_to(np.asarray(p["plant.train.m_axle"], dtype=float), count.shape)
+    where = f"{scenario.name}/{name}: plant.train"
+    if count.sum() != axles:
+        given = " + ".join(f"{c:g}" for c in count[:3]) + (" + ..." if len(count) > 3 else "")
+        raise BadInput(
+            f"{where}.count = {given} makes {count.sum():g} axles of a train of {axles}; its sum"
+            f" must stay {axles}, and another train is made by Axles(...)"
+        )
+    m, carried = float(np.ravel(p["plant.train.m"])[0]), float(count @ load)
+    if abs(carried - m) > FITS * m:
+        log.warning(
+            "%s.m = %g kg, but its %d axles carry %g kg; m_axle = %g kg would fit", where, m,
+            axles, carried, m / axles,
+        )  # fmt: skip

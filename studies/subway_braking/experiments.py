@@ -236,25 +236,29 @@ def moving(context: Context) -> dict[str, Table]:
     reference = simulate(known, scenario, compile=context.compile)
     distance = float(reference["plant.wheel.x"][-1])
     levels = ((0.0, 1), (2e-4, 5 if context.quick else 100), (1e-3, 5 if context.quick else 100))
-    total, done = sum(n for _, n in levels), 0
     summary: dict[str, list[Any]] = {k: [] for k in ("noise", "seeds", "price", "time", "use")}
     shares: dict[str, list[Any]] = {k: [] for k in ("noise", "rail", "end", "half", "bound")}
+
+    def outcome(job: tuple[float, int]) -> dict[str, Any]:
+        """Price, outcome on each rail, and for some seeds the bounds, of one run."""
+        noise, seed = job
+        log = simulate(
+            loop, scenario.but(params={"adhesion.sigma": noise}, seed=seed),
+            compile=context.compile,
+        )  # fmt: skip
+        return {
+            "price": float(log["plant.wheel.x"][-1]) - distance,
+            "rails": [_rail_outcome(log, s, *t) for s, t in zip(spans(log), true, strict=True)],
+            "bound": _bounds(law, log, noise) if noise and seed < 5 else None,
+        }
+
+    jobs = [(noise, seed) for noise, seeds in levels for seed in range(seeds)]
+    outcomes = dict(zip(jobs, context.each("runs", jobs, outcome), strict=True))
     for noise, seeds in levels:
-        price, found, use, off, bound = [], [], [], [], []
-        for seed in range(seeds):
-            log = simulate(
-                loop, scenario.but(params={"adhesion.sigma": noise}, seed=seed),
-                compile=context.compile,
-            )  # fmt: skip
-            price.append(float(log["plant.wheel.x"][-1]) - distance)
-            rows = [_rail_outcome(log, s, *t) for s, t in zip(spans(log), true, strict=True)]
-            found.append([r[0] for r in rows])
-            use.append([r[1] for r in rows])
-            off.append([r[2] for r in rows])
-            if noise and seed < 5:
-                bound.append(_bounds(law, log, noise))
-            done += 1
-            context.progress(done / total)
+        runs = [outcomes[noise, seed] for seed in range(seeds)]
+        price = [r["price"] for r in runs]
+        found, use, off = ([[rail[k] for rail in r["rails"]] for r in runs] for k in range(3))
+        bound = [r["bound"] for r in runs if r["bound"] is not None]
         summary["noise"].append(noise)
         summary["seeds"].append(seeds)
         summary["price"].append(max(price))

@@ -191,7 +191,7 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
         "ctl.v_s_m": "meter.v_s_m",
         "truth.v_opt": "v_opt",
     }
-    ctl = _estimating(models, law).with_params(
+    ctl = _estimating(models, law, memory=1).with_params(  # its noise is no white one
         **{
             "estimator.noise": 1e-2,  # the meter's own is .013 to .025
             "estimator.spread": 0.5,
@@ -206,10 +206,12 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
     )  # fmt: skip
 
 
-def _estimating(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
+def _estimating(
+    models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32
+) -> Block:
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
-    return estimating_controller(law, adh, searcher(adh), start, form=form)
+    return estimating_controller(law, adh, searcher(adh), start, form=form, memory=memory)
 
 
 def searcher(law: Block) -> Block:

@@ -39,6 +39,8 @@ def written(text):
     ("g1=0 g2=12 T=.001 lag=.0042 band=.0165", "CERTIFIED"),
     ("g1=36 g2=12 T=1e-9 lag=.02 band=.0001", "UNDECIDED"),  # lag/T = 2e7: no wrong word
     ("g1=0 g2=12 T=.001 D=12", "REFUTED"),
+    ("g1=0 g2=12 T=.001 band=.0061", "REFUTED"),  # 9 mm/s and -3 mm/s in turn, for ever
+    ("g1=0 g2=12 T=.001 band=.012", "CERTIFIED"),
     ("g1=3000 g2=12 T=.001 lag=.001", "REFUTED"),
 ])  # fmt: skip
 def test_cases(asked, verdict):

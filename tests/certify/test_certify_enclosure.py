@@ -75,3 +75,16 @@ def test_matrix_expressions_are_expanded():
     g = ca.Function("g", [x], [root(x0=0, p=x[0])["x"]])
     with pytest.raises(BadInput, match="cannot be"):
         enclose(g, np.zeros((2, 1)), np.ones((2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi", "wanted"), [(0.0, 5.0, (1, 5)), (4.0, 6.0, (1, 5)), (6.0, 7.0, (1, 1)),
+                             (5.0, 5.0, (5, 5))],
+)  # fmt: skip
+def test_unequal_is_open_where_the_box_holds_the_number(lo, hi, wanted):
+    """x != 5 decides for a box that does not hold 5, and for 5 alone; in between it is open."""
+    x = ca.SX.sym("x", 1)
+    f = ca.Function("f", [x], [ca.if_else(x != 5, 1, 5)])
+    low, high = enclose(f, np.array([[lo]]), np.array([[hi]]))
+    assert low[0, 0] <= wanted[0] <= wanted[1] <= high[0, 0]
+    assert high[0, 0] - low[0, 0] < 1e-12 or wanted == (1, 5)

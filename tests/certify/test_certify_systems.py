@@ -41,6 +41,7 @@ FUNNEL = dict(K1=100, T=1e-3, eta_inf=0.005, delta_l=1.2, delta_u=1.2)
 FREIGHT = dict(k=1200, k_a=1.22986, k_s=0.02, T=2e-4)
 GOOD = {
     "super_twisting": dict(k1=1.5, k2=1.1, L=1),
+    "super_twisting_implicit": dict(k1=1.5, k2=1.1, L=1, T=0.01, band=2e-4),
     "reaching_law": dict(g1=36, g2=12, T=1e-3, D=3, band=0.016),
     "adhesion_observer": dict(K1=98.5, K2=4400, K3=0.5, L=2000),
     "higher_order": dict(k4=0.25, alpha=0.02, beta=0.09, eta=0.009),
@@ -60,6 +61,7 @@ GOOD = {
 }  # fmt: skip
 BAD = {
     "super_twisting": dict(k1=0.98, k2=1.1, L=1),
+    "super_twisting_implicit": dict(k1=1.5, k2=1.1, L=1, T=0.01, band=5e-5),
     "reaching_law": dict(g1=36, g2=12, T=0.1),
     "adhesion_observer": dict(K1=0.061, K2=0.03, L=0.0145),
     "higher_order": dict(k4=0.25, alpha=0.02, beta=0.09, eta=0.03),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slipctl.certify import catalogue, proofs, twisting_report, twisting_rows, twisting_sampled
+from slipctl.certify import super_twisting as sta
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_rows import Law
@@ -150,6 +151,15 @@ def test_the_polygon_shrinks_for_points():
     assert not wrong.holds()
 
 
+def test_swings_of_the_map_lie_below_the_bound_and_near_it():
+    """Above and below k1^2 = 4 k2; the map of gain_bounds was 1e5 times too low below it."""
+    pairs = [(1.5, 1.1), (3, 1.5), (2, 4), (5, 2), (1.8, 1.3)]
+    swings = sta.explicit_swing_map(*np.array(pairs).T, 1.0, 1e-2)
+    for pair, swing in zip(pairs, swings, strict=True):
+        most = float(twisting_sampled.bound(gains(*pair)).y) * 1e-4
+        assert most / 3 < swing <= most
+
+
 @pytest.mark.parametrize(("asked", "verdict"), [
     ({"k1": 1, "k2": "1.1", "L": 1, "T": ".016", "band": ".005"}, "REFUTED"),
     ({"k1": 141, "k2": 10, "L": ".793", "T": ".001", "band": ".005"}, "REFUTED"),
@@ -183,3 +193,26 @@ def test_altered_certificates_fail():
         altered = {**payload, "proofs": {"sampled": {"evidence": {**evidence, name: value}}}}
         with pytest.raises((DoesNotHold, BadInput)):
             proofs.check(system, altered)
+
+
+def test_the_proper_implicit_form_slides_within_L_T2():
+    """A run of the law as it is generated, against random d, comes to L T^2 and not beyond."""
+    T, k1, k2, L = 0.01, 1.5, 1.1, 1.0
+    rng = np.random.default_rng(3)
+    x = v = phi = 0.0
+    seen = []
+    for _ in range(3000):
+        outside = max(0.0, abs(x) - T**2 * k2)
+        root = (math.sqrt(T**2 * k1**2 + 4 * outside) - T * k1) / 2
+        xi = max(-1.0, min(1.0, x / (T**2 * k2)))
+        v -= T * k2 * xi
+        x += T * (v - k1 * root * np.sign(x) - T * k2 * xi + phi)
+        phi += T * L * rng.choice([-1.0, 1.0])
+        seen.append(abs(x))
+    assert max(seen) == pytest.approx(L * T**2, rel=1e-6)
+    asked = {k: F(v) for k, v in {"k1": "1.5", "k2": "1.1", "L": 1, "T": ".01"}.items()}
+    system = catalogue.system("super_twisting_implicit")
+    for band, verdict in (("1/10000", "CERTIFIED"), ("99/1000000", "REFUTED")):
+        payload = proofs.write(system, {**asked, "band": F(band)})
+        assert payload["verdict"] == verdict
+        proofs.check(system, payload)

@@ -60,15 +60,18 @@ def study_file(name: str, text: str) -> str:
 
 @pytest.fixture(scope="module")
 def toy_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of one quick run of the toy."""
+    """Folder of one quick full run of the toy."""
     out = tmp_path_factory.mktemp("run") / "deep" / "out"
-    assert main(["run", TOY, "--quick", "--out", str(out)]) == 0
+    assert main(["run", TOY, "--quick", "--full", "--out", str(out)]) == 0
     return out
 
 
 def test_run_writes_everything(toy_run: Path) -> None:
     found = sorted(str(p.relative_to(toy_run)) for p in toy_run.rglob("*") if p.is_file())
-    assert found == sorted([
+    kept = [p for p in found if p.startswith("parts/")]
+    assert len(kept) == 1  # the finished experiment, for the next run
+    assert re.fullmatch(r"parts/seeds\.[0-9a-f]{32}\.json", kept[0])
+    assert [p for p in found if p not in kept] == sorted([
         "claims.json", "metrics.json", "tables.json", "report.html", "figures/fig01.png",
         "figures/fig01.svg", "logs/base/soft.nc", "logs/base/soft.csv", "logs/base/hard.nc",
         "logs/base/hard.csv", "logs/noisy/soft.nc", "logs/noisy/soft.csv",
@@ -76,7 +79,7 @@ def test_run_writes_everything(toy_run: Path) -> None:
 
 
 def test_run_prints_claims_and_metrics_and_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", TOY, "--quick"]) == 0
+    assert main(["run", TOY, "--quick", "--full"]) == 0
     said = capsys.readouterr()
     assert re.search(r"claim +paper +ours +verdict and why", said.out)
     assert re.search(
@@ -100,7 +103,7 @@ def test_quiet_and_verbose(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_same_input_gives_same_bytes(toy_run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["run", TOY, "--quick", "--out", str(toy_run)]
+    command = ["run", TOY, "--quick", "--full", "--out", str(toy_run)]
     before = {p: p.read_bytes() for p in toy_run.rglob("*") if p.is_file()}
     assert main(command) == 0
     for path, content in before.items():
@@ -108,7 +111,7 @@ def test_same_input_gives_same_bytes(toy_run: Path, capsys: pytest.CaptureFixtur
 
 
 def test_no_compile_gives_the_same_numbers(toy_run: Path) -> None:
-    assert main(["run", TOY, "--quick", "--no-compile"]) == 0
+    assert main(["run", TOY, "--quick", "--full", "--no-compile"]) == 0
     a = store.read_json(toy_run / "metrics.json")["scenarios"]
     assert store.read_json(Path("out/toy/metrics.json"))["scenarios"] == a
 
@@ -224,7 +227,7 @@ def slow(context):
     time.sleep(60)
 study = replace(toy.study, experiments={"slow": Experiment("Slow", slow)})
 """)  # fmt: skip
-    command = [sys.executable, "-m", "slipctl.commands.cli", "run", file, "--quick"]
+    command = [sys.executable, "-m", "slipctl.commands.cli", "run", file, "--quick", "--full"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),

@@ -54,7 +54,7 @@ def test_envelope_keeps_every_peak() -> None:
 def test_traces_have_units_bands_and_one_legend(results) -> None:
     fig = plots.traces(results, "base", signals=[("slip", "reference"), "torque", "plant.car.v"])
     labels = [a.get_ylabel() for a in fig.axes]
-    assert labels == ["slip speed [m/s]", "torque [N m]", "speed [m/s]"]
+    assert labels == ["slip speed [m/s]", "torque [kN m]", "speed [m/s]"]
     assert fig.axes[-1].get_xlabel() == "time [s]"
     assert fig.axes[0].get_xlim() == (0, 0.6)
     assert [t.get_text() for t in fig.legends[0].get_texts()] == ["soft", "hard", "wanted slip"]
@@ -134,3 +134,24 @@ def test_every_model_has_well_formed_equations(name: str) -> None:
         for side in (left, right):
             ElementTree.fromstring(f"<math>{side}</math>")
         assert "<mtext>" not in right or "otherwise" in right or "built" in right
+
+
+def test_chatter_hides_no_other_signal():
+    """Mean of each column as a line; what it covers is drawn behind the lines, see-through."""
+    _, axes = plots.panels()
+    t = np.arange(6000) / 1e3
+    plots.chatter(axes[0, 0], {"smc": (t, np.where(np.arange(6000) % 2, 3.0, -1.0))}, ("F", "kN"))
+    (line,) = axes[0, 0].lines
+    assert line.get_ydata() == pytest.approx(1.0)  # 20 samples in a column, an even number
+    (area,) = axes[0, 0].collections
+    assert area.get_alpha() < 0.5
+    assert area.get_zorder() < line.get_zorder()
+    edges = area.get_paths()[0].vertices[:, 1]
+    assert (edges.min(), edges.max()) == (-1.0, 3.0)
+
+
+@pytest.mark.parametrize(("unit", "drawn"), [("N", "kN"), ("N m", "kN m"), ("m/s", "m/s")])
+def test_forces_are_drawn_in_kilonewtons(unit, drawn):
+    factor, shown = plots.scaled(unit)
+    assert shown == drawn
+    assert factor == (1.0 if unit == drawn else 1e-3)

@@ -630,3 +630,37 @@ def test_every_form_has_the_same_doors(form):
     generator = ca.CodeGenerator("est.c")
     generator.add(est.f)
     assert "#error" not in generator.dump()
+
+
+# ---- detection limit -----------------------------------------------------------------------------
+
+
+def _after_a_shift(memory: int, shift: float, noise: float, seed: int = 1) -> int | None:
+    """Samples from a shift of the adhesion at a constant slip until the change is told, or None."""
+    rng = np.random.default_rng(seed)
+    law = double_exponential
+    estimator = rls(law, form="window", start={"c": 0.3, "a": 0.5, "b": 1.3}, memory=memory)
+    v = np.concatenate([np.linspace(0, 2.4, 25), np.full(175, 1.21)])
+    mu = np.array([law(v_s=float(x), **law.conditions["wet"])["mu"] for x in v])
+    mu[100:] += shift
+    mu += noise * rng.standard_normal(len(v))
+    x, said = estimator.start(), []
+    for slip, adhesion in zip(v, mu, strict=True):
+        x, y = estimator(v_s=float(slip), mu=float(adhesion), **x)
+        said.append(float(y["changed"]))
+    told = np.flatnonzero(said)
+    assert not told.size or told[0] >= 100, "a change that there was not"
+    return int(told[0]) - 100 if told.size else None
+
+
+def test_a_shift_below_the_gate_is_found_with_memory_and_not_without():
+    """sigma = 1e-3, gate 5: one residual needs 5e-3; the likelihood ratio finds a fifth of that."""
+    assert _after_a_shift(1, 1e-3, 0.0) is None
+    assert _after_a_shift(32, 1e-3, 0.0) <= 1  # s has fallen to sigma sqrt(2/100)
+    assert _after_a_shift(1, 2e-3, 1e-3) is None
+    assert _after_a_shift(32, 2.5e-3, 1e-3) <= 12  # (5 * 1e-3/2.5e-3)^2 = 4, and luck
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_noise_alone_is_no_change(seed):
+    assert _after_a_shift(32, 0.0, 1e-3, seed) is None

@@ -375,11 +375,13 @@ def processes(count: int, cache) -> list[str]:
 def test_parallel_runs_share_the_cache_and_a_foreign_file_is_built_again(tmp_path, needs_compiler):
     """Two processes at once on a cold cache: one library, nothing half-written, the same bits."""
     first, second = processes(2, tmp_path)
-    (library,) = tmp_path.iterdir()  # the same key, and no scratch folder left
+    (library,) = (p for p in tmp_path.iterdir() if p.suffix != ".sum")  # no scratch folder left
     assert first == second
     assert library.suffix == ".so"
     library.write_bytes(b"of another machine, say")
-    assert processes(1, tmp_path) == [first]
+    (again,) = processes(1, tmp_path)
+    assert again.startswith(first)
+    assert "is damaged, building it again" in again
     run = simulate(sampled(subway.plant(), 1e-3), Scenario("s", 1.0, inputs={"T_cmd": 9e3}),
                    compile=False)  # fmt: skip
     assert hashlib.sha256(run["wheel.v_s"].values.tobytes()).hexdigest() == first
@@ -407,6 +409,51 @@ def test_a_second_run_does_not_compile(tmp_path, monkeypatch, needs_compiler):
     began = time.perf_counter()
     simulate(closed_loop(), three_rails(0.3))
     assert time.perf_counter() - began < 5
+
+
+def test_a_library_of_another_loop_or_a_damaged_one_is_not_loaded(
+    tmp_path, monkeypatch, caplog, needs_compiler
+):
+    """Its name is not trusted: the content must be what was built under it; else it is rebuilt."""
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    right = simulate(closed_loop(), three_rails(0.3))
+    (mine,) = tmp_path.glob("*.so")
+    build.compiled(one_input(value=1.0).f)
+    (other,) = set(tmp_path.glob("*.so")) - {mine}
+    whole = mine.read_bytes()
+    for content in (other.read_bytes(), whole[: len(whole) // 2], whole[:-1] + b"x", b""):
+        mine.unlink()  # a library that is loaded must not change
+        mine.write_bytes(content)
+        with caplog.at_level(logging.WARNING):
+            assert same(simulate(closed_loop(), three_rails(0.3)), right)
+        assert f"{mine.name} in the cache is damaged, building it again" in caplog.text
+        assert mine.read_bytes() == whole
+        caplog.clear()
+    mine.unlink()
+    mine.write_bytes(other.read_bytes())
+    seal = mine.with_suffix(".sum")
+    seal.write_bytes(other.with_suffix(".sum").read_bytes())
+    assert same(simulate(closed_loop(), three_rails(0.3)), right)
+    assert mine.read_bytes() == whole
+
+
+def test_folders_of_killed_compiles_are_removed(tmp_path, monkeypatch, needs_compiler):
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    for number in (dead.pid, os.getpid()):
+        (tmp_path / f"{build.BUILDING}{number}.x").mkdir()
+    simulate(closed_loop(), three_rails(0.3))
+    assert [p.name for p in tmp_path.glob(".*")] == [f"{build.BUILDING}{os.getpid()}.x"]
+
+
+def test_levels_of_the_compiler_give_the_same_bits(tmp_path, monkeypatch, needs_compiler):
+    """A short run is compiled faster, a long one better."""
+    monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
+    short = simulate(closed_loop(), three_rails(0.3))
+    monkeypatch.setattr(build, "LONG", 1)
+    assert same(simulate(closed_loop(), three_rails(0.3)), short)
+    assert len(list(tmp_path.glob("*.so"))) == 2
 
 
 def test_the_compiled_roll_refuses_arrays_that_do_not_fit(needs_compiler):

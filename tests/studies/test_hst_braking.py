@@ -3,20 +3,23 @@
 import math
 import re
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slipctl import Context, simulate
+from slipctl import Context, Results, simulate
 from slipctl.certify import filters
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.models import hst_braking_control as control
 from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.run import build
-from slipctl.studies.hst_braking import experiments, study
+from slipctl.run.metrics import Run, measure
+from slipctl.studies.hst_braking import experiments, limits, random_rails, study
 from slipctl.studies.hst_braking.loops import MODELS, NAMES, cases, closed_form_distance, sensing
-from slipctl.study.declaration import half_last_digit
+from slipctl.study import running
+from slipctl.study.declaration import half_last_digit, judge
 
 
 @cache
@@ -139,7 +142,7 @@ def test_with_50_ms_lag_it_comes_back(name):
 
 
 def test_term_of_7_is_needed_where_the_certificate_says():
-    table = experiments.neglected(context())
+    table = limits.neglected(context())
     for k in range(3):
         predicted = table["predicted, without the term"][k]
         # the prediction is sufficient: it takes the slip at its reference, not at the bound
@@ -171,20 +174,129 @@ def test_locked_wheel_on_printed_snow_never_turns_again():
 def test_random_rails_are_what_they_say():
     rng = np.random.default_rng(5)
     for _ in range(200):
-        rail = experiments.random_rail(rng)
+        rail = random_rails.random_rail(rng)
         assert 0.03 <= float(peak_height(**rail)) <= 0.35 * (1 + 1e-12)
         assert 0.02 <= float(peak_slip(**rail)) <= 0.2
         assert burckhardt(lam=1.0, **rail)["mu"] <= 1e-9
-    run = experiments.random_run(rng)
+    run = random_rails.random_run(rng)
     assert 2 <= len(run) <= 5
     assert all(0.5 <= length <= 3 for length, _ in run)
 
 
 def test_random_runs_lock_no_wheel_and_beat_no_bound():
     table = experiments.random_rails(context())["random_rails"]
-    assert list(table["broke"]) == [0] * len(experiments.RANDOM)
+    assert list(table["broke"]) == [0] * len(random_rails.RANDOM)
     assert max(table["longest lock-up"]) == 0
     assert min(table["least distance above the bound"]) > 0
+
+
+# ---- claims --------------------------------------------------------------------------------------
+
+CLAIMS = {c.id: c for c in study.claims}
+CLAIMED = ("ideal", "fixed_slip", "pid", "efc", "eppfc", "pid_printed", "efc_true_reference",
+           "eppfc_true_reference", "eppfc_free", "eppfc_gradient", "filter_printed",
+           "search_printed")  # fmt: skip
+
+
+@cache
+def results(share: float = 1.0, name: str = "J") -> Results:
+    """Scenario base with a parameter of train and controllers times ``share``."""
+    case = next(c for c in context().cases if c.scenario.name == "base")
+    found = Results(study, [case])
+    bound: dict = {}
+    for n in CLAIMED:
+        block = case.loops[n]
+        if name in block.params:
+            block = block.with_params(**{name: share * float(block.param_values()[name])})
+        data = running.add_known(study, case, simulate(block, case.scenario))
+        found.data.setdefault("base", {})[n] = data
+        metrics = measure(Run(data, study.signals, case.scenario.changes, bound))
+        found.metrics.setdefault("base", {})[n] = metrics
+        bound = metrics if n == "ideal" else bound
+    return found
+
+
+def verdict(id: str, r: Results) -> tuple[str, str]:
+    found = judge(CLAIMS[id], r)
+    return found.verdict, found.why
+
+
+def test_overshoot_is_that_of_the_torque():
+    """The paper's sentence is on Fig. 9, the torque; the slip's has its own row."""
+    r = results()
+    torque = np.abs(log("base", "eppfc")["plant.brake.T_b"].values)
+    steady = torque[1500:2000].mean()
+    assert torque[:2000].max() / steady > 3.8
+    assert CLAIMS["no_overshoot"].ours(r) == pytest.approx(
+        100 * (torque[:2000].max() / steady - 1), rel=1e-3
+    )
+    assert verdict("no_overshoot", r)[0] == "not reproduced"
+    assert verdict("no_overshoot_slip", r)[0] == "reproduced"
+
+
+def test_order_of_the_variances_turns_with_the_window_and_says_so():
+    r = results()
+    assert verdict("variance_order_joint", r)[0] == "not reproduced"
+    assert verdict("variance_order_200ms", r)[0] == "not reproduced"
+    held, turned = re.search(r"holds with (.*) and turns with (.*)", verdict("variance_order", r)[1]
+                             ).groups()  # fmt: skip
+    a = {k: log("base", k)["plant.wheel.a"].values for k in ("pid", "efc", "eppfc")}
+    for ms in (100, 200, 500, 1000, 2000):
+        x = {k: np.mean([v[s : s + ms].var() for s in (0, 2000, 4000)]) for k, v in a.items()}
+        holds = x["pid"] > x["efc"] > x["eppfc"]
+        assert f"{ms} ms mean" in (held if holds else turned).split(", ")
+
+
+def test_tolerance_of_a_distance_is_narrower_than_what_it_tells_apart():
+    printed = sorted(float(c.paper) for i, c in CLAIMS.items()
+                     if i.startswith("distance_") and i.endswith("_resistance"))  # fmt: skip
+    gap = min(b - a for a, b in pairwise(printed))
+    for i, claim in CLAIMS.items():
+        if i.startswith("distance_") and claim.kind == "number":
+            assert claim.allowed() < gap / 2
+
+
+def test_by_the_torque_two_laws_tie_at_the_start():
+    times = CLAIMS["fastest_at_0s"].ours(results())
+    assert times["efc"] == times["eppfc"]
+    assert verdict("fastest_at_0s", results())[0] == "not reproduced"
+    assert verdict("fastest_at_0s_slip", results())[0] == "reproduced"
+
+
+def test_pid_overshoots_and_adjusts_longest_with_the_printed_gains_and_with_ours():
+    for id in ("pid_overshoots", "pid_adjusts_longest"):
+        assert verdict(id, results())[0] == "reproduced"
+        assert verdict(f"{id}_placed", results())[0] == "reproduced"
+
+
+def test_no_reason_has_a_number_of_a_run_typed_in():
+    measured = re.compile(r"\d\s*(kN|N m|N\b|m/s|ms\b|s\b|m\b|mm\b|%)")
+    for claim in study.claims:
+        for reason in (claim.why, claim.why_not):
+            if isinstance(reason, str):
+                assert not measured.search(reason), f"{claim.id}: {reason}"
+
+
+@pytest.mark.parametrize("name", ["J", "m"])
+def test_reasons_are_those_of_the_run_with_a_parameter_20_percent_larger(name):
+    r = results(1.2, name)
+    data = r.data["base"]
+    bound = float(r.metrics["base"]["ideal"]["distance"].value)
+    assert f"{bound:.4f} m" in verdict("distance_eppfc", r)[1]
+    free = data["eppfc_free"]
+    lam = free["plant.wheel.lam"].values[2000:4000]
+    late = np.flatnonzero(np.abs(lam - free["lam_opt"].values[2000:4000]) > 0.01)
+    why = verdict("optimum_within_50ms_no_prior", r)[1]
+    assert f"moves by {np.ptp(lam[:51]):.3f} in 50 ms" in why
+    assert f"is there after {(late[-1] + 1) * 1e-3:.3f} s" in why
+    slow = data["filter_printed"]
+    off = abs(slow["ctl.filter.F_a"].values[1999] - slow["plant.wheel.F_a"].values[1999])
+    assert f"{off / 1e3:.1f} kN off" in verdict("rapid_adhesion", r)[1]
+    x = {k: float(r.metrics["base"][k]["distance"].value) for k in ("efc", "eppfc")}
+    assert f"{1e3 * (x['efc'] - x['eppfc']):.1f} mm" in verdict("distance_order", r)[1]
+    torque = np.abs(data["pid"]["plant.brake.T_b"].values)
+    past = 100 * (torque[:2000].max() / torque[1500:2000].mean() - 1)
+    assert f"pid {past:.0f} /" in verdict("no_overshoot", r)[1]
 
 
 # ---- errata --------------------------------------------------------------------------------------
@@ -218,7 +330,7 @@ def test_errata_numbers():
     place = {n: float(peak_slip(**RAILS[n])) for n in NAMES}
     for name, text in zip(NAMES, ("9.77", "4.43", "7.03"), strict=True):
         shows("001.16", text, ppc.lowest_speed(9.81 * height[name], place[name], W))
-    table = experiments.neglected(context())
+    table = limits.neglected(context())
     for found, text in zip(table["without the term"], ("9.34", "4.24", "6.72"), strict=True):
         shows("001.16", text, found)
     fall = ppc.slip_fall_rate(

@@ -435,6 +435,12 @@ def test_what_is_kept_is_read_again_and_a_changed_question_is_computed_anew(tmp_
     assert Context(True, {}, []).kept({"seed": 1}, compute) == first
 
 
+def test_an_order_is_shown_with_the_digits_that_tell_it() -> None:
+    ours = {"pid": 255.70533, "efc": 255.69722, "eppfc": 255.69584, "none": None}
+    assert number(ours) == "pid 255.705, efc 255.697, eppfc 255.696, none –"
+    assert number({"a": 1.0, "b": 1.0}) == "a 1, b 1"  # equal ones stay equal, and short
+
+
 @pytest.mark.parametrize("width", [72, 100, 132])
 def test_a_table_of_many_loops_goes_on_below_and_never_wraps(width: int) -> None:
     """19 loops: every loop, and every number of each row, stands in some part of the table."""

@@ -64,19 +64,19 @@ def _climb(n: Cases, share: np.ndarray, ticks: int) -> np.ndarray:
 
 
 def _peak(n: Cases, x: np.ndarray, share: np.ndarray, ticks: int) -> np.ndarray:
-    """Range of v in the end: noise to the right, to the left, to the right, a third each."""
+    """Range of v in the end: noise to the right for a half, then to the left and to the right."""
     n = n | {"noise": np.nan_to_num(n["noise"])}
     late, c = _late(n), n["curvature"] / 2
     store, g = [x], c * x * x - share * 2 * n["beta"]
     low, high = np.full_like(x, np.inf), np.full_like(x, -np.inf)
     for i in range(ticks):
-        right = not ticks <= 3 * i < 2 * ticks
+        right = not 2 * ticks <= 4 * i < 3 * ticks
         seen = _delayed(store, late)
         up = _plus(c * seen * seen - g, n, np.full(x.shape, right))
         x = x + n["T"] * n["k"] * np.where(up, 1, -1)
         g = g + n["T"] * n["rho"]
         store = [*store[-12:], x]
-        if 3 * i >= ticks:
+        if 2 * i >= ticks:
             low, high = np.minimum(low, x), np.maximum(high, x)
     return high - low
 
@@ -87,8 +87,9 @@ def _wide(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     slow = zone / (n["k"] * n["T"])  # ticks of the last time constant
     ticks = int(np.quantile(8 * cycle + 6 * slow, 0.95)) if len(zone) else 0
     ticks, worst = min(ticks, 12_000), np.zeros_like(zone)
+    near = n["k"] * n["beta"] / n["rho"]  # from farther out a run would still be on its way
     for _ in range(1 + effort // 4):
-        x, share = zone * rng.uniform(-1, 1, len(zone)), rng.random(len(zone))
+        x, share = near * rng.uniform(-0.5, 0.5, len(zone)), rng.random(len(zone))
         worst = np.maximum(worst, _peak(n, x, share, ticks))
     return worst
 

@@ -1,0 +1,261 @@
+"""Jobs on all cores: each in a process of its own, forked, so that it sees what its parent has.
+
+A job may have jobs itself (an experiment and its parts). All of them share the cores by tokens, as
+``make`` does: a process has one token, lends it to its first job, and takes more where there are
+some. Where processes cannot be forked (Windows, macOS) jobs are done one after another; the numbers
+are the same, because no job knows of another.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any, Generic, TypeVar
+
+from slipctl.errors import BadInput, RunFailed
+from slipctl.run import stopping
+from slipctl.run.results import NotRun
+from slipctl.study.doors import reason
+
+log = logging.getLogger("slipctl")
+
+T = TypeVar("T")
+
+Tell = Callable[[float], None]
+"""Called by a job with the share of it that is done, 0 to 1."""
+
+Job = Callable[[Tell], T]
+
+GRACE = 0.5
+"""Time in s that a job has to stop before it is killed."""
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[T]):
+    """What a job gave: a value, or what ended it, ``NotRun`` or ``RunFailed`` with its reason."""
+
+    value: T | None = None
+    error: Exception | None = None
+
+    def get(self) -> T:
+        """Value of the job.
+
+        Raises:
+            NotRun, RunFailed: it gave none.
+        """
+        if self.error is not None:
+            raise self.error
+        return self.value  # type: ignore[return-value]
+
+
+def available() -> int:
+    """Cores that this process may use; 1 where processes cannot be forked."""
+    if not hasattr(os, "fork") or sys.platform == "darwin":
+        return 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Cores:
+    """Tokens of the cores that are not in use, shared by all processes that are forked from here.
+
+    Args:
+        count: how many cores; 1 does all jobs in this process. None: all there are.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        if count is not None and count < 1:
+            raise BadInput(f"--jobs {count}: write how many processes may run, 1 or more")
+        self.count = min(available(), 64) if count is None else count if available() > 1 else 1
+        self._tokens, self._alive = (-1, -1), (-1, -1)
+        if self.count > 1:
+            self._tokens, self._alive = os.pipe(), os.pipe()
+            os.set_blocking(self._tokens[0], False)
+            os.write(self._tokens[1], b"." * (self.count - 1))
+
+    def borrow(self) -> bool:
+        """Take a token, if there is one."""
+        try:
+            return bool(os.read(self._tokens[0], 1))
+        except BlockingIOError:
+            return False
+
+    def give_back(self) -> None:
+        """Put a token back."""
+        os.write(self._tokens[1], b".")
+
+    def close(self) -> None:
+        """Free what it holds; no job may run any more."""
+        for end in {*self._tokens, *self._alive} - {-1}:
+            os.close(end)
+        self._tokens, self._alive, self.count = (-1, -1), (-1, -1), 1
+
+    def __enter__(self) -> Cores:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def adopt(self) -> None:
+        """In a forked process: end it when the first process is gone, however that ended."""
+        if self._alive[1] != -1:
+            os.close(self._alive[1])
+            self._alive = (self._alive[0], -1)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        os.read(self._alive[0], 1)  # nobody writes: it returns when the last writer is gone
+        os._exit(1)
+
+
+def each(
+    jobs: Mapping[str, Job[T]], cores: Cores, tell: Callable[[str, float], None]
+) -> Iterator[tuple[str, Outcome[T]]]:
+    """Do all jobs; give each outcome as it comes.
+
+    Args:
+        jobs: by name, in the order in which they start.
+        cores: what they share.
+        tell: told the share done of a job.
+    """
+    if cores.count == 1:
+        for name, job in jobs.items():
+            yield name, _attempt(job, lambda share, name=name: tell(name, share))  # type: ignore[misc]
+        return
+    waiting, running = deque(jobs.items()), dict[Connection, _Running]()
+    mine = True  # whether this process's own token is free
+    try:
+        while waiting or running:
+            stopping.check()
+            while waiting and (mine or cores.borrow()):
+                name, job = waiting.popleft()
+                started = _Running(name, job, cores, borrowed=not mine, others=tuple(running))
+                running[started.pipe] = started
+                mine = False
+                tell(name, 0.0)
+            watched: list[Any] = [*running, *([cores._tokens[0]] if waiting else [])]
+            for pipe in wait(watched, timeout=1.0):
+                if not isinstance(pipe, Connection):
+                    continue
+                job_ = running[pipe]
+                kind, value = job_.hear()
+                if kind == "share":
+                    tell(job_.name, value)
+                    continue
+                del running[pipe]
+                job_.end()
+                if job_.borrowed:
+                    cores.give_back()
+                else:
+                    mine = True
+                yield job_.name, value
+    finally:
+        _stop(list(running.values()))
+        for job_ in running.values():
+            if job_.borrowed:
+                cores.give_back()
+
+
+class _Running:
+    """A job in its process."""
+
+    def __init__(
+        self, name: str, job: Job[Any], cores: Cores, borrowed: bool, others: tuple[Connection, ...]
+    ) -> None:
+        self.name, self.borrowed = name, borrowed
+        fork = multiprocessing.get_context("fork")
+        self.pipe, theirs = fork.Pipe(duplex=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of libraries
+            self.process = fork.Process(
+                target=_forked, args=(job, theirs, cores, (self.pipe, *others)), name=name
+            )
+            self.process.start()
+        theirs.close()
+
+    def hear(self) -> tuple[str, Any]:
+        """Next message: the share done, or the outcome."""
+        try:
+            kind, value = self.pipe.recv()
+            return kind, value
+        except (EOFError, OSError):
+            self.process.join()
+            code = self.process.exitcode
+            why = RunFailed(f"its process ended with code {code}, out of memory perhaps")
+            return "done", Outcome(error=why)
+
+    def end(self) -> None:
+        """Wait for the process, which has nothing left to do."""
+        self.pipe.close()
+        self.process.join()
+
+
+def _stop(running: list[_Running]) -> None:
+    """End processes: first asked, then killed."""
+    for job in running:
+        job.pipe.close()
+        job.process.terminate()
+    deadline = time.monotonic() + GRACE
+    for job in running:
+        job.process.join(max(deadline - time.monotonic(), 0.0))
+        if job.process.is_alive():
+            job.process.kill()
+            job.process.join()
+
+
+def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
+    """Do a job in its own process and send what it gives."""
+
+    def leave(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and ends this process
+    signal.signal(signal.SIGTERM, leave)
+    for other in others:
+        other.close()
+    cores.adopt()
+    last = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal last
+        if time.monotonic() - last > 0.1:
+            last = time.monotonic()
+            pipe.send(("share", share))
+
+    try:
+        outcome = _attempt(job, tell)
+        try:
+            pipe.send(("done", outcome))
+        except (BrokenPipeError, ConnectionError):
+            return
+        except Exception as error:
+            fault = RunFailed(f"its result cannot be sent: {error}")
+            pipe.send(("done", Outcome(error=fault)))
+    except (KeyboardInterrupt, BrokenPipeError):
+        with suppress(OSError):
+            pipe.close()
+
+
+def _attempt(job: Job[T], tell: Tell) -> Outcome[T]:
+    """Do a job; what breaks is said here, where its traceback is."""
+    try:
+        return Outcome(value=job(tell))
+    except NotRun as missing:
+        return Outcome(error=type(missing)(str(missing)))
+    except (Exception, SystemExit, GeneratorExit) as error:  # sys.exit() in somebody's file
+        log.debug("a job broke", exc_info=True)
+        return Outcome(error=RunFailed(reason(error)))

@@ -1,0 +1,228 @@
+"""Plain and full runs, one run in one folder, and results that no interrupt loses."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slipctl.commands.cli import main
+from slipctl.run import store
+from slipctl.study import files
+
+TESTS = Path(__file__).parents[1]
+TOY = str(TESTS / "toy_study.py")
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*more: str) -> dict[str, dict[str, object]]:
+    """Run the toy; gives its claims by their names."""
+    assert main(["-q", "run", TOY, "--quick", "--out", "o", *more]) == 0
+    return {c["id"]: c for c in store.read_json(Path("o/claims.json"))["claims"]}
+
+
+def slow(more: str = "") -> str:
+    """Write a study whose experiment says that it sleeps, and does."""
+    Path("study.py").write_text(f"""
+import sys, time
+sys.path.insert(0, {str(TESTS)!r})
+from dataclasses import replace
+from slipctl import Experiment
+import toy_study as toy
+def slow(context):
+    print("sleeping", flush=True)
+    time.sleep(60)
+{more}
+study = replace(toy.study, experiments={{"slow": Experiment("Slow", slow)}})
+""")
+    return "study.py"
+
+
+def started(*argv: str, **how: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "slipctl.commands.cli", "run", *argv]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+
+
+# ---- plain and full -----------------------------------------------------------------------------
+
+
+def test_a_plain_run_has_every_claim_and_says_what_needs_full(capsys) -> None:
+    claims = run()
+    said = capsys.readouterr().out
+    assert list(store.read_json(Path("o/metrics.json"))["scenarios"]) == ["base"]
+    assert list(claims) == ["ripple", "way", "gone", "use"]
+    assert claims["ripple"]["verdict"] == "reproduced"
+    assert (claims["use"]["verdict"], claims["use"]["why"]) == ("not checkable", "needs --full")
+    assert "4 claims: 1 reproduced, 1 not reproduced, 1 not checkable; --full would judge 1" in said
+    assert "uses all adhesion" not in said
+    assert "Left to --full: scenarios noisy; experiments seeds" in said
+    assert said.rstrip().endswith("report.html")
+
+
+def test_a_plain_run_shows_what_a_full_one_has_found(capsys) -> None:
+    full = run("--full")
+    assert full["use"]["verdict"] != "not checkable"
+    numbers = store.read_json(Path("o/metrics.json"))["scenarios"]
+    tables = Path("o/tables.json").read_text()
+    capsys.readouterr()
+    assert run() == full
+    assert store.read_json(Path("o/metrics.json"))["scenarios"] == numbers
+    assert re.sub(r'"command": .*', "", Path("o/tables.json").read_text()) == re.sub(
+        r'"command": .*', "", tables
+    )
+    assert "Left to --full" not in capsys.readouterr().out
+
+
+def test_one_core_and_many_give_the_same_bytes() -> None:
+    run("--full", "--jobs", "1")
+    before = {p: p.read_bytes() for p in Path("o").rglob("*") if p.suffix in (".csv", ".svg")}
+    for path in before:
+        path.unlink()
+    for path in Path("o/parts").iterdir():
+        path.unlink()
+    run("--full", "--jobs", "3")
+    text = re.compile(rb"--jobs \d")
+    assert {p: text.sub(b"", p.read_bytes()) for p in before} == {
+        p: text.sub(b"", content) for p, content in before.items()
+    }
+
+
+def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Logs and experiments of the same key are taken: nothing is simulated again."""
+    run("--full")
+    logs = {p: p.stat().st_mtime_ns for p in Path("o/logs").rglob("*.nc")}
+    monkeypatch.setattr("slipctl.study.running.simulate", lambda *a, **k: pytest.fail("again"))
+    run("--full")
+    assert {p: p.stat().st_mtime_ns for p in logs} == logs
+
+
+# ---- claims that speak of something else --------------------------------------------------------
+
+
+def test_a_printed_number_is_left_out_where_a_number_was_changed(capsys) -> None:
+    claims = run("--set", "car.m=8.2t")
+    assert claims["way"]["verdict"] == "not checkable"
+    assert "plant.car.m of base/soft was changed" in str(claims["way"]["why"])
+    assert claims["ripple"]["verdict"] == "reproduced"  # an order of two laws, on any vehicle
+    said = capsys.readouterr().out
+    assert "1 left out, because they speak of what was changed" in said
+    assert "way of the soft one" not in said
+
+
+@pytest.mark.parametrize("setting", ["soft:ctl.K=5e3", "car.v=10m/s"])
+def test_an_order_is_left_out_where_its_law_or_the_start_was_changed(setting: str) -> None:
+    assert "was changed" in str(run("--set", setting)["ripple"]["why"])
+
+
+def test_what_was_not_changed_is_judged() -> None:
+    assert run("--set", "hard:ctl.K=5e3")["way"]["verdict"] == "not reproduced"
+
+
+def test_what_was_not_run_is_left_out_with_a_count(capsys) -> None:
+    claims = run("--loop", "soft")
+    assert claims["ripple"]["why"] == "base/hard was not run"
+    said = capsys.readouterr().out
+    assert "left out, because they speak of what was not run" in said
+    assert "the soft torque is smoother" not in said
+
+
+# ---- one run, one folder ------------------------------------------------------------------------
+
+
+def test_what_belongs_to_another_run_is_removed() -> None:
+    run("--full")
+    run("--set", "car.m=12t", "--loop", "soft")
+    assert sorted(p.name for p in Path("o/logs").rglob("*.*")) == ["soft.csv", "soft.nc"]
+    assert not Path("o/tables.json").exists()
+    run("--loop", "hard")
+    assert sorted(p.name for p in Path("o/logs").rglob("*.*")) == ["hard.csv", "hard.nc"]
+    for path in (p for p in Path("o").rglob("*") if p.suffix in (".json", ".html", ".csv")):
+        assert "12t" not in path.read_text() or "parts" in path.parts
+
+
+def test_files_of_others_in_the_folder_stay() -> None:
+    Path("o/figures").mkdir(parents=True)
+    Path("o/figures/mine.png").write_text("mine")
+    Path("o/report.html").write_text("mine")
+    assert main(["-q", "run", TOY, "--scenario", "bse", "--out", "o"]) == 2
+    assert Path("o/report.html").read_text() == "mine"
+    run()
+    assert Path("o/figures/mine.png").read_text() == "mine"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> None:
+    run("--full")
+    process = started(slow(), "--quick", "--full", "--set", "car.m=12t", "--out", "o")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "sleeping\n"
+    process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    got = store.read_json(Path("o/metrics.json"))
+    assert got["state"].startswith("stopped before its end")
+    assert got["parameters"]["soft"]["plant.car.m"]["value"] == 12000
+    assert "This run was stopped before its end" in Path("o/report.html").read_text()
+    assert not list(Path("o/figures").iterdir())
+    for log in Path("o/logs").rglob("*.nc"):
+        assert "12t" in files.read_log(log).attrs["command"]
+    assert not list(Path("o").rglob(".*"))
+
+
+def test_an_interrupt_that_a_library_swallows_is_raised_again() -> None:
+    """As CasADi does where it reads properties of Python objects."""
+    more = """
+def cases(models, quick):
+    import os, signal
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5)
+    except KeyboardInterrupt:
+        pass
+    time.sleep(60)
+toy.study = replace(toy.study, cases=cases)
+"""
+    process = started(slow(more), "--quick")
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("where", ["| true", "> /dev/full", ">&-"])
+def test_results_are_written_before_anything_is_printed(where: str) -> None:
+    command = f"{sys.executable} -m slipctl.commands.cli -q run {TOY} --quick --out o {where}"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert "Traceback" not in done.stderr
+    for name in ("report.html", "claims.json", "metrics.json", "figures/fig01.svg"):
+        assert Path("o", name).exists(), name
+    assert "state" not in store.read_json(Path("o/metrics.json"))
+
+
+def test_letters_that_the_terminal_lacks_lose_nothing() -> None:
+    command = [sys.executable, "-m", "slipctl.commands.cli", "-q", "run", TOY, "--quick"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert Path("out/toy/report.html").exists()
+
+
+@pytest.mark.parametrize("out", ["x" * 300, "a/" + "x" * 300, os.fsdecode(b"\xff\xfe")])
+def test_a_folder_that_cannot_be_made_is_refused_before_the_run(out: str, capsys) -> None:
+    assert main(["run", TOY, "--quick", "--out", out]) == 2
+    assert "cannot write to" in capsys.readouterr().err
+    assert not list(Path.cwd().iterdir())

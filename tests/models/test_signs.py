@@ -1,0 +1,58 @@
+"""Signs and places that a study's numbers barely feel, each told by physics or by a closed form."""
+
+import numpy as np
+import pytest
+
+from slipctl import BadInput
+from slipctl.models import hst_braking_reference as reference
+from slipctl.models import hst_traction as train
+from slipctl.models import hst_traction_adhesion as adhesion
+from slipctl.models.rolling import Axles
+
+
+def test_the_inner_axles_of_a_motor_car_are_driven():
+    """Second axle of the first bogie, first axle of the second: 2.7 m and 19 m from the front."""
+    axles = train.formation((True, False, True))
+    driven = [x for x, d in zip(axles.behind, axles.driven, strict=True) if d]
+    assert driven == [2.7, 19.0, 52.7, 69.0]
+
+
+@pytest.mark.parametrize("form", ["implicit", "explicit"])
+def test_damping_of_the_axle_is_no_adhesion(form):
+    """An axle that only its damping slows: J omega' = -B_t omega, so that the adhesion is zero.
+
+    With the other sign the observer would see twice the damping as adhesion.
+    """
+    B_t, T_o = 20.0, 1e-3
+    block = adhesion.adhesion_observer(form)
+    J = float(block.params["J"].value)
+    t = np.arange(4000) * T_o
+    omega = 100 * np.exp(-B_t / J * t)
+    x, seen = {"z1": 100.0}, []
+    values = {"B_t": B_t, "T_o": T_o}
+    for w in omega:
+        x, y = block(**x, omega=float(w), T=0.0, **values)
+        seen.append(y["mu_hat"])
+    r, W, g = (float(block.params[k].value) for k in ("r", "W", "g"))
+    damping = B_t * omega[2000] / (r * W * g)  # what one damping would look like as adhesion
+    assert np.abs(seen[2000:]).max() < 0.2 * damping
+
+
+def test_an_unknown_form_of_the_search_is_refused():
+    with pytest.raises(BadInput, match="gradient_search has no form 'printed'"):
+        reference.gradient_search("printed")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"count": (), "behind": (), "driven": ()},
+        {"count": (1, 1), "behind": (0.0,), "driven": (True, False)},
+        {"count": (1, 1), "behind": (0.0, 2.0), "driven": (True,)},
+        {"count": (1, 0), "behind": (0.0, 2.0), "driven": (True, False)},
+        {"count": (1, 1.5), "behind": (0.0, 2.0), "driven": (True, False)},
+    ],
+)
+def test_axles_that_do_not_fit_together_are_refused(wrong):
+    with pytest.raises(BadInput, match="Axles"):
+        Axles(**wrong)

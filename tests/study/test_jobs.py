@@ -1,0 +1,121 @@
+"""Jobs on all cores: outcomes, nested jobs, failures, and that none outlives its parent."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from slipctl.errors import BadInput, RunFailed
+from slipctl.run.results import LeftToFull, NotRun
+from slipctl.study.declaration import Context
+from slipctl.study.jobs import Cores, available, each
+
+forked = pytest.mark.skipif(available() == 1, reason="processes cannot be forked, or one core")
+
+
+def silent(what: str, share: float) -> None:
+    """Tell nobody."""
+
+
+def gone(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return True
+    return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_every_job_is_done_and_failures_say_why(count: int) -> None:
+    def bad(tell):
+        raise ValueError("no number")
+
+    def missing(tell):
+        raise LeftToFull
+
+    jobs = {str(k): (lambda tell, k=k: k * k) for k in range(7)} | {"bad": bad, "none": missing}
+    with Cores(count) as cores:
+        found = dict(each(jobs, cores, silent))
+    assert {k: v.get() for k, v in found.items() if v.error is None} == {
+        str(k): k * k for k in range(7)
+    }
+    with pytest.raises(RunFailed, match=r"test_jobs.py, line \d+: ValueError: no number"):
+        found["bad"].get()
+    with pytest.raises(NotRun, match="needs --full"):
+        found["none"].get()
+
+
+@forked
+def test_jobs_of_jobs_share_the_cores(tmp_path: Path) -> None:
+    """At no time more processes compute than there are cores."""
+
+    def leaf(k: int) -> int:
+        mark = tmp_path / f"{os.getpid()}"
+        mark.touch()
+        running = len(list(tmp_path.iterdir()))
+        time.sleep(0.05)
+        mark.unlink()
+        return running
+
+    with Cores(2) as cores:
+        context = Context(True, {}, [], cores=cores)
+        jobs = {
+            str(n): (lambda tell, n=n: context.each(f"leaf {n}", range(4), leaf)) for n in range(3)
+        }
+        most = [max(outcome.get()) for _, outcome in each(jobs, cores, silent)]
+    assert len(most) == 3
+    assert max(most) <= 2
+
+
+@forked
+def test_a_killed_process_fails_its_job_and_the_others_go_on() -> None:
+    jobs = {"dies": lambda tell: os.kill(os.getpid(), 9), "lives": lambda tell: 1}
+    with Cores(2) as cores:
+        found = dict(each(jobs, cores, silent))
+    assert found["lives"].get() == 1
+    with pytest.raises(RunFailed, match="ended with code -9"):
+        found["dies"].get()
+
+
+@forked
+def test_no_job_outlives_an_interrupt(tmp_path: Path) -> None:
+    def sleeps(tell):
+        (tmp_path / str(os.getpid())).touch()
+        time.sleep(60)
+
+    def tell(what: str, share: float) -> None:
+        if what == "c":
+            raise KeyboardInterrupt
+
+    jobs = {"a": sleeps, "b": lambda t: time.sleep(0.3), "c": sleeps}
+    with Cores(2) as cores, pytest.raises(KeyboardInterrupt):
+        list(each(jobs, cores, tell))
+    assert all(gone(int(p.name)) for p in tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_parts_come_in_order_and_are_kept(tmp_path: Path, count: int) -> None:
+    """Same values on one core and two, from the file as computed; another key computes anew."""
+
+    def work(seed: int) -> dict[str, float]:
+        with (tmp_path / "calls").open("a") as file:
+            file.write(f"{seed}\n")
+        return {"x": 1 / (seed + 3)}
+
+    with Cores(count) as cores:
+        context = Context(True, {}, [], folder=tmp_path / "parts", cores=cores, key="k")
+        first = context.each("runs", range(5), work)
+        assert first == [{"x": 1 / (seed + 3)} for seed in range(5)]
+        assert context.each("runs", range(6), work)[:5] == first
+        assert sorted((tmp_path / "calls").read_text().split()) == list("012345")
+        other = Context(True, {}, [], folder=tmp_path / "parts", cores=cores, key="l")
+        assert other.each("runs", range(5), work) == first
+        assert len((tmp_path / "calls").read_text().split()) == 11
+
+
+def test_no_core_is_refused() -> None:
+    with pytest.raises(BadInput, match="--jobs 0: write how many"):
+        Cores(0)
