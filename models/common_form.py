@@ -39,6 +39,7 @@ from slipctl.models import freight_traction_control as cheng
 from slipctl.models import hst_braking_control as zhang
 from slipctl.models import hst_traction_control as wang
 from slipctl.models import subway_braking_control as huang
+from slipctl.models.shared import SHARED
 
 T_S = 1e-3
 """Tick of all laws in s."""
@@ -128,7 +129,7 @@ def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
         }
         block = control_law.with_params(J=w.J, r=w.r)
         return connect(
-            "law", wires, reference=huang.slip_reference,
+            "law", wires, share=SHARED, reference=huang.slip_reference,
             keeping=keeping.with_params(J=w.J, r=w.r), law=block,
         )  # fmt: skip
 
@@ -143,11 +144,13 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
     """
 
     def make(w: Wheel) -> Block:
-        p = {"I_w": w.J, "r": w.r, "T_max": w.T_max}
+        p = {"J": w.J, "r": w.r, "T_max": w.T_max}
         if control_law.choices.get("motion"):
             p |= {"n": 1.0, "m": w.m}
         block = control_law.with_params(**{k: x for k, x in p.items() if k in control_law.params})
         first = min(w.v_best / w.v, 0.1)
+        # without its term of the motion the law has no mass
+        shared = {k: v for k, v in SHARED.items() if k != "m" or control_law.choices.get("motion")}
         wires = {
             "ratio.u": "v_s",
             "ratio.v": "v",
@@ -164,10 +167,10 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
         ports = {"v": "v", "lam": "ratio.y", "F_a": "force.y", "lam_ref": "reference.lam_ref",
                  "rate": "reference.rate"}  # fmt: skip
         wires |= {f"law.{n}": ports[n] for n in block.inputs}
-        shape = zhang.shaper.with_params(I_w=w.J, r=w.r)
+        shape = zhang.shaper.with_params(J=w.J, r=w.r)
         shape = shape.with_params(limited=first, smooth=first)
         return connect(
-            "law", wires, ratio=speed_to_ratio(), best=speed_to_ratio(),
+            "law", wires, share=shared, ratio=speed_to_ratio(), best=speed_to_ratio(),
             force=flip_sign("N", "traction"), reference=shape, law=block,
             torque=flip_sign("N m", "braking"),
         )  # fmt: skip
@@ -202,7 +205,7 @@ def of_cheng(form: str = "robust") -> Callable[[Wheel], Block]:
         reference = reference.with_params(most=10.0 * share)
         speed = ("m/s", "traction", "speed")
         return connect(
-            "law", wires, slip=mirror(*speed), best=mirror("m/s", "traction"),
+            "law", wires, share=SHARED, slip=mirror(*speed), best=mirror("m/s", "traction"),
             fall=mirror("m/s^2", "traction"), reference=reference, barrier=block,
             torque=mirror("N m", "braking"),
         )  # fmt: skip
@@ -224,7 +227,7 @@ def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
 
     def make(w: Wheel) -> Block:
         block = sampled(control_law, T_S, "euler") if control_law.kind == "flow" else control_law
-        scale = block.params["M"].value
+        scale = block.params["m"].value
         wires = {
             "slip.u": "v_s",
             "best.u": "v_best",
@@ -241,10 +244,12 @@ def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
             "T_wanted": "mirror.y",
         }
         return connect(
-            "law", wires, slip=mirror("m/s", "traction", "speed"), best=mirror("m/s", "traction"),
+            "law", wires, share={k: v for k, v in SHARED.items() if k != "m"}
+            | {"m_law": ["law.m", "scale.m", "torque.m"]},
+            slip=mirror("m/s", "traction", "speed"), best=mirror("m/s", "traction"),
             fall=mirror("m/s^2", "traction"), error=slip_error,
-            scale=force_limits.with_params(M=scale, J=w.J, r=w.r, T_max=w.T_max),
-            law=block, torque=torque_of.with_params(M=scale, J=w.J, r=w.r),
+            scale=force_limits.with_params(m=scale, J=w.J, r=w.r, T_max=w.T_max),
+            law=block, torque=torque_of.with_params(m=scale, J=w.J, r=w.r),
             mirror=mirror("N m", "braking"),
         )  # fmt: skip
 
@@ -261,7 +266,7 @@ def slip_error(
 
 
 SCALE = dict(
-    M=Param("kg", 500e3, "mass that the law has", ADDED, lo=1),
+    m=Param("kg", 500e3, "mass that the law has", ADDED, lo=1),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
 )
@@ -270,20 +275,20 @@ SCALE = dict(
 @law(F_hi=Output("N", "largest force", positive="traction"),
      F_lo=Output("N", "smallest force", positive="traction"))  # fmt: skip
 def force_limits(
-    M=SCALE["M"], J=SCALE["J"], r=SCALE["r"],
+    m=SCALE["m"], J=SCALE["J"], r=SCALE["r"],
     T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
 ):  # fmt: skip
     """Limits of the torque as forces on the mass of the law, F = M (r/J) T."""
-    return dict(F_hi=M * r / J * T_max, F_lo=0 * M * r / J * T_max)
+    return dict(F_hi=m * r / J * T_max, F_lo=0 * m * r / J * T_max)
 
 
 @law(T=Output("N m", "torque at the wheel", positive="traction"))
 def torque_of(
     F=Input("N", "force that the law wants", positive="traction"),
-    M=SCALE["M"], J=SCALE["J"], r=SCALE["r"],
+    m=SCALE["m"], J=SCALE["J"], r=SCALE["r"],
 ):  # fmt: skip
     """T = (J/r) F/M."""
-    return J / r * F / M
+    return J / r * F / m
 
 
 def laws(driven: bool = False) -> dict[str, Callable[[Wheel], Block]]:

@@ -23,7 +23,8 @@ from casadi import exp
 from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, one, opened, step
 from slipctl.errors import known
 from slipctl.estimate.identification import linear_fit, swarm_fit
-from slipctl.models.freight_traction import GUESS, TABLE_2, resistance
+from slipctl.models.freight_traction import GUESS, TABLE_2, TRAIN, resistance
+from slipctl.models.shared import SHARED
 
 BOX = {"a1": (0.0, 1.0), "a2": (0.0, 0.1), "a3": (0.0, 0.01)}
 """Range of each coefficient; a guess, none is printed."""
@@ -112,9 +113,9 @@ def balance(period: float) -> Block:
         v_t=Input("m/s", "train speed", lo=0, hi=50),
         mu_hat=Input("1", "adhesion estimate", positive="traction", lo=-1, hi=1),
         T=Param("s", period, "period of the samples", "chosen", lo=1e-6),
-        tau=Param("s", 2.0, "time constant of the filters", "chosen", lo=1e-3, hi=100),
-        M=Param("kg", 6e6, "train, as the controller knows it", TABLE_2, lo=1e4, hi=3e7),
-        W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+        tau_f=Param("s", 2.0, "time constant of the filters", "chosen, tau", lo=1e-3, hi=100),
+        m=Param("kg", 6e6, "train, as the controller knows it", f"{TABLE_2}, M", lo=1e4, hi=3e7),
+        m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
         n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
         g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
     ):
@@ -123,15 +124,15 @@ def balance(period: float) -> Block:
         x_f+ = rho x_f + (1 - rho)(x + x+)/2, d+ = rho d + 2 (v+ - v)/(2 tau + T),
         rho = (2 tau - T)/(2 tau + T).
         """
-        rho = (2 * tau - T) / (2 * tau + T)
-        F_a = n_d * mu_hat * W * g
+        rho = (2 * tau_f - T) / (2 * tau_f + T)
+        F_a = n_d * mu_hat * m_axle * g
         half = (1 - rho) / 2 * begun
         F_f = rho * F + half * (F_old + F_a)
-        d_f = rho * d + begun * 2 * (v_t - v_old) / (2 * tau + T)
+        d_f = rho * d + begun * 2 * (v_t - v_old) / (2 * tau_f + T)
         i_f = rho * i + 2 * half
         u_f = rho * u + half * (v_old + v_t)
         w_f = rho * w + half * (v_old**2 + v_t**2)
-        y = one("N/kN") * 1000 * (F_f - M * d_f) / (M * g)
+        y = one("N/kN") * 1000 * (F_f - m * d_f) / (m * g)
         nxt = dict(begun=1, F_old=F_a, v_old=v_t, F=F_f, d=d_f, i=i_f, u=u_f, w=w_f)
         return nxt, dict(y=y, one_f=i_f, v_f=u_f, v2_f=w_f)
 
@@ -173,4 +174,4 @@ def identification(
         found = "pso.search"
         wires |= {f"pso.{k}": f"balance.{k}" for k in rows}
     wires |= {f"res.{k}": f"{found}.{k}" for k in BOX}
-    return connect("identification", wires, **parts)
+    return connect("identification", wires, share=SHARED | TRAIN, **parts)

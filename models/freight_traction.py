@@ -18,11 +18,15 @@ Table 1 has its columns in the order a, c, b.
 from casadi import exp, fabs, fmax, fmin, log, sign
 
 from slipctl import Block, Input, Noise, Output, Param, State, connect, flow, law, one
+from slipctl.models.shared import SHARED
 
 SOURCE = "Cheng 2022"
 TABLE_1 = "Cheng 2022, Table 1"
 TABLE_2 = "Cheng 2022, Table 2"
 GUESS = "guess, not in the paper"
+
+TRAIN = {n: f"*.{n}" for n in ("m_axle", "R_g", "n_d")}
+"""Numbers of the train that several parts have, beside those of every model."""
 
 SURFACES = {
     "dry": {"a": 0.54, "b": 1.2, "c": 1.0},
@@ -95,7 +99,7 @@ def resistance(
     a1=Param("N/kN", 0.5, "constant part", TABLE_2, lo=0, hi=10),
     a2=Param("N s/(kN m)", 0.04, "linear part", TABLE_2, lo=0, hi=1),
     a3=Param("N s^2/(kN m^2)", 0.0026, "quadratic part", TABLE_2, lo=0, hi=0.1),
-    M=Param("kg", 6e6, "train", TABLE_2, lo=1e4, hi=3e7),
+    m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
 ):
@@ -104,7 +108,7 @@ def resistance(
     F_Z = (a1 + a2 v + a3 v^2) M g/1000: 45, 68, 138 kN at 5, 10, 20 m/s. Added here: it
     fades below v_0, so that it cannot drive the train backwards.
     """
-    in_kN = one("kN/N") / 1000 * M * g
+    in_kN = one("kN/N") / 1000 * m * g
     return (a1 + a2 * v + a3 * v**2) * in_kN * fmin(1, fmax(-1, v / v_0))
 
 
@@ -124,8 +128,8 @@ def train(
     T_m=Input("N m", "motor torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_Z=Input("N", "running resistance", value=0.0, positive="braking"),
-    M=Param("kg", 6e6, "train", TABLE_2, lo=1e4, hi=3e7),
-    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
+    m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
@@ -137,9 +141,9 @@ def train(
     v_s' = (r/(J R_g)) T_m - D, D = r^2/(J R_g^2) F_a + (n_d F_a - F_Z)/M. Equation (9) prints the
     negative of it (docs/errata.md).
     """
-    F_a = mu * W * g
+    F_a = mu * m_axle * g
     T_L = F_a * r / R_g
-    a_t = (n_d * F_a - F_Z) / M
+    a_t = (n_d * F_a - F_Z) / m
     v_d = r * omega_m / R_g
     D = r * T_L / (J * R_g) + a_t
     nxt = dict(x=v_t, v_t=a_t, omega_m=(T_m - T_L) / J)
@@ -196,7 +200,7 @@ def plant(adhesion: Block = adhesion, motor: Block | None = None) -> Block:
     else:
         parts["motor"] = motor
         wires |= {"motor.T_cmd": "T_cmd", "train.T_m": "motor.T_m"}
-    return connect("plant", wires, **parts)
+    return connect("plant", wires, share=SHARED | TRAIN, **parts)
 
 
 @flow(a_t=Output("m/s^2", "acceleration of the train", positive="traction"))
@@ -205,13 +209,13 @@ def best_train(
     v_t=State("m/s", 5.0, "train speed", GUESS),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_Z=Input("N", "running resistance", value=0.0, positive="braking"),
-    M=Param("kg", 6e6, "train", TABLE_2, lo=1e4, hi=3e7),
-    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
+    m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
 ):
     """Train whose wheels have no inertia, for a bound; Cheng 2022 eqs (1), (5)."""
-    a_t = (n_d * mu * W * g - F_Z) / M
+    a_t = (n_d * mu * m_axle * g - F_Z) / m
     return dict(x=v_t, v_t=a_t), dict(a_t=a_t)
 
 
@@ -227,7 +231,9 @@ def ideal_plant(adhesion: Block = adhesion) -> Block:
         "res.v": "train.v_t",
         "train.F_Z": "res.F_Z",
     }
-    return connect("plant", wires, train=best_train, adh=adhesion, res=resistance)
+    return connect(
+        "plant", wires, share=SHARED | TRAIN, train=best_train, adh=adhesion, res=resistance
+    )
 
 
 @law(omega_m=Output("rad/s", "measured motor speed"))
@@ -254,10 +260,10 @@ def shaft(
 @law(mu_hat=Output("1", "adhesion estimate", positive="traction"))
 def adhesion_of_load(
     T_L_hat=Input("N m", "load torque estimate", positive="traction"),
-    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
 ):
     """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g)."""
-    return R_g * T_L_hat / (r * W * g)
+    return R_g * T_L_hat / (r * m_axle * g)

@@ -43,10 +43,12 @@ from slipctl.errors import known
 from slipctl.models.freight_traction import (
     GUESS,
     TABLE_2,
+    TRAIN,
     adhesion_of_load,
     resistance,
     shaft,
 )
+from slipctl.models.shared import SHARED
 from slipctl.seek.extremum import warn_regime
 
 FORMS = ("robust", "consistent", "printed-42")
@@ -57,8 +59,8 @@ SECTION_4 = "Cheng 2022, section 4"
 def disturbance(
     mu_hat=Input("1", "adhesion estimate", positive="traction"),
     F_Z_hat=Input("N", "running resistance, as known", value=0.0, positive="braking"),
-    M=Param("kg", 6e6, "train, as the controller knows it", TABLE_2, lo=1e4, hi=3e7),
-    W=Param("kg", 30e3, "load of one driven axle", TABLE_2, lo=1e3, hi=5e4),
+    m=Param("kg", 6e6, "train, as the controller knows it", f"{TABLE_2}, M", lo=1e4, hi=3e7),
+    m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
@@ -66,8 +68,8 @@ def disturbance(
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
 ):
     """D = r^2/(J R_g^2) F_a + (n_d F_a - F_Z)/M; Cheng 2022 eq (39) with its signs turned."""
-    F_a = mu_hat * W * g
-    return r**2 / (J * R_g**2) * F_a + (n_d * F_a - F_Z_hat) / M
+    F_a = mu_hat * m_axle * g
+    return r**2 / (J * R_g**2) * F_a + (n_d * F_a - F_Z_hat) / m
 
 
 def barrier_law(form: str = "robust") -> Block:
@@ -159,7 +161,7 @@ def controller(
         "barrier.rate": "rate",
         "T_cmd": "barrier.T_cmd",
     }
-    return connect(name, wires, disturbance=disturbance, barrier=block)
+    return connect(name, wires, share=SHARED | TRAIN, disturbance=disturbance, barrier=block)
 
 
 # ---- what stands around the law ------------------------------------------------------------------
@@ -285,8 +287,17 @@ def seeking_controller(
         wires |= {
             "lead.T_wanted": "barrier.T_cmd", "lead.T_m": "T_m", "T_cmd": "lead.T_cmd",
         }  # fmt: skip
-    block = connect(name, wires, **parts)
-    check(name, block.param_values(), period, form)
+    share = (
+        SHARED
+        | TRAIN
+        | {
+            # a seeker may have another r
+            "r": ["adhesion.r", "creep.r", "disturbance.r", "barrier.r"],
+            "omega_m_start": "observer.omega_m",
+        }
+    )
+    block = connect(name, wires, share=share, **parts)
+    check(name, block.values_by_place(), period, form)
     return block
 
 

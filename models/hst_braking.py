@@ -26,6 +26,7 @@ from slipctl import (
     law,
     make_block,
 )
+from slipctl.models.shared import SHARED
 
 SOURCE = "Zhang 2021"
 TABLE_2 = "Zhang 2021, Table 2"
@@ -187,7 +188,7 @@ def wheel(
     F_R=Input("N", "resistance to motion", value=0.0),
     m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-    I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     g=Param("m/s^2", G, "gravity", "not stated in the paper"),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
@@ -205,7 +206,7 @@ def wheel(
     a = (n * F_a - F_R) / m
     v_s = v - r * omega
     lam = v_s / fmax(fabs(v), v_0)
-    nxt = dict(x=v, v=a, omega=(T - r * F_a) / I_w)
+    nxt = dict(x=v, v=a, omega=(T - r * F_a) / J)
     return nxt, dict(lam=lam, v_s=v_s, F_a=F_a, a=a)
 
 
@@ -235,7 +236,7 @@ def plant(
         parts["brake"] = brake
         wires["wheel.T_b"] = "brake.T_b"
         wires |= {f"brake.{n}": n for n in brake.inputs}
-    return connect("plant", wires, **parts)
+    return connect("plant", wires, share=SHARED | {"n": "*.n"}, **parts)
 
 
 def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
@@ -277,4 +278,6 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
     }
     if "v" in law_of_adhesion.inputs:
         wires["adh.v"] = "wheel.v"
-    return connect("plant", wires, wheel=held, adh=law_of_adhesion, air=davis)
+    return connect(
+        "plant", wires, share=SHARED | {"n": "*.n"}, wheel=held, adh=law_of_adhesion, air=davis
+    )

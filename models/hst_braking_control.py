@@ -73,14 +73,15 @@ from slipctl.models.hst_braking_reference import (
     slope_identification,
     unshaped,
 )
+from slipctl.models.shared import SHARED
 
 # ---- slip laws -----------------------------------------------------------------------------------
 
 
-def slip_torque(nu, v, F_a, lam, I_w, r, m, n, motion):
+def slip_torque(nu, v, F_a, lam, J, r, m, n, motion):
     """Torque at which lam' = nu by (7), or by (8) without ``motion``."""
-    T = r * F_a - (I_w * v / r) * nu
-    return T + I_w * n * (1 - lam) * F_a / (m * r) if motion else T
+    T = r * F_a - (J * v / r) * nu
+    return T + J * n * (1 - lam) * F_a / (m * r) if motion else T
 
 
 def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = True) -> Block:
@@ -126,7 +127,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
         kappa=Param("1", "K1 * T", "gain per tick; from 2 on the error grows", lo=0, hi=2),
@@ -154,8 +155,8 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         speed = fmax(v, v_min)
         if printed:
             ell = (1 / (zeta + delta_l) - 1 / (delta_u - zeta)) / (2 * eta)
-            f = r**2 / (I_w * speed) * ell * F_a - ell * deta / eta * e
-            g = r / (I_w * speed) * ell
+            f = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e
+            g = r / (J * speed) * ell
             T_wanted = (K1 * eps + f - ell * rate) / g
         else:
             width = (delta_l + delta_u) / 2
@@ -164,7 +165,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
             else:
                 pull = K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
             nu = -pull + e * deta / eta + rate
-            T_wanted = slip_torque(nu, speed, F_a, lam, I_w, r, m, n, motion)
+            T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
         nxt = dict(
             eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
             count=count if printed else count + logic_and(tripped, awake),
@@ -202,13 +203,13 @@ def feedback_linearisation(motion: bool = True) -> Block:
         v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     ):
         """Feedback linearisation with estimated adhesion: lam' = -K e + lam*'."""
         e = lam - lam_ref
         nu = -K * e + rate
-        T = slip_torque(nu, fmax(v, v_min), F_a, lam, I_w, r, m, n, motion)
+        T = slip_torque(nu, fmax(v, v_min), F_a, lam, J, r, m, n, motion)
         return dict(T_wanted=T, e=e)
 
     return efc
@@ -243,7 +244,7 @@ def pid(gains: str = "rule") -> Block:
         K_d=Param("N m s", 1e3, "derivative gain", f"{SOURCE}, section 5.2, unit guessed", lo=0),
         T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1),
         v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3),
-        I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):
@@ -253,7 +254,7 @@ def pid(gains: str = "rule") -> Block:
         """
         e = lam - lam_ref
         if rule:
-            P, I = K * I_w * fmax(v, v_min) / r, K**2 / 4 * I_w * fmax(v, v_min) / r
+            P, I = K * J * fmax(v, v_min) / r, K**2 / 4 * J * fmax(v, v_min) / r
             T_wanted = P * e + integral
         else:
             P, I = K_p, K_i
@@ -280,7 +281,7 @@ def arbitration(
     a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0),
     m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-    I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1),
     v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0),
@@ -292,7 +293,7 @@ def arbitration(
     below v_off the torque stays below what the last estimate says the rail carries, because the
     printed snow curve leaves a locked wheel no adhesion to turn it again.
     """
-    demand = r * m * a_demand / n + I_w * a_demand / r
+    demand = r * m * a_demand / n + J * a_demand / r
     awake = v >= v_off
     kept = if_else(awake, fabs(F_a), carried)
     allowed = if_else(awake, fmin(T_max, fmax(0, -T_wanted)), part * r * kept)
@@ -300,6 +301,9 @@ def arbitration(
 
 
 # ---- the whole controller ------------------------------------------------------------------------
+
+CONTROLLER = {n: f"*.{n}" for n in ("n", "v_off", "omega_start", "T_b_start", "lam_start")}
+"""Numbers that several parts of the controller have, beside those of every model."""
 
 REFERENCES = ("true", "gradient", "fitted", "free", "fixed")
 SPEEDS = ("true", "estimated")
@@ -423,10 +427,10 @@ def controller(
         "arbitration.a_demand": "a_demand",
         "T_out": "arbitration.T_b",
     }
-    block = connect(name, wires, **parts)
+    follows = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
-        slow = {n: 3.0 for n in block.params if n.endswith(".v_off")}
-        block = block.with_params(**slow)
+        block = block.with_params(**{"*.v_off": 3.0})
     return block
 
 

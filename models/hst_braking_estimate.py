@@ -30,11 +30,11 @@ def wheel_model(
     omega=State("rad/s", 0.0, "wheel speed"),
     T_b=Input("N m", "brake torque", positive="traction", value=0.0),
     F_a=Input("N", "adhesion force", positive="traction", value=0.0),
-    I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
 ):
     """Braked wheel as the filter knows it; Zhang 2021 eq (1), h of (19)."""
-    return dict(omega=(T_b - r * F_a) / I_w), {}
+    return dict(omega=(T_b - r * F_a) / J), {}
 
 
 def adhesion_filter(form: str = "consistent") -> Block:
@@ -88,7 +88,7 @@ def wheel_speed_sensor(
     variance_lam=Output("1", "variance of the slip ratio"),
 )
 def speed_fusion(
-    v_h=State("m/s", 50.0, "speed, predicted from the last tick"),
+    v_h=State("m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)"),
     b_h=State("m/s^2", 0.0, "bias of the accelerometer"),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed"),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias"),

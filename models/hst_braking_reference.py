@@ -68,8 +68,8 @@ def slope_identification(form: str = "consistent") -> Block:
         chi_h=State("N", 0.0, "slope", SOURCE),
         P=State("s^2", 1.0, "gain", TABLE_3),
         F_last=State("N", 0.0, "adhesion force of the last tick"),
-        lam_f=State("1", 0.0, "slip ratio with the filter's lag"),
-        lam_last=State("1", 0.0, "slip ratio of the last tick"),
+        lam_f=State("1", "lam_start", "slip ratio with the filter's lag"),
+        lam_last=State("1", "lam_start", "slip ratio of the last tick"),
         age=State("s", 0.0, "time since the last change of the rail"),
         F_a=Input("N", "estimated adhesion force", positive="traction"),
         lam=Input("1", "slip ratio", positive="braking", per="ratio"),
@@ -79,9 +79,10 @@ def slope_identification(form: str = "consistent") -> Block:
         zeta=Param("N/s", 1000.0, "change of the force that counts as fast",
                    f"{TABLE_3}, read as kN/s", lo=0),
         gate=Param("1/s", 0.01, "the slip moves if it changes faster", GUESS, lo=0),
-        P_max=Param("s^2", 1e4, "largest P", GUESS, lo=0),
+        P_top=Param("s^2", 1e4, "largest P", GUESS, lo=0),
         jump=Param("N/s", 300e3, "residual that tells a change of the rail", GUESS, lo=0),
         settle=Param("s", 0.02, "time after a change in which the filter still moves", GUESS, lo=0),
+        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio"),
         gain=Param("1", 0.187, "gain of the adhesion filter, gamma/(1 + gamma)", lo=0, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):  # fmt: skip
@@ -99,7 +100,7 @@ def slope_identification(form: str = "consistent") -> Block:
         if printed:
             beta = P * dlam / (rho + P * dlam**2)
             nxt = dict(
-                chi_h=chi_h + beta * residual, P=fmin(1e26 * P_max, (1 - beta * dlam) * P / rho)
+                chi_h=chi_h + beta * residual, P=fmin(1e26 * P_top, (1 - beta * dlam) * P / rho)
             )
             chi, now, fresh = nxt["chi_h"], age, 1
         else:
@@ -109,8 +110,8 @@ def slope_identification(form: str = "consistent") -> Block:
             moving = logic_and(fabs(dlam) > gate, settled)
             beta = P * dlam / (rho + P * dlam**2)
             chi = if_else(moving, chi_h + beta * residual, chi_h)
-            P_now = if_else(moving, fmin(P_max, (1 - beta * dlam) * P / rho), P)
-            nxt = dict(chi_h=chi, P=if_else(changed, P_max, P_now))
+            P_now = if_else(moving, fmin(P_top, (1 - beta * dlam) * P / rho), P)
+            nxt = dict(chi_h=chi, P=if_else(changed, P_top, P_now))
             fresh = moving
         nxt |= dict(F_last=F_a, lam_f=lam_now, lam_last=lam, age=now)
         return nxt, dict(chi=chi, fresh=fresh)
@@ -236,9 +237,9 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         name="meter", choices={"window": W, "torque": torque},
     )  # fmt: skip
     def meter(
-        omegas=State("rad/s", "v_0 / r", "wheel speeds, oldest first", shape=(W,)),
-        torques=State("N m", 0.0, "brake torques, oldest first", shape=(W,)),
-        slips=State("1", 0.0, "slip ratios, oldest first", shape=(W,)),
+        omegas=State("rad/s", "omega_start", "wheel speeds, oldest first", shape=(W,)),
+        torques=State("N m", "T_b_start", "brake torques, oldest first", shape=(W,)),
+        slips=State("1", "lam_start", "slip ratios, oldest first", shape=(W,)),
         count=State("1", 1.0, "ticks in the window"),
         before=State("1", 0.0, "whether the last tick told of a change"),
         omega=Input("rad/s", "measured wheel speed"),
@@ -246,11 +247,13 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         lam=Input("1", "measured slip ratio", positive="braking", per="ratio"),
         changed=Input("1", "1 when the rail has changed", value=0.0),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
-        n_w=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         g=Param("m/s^2", G, "gravity", "not stated in the paper"),
-        v_0=Param("m/s", 50.0, "speed at the start"),
+        omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start"),
+        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="traction"),
+        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio"),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
@@ -268,7 +271,7 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         mean_lam = (dot(inside, slips) + (lam - slip_0) / 2) / count
         square = dot(inside, (slips - mean_lam) ** 2)
         square = square + ((lam - mean_lam) ** 2 - (slip_0 - mean_lam) ** 2) / 2
-        mu = (mean_T - I_w * (omega - dot(first, omegas)) / (count * T)) / (r * m * g / n_w)
+        mu = (mean_T - J * (omega - dot(first, omegas)) / (count * T)) / (r * m * g / n)
         restart = logic_and(changed > 0.5, before < 0.5)
         nxt = dict(
             omegas=vertcat(omegas[1:], omega),
@@ -355,10 +358,10 @@ def shaper(
     v=Input("m/s", "train speed"),
     up=Param("1/s", 0.5, "largest rate", GUESS, lo=0),
     share=Param("1", 0.8, "share of the fastest fall that a released brake allows", GUESS, lo=0),
-    tau=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3),
+    tau_ref=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3),
     near=Param("1", 0.02, "the reference waits while the slip is further off", GUESS, lo=0),
     v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3),
-    I_w=Param("kg m^2", I_W, "wheel inertia", TABLE_2, lo=1, hi=5000),
+    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
 ):
@@ -368,10 +371,10 @@ def shaper(
     reference that falls faster leaves the funnel, whatever the controller. While the slip is far
     off, for instance because the torque is limited, the reference waits (anti-windup).
     """
-    down = fmin(up, share * r**2 * fabs(F_a) / (I_w * fmax(v, v_off)))
+    down = fmin(up, share * r**2 * fabs(F_a) / (J * fmax(v, v_off)))
     moved = limited + fmax(-down * T, fmin(up * T, best - limited))
     following = if_else(fabs(lam - smooth) < near, moved, limited)
-    rate = (following - smooth) / (tau + T)
+    rate = (following - smooth) / (tau_ref + T)
     nxt = dict(limited=following, smooth=smooth + T * rate)
     return nxt, dict(lam_ref=smooth, rate=rate)
 

@@ -40,10 +40,17 @@ from slipctl import (
 from slipctl.errors import known
 from slipctl.models.contact import polach
 from slipctl.models.rolling import Axles, rolling
+from slipctl.models.shared import SHARED
 
 SOURCE = "Wang 2025"
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
+
+TRAIN = {
+    **{n: f"*.{n}" for n in ("n_m", "n_b", "F_top", "P_top", "B_t", "w_0", "w_1", "w_2")},
+    "m_axle = m / n_b": "*.m_axle",
+}
+"""Numbers of the train that several parts have, beside those of every model."""
 
 M_EFF = 500e3 + 32 * 93.75 / 0.445**2
 """Mass of the train with its rotating axles in kg."""
@@ -86,10 +93,10 @@ def body(
     F_mu=Input("N", "contact force of an axle", positive="traction"),
     F_d=Input("N", "running resistance", value=0.0, positive="braking"),
     n=Param("1", 32.0, "axles, all alike", SOURCE, lo=1, hi=200),
-    M=Param("kg", 500e3, "train", TABLE_1, lo=1e3, hi=1e8),
+    m=Param("kg", 500e3, "train", f"{TABLE_1}, M", lo=1e3, hi=1e8),
 ):
     """Train as a point; Wang 2025 eqs (1), (2) for axles that are all alike."""
-    a = (n * F_mu - F_d) / M
+    a = (n * F_mu - F_d) / m
     return dict(x=v, v=a), dict(a=a)
 
 
@@ -103,14 +110,14 @@ def wheelset(
     T=Input("N m", "torque on the axle", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     v=Input("m/s", "train speed"),
-    W=Param("kg", 15625.0, "load of the axle", "M by 32 axles", lo=100, hi=5e4),
+    m_axle=Param("kg", 15625.0, "load of the axle", "W: M by 32 axles", lo=100, hi=5e4),
     J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=1e4),
     B_t=Param("N m s", 0.01, "damping of the axle", TABLE_1, lo=0, hi=1e3),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
     g=Param("m/s^2", 9.8, "gravity", TABLE_1),
 ):
     """One axle; Wang 2025 eqs (3), (5), (8) with the sign of (8) turned (docs/errata.md)."""
-    F_mu = mu * W * g
+    F_mu = mu * m_axle * g
     v_w = r * omega
     return dict(omega=(T - r * F_mu - B_t * omega) / J), dict(F_mu=F_mu, v_s=v_w - v, v_w=v_w)
 
@@ -121,7 +128,7 @@ def resistance(
     w_0=Param("N/t", 6.796, "constant part", f"{SOURCE} eq (4)", lo=0, hi=100),
     w_1=Param("N h/(t km)", 0.062, "linear part", f"{SOURCE} eq (4)", lo=0, hi=10),
     w_2=Param("N h^2/(t km^2)", 0.00143, "quadratic part", f"{SOURCE} eq (4)", lo=0, hi=1),
-    M=Param("kg", 500e3, "train", TABLE_1, lo=1e3, hi=1e8),
+    m=Param("kg", 500e3, "train", f"{TABLE_1}, M", lo=1e3, hi=1e8),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
 ):
     """Running resistance; Wang 2025 eq (4) read in N/t and km/h (docs/errata.md).
@@ -129,7 +136,7 @@ def resistance(
     38.2 kN at 200 km/h. Added here: it fades below v_0, so that it cannot drive the train.
     """
     V = 3.6 * one("km s/(h m)") * v
-    in_t = M * one("t/kg") / 1000
+    in_t = m * one("t/kg") / 1000
     return (w_0 + w_1 * V + w_2 * V**2) * in_t * fmin(1, fmax(-1, v / v_0))
 
 
@@ -212,7 +219,7 @@ def motor(form: str = "consistent") -> Block:
         F_cmd=Input("N", "commanded force at the rims", positive="traction"),
         omega=Input("rad/s", "speed of the axle"),
         v=Input("m/s", "train speed"),
-        tau_m=Param("s", 0.05, "time constant of the torque", GUESS, lo=1e-3, hi=2),
+        tau=Param("s", 0.05, "time constant of the torque", GUESS, lo=1e-3, hi=2),
         F_top=Param("N", 302e3, "largest force of all motors", f"{SOURCE} eq (33)", lo=1),
         P_top=Param("W", 5.5e6, "largest power of all motors", f"{SOURCE} eq (33)", lo=1),
         n_m=Param("1", 10.0, "motors", SOURCE, lo=1, hi=200),
@@ -222,7 +229,7 @@ def motor(form: str = "consistent") -> Block:
         speed = r * omega if form == "consistent" else v
         F_lim = P_top / fmax(speed, P_top / F_top) / n_m
         wanted = fmax(0, fmin(F_cmd, F_lim))
-        return dict(F_m=(wanted - F_m) / tau_m), dict(T=r * fmin(F_m, F_lim))
+        return dict(F_m=(wanted - F_m) / tau), dict(T=r * fmin(F_m, F_lim))
 
     return lagging
 
@@ -315,7 +322,7 @@ def plant(
     }
     if "v" in shared:
         wires["motor.v"] = "train.v"
-    return connect("plant", wires, **parts)
+    return connect("plant", wires, share=SHARED | TRAIN, **parts)
 
 
 _lagging = motor()

@@ -87,7 +87,7 @@ def adhesion_observer(
         J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
         r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
         B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
-        W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+        m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
         g=Param("m/s^2", 9.8, "gravity", TABLE_1),
         T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
     ):
@@ -107,7 +107,7 @@ def adhesion_observer(
                 z2=z2 - T_o * K_2 * phi2,
                 T_last=T,
             )
-            return nxt, dict(mu_hat=-J * z2 / (r * W * g))
+            return nxt, dict(mu_hat=-J * z2 / (r * m_axle * g))
         e_0 = z1 + T_o * ((T + T_last) / (2 * J) - B_t / J * omega + z2) - omega
         step_2 = T_o**2 * K_2
         beyond = fmax(fabs(e_0) - step_2 / 2, 0)
@@ -122,7 +122,7 @@ def adhesion_observer(
         phi2 = sign(e_0) * (half + 2 * K_3 * y**2 + 1.5 * K_3**2 * y**4)
         following = z2 - T_o * K_2 * phi2
         nxt = dict(z1=omega + sign(e_0) * y**2, z2=following, T_last=T)
-        return nxt, dict(mu_hat=-J * following / (r * W * g))
+        return nxt, dict(mu_hat=-J * following / (r * m_axle * g))
 
     return observer
 
@@ -138,14 +138,14 @@ def linear_observer(
     J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
     B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
-    W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
     g=Param("m/s^2", 9.8, "gravity", TABLE_1),
     T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
 ):
     """Linear extended-state observer, Phi1 = Phi2 = e: what the paper compares with."""
     e = z1 - omega
     nxt = dict(z1=z1 + T_o * (T / J - B_t / J * omega + z2 - K_1 * e), z2=z2 - T_o * K_2 * e)
-    return nxt, dict(mu_hat=-J * z2 / (r * W * g))
+    return nxt, dict(mu_hat=-J * z2 / (r * m_axle * g))
 
 
 # ---- anti-slip limit -----------------------------------------------------------------------------
@@ -292,18 +292,18 @@ def antislip_limit(axles: int) -> Block:
         mu_lim=Input("1", "adhesion that an axle may use", shape=(axles,)),
         F_hi_0=Input("N", "largest force by the characteristic", positive="traction"),
         F_lo_0=Input("N", "smallest force by the characteristic", positive="traction"),
-        n_traction=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
-        n_brake=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
-        W=Param("kg", 15625.0, "load of the axle", TABLE_1, lo=1e3, hi=5e4),
+        n_m=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
+        n_b=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
+        m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
         g=Param("m/s^2", 9.8, "gravity", TABLE_1),
     ):
-        """F_hi = min(n_traction mu W g, F(v)), F_lo = -min(n_brake mu W g, F_brake).
+        """F_hi = min(n_m mu W g, F(v)), F_lo = -min(n_b mu W g, F_brake).
 
         Wang 2025 section 3.3. Added here: the side of braking (docs/errata.md).
         """
         mu = mmin(mu_lim)
         return dict(
-            F_hi=fmin(n_traction * mu * W * g, F_hi_0), F_lo=fmax(-n_brake * mu * W * g, F_lo_0),
+            F_hi=fmin(n_m * mu * m_axle * g, F_hi_0), F_lo=fmax(-n_b * mu * m_axle * g, F_lo_0),
             mu_least=mu,
         )  # fmt: skip
 
@@ -317,9 +317,9 @@ def antislip_limit(axles: int) -> Block:
 )
 def characteristic(
     v=Input("m/s", "train speed"),
-    F_0=Param("N", 302e3, "starting force", "Wang 2025, eq (33)", lo=1e3, hi=1e7),
-    P=Param("W", 5.5e6, "power", "Wang 2025, eq (33)", lo=1e3, hi=1e8),
+    F_top=Param("N", 302e3, "starting force", "Wang 2025, eq (33)", lo=1e3, hi=1e7),
+    P_top=Param("W", 5.5e6, "power", "Wang 2025, eq (33)", lo=1e3, hi=1e8),
     F_brake=Param("N", 480e3, "largest brake force, 15 kN per axle", GUESS, lo=1e3, hi=1e7),
 ):
     """Traction and brake characteristic; Wang 2025 eq (33), continuous at its corner 18.21 m/s."""
-    return dict(F_hi=tractive_effort(v, F_0, P), F_lo=-F_brake)
+    return dict(F_hi=tractive_effort(v, F_top, P_top), F_lo=-F_brake)

@@ -64,7 +64,7 @@ FORCES = dict(
     F_contr=Output("N", "force commanded", positive="traction"),
     F_wanted=Output("N", "force wanted", positive="traction"),
 )
-M_ = Param("kg", 500e3, "train, as the controller knows it", TABLE_1, lo=1e4, hi=1e8)
+M_ = Param("kg", 500e3, "train, as the controller knows it", f"{TABLE_1}, M", lo=1e4, hi=1e8)
 E1 = Input("m", "position less target")
 E2 = Input("m/s", "speed less target")
 A_FF = Input("m/s^2", "target acceleration and resistance by mass", positive="traction")
@@ -85,10 +85,10 @@ def tracking(
     v_d=Input("m/s", "target speed"),
     a_d=Input("m/s^2", "target acceleration", positive="traction"),
     F_d=Input("N", "running resistance, as known", positive="braking"),
-    M=M_,
+    m=M_,
 ):
     """Errors e1 = x - x_d, e2 = v - v_d and feed-forward v_d' + F_d/M."""
-    return dict(e1=x - x_d, e2=v - v_d, a_ff=a_d + F_d / M)
+    return dict(e1=x - x_d, e2=v - v_d, a_ff=a_d + F_d / m)
 
 
 # ---- higher-order sliding mode -------------------------------------------------------------------
@@ -127,7 +127,7 @@ def higher_order(
         v_H=State("m/s^2", 0.0, "integral of the sliding mode"),
         k_a=State("1/s", "k_4", "adapted gain"),
         lam=State("m/s", 0.0, "saturation compensation"),
-        e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, M=M_,
+        e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
         k_3=Param("1/s", 0.2, "decay of the compensation", TABLE_5, lo=1e-3, hi=10),
         k_4=Param("1/s", k4, "smallest gain", source, lo=1e-3, hi=1e3),
         alpha=Param("1/s^2", alpha_0, "of the Lyapunov function", source, lo=1e-6),
@@ -146,7 +146,7 @@ def higher_order(
         phi2 = one("m/s") * sign(s) / 2 + 1.5 * jump + s
         gain = fmax(k_a, k_4)
         u = -gain * phi1 + v_H
-        F_wanted = M * (-k_1 * e2 + a_ff - k_3 * lam + u)
+        F_wanted = m * (-k_1 * e2 + a_ff - k_3 * lam + u)
         F_contr = fmin(F_hi, fmax(F_lo, F_wanted))
         pace = one("1/m^2") * 2 * alpha / (one("1/s^2") + 4 * beta**2)
         growth = phi1 * phi2 * pace * sign(fabs(s) - sigma)
@@ -154,7 +154,7 @@ def higher_order(
         rates = dict(
             v_H=-2 * beta * gain * phi2,
             k_a=if_else(free, growth, 0),
-            lam=-k_3 * lam - (F_wanted - F_contr) / M if compensation else 0 * a_ff,
+            lam=-k_3 * lam - (F_wanted - F_contr) / m if compensation else 0 * a_ff,
         )
         return rates, dict(F_contr=F_contr, F_wanted=F_wanted, s=s, k_1H=gain)
 
@@ -166,19 +166,19 @@ def higher_order(
 
 @law(**FORCES, s=Output("m/s", "sliding variable"), name="smc")
 def sliding_mode(
-    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, M=M_,
+    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
     k_smc=Param("m/s^2", 0.05, "switching", TABLE_5, lo=0, hi=10),
 ):  # fmt: skip
     """Conventional sliding mode: F = M (-k1 e2 + F_d/M + v_d' - k_smc sgn s); Table 5."""
     s = k_1 * e1 + e2
-    F = M * (-k_1 * e2 + a_ff - k_smc * sign(s))
+    F = m * (-k_1 * e2 + a_ff - k_smc * sign(s))
     return dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F, s=s)
 
 
 @step(**FORCES, s=Output("m/s", "sliding variable"), name="asmc", period=T_C)
 def adaptive_sliding_mode(
     d_hat=State("m/s^2", 0.0, "estimated perturbation"),
-    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, M=M_,
+    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
     sigma=Param("m/s", 10.0, "width of the boundary layer", TABLE_5, lo=1e-6),
     k_2=Param("m/s^2", 15.0, "switching", TABLE_5, lo=0, hi=1e3),
     d_1=Param("1/s^2", 10.0, "rate of the estimate", TABLE_5, lo=0, hi=1e3),
@@ -190,29 +190,29 @@ def adaptive_sliding_mode(
     we find no role for d2 = 10.
     """
     s = k_1 * e1 + e2
-    F = M * (-k_1 * e2 + a_ff - k_2 * fmax(-1, fmin(1, s / sigma)) - d_hat)
+    F = m * (-k_1 * e2 + a_ff - k_2 * fmax(-1, fmin(1, s / sigma)) - d_hat)
     return dict(d_hat=d_hat + T * d_1 * s), dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F, s=s)
 
 
 @law(**FORCES, name="robust")
 def robust(
-    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, M=M_,
+    e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, m=M_,
     k_v=Param("1/s", 1.8, "gain on the speed", GUESS, lo=0, hi=100),
     k_x=Param("1/s^2", 1.0, "gain on the position", GUESS, lo=0, hi=100),
 ):  # fmt: skip
     """State feedback with feed-forward: F = M (v_d' + F_d/M - 1.8 e2 - 1.0 e1)."""
-    F = M * (a_ff - k_v * e2 - k_x * e1)
+    F = m * (a_ff - k_v * e2 - k_x * e1)
     return dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F)
 
 
 @law(**FORCES, name="pid")
 def pid(
-    e1=E1, e2=E2, F_hi=HI, F_lo=LO, M=M_,
+    e1=E1, e2=E2, F_hi=HI, F_lo=LO, m=M_,
     k_v=Param("1/s", 1.5, "gain on the speed", GUESS, lo=0, hi=100),
     k_x=Param("1/s^2", 0.4, "gain on the position", GUESS, lo=0, hi=100),
 ):  # fmt: skip
     """PI on the speed without feed-forward, the position its integral: F = -M (1.5 e2 + 0.4 e1)."""
-    F = -M * (k_v * e2 + k_x * e1)
+    F = -m * (k_v * e2 + k_x * e1)
     return dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F)
 
 
@@ -257,8 +257,8 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
     solve = qp_kernel(H, A, iterations)
 
     def body(x: dict[str, Any], u: dict[str, Any], p: dict[str, Any]) -> Any:
-        a_hi, a_lo = u["F_hi"] / p["M"] - u["a_ff"], u["F_lo"] / p["M"] - u["a_ff"]
-        last = x["F_last"] / p["M"] - u["a_ff"]
+        a_hi, a_lo = u["F_hi"] / p["m"] - u["a_ff"], u["F_lo"] / p["m"] - u["a_ff"]
+        last = x["F_last"] / p["m"] - u["a_ff"]
         near, far = p["jerk"] * p["T"], p["jerk"] * dt
         first_lo = fmin(fmax(last - near, a_lo), a_hi)
         first_hi = fmax(fmin(last + near, a_hi), a_lo)
@@ -266,7 +266,7 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
         hi = vertcat(MX.ones(moves, 1) * a_hi, first_hi, MX.ones(moves - 1, 1) * far)
         found, end = solve(mtimes(DM(G), vertcat(u["e1"], u["e2"])), lo, hi, x["inner"])
         move = fmin(first_hi, fmax(first_lo, found[0]))  # however far the solver is
-        F = p["M"] * (u["a_ff"] + move)
+        F = p["m"] * (u["a_ff"] + move)
         F_contr = fmin(u["F_hi"], fmax(u["F_lo"], F))
         return dict(F_last=F_contr, inner=end), dict(F_contr=F_contr, F_wanted=F)
 
@@ -276,7 +276,7 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
                 State("1", 0.0, "where the solver starts", shape=(5 * moves,)).named("inner")],
         inputs=[E1.named("e1"), E2.named("e2"), A_FF.named("a_ff"), HI.named("F_hi"),
                 LO.named("F_lo")],
-        params=[M_.named("M"),
+        params=[M_.named("m"),
                 Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3).named("jerk"),
                 Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1).named("T")],
         outputs=[s.named(n) for n, s in FORCES.items()],
@@ -297,6 +297,12 @@ def laws() -> dict[str, Block]:
         "robust": robust,
         "pid": pid,
     }
+
+
+CONTROLLER = {
+    n: f"*.{n}" for n in ("m", "J", "r", "g", "m_axle", "n_m", "n_b", "F_top", "P_top", "B_t")
+}
+"""Numbers that several parts of the controller have; T is the torque that it measures."""
 
 
 @law(F_contr=Output("N", "force commanded", positive="traction"), name="clamp")
@@ -366,4 +372,4 @@ def controller(
             "limit.F_hi_0": "characteristic.F_hi",
             "limit.F_lo_0": "characteristic.F_lo",
         }
-    return connect(name, wires, **parts)
+    return connect(name, wires, share=CONTROLLER, **parts)

@@ -28,6 +28,7 @@ from slipctl import (
 )
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models.common_form import ADDED, T_S, Wheel
+from slipctl.models.shared import SHARED
 
 
 @flow(
@@ -41,7 +42,7 @@ def axle(
     mu=Input("1", "adhesion coefficient", positive="braking"),
     d=Input("m/s^2", "what the slip rises by beyond the model", value=0.0),
     v_ref=Input("m/s", "slip to go to", positive="braking", per="speed"),
-    W=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
@@ -49,7 +50,7 @@ def axle(
     tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
 ):
     """Slip of a wheel behind its actuator, at a speed of the vehicle that is held."""
-    F = mu * W * g
+    F = mu * m_axle * g
     slip = r / J * (T - r * F) - F / m + d
     return dict(v_s=slip, T=(T_cmd - T) / tau), dict(beyond=v_s - 1.5 * v_ref)
 
@@ -73,7 +74,7 @@ def slip_model(adhesion: Block, w: Wheel) -> Block:
         w: the wheel.
     """
     (out,) = adhesion.outputs
-    block = axle.with_params(W=w.W, J=w.J, r=w.r, m=w.m, g=w.g, tau=w.tau)
+    block = axle.with_params(m_axle=w.W, J=w.J, r=w.r, m=w.m, g=w.g, tau=w.tau)
     parts, wires = {"axle": block, "adh": opened(adhesion)}, {"axle.mu": f"adh.{out}"}
     wires |= {f"axle.{n}": n for n in ("T_cmd", "d", "v_ref")}
     wires |= {f"adh.{n}": n for n in unknown_parameters(adhesion, None)}
@@ -99,7 +100,7 @@ def offset(
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     mu=Input("1", "adhesion on the estimated curve", positive="braking"),
     pole=Param("1/s", 60.0, "both poles of the observer", "chosen", lo=1, hi=500),
-    W=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
@@ -111,7 +112,7 @@ def offset(
     It stands for the integral of the other laws: with d the slip rests on its reference.
     """
     error = v_s - s_h
-    model = r / J * T - (r**2 / J + 1 / m) * mu * W * g
+    model = r / J * T - (r**2 / J + 1 / m) * mu * m_axle * g
     nxt = dict(s_h=s_h + T_s * (model + d_h + 2 * pole * error), d_h=d_h + T_s * pole**2 * error)
     return nxt, dict(slip=s_h + T_s * 2 * pole * error, d=d_h)
 
@@ -120,11 +121,11 @@ def offset(
 def smoothed(
     x=State("m/s", 0.0, "filtered reference"),
     v_best=Input("m/s", "best slip, as searched", positive="braking", per="speed"),
-    tau=Param("s", 0.05, "time constant", "chosen", lo=1e-3, hi=5),
+    tau_s=Param("s", 0.05, "time constant", "chosen", lo=1e-3, hi=5),
     T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
 ):
     """First-order filter of the searched slip, which jumps with each estimate."""
-    following = x + T_s / (tau + T_s) * (v_best - x)
+    following = x + T_s / (tau_s + T_s) * (v_best - x)
     return dict(x=following), dict(v_ref=following)
 
 
@@ -168,8 +169,8 @@ def predictive(
         (out,) = adhesion.outputs
         parts: dict[str, Block] = {
             "adh": opened(adhesion),
-            "offset": offset.with_params(pole=pole / w.tau, W=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
-            "smoothed": smoothed.with_params(tau=smooth * w.tau, x=w.v_best),
+            "offset": offset.with_params(pole=pole / w.tau, m_axle=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
+            "smoothed": smoothed.with_params(tau_s=smooth * w.tau, x=w.v_best),
             "nmpc": every(solver, ticks),
         }
         wires = {
@@ -187,6 +188,9 @@ def predictive(
             wires["nmpc.v"] = "v"
         for n in unknown_parameters(adhesion, None):
             wires |= {f"adh.{n}": n, f"nmpc.{n}": n}
-        return connect("law", wires, **parts)
+        share = SHARED | {
+            "m_axle": "*.m_axle", "T_s": "*.T_s", "T_max": "nmpc.T_cmd_hi",
+        }  # fmt: skip
+        return connect("law", wires, share=share, **parts)
 
     return make

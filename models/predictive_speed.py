@@ -21,10 +21,10 @@ def body(
     F=Input("N", "force of the train", lo=-1e6, hi=1e6, positive="traction"),
     a_ff=A_FF,
     d=Input("m/s^2", "acceleration beyond the model", value=0.0),
-    M=M_,
+    m=M_,
 ):
     """Train as a point, relative to its target."""
-    return dict(e1=e2, e2=F / M - a_ff + d), {}
+    return dict(e1=e2, e2=F / m - a_ff + d), {}
 
 
 @law(position=Output("m"), speed=Output("m/s"), effort=Output("m/s^2"))
@@ -34,10 +34,10 @@ def residuals(
     F=Input("N", "force of the train", positive="traction"),
     a_ff=A_FF,
     d=Input("m/s^2", "acceleration beyond the model"),
-    M=M_,
+    m=M_,
 ):
     """Errors, and the acceleration beyond what the target needs: its weight is comfort."""
-    return dict(position=e1, speed=e2, effort=F / M - a_ff + d)
+    return dict(position=e1, speed=e2, effort=F / m - a_ff + d)
 
 
 @step(d=Output("m/s^2", "acceleration beyond the model"))
@@ -47,13 +47,13 @@ def unmodelled(
     e2=E2,
     F=Input("N", "force of the train", positive="traction"),
     a_ff=A_FF,
-    M=M_,
+    m=M_,
     pole=Param("1/s", 2.0, "both poles of the observer", "chosen", lo=0.01, hi=100),
     T=Param("s", T_C, "sample period", lo=1e-6, hi=0.1),
 ):
     """Observer of the speed error and of a constant disturbance."""
     error = e2 - e_h
-    nxt = dict(e_h=e_h + T * (F / M - a_ff + d_h + 2 * pole * error), d_h=d_h + T * pole**2 * error)
+    nxt = dict(e_h=e_h + T * (F / m - a_ff + d_h + 2 * pole * error), d_h=d_h + T * pole**2 * error)
     return nxt, dict(d=d_h)
 
 

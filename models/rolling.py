@@ -133,8 +133,8 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         inputs.append(widened(torque.named("T"), driven, "driven"))
     source = "Wang 2025, Table 1"
     params = [
-        Param("kg", 500e3, "train", source, lo=1e3, hi=1e8).named("M"),
-        each(Param("kg", 15625.0, "load of an axle", "M by 32 axles", lo=100, hi=5e4), "W"),
+        Param("kg", 500e3, "train", source, lo=1e3, hi=1e8).named("m"),
+        each(Param("kg", 15625.0, "load of an axle", "W: M by 32 axles", lo=100, hi=5e4), "m_axle"),
         each(Param("kg m^2", 93.75, "inertia of an axle", source, lo=1, hi=1e4), "J"),
         each(Param("N m s", 0.01, "damping of an axle", source, lo=0, hi=1e3), "B_t"),
         Param("m", 0.445, "wheel radius", source, lo=0.2, hi=1).named("r"),
@@ -165,7 +165,7 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
     settle = _settle(adhesion, own, law_params, n, h)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        v, omega, r, M, count = x["v"], x["omega"], p["r"], p["M"], p["count"]
+        v, omega, r, m, count = x["v"], x["omega"], p["r"], p["m"], p["count"]
         T = _scattered(u["T"], motors, n) if motors else 0
         side = ca.if_else(omega == 0, ca.sign(v), ca.sign(omega))
         stop = side * p["braked"] * u["T_b"]
@@ -173,18 +173,18 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         free = r / a * (p["J"] / h * omega + T - stop)
         v_s = r * omega - v
         F, locked, residual = settle(
-            v_s, v, free, a / r**2, p["W"] * p["g"], ca.sign(stop), count, h / M, u["F_d"],
+            v_s, v, free, a / r**2, p["m_axle"] * p["g"], ca.sign(stop), count, h / m, u["F_d"],
             *[p[s.name] for s in law_params],
         )  # fmt: skip
         omega_next = ca.if_else(locked, 0, (p["J"] / h * omega + T - stop - r * F) / a)
         F_all = ca.dot(count, F)
-        acceleration = (F_all - u["F_d"]) / M
+        acceleration = (F_all - u["F_d"]) / m
         v_next = v + h * acceleration
         mean, v_mean = (omega + omega_next) / 2, (v + v_next) / 2
         taken = ca.if_else(locked, p["J"] / h * omega + T - r * F, stop)
         outputs = dict(
             v_s=v_s,
-            mu=F / (p["W"] * p["g"]),
+            mu=F / (p["m_axle"] * p["g"]),
             F=F,
             F_all=F_all,
             a=acceleration,

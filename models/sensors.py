@@ -9,18 +9,18 @@ from slipctl import BadInput, Block, Input, Noise, Output, Param, State, law, st
 
 @step(omega_m=Output("rad/s", "measured wheel speed"))
 def tooth_wheel(
-    q=State("1", "phi_0 * N / 6.283185307179586", "angle in teeth at the last tick"),
-    edge=State("1", "phi_0 * N / 6.283185307179586", "tooth of the last edge"),
+    q=State("1", "phi_start * N / 6.283185307179586", "angle in teeth at the last tick"),
+    edge=State("1", "phi_start * N / 6.283185307179586", "tooth of the last edge"),
     age=State("s", "-T", "time since the last edge, at the last tick"),
-    omega_h=State("rad/s", "omega_0", "speed of the last edges"),
+    omega_h=State("rad/s", "omega_start", "speed of the last edges"),
     phi=Input("rad", "wheel angle"),
     jitter=Noise("1", "unit normal number: tooth pitch and comparator"),
     N=Param("1", 100.0, "teeth", "typical, guess", lo=1, hi=1000),
     clock=Param("s", 1e-6, "resolution of the timer", "typical, guess", lo=1e-9, hi=1e-3),
     sigma=Param("s", 2e-6, "jitter of an edge, standard deviation", "guess", lo=0, hi=1e-3),
     T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
-    omega_0=Param("rad/s", 40.0, "wheel speed at the start"),
-    phi_0=Param("rad", 0.0, "wheel angle at the start"),
+    omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
+    phi_start=Param("rad", 0.0, "wheel angle at the start"),
 ):
     """Wheel speed from the time between tooth edges, as a counter card forms it.
 
@@ -101,9 +101,9 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         name="meter", choices={"window": W, "torque": torque},
     )  # fmt: skip
     def meter(
-        omegas=State("rad/s", "omega_0", "wheel speeds, oldest first", shape=(W,)),
-        torques=State("N m", 0.0, "brake torques, oldest first", shape=(W,)),
-        slips=State("m/s", 0.0, "slip speeds, oldest first", shape=(W,)),
+        omegas=State("rad/s", "omega_start", "wheel speeds, oldest first", shape=(W,)),
+        torques=State("N m", "T_b_start", "brake torques, oldest first", shape=(W,)),
+        slips=State("m/s", "v_s_start", "slip speeds, oldest first", shape=(W,)),
         omega=Input("rad/s", "measured wheel speed"),
         T_b=Input("N m", "measured brake torque", positive="braking"),
         v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
@@ -114,7 +114,9 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
         g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
         T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
-        omega_0=Param("rad/s", 40.0, "wheel speed at the start"),
+        omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
+        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="braking"),
+        v_s_start=Param("m/s", 0.0, "slip speed at the start", positive="braking", per="speed"),
     ):
         """Mean adhesion from the wheel's equation; Huang 2020 eqs (3), (6), formula not printed.
 

@@ -16,6 +16,7 @@ from casadi import exp, fmax, fmin, log
 
 from slipctl import Block, Input, Output, Param, State, connect, flow, law
 from slipctl.errors import known
+from slipctl.models.shared import SHARED
 
 TABLE_3 = "Huang 2020, Table 3"
 
@@ -187,7 +188,7 @@ def plant(
     else:
         parts["brake"] = brake
         wires |= {"brake.T_cmd": "T_cmd", "wheel.T_b": "brake.T_b"}
-    return connect("plant", wires, **parts)
+    return connect("plant", wires, share=SHARED, **parts)
 
 
 def ideal_plant(adhesion: Block = double_exponential) -> Block:
@@ -227,5 +228,6 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         "wheel.mu": "adh.mu",
     }
     return connect(
-        "plant", wires, wheel=wheel, adh=adhesion, air=air_resistance, curve=curve_resistance()
-    )
+        "plant", wires, share=SHARED,
+        wheel=wheel, adh=adhesion, air=air_resistance, curve=curve_resistance(),
+    )  # fmt: skip

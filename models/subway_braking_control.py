@@ -31,6 +31,7 @@ from slipctl import (
     step,
 )
 from slipctl.errors import known
+from slipctl.models.shared import SHARED
 
 TABLE_3 = "Huang 2020, Table 3"
 
@@ -207,7 +208,7 @@ def controller(slip_law: Block, name: str = "ctl") -> Block:
     if "T_top" in slip_law.inputs:
         wires["law.T_top"] = "arbitration.T_top"
     return connect(
-        name, wires,
+        name, wires, share=SHARED,
         reference=slip_reference, equivalent=equivalent_torque, law=slip_law,
         arbitration=arbitration,
     )  # fmt: skip
@@ -276,4 +277,4 @@ def estimating_controller(
     parts |= {"curve": opened(adhesion), "slip": inner}
     for n in unknown:
         wires |= {f"{b}.{n}": f"estimator.{n}" for b in fed}
-    return connect(name, wires, **parts)
+    return connect(name, wires, share=SHARED, **parts)

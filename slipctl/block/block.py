@@ -238,6 +238,12 @@ class Block:
         values = self.derive(free)
         return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
 
+    def values_by_place(self) -> dict[str, np.ndarray]:
+        """Values of all parameters, those of shared numbers by the name of each place too."""
+        values = self.param_values()
+        shared = self.sharing.aliases.items()
+        return values | {place: values[name] for place, name in shared if name in values}
+
     def orders(self) -> list[tuple[str, str]]:
         """Pairs (larger, smaller) of parameters that the law expects in this order.
 
@@ -323,7 +329,8 @@ class Block:
         Names may carry dots when passed as ``**{"car.m": 9000}``. A shared number is set at all its
         places; the full path of one place gives that place a number of its own. An ending that
         only one signal has, and a wildcard (``"*.m"``), mean what they meet. An expression of the
-        block's own signals is a value too.
+        block's own signals is a value too. A law whose rail conditions set the parameter loses
+        them, for they are those of the law as it was: name them anew, :meth:`with_conditions`.
 
         Raises:
             BadInput: unknown or derived parameter, value off range or NaN, an expression of names
@@ -334,7 +341,7 @@ class Block:
             for name in sharing.targets(self, given) or [given]:
                 meant[sharing.number_at(self, name)] = value
         for name, value in meant.items():
-            signal = self._declared(name)
+            signal = self.declared(name)
             if not isinstance(value, str):
                 signal.check(f"{self.name}.{name}", value)
                 continue
@@ -352,13 +359,13 @@ class Block:
                     )
         return self._with_values(meant)
 
-    def _declared(self, name: str) -> Signal:
+    def declared(self, name: str) -> Signal:
         """State, parameter, or place of a shared number, as it was declared."""
         if name in self.states:
             return self.states[name]
         if name in self.params or name not in self.sharing.aliases:
             return self._settable(name)
-        return self._part_of(name)[0]._declared(self._part_of(name)[1])
+        return self._part_of(name)[0].declared(self._part_of(name)[1])
 
     def _part_of(self, name: str) -> tuple[Block, str]:
         """Part that a place lies in, and the place's name there."""
@@ -384,8 +391,12 @@ class Block:
                 k: part._with_values(handed[k]) if k in handed else part
                 for k, part in self.parts.items()
             }
-            return self._rebuilt(parts, shares)._keep_values(self, own)
-        return self._keep_values(self, own)
+            block = self._rebuilt(parts, shares)._keep_values(self, own)
+        else:
+            block = self._keep_values(self, own)
+        if any(n in values for n in own for values in self.conditions.values()):
+            block.conditions = {}  # they hold the numbers from before
+        return block
 
     def _rebuilt(self, parts: dict[str, Block], shares: Mapping[str, sharing.Share]) -> Block:
         """The block made again of other parts, with the same shares or changed ones."""
@@ -435,6 +446,31 @@ class Block:
             own=self.own, sharing=self.sharing,
         )  # fmt: skip
         return block
+
+    def with_conditions(self, **conditions: Mapping[str, float]) -> Block:
+        """Return the law with other rail conditions, ``dry={"c": 1.0}, wet={"c": 0.3}``.
+
+        Raises:
+            BadInput: an unknown or derived parameter, a value off range.
+        """
+        for name, values in conditions.items():
+            for n, value in values.items():
+                self._settable(n).check(f"{self.name}, condition {name!r}: {n}", value)
+        block = self._copy(self.signals)
+        block.conditions = {k: dict(v) for k, v in conditions.items()}
+        return block
+
+    def with_source(self, source: str, *names: str) -> Block:
+        """Return the block with another source of these parameters: where their numbers are from.
+
+        Raises:
+            BadInput: unknown parameter.
+        """
+        wanted = {self._settable(n).name for n in names}
+        return self._copy(
+            replace(s, source=source) if s.role == "param" and s.name in wanted else s
+            for s in self.signals
+        )
 
     def renamed(self, name: str) -> Block:
         """Return the same block under another name."""

@@ -256,6 +256,36 @@ def differences(block: Block) -> dict[str, str]:
     return {place: key for place, key in found.items() if key in block.params}
 
 
+def told_apart(block: Block) -> list[str]:
+    """What was set apart to another number, one line each.
+
+    A start value that states how sure it is also says how far off it begins.
+    """
+    values, start = block.param_values(), block.start()
+    known = {**values, **start}
+    lines = []
+    for place, name in differences(block).items():
+        one, other = known[place], values[name]
+        if np.array_equal(one, np.broadcast_to(other, np.shape(one))):
+            continue
+        signal = block.params.get(place) or block.states[place]
+        unit = "" if signal.unit == "1" else f" {signal.unit}"
+        line = f"{place} differs from {name}"
+        if np.ndim(one) == np.ndim(other) == 0:
+            line += f": {float(one):.6g}{unit}, not {float(other):.6g}{unit}"
+        off = float(np.max(np.abs(one - other)))
+        for state in [place, *places_of(block, place)]:
+            told = block.states[state].deviation if state in block.states else ""
+            at = {k: known[block._sibling(state, k)] for k in names_in(told or "0")}
+            sure = float(evaluate(told, at, state)) if told else off
+            if off > sure:
+                line += (
+                    f"; it begins {off:.3g}{unit} away, its stated deviation is {sure:.3g}{unit}"
+                )
+        lines.append(line)
+    return lines
+
+
 def places_of(block: Block, name: str) -> list[str]:
     """Innermost places of a shared number, by their full names."""
     bound = [p for p, key in block.sharing.aliases.items() if key == name]
@@ -365,7 +395,8 @@ def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Sig
                 f"{name}: share {share.name!r}: {place} is in {s.unit}, {places[0]} in"
                 f" {first.unit}; write both in one unit"
             )
-        if s.shape not in ((), first.shape) and first.shape != ():
+        scalar = first.shape == () or share.expression or signals[0].derived
+        if s.shape not in ((), first.shape) and not scalar:
             raise BadInput(
                 f"{name}: share {share.name!r}: {place} has shape {s.shape}, {places[0]}"
                 f" {first.shape}"
@@ -406,7 +437,9 @@ def _declared(
     signal = first.as_role(
         "param",
         name=share.name,
+        deviation="",
         value=first.value if value is None else value,
+        shape=first.shape if value is None else (),
         lo=max(s.lo for s in signals),
         hi=min(s.hi for s in signals),
         source=first.source or next((s.source for s in signals if s.source), ""),

@@ -36,6 +36,8 @@ class Signal:
         axis: what the last index of the shape counts, ``"axle"``; set by ``replicate``.
         safe: what an output gives in generated C while a step is refused, each element of it; by
             default the value of the last good step.
+        deviation: standard deviation of an estimator's start value, as an expression of its block,
+            ``"sqrt(P)"``.
     """
 
     role: str
@@ -52,6 +54,7 @@ class Signal:
     name: str = ""
     axis: str = ""
     safe: float | None = None
+    deviation: str = ""
 
     def __post_init__(self) -> None:
         for what, given, choices in (
@@ -170,9 +173,15 @@ def State(
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
+    deviation: str = "",
 ) -> Any:
-    """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``."""
-    return Signal("state", unit, value, doc, source, lo, hi, shape, positive, per)
+    """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
+
+    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin.
+    """
+    return Signal(
+        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation
+    )
 
 
 def Param(

@@ -13,7 +13,7 @@ NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real 
 it has in scenario real), a model (double_exponential, subway_braking.wheelset), or a block in a
 file (my_law.py:my_law).
 
-  slipctl run subway_braking --set wheel.m=8.2t --loop sta --scenario base
+  slipctl run subway_braking --set m=8.2t --loop sta --scenario base
   slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
 """
 

@@ -133,12 +133,14 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
             continue
         rows.append(f"    {n}={v.value!r},  # {v.unit}, {said}")
     unit = found.law.outputs[found.curve.output].unit
+    source = found.law.params[next(iter(found.values))].source
     return "\n".join([
         f'"""{base.name} fitted to {Path(found.curve.source).name}; edit it as you like.', "",
         f"{found.curve.measured.size} points, largest error {found.max_error:.3g}"
         f"{'' if unit == '1' else ' ' + unit}, rms {found.rms:.3g}; made by", "",
         f"    {command}", '"""', "",
-        f"from {needed}", "", f"law = {origin}.with_params(", *rows, ")", "",
+        f"from {needed}", "", f"law = {origin}.with_params(", *rows, ")",
+        f"law = law.with_source({source!r}, {', '.join(repr(n) for n in found.values)})", "",
     ])  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from slipctl.block import formula
 from slipctl.block.plain_text import Text, cut
+from slipctl.block.sharing import differences, places_of
 from slipctl.block.signals import Signal
 from slipctl.draw.diagram import graph, inner, svg
 from slipctl.draw.typeset import Latex, letter
@@ -158,6 +159,10 @@ def text(block: Block, jacobian: bool = True) -> str:
             for k, values in block.conditions.items()
         ]
         out += ["Rail conditions", *_indent(_columns(sets)), ""]
+    shared = [(n, ", ".join(places_of(block, n))) for n in block.params if places_of(block, n)]
+    if shared:
+        shared += [(p, f"differs from {n}") for p, n in differences(block).items()]
+        out += ["Shared numbers", *_indent(_columns(shared)), ""]
     if ones := hidden(block):
         rows = [(f"1 {unit}", doc) for unit, doc in ones.items()]
         out += ["Unit constants that the formulas hide", *_indent(_columns(rows)), ""]

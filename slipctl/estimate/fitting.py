@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -91,6 +92,15 @@ class Fitted:
     def rms(self) -> float:
         """Root mean square of the residuals, in the unit of the output."""
         return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+def _origin(curve: Curve) -> str:
+    """Source of a fitted number: the measured curve, and which bytes it had."""
+    file = Path(curve.source)
+    if not file.is_file():
+        return f"fitted to {curve.source}"
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return f"fitted to {file.name}, sha256 {digest[:16]}"
 
 
 def fit(
@@ -434,7 +444,7 @@ def _judged(
     for a, b in tied.items():
         values[a], std[a], interval[a] = values[b], std[b], interval[b]
     values = {n: values[n] for n in unknown}
-    fitted = law.with_params(**values)
+    fitted = law.with_params(**values).with_source(_origin(curve), *values)
     p = fitted.param_values()
     doubts = tuple(
         f"{a} = {float(p[a]):.4g} < {b} = {float(p[b]):.4g}; {law.name} expects {a} >= {b}"

@@ -155,13 +155,22 @@ def rail_values(
     for s in scenario.rail.sections:
         row: dict[str, float] = {}
         if s.condition is not None:
-            if s.condition not in loop.conditions:
+            if s.condition not in loop.conditions and not loop.conditions:
+                named = list(dict.fromkeys(str(x.condition) for x in scenario.rail.sections))
+                if len(named) > 1:
+                    raise BadInput(
+                        f"{loop.name} knows no rail condition {named[0]!r}: the rail names"
+                        f" {', '.join(named)}, the adhesion law has one set of numbers; name them,"
+                        f" law.with_conditions({named[0]}={{...}},"
+                        f" {named[1]}={{...}}) or @law(..., conditions=...)"
+                    )
+            elif s.condition not in loop.conditions:
                 raise BadInput(
                     f"{loop.name} knows no rail condition {s.condition!r}"
                     f"{nearest(s.condition, loop.conditions)}; an adhesion law declares its own:"
                     f" @law(..., conditions={{{s.condition!r}: {{...}}}})"
                 )
-            row |= loop.conditions[s.condition]
+            row |= loop.conditions.get(s.condition, {})
         for name, value in s.values.items():
             hits = targets(loop, name, ("input", "param"))
             if len(hits) != 1:

@@ -9,10 +9,10 @@ from typing import Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
-from slipctl.block.sharing import targets
+from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run.results import Case
-from slipctl.run.simulation import _find, rail_values, simulate
+from slipctl.run.simulation import rail_values, simulate
 from slipctl.study.declaration import Study
 from slipctl.study.doors import blame, find_block, load_block, load_file
 
@@ -124,10 +124,14 @@ def prepare(
             run = {c.scenario.name for c in cases}
             (left if left is not None else []).extend(n for n in named if n not in run)
         cases = _set(study, cases, read)
+        said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
+                said |= dict.fromkeys(told_apart(loop))
                 _try(case, name, loop)
                 study.check(name, loop, case.scenario)
+        for line in said:
+            log.warning("%s", line)
     except Exception as error:
         blame(error)
     return cases, models
@@ -180,11 +184,11 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
             for name, loop in case.loops.items():
                 if s.loop not in ("", name):
                     continue
-                targets = s.matches(loop)
+                meant = s.matches(loop)
                 by_rail = {n for group in rail_values(loop, case.scenario) for n in group}
-                free = [t for t in targets if t not in by_rail]
-                if len(free) < len(targets) and not overruled:
-                    first = next(t for t in targets if t in by_rail)
+                free = [t for t in meant if t not in by_rail]
+                if len(free) < len(meant) and not overruled:
+                    first = next(t for t in meant if t in by_rail)
                     overruled = f"{name}'s {first} in scenario {case.scenario.name}"
                 if free:
                     loops[name] = _with(loop, free, s)
@@ -221,18 +225,26 @@ def _freed(case: Case, s: Setting) -> Case:
         kept = dict(getattr(scenario, field))
         for key, value in list(kept.items()):
             chosen = {n: b for n, b in case.loops.items() if s.loop in ("", n)}
-            if any(_find(b, role, key) in s.matches(b) for b in chosen.values()):
+            if any(_meant(b, key, role) & _meant(b, s.name) for b in chosen.values()):
                 del kept[key]
                 log.warning("--set %s replaces %s of scenario %s", s.name, key, scenario.name)
-                loops = {n: b.with_params(**{_find(b, role, key): value}) for n, b in loops.items()}
+                loops = {
+                    n: b.with_params(**dict.fromkeys(_meant(b, key, role), value))
+                    for n, b in loops.items()
+                }
         scenario = scenario.but(**{field: kept})
     return replace(case, scenario=scenario, loops=loops)
 
 
-def _with(loop: Block, targets: Sequence[str], s: Setting) -> Block:
+def _meant(loop: Block, name: str, *roles: str) -> set[str]:
+    """Numbers of a loop that a name sets."""
+    return {number_at(loop, n) for n in targets(loop, name, roles or ("param", "state"))}
+
+
+def _with(loop: Block, names: Sequence[str], s: Setting) -> Block:
     values = {}
-    for t in targets:
-        signal = loop.params.get(t) or loop.states[t]
+    for t in names:
+        signal = loop.declared(t)
         values[t] = units.parse_quantity(s.value, signal.unit, t)
     return loop.with_params(**values)
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
+from slipctl.block.sharing import told_apart
 from slipctl.draw import mathml
 from slipctl.draw.plots import pretty
 from slipctl.run import store
@@ -408,7 +409,9 @@ def _parameters(results: Results) -> str:
             text += " (the rail sets it)"
         rows.append([name, text, "" if s.unit == "1" else pretty(s.unit), s.doc, s.source])
     main = table(["Parameter", "Value", "Unit", "Meaning", "Source"], rows)
-    return main + _conditions(results, loops)
+    told = [(n, line) for n, loop in loops.items() for line in told_apart(loop)]
+    apart = "".join(f"<p>{escape(n)}: {escape(line)}.</p>" for n, line in told)
+    return main + apart + _conditions(results, loops)
 
 
 def _alike(value: Any) -> Any:

@@ -48,6 +48,7 @@ from slipctl.models.brakes import brake
 from slipctl.models.common_form import Wheel
 from slipctl.models.ep_valve import air_brake
 from slipctl.models.predictive_slip import predictive
+from slipctl.studies.all_rails.shares import FREIGHT_SHARES, HST_SHARES, SUBWAY_SHARES, shares
 
 H = form.T_S
 """Tick of every loop in s."""
@@ -95,11 +96,11 @@ def estimator_parts(noise: float) -> tuple[dict[str, Block], dict[str, str]]:
 @law(F=Output("N", "adhesion force", positive="braking"))
 def force(
     mu=Input("1", "adhesion coefficient", positive="braking"),
-    W=Param("kg", 8000.0, "load on the rail", form.ADDED, lo=1e3, hi=5e4),
+    m_axle=Param("kg", 8000.0, "load on the rail", form.ADDED, lo=1e3, hi=5e4),
     g=Param("m/s^2", 9.81, "gravity", form.ADDED),
 ):
     """F = mu W g."""
-    return mu * W * g
+    return mu * m_axle * g
 
 
 def falling(w: Wheel) -> Block:
@@ -138,7 +139,7 @@ def subway_world() -> Block:
         "slip_true": "plant.wheel.v_s",
     }
     return connect(
-        "world", wires, plant=plant, tooth=sensors.tooth_wheel,
+        "world", wires, share=SUBWAY_SHARES, plant=plant, tooth=sensors.tooth_wheel,
         speed=sensors.speed_sensor.with_params(sigma=0.01), slip=sensors.slip_sensor,
         meter=sensors.adhesion_meter(window=16, torque="sampled"), force=force,
         fall=falling(SUBWAY), **fit,
@@ -188,7 +189,8 @@ def hst_world() -> Block:
         "slip_true": "plant.wheel.v_s",
     }
     return connect(
-        "world", wires, plant=plant, tacho=zhang.wheel_speed_sensor.with_params(sigma=1e-3),
+        "world", wires, share=HST_SHARES, plant=plant,
+        tacho=zhang.wheel_speed_sensor.with_params(sigma=1e-3),
         accelerometer=zhang.accelerometer.with_params(sigma=0.05, bias=0.02),
         filter=zhang.adhesion_filter(), fusion=zhang.speed_fusion,
         meter=zhang.adhesion_meter(window, "sampled"), estimator=every(fit, 5),
@@ -220,10 +222,10 @@ def to_wheel(
 @law(a_R=Output("m/s^2", "deceleration by resistance, in the mirror", positive="braking"))
 def mirrored_resistance(
     F_Z=Input("N", "running resistance, as known", positive="braking"),
-    M=Param("kg", 6e6, "train, as the controller knows it", lo=1e4, hi=3e7),
+    m=Param("kg", 6e6, "train, as the controller knows it", lo=1e4, hi=3e7),
 ):
     """What slows the train speeds it up in the mirror."""
-    return -F_Z / M
+    return -F_Z / m
 
 
 def freight_world() -> Block:
@@ -265,12 +267,13 @@ def freight_world() -> Block:
     }
     speed = ("m/s", "braking", "speed")
     return connect(
-        "world", wires, plant=plant, sensor=freight.motor_speed_sensor.with_params(sigma=1e-3),
+        "world", wires, share=FREIGHT_SHARES, plant=plant,
+        sensor=freight.motor_speed_sensor.with_params(sigma=1e-3),
         observer=sampled(observer, H, "rk4"), adhesion=freight.adhesion_of_load,
         creep=cheng.creep, slip=mirror(*speed), grip=mirror("1", "braking"),
         resistance=freight.resistance, mirrored=mirrored_resistance, gear_in=to_motor,
         gear_out=to_wheel, command=mirror("N m", "traction"), torque=mirror("N m", "braking"),
-        true_slip=mirror(*speed), force=force.with_params(W=FREIGHT.W, g=FREIGHT.g),
+        true_slip=mirror(*speed), force=force.with_params(m_axle=FREIGHT.W, g=FREIGHT.g),
         fall=falling(FREIGHT), **fit,
     )  # fmt: skip
 
@@ -320,19 +323,19 @@ VEHICLES: dict[str, Vehicle] = {
         SUBWAY, subway_world, CURVE, False, CURVE, "v_s", ("c",),
         {"table_1": ("dry", "wet", "ice"), "moving": ("dry_moving", "wet_moving", "ice_moving")},
         2.0, lambda: subway.plant(CURVE, brake(lag=True)), "wheel.x", 1.0,
-        ("wheel.m", "curve.m"), "brake.tau", {"wheel.v_s": (-0.2, 6.0)},
+        ("m",), "tau", {"wheel.v_s": (-0.2, 6.0)},
     ),
     "hst": Vehicle(
         HST, hst_world, hst.grip(zhang.family()), False, hst.grip(hst.burckhardt), "lam",
         ("a0", "a2"), {"section_5": ("dry", "snow", "wet"), "rising": ("snow", "wet", "dry")},
         2.0, lambda: hst.plant(hst.burckhardt, air_brake("lag")), "wheel.x", -1.0,
-        ("wheel.m",), "brake.tau", {"wheel.lam": (-0.02, 0.5)},
+        ("m",), "tau", {"wheel.lam": (-0.02, 0.5)},
     ),
     "freight": Vehicle(
         FREIGHT, freight_world, CURVE, True, freight.adhesion, "v_s", ("c",),
         {"table_1": ("dry", "wet", "dry"), "moving": ("dry_moving", "wet_moving", "damp_moving")},
         3.0, lambda: freight.plant(freight.adhesion, freight.motor(lag=True)), "train.x", GEAR,
-        ("train.W",), "motor.tau", {"train.v_s": (-0.2, 6.0)},
+        ("m_axle",), "tau", {"train.v_s": (-0.2, 6.0)},
     ),
 }  # fmt: skip
 
@@ -424,7 +427,7 @@ def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1
         "world.T_cmd": "limits.T_cmd",
     } | {f"law.{n}": f"world.{n}" for n in control_law.inputs if n in world.outputs}
     return connect(
-        "loop", wires, world=world, law=control_law,
+        "loop", wires, share=shares(world, control_law), world=world, law=control_law,
         limits=form.limits.with_params(T_max=w.T_max, lead=lead),
     )  # fmt: skip
 

@@ -61,9 +61,7 @@ def scenario(target: str, draw: Draw) -> Scenario:
     """Part of the run with what the controller does not know."""
     wanted = train.target(TARGETS[target])
     rail = Rail([Section(t, n, {"plant.train.adh.mu_0": p["mu_0"]}) for t, n, p in surfaces(draw)])
-    params: dict[str, Any] = {f"plant.{n}": draw.mass * MASS for n in ("train.M", "res.M")}
-    params["plant.motor.tau_m"] = draw.lag * LAG
-    params["plant.train.W"] = draw.mass * PER_AXLE
+    params: dict[str, Any] = {"plant.m": draw.mass * MASS, "tau": draw.lag * LAG}
     return Scenario(target, LENGTH, rail, wanted.feeds(START), wanted.at(START), params)
 
 

@@ -43,7 +43,7 @@ def held(
         start["plant.motor.T_m"] = start["ctl.observer.T_L"]
     scenario = Scenario(
         "held", 2.0 * len(names), rail_of(law, names, CHANGES[: len(names)]), start=start,
-        params={"ctl.disturbance.W": 30e3 * (1 + error)},
+        params={"ctl.disturbance.m_axle": 30e3 * (1 + error)},
     )  # fmt: skip
     names_ = ("ctl.barrier.e", "plant.train.D")
     log = simulate(loop, scenario, compile=context.compile, log=names_)
@@ -170,10 +170,10 @@ def escape(context: Context) -> dict[str, Table]:
     motor = {k: v for k, v in at_the_peak(law).items() if k == "plant.train.omega_m"}
     base = Scenario("escape", 20.0, inputs={"v_ref": place, "rate": 0.0}, start=motor)
     loop = knowing(law, "consistent")
-    rolling = freight.resistance(v=SPEED)["F_Z"] / float(freight.resistance.params["M"].value)  # type: ignore[arg-type]
+    rolling = freight.resistance(v=SPEED)["F_Z"] / float(freight.resistance.params["m"].value)  # type: ignore[arg-type]
     rows: dict[str, list[Any]] = {k: [] for k in ("error", "W", "share", "told", "measured")}
     for error in (1e-4, 3e-4, 4e-4, 5e-4, 1e-3, 3e-3, 0.01, 0.05):
-        where = base.but(params={"ctl.disturbance.W": 30e3 * (1 + error)})
+        where = base.but(params={"ctl.disturbance.m_axle": 30e3 * (1 + error)})
         log = simulate(loop, where, compile=context.compile, log=["ctl.barrier.e", "plant.train.D"])
         e = log["ctl.barrier.e"].values
         W = error * (float(log["plant.train.D"][0]) + rolling)

@@ -24,13 +24,13 @@ def steepest() -> Bound:
 
 def number(loop: Block, name: str) -> float:
     """Parameter of a loop, derived ones computed."""
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def disturbance(loop: Block) -> float:
     """W in m/s^2: (r^2/(J R_g^2) + n_d/M) ERROR max F_a."""
     J, r, R_g, W, n_d, M, g = (
-        number(loop, f"ctl.disturbance.{k}") for k in ("J", "r", "R_g", "W", "n_d", "M", "g")
+        number(loop, f"ctl.disturbance.{k}") for k in ("J", "r", "R_g", "m_axle", "n_d", "m", "g")
     )
     force = ERROR * float(peak_height(**DRY)) * W * g
     return (r**2 / (J * R_g**2) + n_d / M) * force

@@ -24,6 +24,9 @@ from slipctl import (
 from slipctl import law as law_block
 from slipctl.models import freight_traction as freight
 from slipctl.models import freight_traction_control as control
+from slipctl.models.freight_traction import TRAIN
+from slipctl.models.shared import SHARED
+from slipctl.run.simulation import begun
 
 H = 2e-4
 """Tick of every loop in s (a guess; the printed shape needs less than 0.31 ms)."""
@@ -65,10 +68,22 @@ CHANGES = (0.0, 10.0, 15.0)
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best creep in m/s and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 1.0, 0.1  # the run says which conditions the law must declare
-    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])
+    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions.get(condition, {}))
     return found.location, found.value
+
+
+SHARES: dict[str, Any] = (
+    SHARED
+    | TRAIN
+    | {
+        "r": ["*plant.r", "*ctl.r"],
+        **{n: [f"plant.res.{n}", f"*.resistance.{n}"] for n in ("a1", "a2", "a3", "v_0")},
+        "v_start": "plant.train.v_t",
+    }
+)
+"""Numbers that the parts of a loop have in common."""
 
 
 # ---- the loops -----------------------------------------------------------------------------------
@@ -105,6 +120,7 @@ def seeking(
     ctl = control.seeking_controller(seek, form, H, lag=lag if lead else None, **values)
     return connect(
         "loop", wires,
+        share=SHARES | {"omega_m_start": ["plant.train.omega_m", "ctl.omega_m_start"]},
         plant=sampled(freight.plant(law, motor), H, "rk4"), sensor=freight.motor_speed_sensor,
         ctl=ctl, truth=truth,
     )  # fmt: skip
@@ -131,7 +147,7 @@ def knowing(law: Block, form: str, **values: float) -> Block:
     """Loop that holds a creep ``v_ref`` and knows adhesion and resistance, without an observer.
 
     An adhesion error is one of the load that the controller believes in,
-    ``ctl.disturbance.W``.
+    ``ctl.disturbance.m_axle``.
     """
     wires = {
         "ctl.mu_hat": "plant.adh.mu",
@@ -142,7 +158,10 @@ def knowing(law: Block, form: str, **values: float) -> Block:
         "plant.T_cmd": "ctl.T_cmd",
     }
     plant = sampled(freight.plant(law, freight.motor()), H, "rk4")
-    return connect("loop", wires, plant=plant, ctl=control.controller(form, H, **values))
+    return connect(
+        "loop", wires, share=SHARES | {"omega_m_start": "plant.train.omega_m"},
+        plant=plant, ctl=control.controller(form, H, **values),
+    )  # fmt: skip
 
 
 def at_the_peak(law: Block, condition: str = "dry") -> dict[str, float]:
@@ -156,8 +175,7 @@ def at_rest(creep: float, mu: float) -> dict[str, float]:
     motor = (SPEED + creep) * p["R_g"] / p["r"]
     return {
         "plant.train.omega_m": motor,
-        "ctl.observer.omega_m": motor,
-        "ctl.observer.T_L": mu * p["W"] * p["g"] * p["r"] / p["R_g"],
+        "ctl.observer.T_L": mu * p["m_axle"] * p["g"] * p["r"] / p["R_g"],
         "ctl.reference.x": creep,
     }
 
@@ -165,7 +183,7 @@ def at_rest(creep: float, mu: float) -> dict[str, float]:
 def ideal(models: Mapping[str, Any]) -> Block:
     """Bound: adhesion at its peak from the start."""
     world = sampled(freight.ideal_plant(models["adh"]), H, "rk4")
-    return connect("loop", {"plant.v_opt": "v_opt"}, plant=world)
+    return connect("loop", {"plant.v_opt": "v_opt"}, share=SHARES, plant=world)
 
 
 # ---- the scenarios -------------------------------------------------------------------------------
@@ -234,7 +252,8 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
     """
     if "ctl.barrier.k_s" not in loop.params:
         return
-    values, start = loop.param_values(), loop.start(**scenario.start)
+    loop = begun(loop, scenario)
+    values, start = loop.values_by_place(), loop.start()
     p = {n.removeprefix("ctl."): v for n, v in values.items() if n.startswith("ctl.")}
     speed, wheel = (float(start[f"plant.train.{n}"]) for n in ("v_t", "omega_m"))
     r, R_g = (float(values[f"plant.train.{n}"]) for n in ("r", "R_g"))
@@ -248,7 +267,8 @@ def steepest(loop: Block, scenario: Scenario) -> float | None:
     """Largest slope in s/m of the adhesion on the rail, at no creep; None for a swapped law."""
     slopes = []
     for section in scenario.rail.sections if scenario.rail else ():
-        p = {n.rpartition(".")[2]: v for n, v in loop.conditions[str(section.condition)].items()}
+        known = loop.conditions.get(str(section.condition), {})
+        p = {n.rpartition(".")[2]: v for n, v in known.items()}
         if set(p) != {"a", "b", "c"}:
             return None
         slopes.append(float(freight.steepest_slope(**p)))

@@ -137,4 +137,4 @@ def roughness(loop: str, change: float, seconds: float = 1.0) -> Answer:
 def number(r: Results, loop: str, name: str, scenario: str = "base") -> float:
     """Parameter of a loop as it ran."""
     case = next(c for c in r.cases if c.scenario.name == scenario)
-    return float(case.loops[loop].param_values()[name])
+    return float(case.loops[loop].values_by_place()[name])

@@ -25,7 +25,7 @@ def slope_in_the_funnel(loop: Block) -> Bound:
 
 def number(loop: Block, name: str) -> float:
     """Parameter of a loop."""
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def disturbance(loop: Block) -> float:
@@ -34,7 +34,7 @@ def disturbance(loop: Block) -> float:
     |F_a - F_a^| <= tau F_z max|mu'| max|lam'|, and |lam'| <= K1 eta_inf d there, what the law asks
     for at the edge of its linear part.
     """
-    r, I_w = number(loop, "ctl.law.r"), number(loop, "ctl.law.I_w")
+    r, I_w = number(loop["ctl"], "r"), number(loop["ctl"], "J")
     tau = filters.time_constant(number(loop, "ctl.filter.gamma"), loop.period)
     rate = number(loop, "ctl.law.K1") * number(loop, "ctl.law.eta_inf") * number(
         loop, "ctl.law.delta_u")  # fmt: skip
@@ -52,9 +52,9 @@ def change_of_rail(v: float, r: float = 0.43, I_w: float = 60.35) -> float:
 
 
 def _funnel(loop: Block) -> dict[str, float]:
-    law = {k: number(loop, f"ctl.law.{k}")
-           for k in ("K1", "T", "eta_inf", "delta_l", "delta_u", "r", "I_w")}  # fmt: skip
-    return {**law, "W": disturbance(loop), "v": SPEED}
+    law = {k: number(loop["ctl.law"], k)
+           for k in ("K1", "T", "eta_inf", "delta_l", "delta_u", "r")}  # fmt: skip
+    return {**law, "I_w": number(loop["ctl.law"], "J"), "W": disturbance(loop), "v": SPEED}
 
 
 def jump_of_rail() -> float:
@@ -78,10 +78,10 @@ def _printed(loop: Block) -> dict[str, float]:
 
 def _filter(loop: Block) -> dict[str, float]:
     printed = "per" in loop["ctl.filter"].choices and loop["ctl.filter"].choices["per"] == "second"
-    values = {k: number(loop, f"ctl.filter.{k}") for k in ("gamma", "r", "I_w")}
+    values = {k: number(loop["ctl.filter"], k) for k in ("gamma", "r", "J")}
     return {
         "gamma": values["gamma"], "R": number(loop, "ctl.filter.noise_omega"),
-        "H": values["r"] / values["I_w"], "dt": 0.0 if printed else loop.period,
+        "H": values["r"] / values["J"], "dt": 0.0 if printed else loop.period,
         "P": number(loop, "ctl.filter.prior_F_a"), "share": 0.02, "time": 0.05,
     }  # fmt: skip
 

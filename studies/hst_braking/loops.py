@@ -32,6 +32,7 @@ from slipctl.models.hst_braking import (
     plant,
     wheel,
 )
+from slipctl.models.shared import SHARED
 
 H = 1e-3
 """Tick of every loop in s; Zhang 2021, section 5.1."""
@@ -57,14 +58,14 @@ NOISE = 1e-3
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best slip ratio and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 0.1, 0.0  # the run says which conditions the law must declare
     found = argmax(grip(law), "lam", lo=1e-3, hi=0.9, at=_at(law, condition))
     return found.location, found.value
 
 
 def _at(law: Block, condition: str) -> dict[str, float]:
-    values = dict(law.conditions[condition])
+    values = dict(law.conditions.get(condition, {}))
     return values | ({"v": 50.0} if "v" in law.inputs else {})
 
 
@@ -99,6 +100,22 @@ def held(
     return lam_fixed + 0 * lam_opt
 
 
+def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
+    """Numbers that the parts of a loop have in common; sensors and filters start as the plant."""
+    found: dict[str, Any] = SHARED | {
+        "n": "*.n",
+        "v_start": ["plant.wheel.v", "*.v_start"],
+        "omega_start": ["plant.wheel.omega", "*.omega_start"],
+        "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
+        "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
+        "theta": "*.theta",
+        "P_max": "*.P_max",
+    }
+    if "brake.P_c" in parts["plant"].states:
+        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": "*.T_b_start"}
+    return found
+
+
 def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
     """Bound: adhesion held at its peak from the start, or at the slip 0.1.
 
@@ -107,10 +124,11 @@ def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
         fixed: slip 0.1 in place of the best one.
     """
     world = sampled(ideal_plant(models["adh"]), H, "rk4")
+    bound = SHARED | {"n": "*.n", "v_start": "plant.wheel.v"}
     if fixed:
         wires = {"held.lam_opt": "lam_opt", "plant.lam_held": "held.lam_held"}
-        return connect("loop", wires, plant=world, held=held)
-    return connect("loop", {"plant.lam_held": "lam_opt"}, plant=world)
+        return connect("loop", wires, share=bound, plant=world, held=held)
+    return connect("loop", {"plant.lam_held": "lam_opt"}, share=bound, plant=world)
 
 
 def loop(
@@ -168,7 +186,7 @@ def loop(
             "valve.T_b": "plant.brake.T_b",
             "plant.position": "valve.position",
         }
-    return connect("loop", wires, **parts)
+    return connect("loop", wires, share=shares(parts), **parts)
 
 
 def online(models: Mapping[str, Any], **how: Any) -> dict[str, Block]:
@@ -258,7 +276,7 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     )
     lagged = sensing(lagged, SENSORS)
     add("real", lagged, "20 ms lag, noise, estimated speed")
-    slow = sensing(lagged, {"plant.brake.tau": 0.05})
+    slow = sensing(lagged, {"tau": 0.05})
     add("lag50", slow, "50 ms lag, noise, estimated speed")
     if not quick:
         behind = {

@@ -25,7 +25,7 @@ RESERVE = 0.9
 
 def number(loop: Block, name: str) -> float:
     """Parameter of a loop."""
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def _observer(loop: Block) -> dict[str, float]:
@@ -54,7 +54,7 @@ def _higher(form: str) -> Callable[[Block], dict[str, float]]:
 
 def _saturated(loop: Block) -> dict[str, float]:
     """Force to hold the speed on ice, and what ten axles of ice carry."""
-    M, W, g = (number(loop, n) for n in ("ctl.strategy.law.M", "ctl.observer.W", "ctl.observer.g"))
+    M, W, g = (number(loop, f"ctl.{n}") for n in ("m", "m_axle", "g"))
     need = float(resistance(v=SPEED)["F_d"])
     most = RESERVE * peak(SPEED, "ice").value * 10 * W * g
     return {

@@ -215,6 +215,21 @@ def net_torque(axles: int) -> Block:
     return net
 
 
+SHARES: dict[str, Any] = {
+    **{n: f"*.{n}" for n in ("m", "J", "r", "g", "tau", "n_m", "n_b", "F_top", "P_top", "B_t")},
+    **{n: ["plant." + n, f"*.res.{n}"] for n in ("w_0", "w_1", "w_2")},
+    "v_0": "*.res.v_0",
+    "m_axle": ["plant.m_axle", "*.m_axle"],
+    "Q = m_axle * g / 2": "*.Q",
+    **{n: [f"*.adh.{n}", f"*.curves.{n}"] for n in ("G", "a", "b", "c11", "v_min")},
+    "F_max": "*.F_max",
+    "F_brake = n_b * F_max": "*.F_brake",
+    "v_start": "plant.train.v",
+    "omega_start": "plant.train.omega",
+}
+"""Numbers that the parts of a loop have in common."""
+
+
 def loop(
     models: Mapping[str, Any],
     control_law: Block,
@@ -273,7 +288,7 @@ def loop(
             "T_in.u": "net.T",
             "ctl.T": "T_in.y",
         }
-    return connect("loop", wires, **parts)
+    return connect("loop", wires, share=SHARES, **parts)
 
 
 def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> dict[str, Block]:
@@ -354,9 +369,10 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
     Raises:
         BadInput: counts that are not those of the axles that the train was built of.
     """
-    p = loop.param_values()
+    p = loop.values_by_place()
     axles = loop["plant.train"].choices["axles"]
-    count, W = (np.ravel(np.asarray(p[f"plant.train.{n}"], dtype=float)) for n in ("count", "W"))
+    count = np.ravel(np.asarray(p["plant.train.count"], dtype=float))
+    load = np.broadcast_to(np.asarray(p["plant.train.m_axle"], dtype=float), count.shape)
     where = f"{scenario.name}/{name}: plant.train"
     if count.sum() != axles:
         given = " + ".join(f"{c:g}" for c in count[:3]) + (" + ..." if len(count) > 3 else "")
@@ -364,9 +380,9 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
             f"{where}.count = {given} makes {count.sum():g} axles of a train of {axles}; its sum"
             f" must stay {axles}, and another train is made by Axles(...)"
         )
-    M, carried = float(np.ravel(p["plant.train.M"])[0]), float(count @ W)
-    if abs(carried - M) > FITS * M:
+    m, carried = float(np.ravel(p["plant.train.m"])[0]), float(count @ load)
+    if abs(carried - m) > FITS * m:
         log.warning(
-            "%s.M = %g kg, but its %d axles carry %g kg; W = %g kg would fit", where, M, axles,
-            carried, M / axles,
+            "%s.m = %g kg, but its %d axles carry %g kg; m_axle = %g kg would fit", where, m,
+            axles, carried, m / axles,
         )  # fmt: skip

@@ -63,7 +63,7 @@ def rms(values: np.ndarray) -> float:
 def parameter(r: Results, scenario: str, loop: str, name: str) -> float:
     """Parameter of a loop as it ran; the first of those that each axle has."""
     case = next(c for c in r.cases if c.scenario.name == scenario)
-    return float(np.ravel(case.loops[loop].param_values()[name])[0])
+    return float(np.ravel(case.loops[loop].values_by_place()[name])[0])
 
 
 @cache
@@ -81,8 +81,8 @@ def surface_at(t: float) -> str:
 def carried(r: Results, scenario: str, loop: str, start: float, stop: float) -> np.ndarray:
     """Force in N that ten axles can put on the rail, the tractive effort included."""
     v = after(r, scenario, loop, start, stop, "plant.train.v")
-    weight = parameter(r, scenario, loop, "ctl.limit.W") * 9.8
-    axles = parameter(r, scenario, loop, "ctl.limit.n_traction")
+    weight = parameter(r, scenario, loop, "ctl.limit.m_axle") * 9.8
+    axles = parameter(r, scenario, loop, "ctl.limit.n_m")
     most = axles * weight * np.interp(v, *heights(surface_at(start)))
     return np.minimum(most, [float(tractive_effort(float(x))) for x in v])
 

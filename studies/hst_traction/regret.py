@@ -38,7 +38,7 @@ def smallest_error(
     low, high = max(v_d.min() - 5, 0.1), v_d.max() + 5
     grid = np.linspace(low, high, max(9, round((high - low) / 3)))
     best = {n: np.array([peak(float(v), dict(p)).value for v in grid]) for _, n, p in surfaces}
-    weight, drag = mass * M, resistance.with_params(M=mass * M)
+    weight, drag = mass * M, resistance.with_params(m=mass * M)
     F_d = np.array([float(drag(v=float(v))["F_d"]) for v in grid])
     v, errors = float(v_d[0]), []
     for k, time in enumerate(t):

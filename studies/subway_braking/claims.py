@@ -206,7 +206,7 @@ def _number(r: Results, loop: str, path: str) -> float:
     block = next((c.loops[loop] for c in r.cases if loop in c.loops), None)
     if block is None or path not in block.params:
         raise NotRun(f"{loop} with {path} was not run")
-    return float(block.param_values()[path])
+    return float(block.values_by_place()[path])
 
 
 def chatter_over(name: str, **values: Mapping[str, float]) -> Answer:

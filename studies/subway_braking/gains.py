@@ -34,13 +34,13 @@ def disturbance_slope(loop: Block) -> float:
     larger than what k1 balances at the edge of the tube. k1 is that of the law in use, so that all
     gains meet the same disturbance.
     """
-    m, J, r, g = (_number(loop, f"ctl.equivalent.{n}") for n in ("m", "J", "r", "g"))
+    m, J, r, g = (_number(loop["ctl"], n) for n in ("m", "J", "r", "g"))
     fastest = 2 * float(super_twisting().params["k1"].value) * TUBE**0.5
     return ERROR * (1 / m + r * r / J) * m * g * slope_in_the_tube().value * fastest
 
 
 def _number(loop: Block, name: str) -> float:
-    return float(loop.param_values()[name])
+    return float(loop.values_by_place()[name])
 
 
 def _twisting(loop: Block) -> dict[str, float]:
@@ -51,7 +51,7 @@ def _twisting(loop: Block) -> dict[str, float]:
 
 
 def _reaching(loop: Block) -> dict[str, float]:
-    m, J, r, g = (_number(loop, f"ctl.equivalent.{n}") for n in ("m", "J", "r", "g"))
+    m, J, r, g = (_number(loop["ctl"], n) for n in ("m", "J", "r", "g"))
     peak = double_exponential(v_s=1.21, **double_exponential.conditions["dry"])["mu"]
     return {
         "g1": _number(loop, "ctl.law.g1"), "g2": _number(loop, "ctl.law.g2"), "T": loop.period,

@@ -22,6 +22,7 @@ from slipctl import (
 from slipctl import law as law_block
 from slipctl.models import sensors
 from slipctl.models.brakes import brake
+from slipctl.models.shared import SHARED
 from slipctl.models.subway_braking import (
     curve_resistance,
     double_exponential,
@@ -53,9 +54,9 @@ MODELS: dict[str, Any] = {
 
 def best(law: Block, condition: str) -> tuple[float, float]:
     """Best slip in m/s and adhesion there, of a law on one of its rail conditions."""
-    if condition not in law.conditions:
+    if law.conditions and condition not in law.conditions:
         return 1.0, 0.0  # the run says which conditions the law must declare
-    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions[condition])
+    found = argmax(law, "v_s", lo=0.01, hi=10, at=law.conditions.get(condition, {}))
     return found.location, found.value
 
 
@@ -92,6 +93,19 @@ def _world(models: Mapping[str, Any], lag: bool) -> Block:
     return sampled(continuous, H, "rk4", substeps=10)
 
 
+START_OF_PLANT = {"v_start": "plant.wheel.v", "omega_start": "plant.wheel.omega"}
+"""Start values of the plant, which stand in every loop under one name."""
+
+MEASURED = SHARED | {
+    "v_start": "plant.wheel.v",
+    "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
+    "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
+    "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
+    "v_s_start = v_start - r * omega_start": "meter.v_s_start",
+}
+"""Numbers of a loop with sensors: what they hold at the start is what the plant has."""
+
+
 def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -> Block:
     """Loop with perfect sensors, a brake without lag and the best slip known."""
     wires = {
@@ -104,7 +118,10 @@ def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -
         "ctl.a_demand": "a_demand",
         "plant.T_cmd": "ctl.T_b",
     }
-    return connect("loop", wires, plant=_world(models, lag=False), ctl=controller(law))
+    return connect(
+        "loop", wires, share=SHARED | START_OF_PLANT,
+        plant=_world(models, lag=False), ctl=controller(law),
+    )  # fmt: skip
 
 
 REAL = {
@@ -136,7 +153,7 @@ def real(models: Mapping[str, Any], law: Block) -> Block:
     """Loop with 50 ms of lag, tooth wheel, noisy speed, and adhesion from the wheel's equation."""
     wires = {**REAL, "ctl.mu_hat": "meter.mu_m", "ctl.v_opt": "v_opt"}
     parts = _sensors() | {"ctl": controller(law)}
-    return connect("loop", wires, plant=_world(models, lag=True), **parts)
+    return connect("loop", wires, share=MEASURED, plant=_world(models, lag=True), **parts)
 
 
 def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
@@ -160,7 +177,7 @@ def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block
         "truth.v_opt": "v_opt",
     }
     return connect(
-        "loop", wires,
+        "loop", wires, share=SHARED | START_OF_PLANT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
         ctl=_estimating(models, law, form), truth=truth,
     )  # fmt: skip
@@ -184,8 +201,9 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
         }
     )
     return connect(
-        "loop", wires, plant=_world(models, lag=True), **_sensors(), ctl=ctl, truth=truth
-    )
+        "loop", wires, share=MEASURED,
+        plant=_world(models, lag=True), **_sensors(), ctl=ctl, truth=truth,
+    )  # fmt: skip
 
 
 def _estimating(
@@ -212,7 +230,7 @@ def truth(
 def ideal(models: Mapping[str, Any]) -> Block:
     """Bound: adhesion at its peak from the start."""
     return connect(
-        "loop", {"plant.v_opt": "v_opt"},
+        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | {"v_start": "plant.wheel.v"},
         plant=sampled(ideal_plant(models["adh"]), H, "rk4"),
     )  # fmt: skip
 
@@ -254,7 +272,7 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         ),
     ]  # fmt: skip
     for name, mass in (("demand", 8000.0), ("demand_empty", 5500.0), ("demand_crush", 10000.0)):
-        loads = {"plant.wheel.m": mass, "plant.curve.m": mass}
+        loads = {"plant.m": mass}
         found.append(
             Case(
                 Scenario(name, 6.0, rail, inputs={"a_demand": 0.8}, params=loads,

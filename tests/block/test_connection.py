@@ -349,12 +349,12 @@ def linear_adhesion(v_s=Input("m/s", positive="braking", per="speed"), k=Param("
 def test_swap_by_path_changes_that_part_only():
     """Numbers of the other parts stay, set ones too; the old block is as it was."""
     loop = braked().with_params(
-        **{"plant.wheel.m": 9000.0, "plant.wheel.v": 11.0, "plant.brake.tau": 0.2}
+        **{"plant.m": 9000.0, "plant.wheel.v": 11.0, "plant.brake.tau": 0.2}
     )
     other = loop.swap("plant.adh", linear_adhesion).swap("est.k", sink("m/s", value=1.0))
     assert other["plant.adh"].params["k"].value == 0.1
-    assert other.param_values()["plant.wheel.m"] == 9000.0
-    assert other.param_values()["plant.brake.tau"] == 0.2
+    assert other.param_values()["plant.m"] == 9000.0
+    assert other.param_values()["plant.tau"] == 0.2
     assert other.start()["plant.wheel.omega"] == pytest.approx(22.0)
     assert {"plant.adh.c", "plant.adh.k"} & set(loop.params) == {"plant.adh.c"}
     assert other.period == loop.period

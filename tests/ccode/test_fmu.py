@@ -183,7 +183,7 @@ def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Bloc
     from slipctl.studies.bench.fmus import opened_by_fmpy
 
     loop, _ = subway
-    scenario = three_rails(1.5).but(start={"plant.wheel.v": 11.0}, params={"plant.wheel.m": 9000.0})
+    scenario = three_rails(1.5).but(start={"plant.wheel.v": 11.0}, params={"plant.m": 9000.0})
     for row in opened_by_fmpy(loop, "plant", scenario, 0.1).values():
         wanted = {"ticks": 100, "relative": 0.0, "status_differs": 0, "valid": True}
         assert row == wanted | {"passed": True}

@@ -87,7 +87,7 @@ def loop(slip_law: Block, T: float = 1e-3, wheel: Block | None = None) -> Block:
         plant=sampled(plant, T, "rk4", substeps=max(1, round(T / 1e-4)), check=False),
         ctl=control.controller(slip_law),
     )  # fmt: skip
-    return block.with_params(**{"ctl.law.T": T}) if "ctl.law.T" in block.params else block
+    return block.with_params(**{"ctl.T": T}) if "ctl.T" in block.params else block
 
 
 def ripples(log: object, T: float = 1e-3) -> list[float]:

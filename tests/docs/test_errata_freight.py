@@ -51,7 +51,7 @@ def held(form: str, v_ref: float, seconds: float, error: float = 0.0):
     start = {"plant.train.omega_m": (SPEED + v_ref) * GEAR / R}
     scenario = Scenario(
         "held", seconds, inputs={"v_ref": v_ref, "rate": 0.0}, start=start,
-        params={"ctl.disturbance.W": W * (1 + error)},
+        params={"ctl.disturbance.m_axle": W * (1 + error)},
     )  # fmt: skip
     log = simulate(knowing(freight.adhesion, form), scenario,
                    log=["ctl.barrier.e", "plant.train.D"])  # fmt: skip

@@ -304,7 +304,7 @@ def test_demand_of_0_8_wakes_slip_control_on_ice_only(rail, awake):
     for mass in (5500.0, 8000.0):
         heights = subway.TABLE_1[rail]
         loop = closed_loop().with_params(
-            **{f"plant.adh.{k}": v for k, v in heights.items()}, **{"plant.wheel.m": mass}
+            **{f"plant.adh.{k}": v for k, v in heights.items()}, **{"plant.m": mass}
         )
         run = simulate(loop, Scenario("s", 5.0, inputs={"v_opt": BEST, "a_demand": 0.8}))
         held = run["ctl.T_b"].values[100:] < run["ctl.arbitration.T_top"].values[100:] - 1e-9

@@ -44,8 +44,8 @@ def test_work_is_energy_plus_losses_to_rounding(axles):
     log = run(loop, 10.0, SLIPPERY, 8.0, **HARD)
     p = loop.param_values()
     omega = log["plant.train.omega"].values
-    energy = 0.5 * p["plant.train.M"] * log["plant.train.v"].values ** 2 + 0.5 * (
-        p["plant.train.count"] * p["plant.train.J"] * omega**2
+    energy = 0.5 * p["plant.m"] * log["plant.train.v"].values ** 2 + 0.5 * (
+        p["plant.train.count"] * p["plant.J"] * omega**2
     ).sum(axis=1)
     power = {k: log[f"plant.train.P_{k}"].values[:-1] for k in ("drive", "brake", "bearing",
                                                                  "slip", "d")}  # fmt: skip

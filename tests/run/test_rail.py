@@ -157,8 +157,8 @@ def two_parts() -> Block:
         (probe, [Section(0, None, {"twice": 1.0})], "time", "is derived, 2 \\* k; set k"),
         (probe, [Section(0, None, {"twice": 1.0})], "position", "is derived, 2 \\* k; set k"),
         (probe, [Section(0)], "place", "probe has no state 'place'; it has x"),
-        (closed_loop(), [Section(0, "dry", {"wheel.m": -1.0})], "time", "= -1 kg is out of range"),
-        (closed_loop(), [Section(0, "dry", {"wheel.m": -1.0})], "position", "out of range"),
+        (closed_loop(), [Section(0, "dry", {"plant.m": -1.0})], "time", "= -1 kg is out of range"),
+        (closed_loop(), [Section(0, "dry", {"plant.m": -1.0})], "position", "out of range"),
     ],
 )  # fmt: skip
 def test_rails_that_do_not_fit_the_loop_are_refused(block, sections, by, words):

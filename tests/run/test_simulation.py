@@ -308,7 +308,7 @@ def test_feeds_reach_the_block_as_they_are(shape, value, feed, wanted, compile):
         (one_input(value=0.0), {"inputs": {"v": 1.0}}, "b has no input 'v'; it has u"),
         (one_input(value=0.0), {"start": {"z": np.nan}}, "b.z is NaN"),
         (one_input(), {}, r"b.u \[1\] is not fed"),
-        (closed_loop(), {"params": {"m": 9e3}}, "'m' could be plant.wheel.m or plant.curve.m or"),
+        (closed_loop(), {"params": {"m": 9e3}}, "'m' could be plant.m or ctl.m; write which"),
     ],
 )  # fmt: skip
 def test_scenarios_that_do_not_fit_are_refused(block, changes, words):
@@ -326,14 +326,14 @@ def test_unknown_names_in_the_log_are_refused():
 
 def test_the_log_says_what_it_holds():
     """Units, meaning, sign convention; version, seed and parameters with units as attributes."""
-    changes = {"seed": 3, "params": {"plant.wheel.m": 9e3}, "start": {"plant.wheel.v": 15}}
+    changes = {"seed": 3, "params": {"plant.m": 9e3}, "start": {"plant.wheel.v": 15}}
     run = simulate(closed_loop(), three_rails(0.3, **changes))
     v_s = run["plant.wheel.v_s"]
     assert v_s.attrs == {
         "units": "m/s", "long_name": "slip speed, vehicle minus rim", "positive": "braking",
     }  # fmt: skip
     assert (run.time.attrs["units"], run.attrs["seed"], run.attrs["format"]) == ("s", 3, 1)
-    assert json.loads(run.attrs["parameters"])["plant.wheel.m"] == {"value": 9000.0, "unit": "kg"}
+    assert json.loads(run.attrs["parameters"])["plant.m"] == {"value": 9000.0, "unit": "kg"}
     assert float(run["plant.wheel.omega"][0]) == 30.0  # v / r follows the start
     assert run.sizes["time"] == 300
 

@@ -110,7 +110,7 @@ def test_longest_run_of_true_values():
 
 def test_speed_law_is_free_of_offset_with_a_wrong_mass_and_keeps_its_limits():
     """10 % more mass than told and 0.05 m/s^2 unknown: both errors go to zero, F within limits."""
-    plant = sampled(body.with_params(M=550e3), 5e-3, "rk4")
+    plant = sampled(body.with_params(m=550e3), 5e-3, "rk4")
     wires = {"law.e1": "plant.e1", "law.e2": "plant.e2", "plant.F": "law.F_contr",
              "law.a_ff": "a_ff", "plant.a_ff": "a_ff", "plant.d": "gust"}  # fmt: skip
     loop = connect("loop", wires, plant=plant, law=predictive_speed())

@@ -133,6 +133,6 @@ def test_counts_must_be_those_of_the_train(scenario):
 def test_a_mass_that_its_axles_do_not_carry_is_told(caplog):
     with caplog.at_level(logging.WARNING):
         preparing.prepare(
-            study, settings=["plant.train.M=250t"], loops=["hosm_limited"], scenarios=["base"]
+            study, settings=["plant.train.m=250t"], loops=["hosm_limited"], scenarios=["base"]
         )
-    assert "its 32 axles carry 500000 kg; W = 7812.5 kg would fit" in caplog.text
+    assert "its 32 axles carry 500000 kg; m_axle = 7812.5 kg would fit" in caplog.text

@@ -26,8 +26,7 @@ def results(share: float = 1.0, name: str = "J") -> Results:
     loops = {}
     for n in LOOPS:
         block = case.loops[n]
-        paths = [p for p, s in block.params.items() if p.endswith(f".{name}") and not s.derived]
-        loops[n] = block.with_params(**{p: share * float(block.param_values()[p]) for p in paths})
+        loops[n] = block.with_params(**{name: share * float(block.param_values()[name])})
     found = Results(study, [case])
     data = {n: simulate(b, case.scenario) for n, b in loops.items()}
     found.data["base"] = {n: running.add_known(study, case, d) for n, d in data.items()}

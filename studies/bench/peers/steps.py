@@ -137,6 +137,7 @@ def _order(name: str, members: Any) -> list[int]:
     return [names.index(n) for n in _INPUTS[name]]
 
 
+# each part of the peer has its own copy of what ours shares
 _PARAMS = {
     "sta_rls": (
         "estimator.noise", "estimator.spread", "estimator.forgetting", "estimator.jump",
@@ -146,14 +147,26 @@ _PARAMS = {
         "slip.arbitration.r", "slip.arbitration.T_max", "slip.arbitration.v_off",
         "slip.arbitration.T_low",
     ),
-    "eppfc": (),  # in our order
+    "eppfc": (
+        "filter.gamma", "filter.sigma", "filter.prior_F_a", "filter.drift_F_a",
+        "filter.floor_F_a", "filter.cap_F_a", "filter.noise_omega", "filter.J",
+        "filter.r", "slope.rho_1", "slope.rho_2", "slope.zeta", "slope.gate",
+        "slope.P_top", "slope.jump", "slope.settle", "slope.gain", "slope.T",
+        "search.h_1", "search.rate", "search.chi_0", "search.near", "search.lo",
+        "search.hi", "search.T", "reference.up", "reference.share", "reference.tau_ref",
+        "reference.near", "reference.v_off", "reference.J", "reference.r",
+        "reference.T", "law.eta_0", "law.eta_inf", "law.k", "law.delta_l",
+        "law.delta_u", "law.K1", "law.trip", "law.reserve", "law.v_min", "law.v_off",
+        "law.m", "law.n", "law.J", "law.r", "law.T", "arbitration.m", "arbitration.n",
+        "arbitration.J", "arbitration.r", "arbitration.T_max", "arbitration.v_off",
+        "arbitration.part",
+    ),
 }  # fmt: skip
 
 
 def _peer(name: str, block: Block) -> tuple[np.ndarray, np.ndarray]:
     """Parameters and start state of the peer, from the block."""
     values = block.param_values()
-    names = _PARAMS[name] or [n for n, s in block.params.items() if not s.derived]
-    param = np.concatenate([np.ravel(values[n]) for n in names])
+    param = np.concatenate([np.ravel(values[block.sharing.name(n)]) for n in _PARAMS[name]])
     state = np.concatenate([np.ravel(v, order="F") for v in block.start().values()])
     return param, np.concatenate([state, np.zeros(64)])

@@ -1,0 +1,154 @@
+"""One setting reaches all places: every loop against the same loop built without any share.
+
+The loops by hand are made by the studies too, but with sharing switched off; each place is then
+set by a table of names that knows nothing of shares. ``ONE_SETTING=all`` takes every setting of
+every loop, over whole runs.
+"""
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from slipctl import BadInput, Block, Case, RunFailed, Scenario, simulate
+from slipctl.block import connection
+from slipctl.study import doors
+
+ALL = os.environ.get("ONE_SETTING") == "all"
+STUDIES = ("subway_braking", "hst_braking", "freight_traction", "hst_traction", "all_rails")
+SPEED = {"freight": "train.v_t", "hst_traction": "train.v"}
+SETTINGS = [("speed", 0.3), ("speed", 0.7), ("speed", 1.3)] + [
+    (what, f) for what in ("m", "r", "J") for f in (0.8, 1.2)
+]
+SCALING_MASS = ("law.scale.m", "law.torque.m", "law.law.m")
+"""Mass of a law that drives another vehicle: a scale of its own, no vehicle has it."""
+
+
+@contextmanager
+def without_shares() -> Iterator[None]:
+    """Connections that ignore ``share``, also when a block is built again with other values."""
+    kept = connection.bind
+    connection.bind = lambda *_: {}
+    try:
+        yield
+    finally:
+        connection.bind = kept
+
+
+@cache
+def cases(study: str, shared: bool) -> list[Case]:
+    with nullcontext() if shared else without_shares():
+        if not shared:
+            for name in ("hst_braking", "subway_braking", "freight_traction", "hst_traction"):
+                made = __import__(f"slipctl.studies.{name}.loops", fromlist=["x"])
+                for f in vars(made).values():
+                    getattr(f, "cache_clear", lambda: None)()
+        if study == "all_rails" and not shared:  # its scenarios speak of shared numbers
+            made = __import__("slipctl.studies.all_rails.loops", fromlist=["x"])
+            return [replace(c, loops=made.loops(c.scenario.name.partition("_")[0]))
+                    for c in cases(study, True)]  # fmt: skip
+        found = doors.build_cases(doors.load_study(study), quick=True)
+        # a scenario with a difference on purpose, or a lag set by its shared name
+        return [c for c in found if not c.scenario.name.startswith(("demand", "lag50"))]
+
+
+def loops(study: str) -> list[tuple[str, int, str]]:
+    """Every loop once: those of the scenarios without sensors, then those with."""
+    found: dict[tuple[str, str], tuple[str, int, str]] = {}
+    for k, case in enumerate(cases(study, True)):
+        sensors = case.scenario.name in ("real", "estimated", "noise")
+        world = case.scenario.name.partition("_")[0] if study == "all_rails" else ""
+        for n in case.loops:
+            found.setdefault((n, f"{sensors}{world}{case.scenario.name == 'position'}"),
+                             (study, k, n))  # fmt: skip
+    return list(found.values())
+
+
+def chosen() -> list[tuple[str, int, str, str, float]]:
+    """All settings of all loops, or one of each in turn and all of one per study."""
+    rows = []
+    at = 0
+    for study in STUDIES:
+        for one in loops(study):
+            rows += [(*one, *SETTINGS[k % 9]) for k in (range(9) if ALL else [at])]
+            at += 2
+    return rows
+
+
+def by_hand(block: Block, study: str, scenario: str, what: str, value: float) -> Block:
+    """Block without shares in which each place is set, ``value`` times what it was."""
+    freight = study == "freight_traction" or scenario.startswith("freight")
+    numbers = block.values_by_place()
+    new: dict[str, float | np.ndarray] = {}
+    names = {"m": {"m", "m_axle", "Q"} - ({"m_axle"} if freight else set())}.get(what, {what})
+    for n, v in numbers.items():
+        if n.rpartition(".")[2] in names and block.params[n].unit in ("kg", "kg m^2", "m", "N"):
+            if n in SCALING_MASS and ("law.scale.m" in numbers or freight):
+                continue
+            new[n] = v * value
+    start = {k: float(np.ravel(v)[0]) for k, v in block.start().items() if np.size(v)}
+    speed = next(k for k in start if k.endswith((".wheel.v", ".train.v", ".train.v_t")))
+    v = start[speed] or (30.0 if study == "hst_traction" else 0.0)
+    v *= value if what == "speed" else 1.0
+    new[speed] = v
+    plant = speed.rpartition(".")[0]
+    if f"{plant}.r" not in numbers:
+        return block.with_params(**new)
+    omega = v / float(np.ravel(new.get(f"{plant}.r", numbers[f"{plant}.r"]))[0])
+    for n in [*block.params, *block.states]:
+        last = n.rpartition(".")[2]
+        if last == "omega_start":
+            new[n] = omega
+        elif last == "v_h":
+            new[n] = v
+        elif n.endswith("observer.omega_m"):
+            new[n] = v * float(numbers[f"{plant}.R_g"]) / (v / omega)
+    return block.with_params(**new)
+
+
+@pytest.mark.parametrize(("study", "k", "name", "what", "factor"), chosen(), ids=lambda x: f"{x}")
+def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
+    case, bare = cases(study, True)[k], cases(study, False)[k]
+    loop, scenario = case.loops[name], case.scenario
+    hand = bare.loops[name]
+    freight = study == "freight_traction" or scenario.name.startswith("freight")
+    place = SPEED.get("freight" if freight else study, "wheel.v")
+    full = next(n for n in loop.states if n.endswith("." + place))
+    now = {"m": "m", "J": "J", "r": "r"}
+    if what == "speed":
+        base = float(np.ravel(loop.start()[full])[0]) or 30.0
+        told = {place: base * factor}
+    elif now[what] not in loop.params:
+        pytest.skip(f"{name} has no {what}")  # a bound without wheels
+    else:
+        told = {what: loop.param_values()[what] * factor}
+        if study == "hst_traction":
+            told[place] = 30.0
+    known = {s.name for s in loop.signals if s.role != "param"}
+    log = [n for n in case.log if n in known] if case.log else None
+    length = scenario.duration if ALL else 0.2
+    run = Scenario("s", length, scenario.rail, scenario.inputs, seed=scenario.seed)
+    outcomes = []
+    for shared in (True, False):
+        try:
+            with nullcontext() if shared else without_shares():
+                made = (loop.with_params(**told) if shared
+                        else by_hand(hand, study, scenario.name, what, factor))  # fmt: skip
+                outcomes.append(simulate(made, run, compile=ALL, log=log))
+        except (BadInput, RunFailed) as error:
+            outcomes.append(str(error))
+    one, two = outcomes
+    if isinstance(one, str) or isinstance(two, str):
+        for said in (one, two):  # refused, or a printed law that breaks: in both
+            assert re.search("out of range|too long|became", str(said)), said
+        return
+    assert set(one.data_vars) == set(two.data_vars)
+    for n in one.data_vars:
+        a, b = one[n].values, two[n].values
+        # equal numbers meet in another order of operations: roundings, far below a wrong number
+        assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max()), n
