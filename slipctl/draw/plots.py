@@ -583,7 +583,9 @@ def mark_quick(fig: Figure) -> None:
 
 def save(fig: Figure, folder: Path, stem: str, stamp: str = "") -> str:
     """Write a figure as PNG and SVG; gives the SVG."""
-    svg, png = svg_text(fig, stamp), png_bytes(fig, stamp)
+    svg = svg_text(fig, stamp)
+    fig.set_layout_engine("none")  # the places are found; finding them again takes as long
+    png = png_bytes(fig, stamp)
     store.write_text(folder / f"{stem}.svg", svg)
     store.write_with(folder / f"{stem}.png", lambda path: path.write_bytes(png))
     return svg

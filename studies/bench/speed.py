@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import os
 import platform
 import statistics
 import subprocess
@@ -200,6 +201,36 @@ def start() -> dict[str, Any]:
     return {"help_vs_empty": ratio(run("-m", "slipctl", "--help"), run("-c", "pass"), 11)}
 
 
+PLAIN = {
+    "subway_braking": (12.0, 6.0),
+    "hst_braking": (25.0, 12.0),
+    "freight_traction": (30.0, 15.0),
+    "hst_traction": (60.0, 30.0),
+}
+"""Wall time in s that a plain run may take on two quiet cores, cold and warm compile cache."""
+
+
+def plain() -> dict[str, Any]:
+    """Plain ``slipctl run`` of each study into an empty folder, cold and warm compile cache.
+
+    Wall and processor time in s, children included, beside the wall time that is wanted.
+    """
+    found: dict[str, Any] = {}
+    for name, wanted in PLAIN.items():
+        with tempfile.TemporaryDirectory(prefix="slipctl_") as folder:
+            environment = os.environ | {"SLIPCTL_CACHE": f"{folder}/cache"}
+            for state, goal in zip(("cold", "warm"), wanted, strict=True):
+                command = [sys.executable, "-m", "slipctl", "-q", "run", name, "--out",
+                           f"{folder}/{state}"]  # fmt: skip
+                before, began = os.times(), time.perf_counter()
+                subprocess.run(command, check=True, capture_output=True, env=environment)
+                wall, after = time.perf_counter() - began, os.times()
+                used = after.children_user + after.children_system
+                used -= before.children_user + before.children_system
+                found[f"{name}_{state}"] = {"wall_s": wall, "cpu_s": used, "wanted_s": goal}
+    return found
+
+
 def steps() -> dict[str, Any]:
     """A controller's step in generated C, guards and status included, against hand-written C."""
     from slipctl.studies.bench.peers.steps import bench
@@ -218,6 +249,7 @@ BENCHMARKS: dict[str, Callable[[], dict[str, Any]]] = {
     "predictive": predictive,
     "reach": reach,
     "start": start,
+    "plain": plain,
 }
 
 

@@ -61,8 +61,12 @@ def best_slip(r: Results) -> Any:
 
 def slip(r: Results) -> Any:
     """Slip over the run, and close up after the start and after each change."""
+    return _slip(r, "base")
+
+
+def _slip(r: Results, scenario: str) -> Any:
     loops = ("smc", "sta")
-    logs = {k: r.log("base", k) for k in loops}
+    logs = {k: r.log(scenario, k) for k in loops}
     fig, axes = plots.panels(2, 2, height=2.1)
     windows = ((0.0, 6.0), (0.0, 0.2), (1.99, 2.09), (3.99, 4.09))
     titles = ("whole run", "start on dry", "dry to wet", "wet to ice")
@@ -73,12 +77,42 @@ def slip(r: Results) -> Any:
             inside = (t >= first) & (t <= last)
             curves[k] = (t[inside], log["plant.wheel.v_s"].values[inside])
         plots.lines(curves, ("time", "s"), ("slip speed", "m/s"), axis=axis, title=title)
+    _one_legend(fig)
     return fig
 
 
 def torque(r: Results) -> Any:
-    """Torque of the reaching law and of super-twisting."""
-    return plots.traces(r, "base", ["smc", "sta"], ["torque"])
+    """Torque of the reaching law and of super-twisting: its range over time, and close up."""
+    return _swings(r, "base", ("smc", "sta"))
+
+
+def _swings(r: Results, scenario: str, loops: tuple[str, ...]) -> Any:
+    """Range of the torque in windows of 20 ms, as a band, and 30 ms of it close up."""
+    fig, axes = plots.panels(1, 2, height=2.8)
+    close: dict[str, Any] = {}
+    for k in loops:
+        log = r.log(scenario, k)
+        t, T = log["time"].values, log["plant.brake.T_b"].values / 1e3
+        rows = T[: len(T) // 20 * 20].reshape(-1, 20)
+        axes[0, 0].fill_between(
+            t[: rows.size : 20], rows.min(axis=1), rows.max(axis=1), step="post",
+            color=plots.colour(k), alpha=0.45, linewidth=0.8, label=k,
+        )  # fmt: skip
+        inside = (t >= 1.98) & (t < 2.01)
+        close[k] = (t[inside], T[inside])
+    axes[0, 0].set_xlabel("time [s]")
+    axes[0, 0].set_ylabel("brake torque, range [kN m]")
+    axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(loops), frameon=False)
+    plots.lines(close, ("time", "s"), ("brake torque", "kN m"), axis=axes[0, 1], title="dry to wet")
+    _one_legend(fig)
+    return fig
+
+
+def _one_legend(fig: Any) -> None:
+    """Keep the legend of the first panel: the others would lie on curves."""
+    for axis in fig.axes[1:]:
+        if axis.get_legend() is not None:
+            axis.get_legend().remove()
 
 
 def error(r: Results) -> Any:
@@ -97,13 +131,13 @@ def error(r: Results) -> Any:
 
 
 def slip_in_curves(r: Results) -> Any:
-    """Slip in curves."""
-    return plots.traces(r, "curves", ["smc", "sta"], [("slip", "reference")])
+    """Slip in curves, with close-ups where it settles."""
+    return _slip(r, "curves")
 
 
 def torque_in_curves(r: Results) -> Any:
-    """Torque and curve resistance."""
-    return plots.traces(r, "curves", ["smc", "sta"], ["torque", "plant.curve.W"])
+    """Torque in curves: its range over time, and close up at the first curve."""
+    return _swings(r, "curves", ("smc", "sta"))
 
 
 def real(r: Results) -> Any:
@@ -122,7 +156,7 @@ def demand(r: Results) -> Any:
 
 def printed(r: Results) -> Any:
     """Printed gains at 1 ms: the torque swings between nothing and all."""
-    return plots.traces(r, "base", ["sta_printed"], [("slip", "reference"), "torque"])
+    return _swings(r, "base", ("sta_printed",))
 
 
 FIGURES: Mapping[str, Figure] = {
@@ -141,7 +175,8 @@ FIGURES: Mapping[str, Figure] = {
     "fig08_torque": Figure("Brake torque under both laws.", torque, "Fig. 8"),
     "fig09_error": Figure("Control error of both laws.", error, "Fig. 9"),
     "fig10_slip_in_curves": Figure(
-        "Slip with a curve of 800 m from 2 s and of 400 m from 4 s.", slip_in_curves, "Fig. 10"
+        "Slip with a curve of 800 m from 2 s and of 400 m from 4 s, with close-ups.",
+        slip_in_curves, "Fig. 10",
     ),
     "fig11_torque_in_curves": Figure("Brake torque in the curves.", torque_in_curves, "Fig. 11"),
     "printed_gains": Figure("Super-twisting with the printed gains, sampled at 1 ms.", printed),
@@ -174,4 +209,5 @@ study = Study(
     figures=FIGURES,
     experiments=experiments.EXPERIMENTS,
     gains=GAINS,
+    plain=("base", "real", "curves"),  # the paper's rows on curves need one run a loop
 )

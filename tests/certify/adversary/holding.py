@@ -71,6 +71,10 @@ class Loop:
         low, high = self.bounds()
         return np.abs((self.e - (low + high) / 2) / ((high - low) / 2))
 
+    def away(self, side: float) -> np.ndarray:
+        """Share of the bound of a side, from where the law pulls to."""
+        return self.far()
+
 
 class FunnelLoop(Loop):
     """Zhang 2021 (10)-(17), (34), with the plus sign in (15)."""
@@ -102,6 +106,11 @@ class FunnelLoop(Loop):
 
 class BarrierLoop(Loop):
     """Cheng 2022 (42), (44), signs put right."""
+
+    def away(self, side: float) -> np.ndarray:
+        """From no error, which is not the middle of the bounds."""
+        low, high = self.bounds()
+        return np.abs(self.e / (high if side > 0 else low))
 
     def place(self, share: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         return np.where(share > 0, share * high, -share * low)
@@ -171,7 +180,8 @@ def replayed(kind: type[Loop], n: dict[str, float], counterexample: dict[str, An
     if "run" not in counterexample or "side" in counterexample["run"]:
         side = counterexample.get("run", {}).get("side", 1)
         sides = (side,) if "run" in counterexample else (1, -1)
-        return any(_drifts(kind(one, np.array([[0.0]]), True), s) for s in sides)
+        place = _number(counterexample.get("run", {}).get("place", "31/50"))
+        return any(_drifts(kind(one, np.array([[0.0]]), True), s, place) for s in sides)
     run = counterexample["run"]
     middle = run["from"] == "middle"
     if "errors" in run:
@@ -184,13 +194,13 @@ def replayed(kind: type[Loop], n: dict[str, float], counterexample: dict[str, An
     return bool(loop.out.any())
 
 
-def _drifts(loop: Loop, side: float) -> bool:
+def _drifts(loop: Loop, side: float, place: float) -> bool:
     """Whether it leaves; a push that wins by little takes long, and must then still go outwards."""
     half = 0.0
     for i in range(6000):
         if i == 3000:
             half = float(loop.e[0, 0])
-        loop.tick(np.array([[side]]), -side * np.where(loop.far() < 0.62, 1.0, -1.0))
+        loop.tick(np.array([[side]]), -side * np.where(loop.away(side) < place, 1.0, -1.0))
         if loop.out.any():
             return True
     return bool(side * (loop.e[0, 0] - half) > 0)
