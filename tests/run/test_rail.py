@@ -145,8 +145,8 @@ def two_parts() -> Block:
 @pytest.mark.parametrize(
     ("block", "sections", "by", "words"),
     [
-        (probe, [Section(0, "dry")], "time",
-         r"probe knows no rail condition 'dry'; an adhesion law declares its own"),
+        (probe, [Section(0, "dry"), Section(1, "wet")], "time",
+         r"probe knows no rail condition 'dry': the rail names dry, wet, the adhesion law has one"),
         (closed_loop(), [Section(0, "moist")], "time",
          "loop knows no rail condition 'moist'; it has dry, wet, ice"),
         (probe, [Section(0, None, {"v": 1.0})], "time", "rail value 'v' is unknown"),
