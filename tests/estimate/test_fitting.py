@@ -1,7 +1,7 @@
 """Fits: known curves are found again, the reference curve, deviations, what is not identified."""
 
-import json
 import hashlib
+import json
 import math
 from pathlib import Path
 
