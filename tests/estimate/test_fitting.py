@@ -1,5 +1,6 @@
 """Fits: known curves are found again, the reference curve, deviations, what is not identified."""
 
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -118,6 +119,11 @@ def test_the_file_says_what_hertz_and_kalker_say():
 def test_reference_curve_free():
     found = fit(polach, CURVE)
     assert found.max_error < 0.001
+    digest = hashlib.sha256(CURVE.read_bytes()).hexdigest()
+    source = found.law.params["k_S"].source
+    assert CURVE.name in source
+    assert digest.startswith(source.rpartition(" ")[2])
+    assert not found.law.conditions  # the surfaces of the law as it was would overwrite the fit
     assert found.values["k_S"] > found.values["k_A"]
     assert found.doubts == ("k_A = 0.2353 < k_S = 0.2939; polach expects k_A >= k_S",)
     # the order is no accident of noise: the intervals do not touch

@@ -25,6 +25,7 @@ from slipctl import (
     simulate,
     step,
 )
+from slipctl.models import subway_braking as subway
 
 TICK = 0.125
 """Exact in binary, so that a clock that counts ticks and one that adds them agree."""
@@ -145,8 +146,8 @@ def two_parts() -> Block:
 @pytest.mark.parametrize(
     ("block", "sections", "by", "words"),
     [
-        (probe, [Section(0, "dry")], "time",
-         r"probe knows no rail condition 'dry'; an adhesion law declares its own"),
+        (probe, [Section(0, "dry"), Section(1, "wet")], "time",
+         r"probe knows no rail condition 'dry': the rail names dry, wet, the adhesion law has one"),
         (closed_loop(), [Section(0, "moist")], "time",
          "loop knows no rail condition 'moist'; it has dry, wet, ice"),
         (probe, [Section(0, None, {"v": 1.0})], "time", "rail value 'v' is unknown"),
@@ -185,3 +186,27 @@ def test_noise_does_not_depend_on_the_rail():
     ]
     for run in runs[1:]:
         assert (run["n"].values == runs[0]["n"].values).all()
+
+
+def test_a_law_with_new_numbers_is_not_overwritten_by_the_conditions_of_the_old_one():
+    """As ``slipctl fit`` makes it: where the rail has one condition, its own numbers hold."""
+    fitted = subway.double_exponential.with_params(c=0.5, a=0.4)
+    assert not fitted.conditions
+    assert (
+        subway.double_exponential.with_params().conditions == subway.double_exponential.conditions
+    )
+    loop = closed_loop().swap("plant.adh", fitted)
+    one = Scenario("s", 0.2, Rail([Section(0, "dry", {"v_opt": 1.2})]))
+    log = simulate(loop, one, compile=False)
+    v_s, mu = log["plant.wheel.v_s"].values, log["plant.adh.mu"].values
+    assert mu == pytest.approx(0.5 * (np.exp(-0.4 * v_s) - np.exp(-1.2 * v_s)), rel=1e-12)
+    three = Scenario("s", 0.2, Rail([Section(0, "dry"), Section(0.1, "wet")]))
+    with pytest.raises(BadInput, match=r"with_conditions\(dry=\{...\}, wet=\{...\}\)"):
+        simulate(loop, three, compile=False)
+    named = fitted.with_conditions(dry={"c": 0.5}, wet={"c": 0.1})
+    loop = closed_loop().swap("plant.adh", named)
+    log = simulate(loop, three.but(inputs={"v_opt": 1.2}), compile=False)
+    v_s, mu = log["plant.wheel.v_s"].values[-1], log["plant.adh.mu"].values[-1]
+    assert mu == pytest.approx(0.1 * (np.exp(-0.4 * v_s) - np.exp(-1.2 * v_s)), rel=1e-12)
+    with pytest.raises(BadInput, match="has no parameter 'k'"):
+        fitted.with_conditions(dry={"k": 0.5})
