@@ -83,21 +83,23 @@ def run(
     cores = cores or Cores(1)
     for name in study.experiments if experiments else ():
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
-    for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
-        with noted(results, what):
-            found = outcome.get()
-            if what in runs:
-                case, name = runs[what]
-                _take(results, case, name, found)
-            else:
-                results.tables[what] = found
-                if keep is not None:
-                    keep.keep_tables(what, found)
-    for case in cases:
-        _finish(results, case)
-    order = {n: k for k, n in enumerate(study.experiments)}
-    results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
-    results.failed = _as_in(results.failed, [*runs, *results.failed])
+    try:
+        for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
+            with noted(results, what):
+                found = outcome.get()
+                if what in runs:
+                    case, name = runs[what]
+                    _take(results, case, name, found)
+                else:
+                    results.tables[what] = found
+                    if keep is not None:
+                        keep.keep_tables(what, found)
+    finally:  # what had finished before Ctrl-C is in order too
+        for case in cases:
+            _finish(results, case)
+        order = {n: k for k, n in enumerate(study.experiments)}
+        results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
+        results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
 
 

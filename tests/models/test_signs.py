@@ -33,7 +33,7 @@ def test_damping_of_the_axle_is_no_adhesion(form):
     for w in omega:
         x, y = block(**x, omega=float(w), T=0.0, **values)
         seen.append(y["mu_hat"])
-    r, W, g = (float(block.params[k].value) for k in ("r", "W", "g"))
+    r, W, g = (float(block.params[k].value) for k in ("r", "m_axle", "g"))
     damping = B_t * omega[2000] / (r * W * g)  # what one damping would look like as adhesion
     assert np.abs(seen[2000:]).max() < 0.2 * damping
 
