@@ -527,7 +527,8 @@ def test_bad_input(capsys: pytest.CaptureFixture[str], argv: list[str], said: st
         (b"study = 5\n", ["run", "file.py"], "file.py has no study; it must end in: study = S"),
         (b"a = 1\x00\n", ["show", "file.py:a"], "file.py is no Python file: source code string"),
         (b'from slipctl import Input, Output, law\n\n\n@law(mu=Output("furlong^"))\n'
-         b'def a(v_s=Input("m/s")):\n    return v_s\n', ["show", "file.py:a"], "a.mu: unit 'furlong"),
+         b'def a(v_s=Input("m/s")):\n    return v_s\n', ["show", "file.py:a"],
+         "a.mu: unit 'furlong"),
     ],
     ids=["study", "bytes", "unit"],
 )  # fmt: skip
