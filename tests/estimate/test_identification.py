@@ -254,7 +254,7 @@ def test_integral_form_holds_at_once_for_any_filter(tau):
     v = 7 + np.concatenate([[0], np.cumsum((a[1:] + a[:-1]) / 2 * T)])
     F_Z = (0.5 + 0.04 * v + 0.0026 * v**2) * 6e6 * 9.8 / 1000
     mu = (6e6 * a + F_Z) / (8 * 3e4 * 9.8)
-    log = fed(models.balance(T).with_params(tau=tau), {"v_t": v, "mu_hat": mu})
+    log = fed(models.balance(T).with_params(tau_f=tau), {"v_t": v, "mu_hat": mu})
     right = sum(c * log[k].values for c, k in zip(TRUE, ("one_f", "v_f", "v2_f"), strict=True))
     assert log["y"].values == pytest.approx(right, abs=1e-12)
     assert log["one_f"].values[1] > 0
