@@ -21,7 +21,8 @@ class Platform:
     Attributes:
         name: as FMI 2.0 calls it, ``"linux64"``.
         compiler: path of a gcc or clang that builds for it.
-        folders: folder of its binaries in an FMU, by version of FMI.
+        folders: folder of its binaries in an FMU, by version of FMI; one that has no name for the
+            platform is left out.
         suffix: of a library.
         compile_flags, link_flags: beside the usual ones; the same source gives the same bytes.
     """
@@ -37,7 +38,7 @@ class Platform:
 _ELF = ("-fPIC", "-fvisibility=hidden"), ("-Wl,--build-id=none", "-s")
 _KNOWN = {
     "linux64": ({2: "linux64", 3: "x86_64-linux"}, ".so", *_ELF),
-    "aarch64-linux": ({2: "aarch64-linux", 3: "aarch64-linux"}, ".so", *_ELF),
+    "aarch64-linux": ({3: "aarch64-linux"}, ".so", *_ELF),
     "win64": ({2: "win64", 3: "x86_64-windows"}, ".dll", (),
               ("-static-libgcc", "-s", "-Wl,--no-insert-timestamp",
                "-Wl,--disable-auto-image-base")),

@@ -71,7 +71,7 @@ def fmus(
         else:
             files["documentation/licenses/license.txt"] = licence(plan).encode()
             files["sources/buildDescription.xml"] = fmu_xml.build_description(plan).encode()
-        for p in platforms:
+        for p in (p for p in platforms if version in p.folders):
             name = f"binaries/{p.folders[version]}/{plan.name}{p.suffix}"
             files[name] = _binary(plan, sources, p, objects)
         found[f"{plan.name}_fmi{version}.fmu"] = _zipped(files)
