@@ -33,9 +33,9 @@ def growth(field: Field, k1: np.ndarray, k2: np.ndarray, L: np.ndarray, v: np.nd
            shares: np.ndarray, creeps: float) -> np.ndarray:  # fmt: skip
     """Largest g over the shares, per case; infinite where x1 does not come back.
 
-    The step in which d turns, or x1 comes back, is cut short where it does. A run that has not come
-    back at the end creeps into the origin, g = 0, if its x2 is below its start and has fallen by the
-    factor ``creeps`` since half of it.
+    The step in which d turns, or x1 comes back, is cut short where it does. A run that has not
+    come back at the end creeps into the origin, g = 0, if its x2 is below its start and has fallen
+    by the factor ``creeps`` since half of it.
     """
     found = np.full((len(k1), len(shares)), np.inf)
     case, column = (i.ravel() for i in np.indices(found.shape))
