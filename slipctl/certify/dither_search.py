@@ -19,20 +19,19 @@ def find(loop: Loop, start: float, reach: float | None = None) -> Found | None:
     """Look for a proof that holds from |x| <= start, and within ``reach`` if that is given.
 
     Args:
-        loop: as floats. start, reach: in amplitudes of the dither.
+        loop: of rationals, or of floats. start, reach: in amplitudes of the dither.
 
     Returns:
         The best proof that was found, whether or not it reaches that far; None if there is none.
     """
-    loop = Loop(*(float(v) for v in loop))
     try:
         with np.errstate(all="ignore"):
-            return _find(loop, start, reach)
+            return _find(Loop(*(float(v) for v in loop)), loop, start, reach)
     except np.linalg.LinAlgError:
         return None
 
 
-def _find(loop: Loop, start: float, reach: float | None) -> Found | None:
+def _find(loop: Loop, exact: Loop, start: float, reach: float | None) -> Found | None:
     orbit = _orbit(loop)
     if orbit is None:
         return None
@@ -55,7 +54,7 @@ def _find(loop: Loop, start: float, reach: float | None) -> Found | None:
     path = tuple(tuple(float(f"{v:.15g}") for v in row) for row in orbit)
     for share in (0.995, 0.97, 0.9, 0.7):
         mu = float(f"{rate * share:.6g}")
-        done = proven(loop, Proof(path, short, units, mu))
+        done = proven(exact, Proof(path, short, units, mu))
         if done is not None:
             return done
     return None

@@ -75,9 +75,8 @@ def _find_return(n: Numbers, target: str) -> Entries | None:
     if not n["k"] * n["curvature"] < 0 or not n["w"] * n["T"] < 3:
         return None
     reach = float(n["reach"] / n["a"]) if target == "reach" and "reach" in n else None
-    found = dither_search.find(
-        _loop({k: float(v) for k, v in n.items()}), float(_from(n) / n["a"]), reach
-    )
+    exact = _loop({k: Fraction(v) for k, v in n.items()})
+    found = dither_search.find(exact, float(_from(n) / n["a"]), reach)
     if found is None:
         return None
     entries = sealed(n, {
