@@ -32,7 +32,14 @@ from slipctl.certify.systems import (
     Witness,
 )
 from slipctl.certify.twisting_kind import MATRIX, exact_sides, fall, matrix, quadratic_sides
-from slipctl.certify.twisting_proof import SAMPLED_BOUND, WORST_RUN, claim
+from slipctl.certify.twisting_proof import (
+    LATE_BOUND,
+    LATE_RUN,
+    SAMPLED_BOUND,
+    WORST_RUN,
+    claim,
+    rests,
+)
 from slipctl.errors import BadInput
 
 SHIFTED = ("k1 - delta", "k2", "L")
@@ -108,7 +115,12 @@ def _turns(n: Numbers) -> Sequence[Side]:
 
 def _band_claim(n: Numbers, entry: Entries) -> str:
     ticks = " at every tick" if "T" in n else ""
-    return f"|x1| stays below {spelled(n['band'], 'm/s')}{ticks} in the end"
+    end = "" if rests(n) else " in the end"
+    return f"|x1| stays below {spelled(n['band'], 'm/s')}{ticks}{end}"
+
+
+def _start(n: Numbers) -> str:
+    return "x1 = x2 = 0, nothing under way" if rests(n) else "every start"
 
 
 def _values(n: Numbers) -> dict[str, Quantity]:
@@ -181,6 +193,12 @@ SUPER_TWISTING = register(System(
                         role=INPUT, says="every |r1| <= {} |x1|^.5", absent="r1"),
         "T": Number("s", "sample period", optional=True, role=INPUT, says="explicit steps of {}",
                     absent="the law computed once per period"),
+        "noise": Number("m/s", "largest error of the measured x1", None, "not negative", 1.0, True,
+                        INPUT, "noise up to {}", "measurement noise"),
+        "lag": Number("s", "time constant of the actuator", None, "not negative", 0.0, True, INPUT,
+                      "a lag of {}", "a lag of the actuator"),
+        "dead": Number("s", "dead time of the actuator, in whole ticks rounded up", None,
+                       "not negative", 0.0, True, INPUT, "a dead time of {}", "a dead time"),
         "band": Number("m/s", "wanted |x1| in the end", None, optional=True, power=1,
                        role=TARGET),
         "phi": Number("m/s^2", "matched disturbance", None, "not negative", 1, True, ASIDE),
@@ -200,6 +218,9 @@ SUPER_TWISTING = register(System(
         "sampled": Criterion("explicit steps: a polygon that every run enters, then rows of states",
                              needs=("T",), proves=("ends", "band"), covers=("L", "T"),
                              evidence=SAMPLED_BOUND),
+        "late": Criterion("explicit steps, late or with noise: rows of states that hold every run",
+                          needs=("T",), proves=("ends", "band"),
+                          covers=("L", "T", "noise", "lag", "dead"), evidence=LATE_BOUND),
         "band": Criterion("necessary: explicit Euler's period-2 orbit fits into the wanted band",
                           _orbit_fits, NECESSARY, needs=("T", "band"), proves=("band",), covers=(),
                           refutes="none; d = 0 on the period-2 orbit",
@@ -210,8 +231,9 @@ SUPER_TWISTING = register(System(
         "ends": Target(claim, ("T",), unless=("band",)),
         "band": Target(_band_claim, ("band",)),
     },
-    refuters={"run": WORST_RUN},
-    never=("a lag of the actuator", "measurement noise", "a limit of the command"),
+    start=_start,
+    refuters={"run": WORST_RUN, "late_run": LATE_RUN},
+    never=("a limit of the command",),
     values=_values,
     witness=_witness,
     show_witness=True,

@@ -1,13 +1,17 @@
-"""Explicit super-twisting as sampled in certificates: its bound as evidence, a run that refutes."""
+"""Explicit super-twisting as sampled in certificates: its bounds as evidence, runs that refute."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from slipctl.certify import twisting_late
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
+from slipctl.certify.twisting_late import Kept, Late
 from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
 from slipctl.certify.twisting_rows import Law
 from slipctl.certify.twisting_sampled import Bound, bound, quick_run, replay_run, worst_run
@@ -86,11 +90,13 @@ def claim(n: Numbers, entry: Entries) -> str:
     if not isinstance(found, Mapping) or "bound" not in found:
         return "|x1| stays bounded in the end"
     limit = rational(found["bound"], "evidence.bound")
-    return f"|x1| stays below {spelled(limit, 'm/s')} at every tick in the end"
+    return (
+        f"|x1| stays below {spelled(limit, 'm/s')} at every tick{'' if rests(n) else ' in the end'}"
+    )
 
 
 def _find_run(n: Numbers) -> Entries | None:
-    at = law(n)
+    at = None if rests(n) else law(n)
     if at is None:
         return None
     found = worst_run(at[0], n["band"] / at[1])
@@ -105,7 +111,7 @@ def _replay(n: Numbers, given: Entries) -> str:
     start = mapping(entry["start"], ("x1", "x2"), "run.start", True)
     if start["x1"] != "0" or start["x2"] != "0":
         raise DoesNotHold("run: it must start where the law rests, x1 = x2 = 0")
-    at = law(n)
+    at = None if n.get("lag") or n.get("dead") else law(n)
     if at is None:
         raise DoesNotHold("run: the numbers are out of reach")
     scale = at[1] / n["T"] ** 2
@@ -119,5 +125,95 @@ def _replay(n: Numbers, given: Entries) -> str:
     )
 
 
+# ---- late, or with noise ------------------------------------------------------------------------
+
+MOST_DEAD = 50
+"""Longest dead time in ticks."""
+
+
+def rests(n: Numbers) -> bool:
+    """Whether the promise is from rest: a command that comes late, or noise."""
+    return any(n.get(k) for k in ("noise", "lag", "dead"))
+
+
+def late(n: Numbers) -> tuple[Late, Fraction] | None:
+    """Law with its lag, dead time and noise, and the unit of length; None if out of reach."""
+    at = law(n)
+    if at is None:
+        return None
+    T = n["T"]
+    lag, dead = n.get("lag", Fraction(0)) / T, math.ceil(n.get("dead", Fraction(0)) / T)
+    noise = n.get("noise", Fraction(0)) / at[1]
+    if lag > 1000 or dead > MOST_DEAD or noise > 10**9:
+        return None
+    return Late(replace(at[0], N=noise), lag, dead), at[1]
+
+
+def _find_late(n: Numbers) -> Entries | None:
+    at = late(n) if rests(n) else None
+    if at is None:
+        return None
+    wanted = n["band"] / at[1] if "band" in n else None
+    if wanted is not None and twisting_late.search(at[0], wanted):
+        return None  # a bound would be in vain
+    found = twisting_late.find(at[0], wanted)
+    if found is None or ("band" in n and found.y * at[1] > n["band"]):
+        return None
+    limit = rounded_up(found.y * at[1])
+    if "band" in n:
+        limit = min(limit, n["band"])
+    return {"P": str(found.P), "parts": found.parts, "ticks": found.ticks, "bound": str(limit)}
+
+
+def _check_late(n: Numbers, given: Entries) -> None:
+    entry = mapping(given, ("P", "parts", "ticks", "bound"), "evidence", True)
+    at = late(n)
+    if at is None or not rests(n):  # it holds from rest, and says nothing of other starts
+        raise DoesNotHold("evidence: no bound is known at these numbers")
+    P, limit = (rational(entry[k], f"evidence.{k}") for k in ("P", "bound"))
+    parts = whole(entry["parts"], "evidence.parts", 1, 10**6)
+    ticks = whole(entry["ticks"], "evidence.ticks", 1, MOST_TICKS)
+    if not 0 < P < 10**12 or not Kept(at[0], P, parts, ticks, limit / at[1]).holds():
+        raise DoesNotHold("evidence: the set is left, or is larger than that")
+    if "band" in n and limit > n["band"]:
+        raise DoesNotHold("evidence: the bound is larger than the band")
+
+
+def _find_late_run(n: Numbers) -> Entries | None:
+    at = late(n) if rests(n) else None
+    if at is None:
+        return None
+    found = twisting_late.search(at[0], n["band"] / at[1])
+    if found is None:
+        return None
+    d, heard = found
+    scale = at[1] / n["T"] ** 2
+    run: dict[str, Any] = {"start": "rest", "d": [str(x * scale) for x in d]}
+    return run | ({"noise": [str(x * at[1]) for x in heard]} if n.get("noise") else {})
+
+
+def _replay_late(n: Numbers, given: Entries) -> str:
+    names = ("start", "d", "noise") if n.get("noise") else ("start", "d")
+    entry = mapping(given, names, "run", True)
+    at = late(n)
+    if entry["start"] != "rest" or at is None:
+        raise DoesNotHold("run: it must start from rest, with numbers within reach")
+    scale = at[1] / n["T"] ** 2
+    d = [rational(x, "run.d") / scale for x in rows(entry["d"], "run.d", MOST_LATE_TICKS)]
+    heard = [Fraction(0)] * len(d)
+    if "noise" in entry:
+        told = rows(entry["noise"], "run.noise", MOST_LATE_TICKS, len(d))
+        heard = [rational(x, "run.noise") / at[1] for x in told]
+    reached = twisting_late.replay(at[0], d, heard)
+    if reached is None or reached * at[1] <= n["band"]:
+        raise DoesNotHold("run: |x1| does not exceed the band, or |d| or the noise is too large")
+    return f"from rest |x1| comes to {spelled(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
+
+
+MOST_LATE_TICKS = 1000
+"""Most ticks of a run behind a lag."""
+
 SAMPLED_BOUND = Evidence(_find, _check)
+LATE_BOUND = Evidence(_find_late, _check_late)
 WORST_RUN = Refuter("band", _find_run, _replay)
+LATE_RUN = Refuter("band", _find_late_run, _replay_late)

@@ -116,6 +116,8 @@ def bound(law: Law, wanted: Fraction | None = None) -> Bound | None:
             if best is not None and not y < best.y:
                 break
             near = best is not None and y > best.y * Fraction(999, 1000)
+            if best is not None and wanted is not None and y - 2 * (best.y - y) > wanted:
+                near = True  # what finer rows gain halves from one to the next: it is in vain
             best = Bound(levels, tuple(plan), y, rows.widest())
             if near or (wanted is not None and y <= wanted):
                 break

@@ -135,6 +135,19 @@ def _number(text: str) -> float:
     return int(top) / int(bottom or 1)
 
 
+def _just(name: str) -> Callable[[Cases, np.random.Generator], np.ndarray]:
+    """Value of a number with which the search just comes to the band, which it draws too."""
+
+    def found(n: Cases, rng: np.random.Generator) -> np.ndarray:
+        if name == "D":
+            n["D"] = common.rounded(np.maximum(n["D"], 0.2 * n["g2"]))  # below, it decides nothing
+        n["band"] = common.rounded(_swing(n, rng))
+        return n[name].copy()
+
+    return found
+
+
 ADVERSARY = Adversary(
-    "reaching_law", _draw, ("band",), _leaves, _replays, swing={"band": _swing},
+    "reaching_law", _draw, ("band", "D", "T"), _leaves, _replays,
+    swing={"band": _swing, "D": _just("D"), "T": _just("T")},
 )  # fmt: skip

@@ -1,16 +1,19 @@
 """Hold every verdict of certify against the adversaries: python tests/certify/adversary/run.py.
 
-By hand before an issue is closed, 10 000 cases a system; exits with 1 if a verdict was false.
+By hand before an issue is closed, 10 000 cases a system; exits with 1 if a verdict was false. With
+--out the outcome goes into a file, where systems that were not run keep what they had.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -25,6 +28,27 @@ def block(name: str, n: int, seed: int) -> common.Tally:
     return common.trial(common.adversaries()[name], n, seed, every=10)
 
 
+def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
+    """Write the outcome of a system into a file of evidence, beside those of the others."""
+    from slipctl.run import store
+    from slipctl.studies.bench import speed
+
+    numbers: dict[str, Any] = {}
+    if out.exists():
+        numbers = json.loads(out.read_text(encoding="utf-8"))["numbers"]
+    numbers[name] = {
+        **entry,
+        "date": datetime.date.today().isoformat(),
+        "versions": speed.machine(),
+    }
+    command = (
+        "python tests/certify/adversary/run.py --cases 10000 --out docs/evidence/adversary.json"
+    )
+    store.write_json(
+        out, {"format": 1, "command": command, "numbers": dict(sorted(numbers.items()))}
+    )
+
+
 def main() -> int:
     """Run what is asked for."""
     known = list(common.adversaries())
@@ -35,7 +59,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    answers, false = {}, 0
+    false = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.systems or known:
             start, tally = perf_counter(), common.Tally()
@@ -45,15 +69,14 @@ def main() -> int:
             for job in jobs:
                 tally.add(job.result())
             false += len(tally.false_certified) + len(tally.false_refuted)
-            answers[name] = tally.payload()
+            if options.out:
+                recorded(options.out, name, {"seed": options.seed, **tally.payload()})
             print(f"{name}: {tally.certified} CERTIFIED, {tally.refuted} REFUTED,"
                   f" {tally.undecided} UNDECIDED ({tally.share_undecided:.1%});"
                   f" false {len(tally.false_certified)} and {len(tally.false_refuted)};"
                   f" {perf_counter() - start:.0f} s", flush=True)  # fmt: skip
             for text in (*tally.false_certified, *tally.false_refuted):
                 print(f"  {text}", flush=True)
-    if options.out:
-        options.out.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")
     return 1 if false else 0
 
 
