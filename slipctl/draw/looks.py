@@ -9,12 +9,15 @@ import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib
 import numpy as np
 from cycler import cycler
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.legend import Legend
 
 BLACK, BLUE, ORANGE, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 PURPLE, SKY, AMBER, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F"
@@ -181,7 +184,7 @@ def legends_aside(fig: Figure) -> None:
     with style():
         for axis in own:
             handles, names = axis.get_legend_handles_labels()
-            axis.get_legend().remove()
+            cast("Legend", axis.get_legend()).remove()
             if not one:
                 axis.legend(handles, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         if one:
