@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from slipctl.draw.looks import (
     BLACK,
@@ -23,6 +25,7 @@ from slipctl.draw.looks import (
     ORANGE,
     PALETTE,
     RAILS,
+    STYLE,
     colour,
     covered,
     dash,
@@ -509,9 +512,12 @@ def svg_text(fig: Figure, stamp: str = "") -> str:
     legends_aside(fig)
     with style():
         buffer = io.StringIO()
-        # matplotlib takes the salt of ids from the settings in force now
-        fig.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "slipctl",
-                                                    "Description": stamp or None})  # fmt: skip
+        # matplotlib takes the salt of ids from the settings in force now; what prints lays out too,
+        # where savefig draws twice
+        fig.set_dpi(STYLE["savefig.dpi"])
+        FigureCanvasSVG(fig).print_svg(
+            buffer, metadata={"Date": None, "Creator": "slipctl", "Description": stamp or None}
+        )
     return buffer.getvalue()
 
 
@@ -519,7 +525,9 @@ def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time."""
     with style():
         buffer = io.BytesIO()
-        fig.savefig(buffer, format="png", metadata={"Software": "slipctl", "Description": stamp})
+        fig.set_dpi(STYLE["savefig.dpi"])
+        metadata = {"Software": "slipctl", "Description": stamp}
+        FigureCanvasAgg(fig).print_png(buffer, metadata=metadata)
     return buffer.getvalue()
 
 
