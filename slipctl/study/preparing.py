@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.run import store
 from slipctl.run.results import Case
 from slipctl.run.simulation import rail_values, simulate
 from slipctl.study.declaration import Study
@@ -127,6 +129,7 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
+                store.check_names(Path(case.scenario.name, name))
                 said |= dict.fromkeys(told_apart(loop))
                 _try(case, name, loop)
                 study.check(name, loop, case.scenario)
