@@ -137,15 +137,17 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
     """
     found: dict[str, Share] = {}
     taken: dict[str, str] = {}
+    apart = {b: differences(block) for b, block in blocks.items()} if shares else {}
+    met = {share.name: _places(name, blocks, share, apart) for share in shares.values()}
     for share in shares.values():
-        for place in _places(name, blocks, share):
+        for place in met[share.name]:
             if place in taken:
                 raise BadInput(
                     f"{name}: {place} is shared as {taken[place]} and as {share.name}; write one"
                 )
             taken[place] = share.name
     for share in shares.values():
-        every = _places(name, blocks, share)
+        every = met[share.name]
         places = tuple(p for p in every if p not in share.apart)
         if places or (every and share.expression):  # what is computed stands without a place too
             told = places or tuple(every)
@@ -327,8 +329,13 @@ def _same(block: Block, place: str, shared: str) -> bool:
     return block.sharing.aliases.get(place) == shared
 
 
-def _places(name: str, blocks: Mapping[str, Block], share: Share) -> list[str]:
-    """Places of a share, those set apart included; patterns meet parameters in order."""
+def _places(
+    name: str, blocks: Mapping[str, Block], share: Share, apart: Mapping[str, Mapping[str, str]]
+) -> list[str]:
+    """Places of a share, those set apart included; patterns meet parameters in order.
+
+    ``apart`` has the places by part that left a share inside it; they do not come back.
+    """
     found: dict[str, None] = {}
     for wanted in share.wanted:
         if "*" not in wanted:
@@ -350,10 +357,9 @@ def _places(name: str, blocks: Mapping[str, Block], share: Share) -> list[str]:
             found[wanted] = None
         else:
             for b, block in blocks.items():
-                apart = differences(block)  # a place that left a share does not come back
                 met = (n for n in block.params if fnmatchcase(f"{b}.{n}", wanted))
                 found |= dict.fromkeys(
-                    f"{b}.{n}" for n in met if n not in apart and not block.params[n].derived
+                    f"{b}.{n}" for n in met if n not in apart[b] and not block.params[n].derived
                 )
     return list(found)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.run import store
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
 from slipctl.run.simulation import begun, rail_values, simulate
@@ -132,6 +134,7 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
+                store.check_names(Path(case.scenario.name, name))
                 said |= dict.fromkeys(told(loop, case.scenario, _try(case, name, loop)))
                 study.check(name, loop, case.scenario)
         for line in said:
