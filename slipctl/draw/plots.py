@@ -1,7 +1,8 @@
 """Figures: one style, units on each axis, the same colour for the same loop in every study.
 
-The only place that imports matplotlib. A study's figures are made of these helpers: ``traces`` of
-logged signals, ``lines`` and ``bars`` of anything, ``laws`` of an adhesion law.
+The only place that imports matplotlib, when something is drawn. A study's figures are made of these
+helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything, ``laws`` of an adhesion
+law.
 """
 
 from __future__ import annotations
@@ -15,12 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from cycler import cycler
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from slipctl.errors import BadInput, nearest
 from slipctl.run import store
@@ -29,6 +25,7 @@ from slipctl.run.results import NotRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from slipctl.block.block import Block
     from slipctl.run.results import Results
@@ -75,7 +72,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.prop_cycle": cycler(color=PALETTE),
+    "axes.prop_cycle": f"cycler(color={list(PALETTE)})",
     "grid.color": "#DDDDDD",
     "grid.linewidth": 0.6,
     "lines.linewidth": 1.3,
@@ -112,6 +109,8 @@ def dash(name: str, beside: Sequence[str] = ()) -> Any:
 @contextmanager
 def style() -> Iterator[None]:
     """Draw in the one style."""
+    import matplotlib
+
     with matplotlib.rc_context(STYLE):
         yield
 
@@ -122,6 +121,8 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options
     Returns:
         The figure and its axes, an array of rows by columns.
     """
+    from matplotlib.figure import Figure
+
     with style():
         size = (WIDTH, height * rows + 0.4)
         fig = Figure(figsize=size)
@@ -558,8 +559,17 @@ def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
 # ---- files --------------------------------------------------------------------------------------
 
 
+def load() -> None:
+    """Import what drawing needs, ahead of the first figure."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def svg_text(fig: Figure, stamp: str = "") -> str:
     """Figure as SVG, the same text every time."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     with style():
         buffer = io.StringIO()
         # matplotlib takes the salt of ids from the settings in force now; what prints lays out too,
@@ -573,6 +583,8 @@ def svg_text(fig: Figure, stamp: str = "") -> str:
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     with style():
         buffer = io.BytesIO()
         fig.set_dpi(STYLE["savefig.dpi"])
