@@ -52,13 +52,12 @@ def test_bounds_agree_with_the_closed_form():
     assert closed_form_distance(fixed) == pytest.approx(257.5260, abs=5e-5)
 
 
-def test_no_loop_beats_the_bound():
-    for case in context().cases:
-        if case.scenario.name not in ("base", "noise", "resistance"):
-            continue
-        bound = distance(case.scenario.name, "ideal")
-        for name in case.loops:
-            assert distance(case.scenario.name, name) >= bound - 1e-9
+@pytest.mark.parametrize("scenario", ["base", "noise", "resistance"])
+def test_no_loop_beats_the_bound(scenario):
+    case = next(c for c in context().cases if c.scenario.name == scenario)
+    bound = distance(scenario, "ideal")
+    for name in case.loops:
+        assert distance(scenario, name) >= bound - 1e-9
 
 
 # ---- filter --------------------------------------------------------------------------------------
