@@ -56,7 +56,7 @@ def test_a_need_that_varies_inside_its_limits(start, wanted):
 def test_without_a_start_nothing_far_is_promised():
     """What is promised without a start is the distance from which nothing saturates, 0.2 m."""
     promise = certify("saturation_compensation", **TRAIN).decision.promise
-    assert "|e1| <= 0.19999" in str(promise)
+    assert "|e1| <= 0.2 m" in str(promise)
     constant = TRAIN | dict(F_low=50000, F_high=50000)
     assert verdict("saturation_compensation", **constant, start=2000) == CERTIFIED
 
