@@ -23,6 +23,7 @@ from slipctl import (
 from slipctl.errors import known
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.hst_braking import GUESS, I_W, SOURCE, TABLE_2, G, R
+from slipctl.models.shared import SLOPE
 
 
 @flow()
@@ -64,7 +65,7 @@ def accelerometer(
     n=Noise(),
     bias=Param("m/s^2", 0.0, "bias", "guess", lo=-1, hi=1),
     sigma=Param("m/s^2", 0.0, "standard deviation of the noise per sample", "guess", lo=0, hi=5),
-    slope=Param("1", 0.0, "gradient of the track, rise over run, uphill positive", lo=-0.1, hi=0.1),
+    slope=SLOPE,
     g=Param("m/s^2", G, "gravity", "not stated in the paper"),
 ):
     """Acceleration along the train as an accelerometer sees it: a gradient looks like a bias."""
@@ -88,8 +89,12 @@ def wheel_speed_sensor(
     variance_lam=Output("1", "variance of the slip ratio"),
 )
 def speed_fusion(
-    v_h=State("m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)"),
-    b_h=State("m/s^2", 0.0, "bias of the accelerometer"),
+    v_h=State(
+        "m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)", truth="v"
+    ),
+    b_h=State(
+        "m/s^2", 0.0, "bias of the accelerometer", deviation="sqrt(P_bb)", truth="bias + g * slope"
+    ),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed"),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias"),
     P_bb=State("m^2/s^4", 4e-4, "variance of the bias"),

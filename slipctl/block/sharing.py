@@ -259,10 +259,7 @@ def differences(block: Block) -> dict[str, str]:
 
 
 def told_apart(block: Block) -> list[str]:
-    """What was set apart to another number, one line each.
-
-    A start value that states how sure it is also says how far off it begins.
-    """
+    """What was set apart to another number, one line each."""
     values, start = block.param_values(), block.start()
     known = {**values, **start}
     lines = []
@@ -275,15 +272,6 @@ def told_apart(block: Block) -> list[str]:
         line = f"{place} differs from {name}"
         if np.ndim(one) == np.ndim(other) == 0:
             line += f": {float(one):.6g}{unit}, not {float(other):.6g}{unit}"
-        off = float(np.max(np.abs(one - other)))
-        for state in [place, *places_of(block, place)]:
-            told = block.states[state].deviation if state in block.states else ""
-            at = {k: known[block._sibling(state, k)] for k in names_in(told or "0")}
-            sure = float(evaluate(told, at, state)) if told else off
-            if off > sure:
-                line += (
-                    f"; it begins {off:.3g}{unit} away, its stated deviation is {sure:.3g}{unit}"
-                )
         lines.append(line)
     return lines
 
@@ -440,12 +428,15 @@ def _declared(
     value = share.expression
     if value is None and signals[0].derived:
         value = _lifted(name, blocks[b], b, share, places[0], signals[0], taken)
+    # copies that begin alike begin with one number
+    alone = value is not None or (begins and np.ndim(first.value) == 0)
     signal = first.as_role(
         "param",
         name=share.name,
         deviation="",
+        truth=(),
         value=first.value if value is None else value,
-        shape=first.shape if value is None else (),
+        shape=() if alone else first.shape,
         lo=max(s.lo for s in signals),
         hi=min(s.hi for s in signals),
         source=first.source or next((s.source for s in signals if s.source), ""),

@@ -39,6 +39,8 @@ class Signal:
             default the value of the last good step.
         deviation: standard deviation of an estimator's start value, as an expression of its block,
             ``"sqrt(P)"``.
+        truth: what an estimator's state estimates, an expression of names that the rest of the loop
+            has, ``"v"``; one expression for each element.
     """
 
     role: str
@@ -56,6 +58,7 @@ class Signal:
     axis: str = ""
     safe: float | None = None
     deviation: str = ""
+    truth: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what, given, choices in (
@@ -189,14 +192,18 @@ def State(
     positive: str | None = None,
     per: str | None = None,
     deviation: str = "",
+    truth: str | tuple[str, ...] = (),
 ) -> Any:
     """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
 
-    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin.
+    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth``
+    of what, ``"v"``, by the name which that has in the rest of a loop. A run that begins further
+    off says so.
     """
     return Signal(
-        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation
-    )
+        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation,
+        truth=(truth,) if isinstance(truth, str) else tuple(truth),
+    )  # fmt: skip
 
 
 def Param(
@@ -255,6 +262,20 @@ def Output(
 def total_size(signals: Iterable[Signal]) -> int:
     """Number of elements of all signals together."""
     return sum(s.size for s in signals)
+
+
+def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
+    """Numbers of signals one below the other, a matrix by columns; None where one is no number."""
+    found: list[Any] = []
+    for n, s in signals.items():
+        v = values[n]
+        if isinstance(v, float) and s.shape == ():
+            found.append(v)
+        elif type(v) is np.ndarray and v.dtype == float and v.shape == s.shape:
+            found.extend(v.ravel(order="F"))
+        else:
+            return None
+    return np.array(found, dtype=float) if found else None
 
 
 def names_in(expression: str) -> list[str]:

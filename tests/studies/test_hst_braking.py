@@ -6,6 +6,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
+import left_out
 import numpy as np
 import pytest
 
@@ -31,7 +32,7 @@ def context() -> Context:
 def log(scenario: str, name: str, noise: float = 0.0, seed: int = 1):
     block, where = context().loop(scenario, name)
     if noise:
-        block = sensing({name: block}, {"tacho.sigma": noise})[name]
+        block = sensing(block, {"tacho.sigma": noise})
     return simulate(block, where.but(seed=seed))
 
 
@@ -396,6 +397,10 @@ def test_peer_in_c_gives_the_same_numbers(needs_compiler):
     assert build.compiler() is not None
     found = hst_loop.bench(pairs=1, simulator=False)
     assert found["ours_vs_c"]["largest_state_difference"] < 1e-8  # m, m/s, rad/s over 6000 ticks
+
+
+def test_what_did_not_run_is_counted_apart():
+    left_out.assert_open_and_counted_apart(results())
 
 
 def test_figures_and_claims_are_complete():
