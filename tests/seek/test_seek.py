@@ -145,7 +145,9 @@ def by_hand(n, crossover, generations, seed, c, a, b, lo=0.01, hi=10.0, F0=0.5):
 
     members = []
     for _ in range(n):
-        u = sum(v * (1 / m) for v, m in zip(draw(), MODULI, strict=True))
+        u = 0.0  # one after the other: since Python 3.12 ``sum`` carries what rounding loses
+        for v, m in zip(draw(), MODULI, strict=True):
+            u += v * (1 / m)
         members.append(lo + (hi - lo) * (u - math.floor(u)))
     values = [mu(v) for v in members]
     for G in range(1, generations + 1):
