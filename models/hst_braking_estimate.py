@@ -88,8 +88,12 @@ def wheel_speed_sensor(
     variance_lam=Output("1", "variance of the slip ratio"),
 )
 def speed_fusion(
-    v_h=State("m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)"),
-    b_h=State("m/s^2", 0.0, "bias of the accelerometer"),
+    v_h=State(
+        "m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)", truth="v"
+    ),
+    b_h=State(
+        "m/s^2", 0.0, "bias of the accelerometer", deviation="sqrt(P_bb)", truth="bias + g * slope"
+    ),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed"),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias"),
     P_bb=State("m^2/s^4", 4e-4, "variance of the bias"),

@@ -241,7 +241,7 @@ def motor(form: str = "consistent") -> Block:
 )
 def air_brake(
     p=State("Pa", 0.0, "cylinder pressure", lo=0),
-    q=State("Pa", 0.0, "integral part of the pressure loop"),
+    q=State("Pa", "p", "integral part of the pressure loop; at the start it keeps the pressure"),
     F_cmd=Input("N", "commanded brake force of one axle", positive="braking"),
     p_max=Param("Pa", 450e3, "supply pressure", GUESS, lo=1e3, hi=2e6),
     F_max=Param("N", 15e3, "brake force of one axle at p_max", GUESS, lo=1, hi=1e5),

@@ -272,12 +272,13 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
 
     return make_block(
         "mpc", "step", body, period=T_C, sx=False,
-        states=[State("N", 0.0, "last command", positive="traction").named("F_last"),
+        states=[State("N", "F_start", "last command", positive="traction").named("F_last"),
                 State("1", 0.0, "where the solver starts", shape=(5 * moves,)).named("inner")],
         inputs=[E1.named("e1"), E2.named("e2"), A_FF.named("a_ff"), HI.named("F_hi"),
                 LO.named("F_lo")],
         params=[M_.named("m"),
                 Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3).named("jerk"),
+                Param("N", 0.0, "force at the start", positive="traction").named("F_start"),
                 Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1).named("T")],
         outputs=[s.named(n) for n, s in FORCES.items()],
         doc=about(predictive), choices={"moves": moves, "dt": dt, "iterations": iterations},
@@ -302,7 +303,7 @@ def laws() -> dict[str, Block]:
 CONTROLLER = {
     n: f"*.{n}" for n in ("m", "J", "r", "g", "m_axle", "n_m", "n_b", "F_top", "P_top", "B_t")
 }
-"""Numbers that several parts of the controller have; T is the torque that it measures."""
+"""Numbers that several parts of the controller have."""
 
 
 @law(F_contr=Output("N", "force commanded", positive="traction"), name="clamp")

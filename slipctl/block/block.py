@@ -538,6 +538,9 @@ class Block:
 
     def pack(self, role: str, values: Mapping[str, Any]) -> Any:
         """Stack values (numbers or expressions) of one role to one column vector."""
+        numbers = _all_numbers(self._signals[role], values)
+        if numbers is not None:
+            return ca.DM(numbers)
         columns = []
         for n, s in self._signals[role].items():
             v = values[n]
@@ -828,6 +831,20 @@ def _refuse_nan(name: str, f: ca.Function) -> None:
                 f"{name} gives NaN whatever the numbers; float(x) and math.exp(x) cannot read a"
                 " symbol: from casadi import exp, and so for every function of math"
             )
+
+
+def _all_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
+    """Numbers of signals one below the other, a matrix by columns; None where one is no number."""
+    found: list[Any] = []
+    for n, s in signals.items():
+        v = values[n]
+        if isinstance(v, float) and s.shape == ():
+            found.append(v)
+        elif type(v) is np.ndarray and v.dtype == float and v.shape == s.shape:
+            found.extend(v.ravel(order="F"))
+        else:
+            return None
+    return np.array(found, dtype=float) if found else None
 
 
 def _columns(values: Exprs) -> Exprs:

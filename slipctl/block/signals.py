@@ -6,6 +6,7 @@ import ast
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ class Signal:
             default the value of the last good step.
         deviation: standard deviation of an estimator's start value, as an expression of its block,
             ``"sqrt(P)"``.
+        truth: what an estimator's state estimates, an expression of names that the rest of the loop
+            has, ``"v"``; one expression for each element.
     """
 
     role: str
@@ -55,6 +58,7 @@ class Signal:
     axis: str = ""
     safe: float | None = None
     deviation: str = ""
+    truth: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what, given, choices in (
@@ -77,7 +81,9 @@ class Signal:
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
-        return replace(self, name=name)
+        same = object.__new__(Signal)  # all else has been checked
+        same.__dict__.update(self.__dict__, name=name)
+        return same
 
     def valued(self, value: Any) -> Signal:
         """Return the same signal with another value."""
@@ -135,6 +141,9 @@ class Signal:
         Raises:
             BadInput: with the place, the value and the range.
         """
+        plain = _plain(value) if self.shape == () else None
+        if plain is not None and self.lo <= plain <= self.hi:
+            return np.array(plain)
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
@@ -143,6 +152,15 @@ class Signal:
                 f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
             )
         return array
+
+
+def _plain(value: Any) -> float | None:
+    """Finite number as a float where it is one already, which most values are; else None."""
+    if type(value) is np.ndarray and value.shape == () and value.dtype == float:
+        value = value.item()
+    if isinstance(value, float) and math.isfinite(value):
+        return float(value)
+    return None
 
 
 def real_array(value: Any) -> np.ndarray:
@@ -174,14 +192,18 @@ def State(
     positive: str | None = None,
     per: str | None = None,
     deviation: str = "",
+    truth: str | tuple[str, ...] = (),
 ) -> Any:
     """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
 
-    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin.
+    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth``
+    of what, ``"v"``, by the name which that has in the rest of a loop. A run that begins further
+    off says so.
     """
     return Signal(
-        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation
-    )
+        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation,
+        truth=(truth,) if isinstance(truth, str) else tuple(truth),
+    )  # fmt: skip
 
 
 def Param(
@@ -248,12 +270,17 @@ def names_in(expression: str) -> list[str]:
     Raises:
         BadInput: not an expression.
     """
+    return list(_names_in(expression))
+
+
+@lru_cache(maxsize=4096)
+def _names_in(expression: str) -> tuple[str, ...]:
     try:
         tree = ast.parse(expression, mode="eval")
     except (SyntaxError, ValueError):
         raise BadInput(f"{expression!r} is not an expression such as 'v / r'") from None
     names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
-    return sorted(names - {*FUNCTIONS, "pi"})
+    return tuple(sorted(names - {*FUNCTIONS, "pi"}))
 
 
 def evaluate(expression: str, values: Mapping[str, Any], where: str) -> Any:

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import saturated_motion as swing
+from slipctl.certify import smtlib
 from slipctl.certify.entries import DoesNotHold, mapping
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
@@ -90,6 +91,31 @@ def _free(n: Numbers) -> Sequence[Side]:
         sides.append(Side("M k1 k3 start <= force to spare",
                           n["M"] * n["k1"] * n["k3"] * n["start"], _spare(n)))  # fmt: skip
     return sides
+
+
+def _free_step(n: Numbers, entry: Entries) -> str | None:
+    """Nothing saturates in the set |e1| <= start, |y| <= k1 k3 start, which is not left.
+
+    y = k1 k3 e1 + (k1 + k3) e2 is what the command has beside the need, over M: e1' = e2, e2' = -y.
+    """
+    start = n.get("start", _free_start(n))
+    if not start:
+        return None
+    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    p, s = n["k1"] * n["k3"], n["k1"] + n["k3"]
+    most = p * start
+    y = plus(times(p, "x"), times(s, "v"))
+    facts = [*smtlib.between(-start, "x", start), *smtlib.between(-most, y, most)]
+    rate = plus(times(p, "v"), times(-s, y))
+    claim = term(
+        "and",
+        term("<=", times(n["M"], y), _spare(n)), term("<=", -_spare(n), times(n["M"], y)),
+        term("=>", term("=", "x", start), term("<=", "v", 0)),
+        term("=>", term("=", "x", -start), term("<=", 0, "v")),
+        term("=>", term("=", y, most), term("<", rate, 0)),
+        term("=>", term("=", y, -most), term("<", 0, rate)),
+    )  # fmt: skip
+    return smtlib.problem(("x", "v"), facts, claim)
 
 
 # ---- the swing ----------------------------------------------------------------------------------
@@ -255,7 +281,8 @@ SATURATION = register(System(
                                refutes="the constant need that is out of reach"),
         "constant": Criterion("the need does not vary", _constant, EXACT, proves=_BOTH,
                               covers=_NEED),
-        "free": Criterion("nothing saturates", _free, SUFFICIENT, proves=_BOTH, covers=_NEED),
+        "free": Criterion("nothing saturates", _free, SUFFICIENT, proves=_BOTH, covers=_NEED,
+                          step=_free_step),
         "ladder": Criterion("against the worst need each swing is smaller than the one before",
                             _ladder, EXACT, ("largest_start",), ("start",), proves=("dies_out",),
                             covers=_NEED, evidence=Evidence(_find, _check)),

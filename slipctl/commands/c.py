@@ -51,7 +51,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
             what = "part" if options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         log.info("running %s for its inputs", name)
-        inputs, params = codegen.recorded(loop, part, case.scenario)
+        ticks = None if options.check else codegen.KEPT
+        inputs, params = codegen.recorded(loop, part, case.scenario, ticks)
         report = codegen.export(
             control, out,
             options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),

@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -221,7 +222,7 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
         text = generator.dump()
         if "#error" in text:
             raise RuntimeError("CasADi cannot generate C for it")
-        source.write_text(text + _ROLL.replace("FUNCTION", f.name()))
+        source.write_text(text + _ROLL.replace("FUNCTION", f.name()), encoding="utf-8")
         built, seal = Path(scratch) / "roll.so", Path(scratch) / "roll.sum"
         command = [cc, *flags, "-w", "-fPIC", "-shared", str(source), "-o", str(built), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True)
@@ -242,16 +243,24 @@ def roll_interpreted(
     y_log: np.ndarray,
 ) -> int:
     """Do what :meth:`Roller.roll` does, in CasADi's virtual machine."""
-    ticks = len(u)
-    following, y = f.mapaccum(ticks)(x, u.T, ca.repmat(ca.DM(p), 1, ticks))
-    after = np.array(ca.DM(following).full()).T
-    x_log[0] = x
-    x_log[1:] = after[:-1]
-    y_log[:] = np.array(ca.DM(y).full()).T
-    broken = ~np.isfinite(after).all(axis=1)
-    done = int(np.argmax(broken)) if broken.any() else ticks
-    x[:] = after[min(done, ticks - 1)]
-    return done
+    now, following = np.array(x, dtype=float).ravel(), np.empty(f.size1_out(0))
+    fed, output = np.empty(f.size1_in(1)), np.empty(f.size1_out(1))
+    constants = np.array(p, dtype=float).ravel()
+    pair: Any = f.buffer()
+    buffer, call = pair
+    for k, a in enumerate((now, fed, constants)):
+        buffer.set_arg(k, memoryview(a))  # type: ignore[arg-type]
+    for k, a in enumerate((following, output)):
+        buffer.set_res(k, memoryview(a))  # type: ignore[arg-type]
+    for k in range(len(u)):
+        x_log[k], fed[:] = now, u[k]
+        call()
+        y_log[k], now[:] = output, following
+        if not np.isfinite(now).all():
+            x[:] = now
+            return k
+    x[:] = now
+    return len(u)
 
 
 def rolling(f: ca.Function, compile: bool = True, ticks: int = LONG) -> Callable[..., int]:

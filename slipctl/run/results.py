@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from slipctl.errors import BadInput, check_kinds, nearest
 
 if TYPE_CHECKING:
-    import numpy as np
     import xarray
 
     from slipctl.block.block import Block
@@ -135,6 +136,33 @@ class Results:
     def part(self, path: str) -> Block:
         """Part that every loop has, such as ``"plant.adh"``, of the first one."""
         return next(iter(self.cases[0].loops.values()))[path]
+
+    def loop(self, scenario: str, loop: str) -> Block:
+        """A loop as it ran, with its parameters.
+
+        Raises:
+            NotRun: it was left out, or left to ``--full``.
+        """
+        key = f"{scenario}/{loop}"
+        self.asked.add(key)
+        for case in self.cases:
+            if case.scenario.name == scenario and loop in case.loops:
+                return case.loops[loop]
+        if scenario in self.left:
+            raise LeftToFull
+        raise NotRun(f"{key} was not run")
+
+    def number(self, scenario: str, loop: str, path: str) -> float:
+        """Parameter of a loop as it ran, such as ``"ctl.law.k1"``; of many axles the first one's.
+
+        Raises:
+            NotRun: the loop was left out, or left to ``--full``.
+            BadInput: it has no such parameter.
+        """
+        values = self.loop(scenario, loop).values_by_place()
+        if path not in values:
+            raise BadInput(f"{loop} has no parameter {path!r}{nearest(path, values)}")
+        return float(np.ravel(values[path])[0])
 
     def log(self, scenario: str, loop: str) -> xarray.Dataset:
         """Log of a loop in a scenario.

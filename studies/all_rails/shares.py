@@ -61,4 +61,23 @@ def shares(world: Block, control_law: Block) -> dict[str, Any]:
         found["m_axle"] = ["world.m_axle", "*.m_axle"]
     else:
         found["m_axle = m / n"] = "*.m_axle"
+    return found | _start(world, control_law)
+
+
+def _start(world: Block, control_law: Block) -> dict[str, Any]:
+    """Speeds at the start, and the slip for laws that hold one of the last tick."""
+    law, has = control_law.params, world.params
+    wheel = "omega_m_start" if "R_g" in has else "omega_start"
+    found: dict[str, Any] = {"v_start": "world.v_start", wheel: f"world.{wheel}"}
+    # a driven wheel is seen in the mirror
+    slip = "v_start - r * omega_start"
+    if "R_g" in has:
+        slip = "r * omega_m_start / R_g - v_start"
+    if "v_s_start" in has:
+        found["v_s_start"] = ["world.v_s_start", "*.v_s_start"]
+    elif "offset.v_s_start" in law:
+        found[f"v_s_start = {slip}"] = "*.v_s_start"
+    if "lam_start" in law:
+        found["v_min"] = "law.ratio.v_min"
+        found[f"lam_start = ({slip}) / fmax(fabs(v_start), v_min)"] = "law.lam_start"
     return found

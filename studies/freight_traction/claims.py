@@ -27,7 +27,6 @@ from slipctl.studies.freight_traction.measures import (
     lost,
     mean,
     middle,
-    number,
     part,
     period,
     ripple,
@@ -123,7 +122,7 @@ def at_the_switch(r: Results) -> dict[str, float]:
 def slowest(r: Results) -> float:
     """Pole of the observer of Table 2 that is furthest to the right, in 1/s."""
     L1 = L2 = -40.0
-    J = number(r, "smes_robust", "ctl.observer.J")
+    J = r.number("base", "smes_robust", "ctl.observer.J")
     return float(np.linalg.eigvals(np.array([[-L1, -1 / J], [-L2, 0.0]])).real.max())
 
 

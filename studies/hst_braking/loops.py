@@ -106,13 +106,15 @@ def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
         "n": "*.n",
         "v_start": ["plant.wheel.v", "*.v_start"],
         "omega_start": ["plant.wheel.omega", "*.omega_start"],
+        "lam_ref_start": "*.lam_ref_start",
         "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
         "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
         "theta": "*.theta",
         "P_max": "*.P_max",
     }
     if "brake.P_c" in parts["plant"].states:
-        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": "*.T_b_start"}
+        torques = ["*.T_b_start", *(["dead.waiting"] if "dead" in parts else [])]
+        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": torques}
     return found
 
 

@@ -225,9 +225,20 @@ SHARES: dict[str, Any] = {
     "F_max": "*.F_max",
     "F_brake = n_b * F_max": "*.F_brake",
     "v_start": "plant.train.v",
-    "omega_start": "plant.train.omega",
+    "omega_start": ["plant.train.omega", "*.omega_start"],
+    "p_start": "plant.brake.p",
+    "p_max": "plant.brake.p_max",
 }
 """Numbers that the parts of a loop have in common."""
+
+_DRIVEN = "fmin(F_m_start, P_top / fmax(r * omega_start, P_top / F_top) / n_m)"
+TORQUES = {
+    "F_m_start": "plant.motor.F_m",
+    f"T_start = r * ({_DRIVEN} - F_max * p_start / p_max)": "*.T_start",
+    f"F_start = n_m * {_DRIVEN} - n_b * F_max * p_start / p_max": "*.F_start",
+}
+"""What motors and brakes give at the start: observers and laws begin with it. A motor with its
+currents begins without flux, so without torque."""
 
 
 def loop(
@@ -288,7 +299,8 @@ def loop(
             "T_in.u": "net.T",
             "ctl.T": "T_in.y",
         }
-    return connect("loop", wires, share=SHARES, **parts)
+    lagging = "motor.F_m" in parts["plant"].states
+    return connect("loop", wires, share=SHARES | (TORQUES if lagging else {}), **parts)
 
 
 def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> dict[str, Block]:

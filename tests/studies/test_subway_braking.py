@@ -3,6 +3,7 @@
 import re
 from functools import cache
 
+import left_out
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -68,7 +69,7 @@ def test_the_papers_own_least_squares_never_finds_the_optimum():
 
 
 def test_held_is_said_of_the_slip_and_not_of_the_search():
-    """On ice the search is right after 16 ms, the slip for good only after a quarter of a second."""
+    """On ice the search is right after 16 ms, the slip for good only after a quarter second."""
     r = results()
     log = r.log("base", "sta_online")
     off = np.abs(log["plant.wheel.v_s"].values[4000:] / log["v_opt"].values[4000:] - 1)
@@ -151,6 +152,10 @@ def test_reasons_are_those_of_the_run_with_a_parameter_20_percent_larger(name):
         assert [float(x) for x in said.split(" / ")] == pytest.approx(swings, abs=0.51)
     # and what stays true of the printed gains
     assert "wants k2 > 500.5005" in verdict("gains_satisfy_48", r)[1]
+
+
+def test_what_did_not_run_is_counted_apart():
+    left_out.assert_open_and_counted_apart(results())
 
 
 def test_every_claim_has_an_answer_or_says_what_was_not_run():

@@ -123,15 +123,13 @@ def reference(
     x = start_state(block, params)
     ticks = len(rows)
     before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
-    build.roll_interpreted(block.f, x, np.ascontiguousarray(rows), p, before, outputs)
-    states = np.vstack([before[1:], x[np.newaxis, :]])
-    good = np.isfinite(outputs).all(axis=1) & np.isfinite(states).all(axis=1)
-    if not good.all():
-        first = int(np.argmin(good))
-        if whole:
-            raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
-        outputs, states = outputs[:first], states[:first]
-    return outputs, states
+    done = build.roll_interpreted(block.f, x, rows, p, before, outputs)
+    good = np.isfinite(outputs[:done]).all(axis=1)
+    first = done if good.all() else int(np.argmin(good))
+    if first < ticks and whole:
+        raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
+    after = x[np.newaxis, :] if first == ticks else before[first : first + 1]
+    return outputs[:first], np.vstack([before[1:first], after]) if first else before[:0]
 
 
 def trial_rows(plan: Plan) -> np.ndarray:

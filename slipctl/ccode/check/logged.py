@@ -44,18 +44,36 @@ def logged_inputs(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, 
 
 
 def recorded(
-    loop: Block, part: str, scenario: Scenario
+    loop: Block, part: str, scenario: Scenario, ticks: int | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Run a loop for the inputs and parameters that a part of it has there.
 
     Args:
         loop, part: as in :func:`logged_inputs`.
         scenario: as of :func:`slipctl.simulate`.
+        ticks: how many are wanted, where the first ones are enough.
     """
     from slipctl.run.simulation import simulate
 
-    data = simulate(loop, scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
+    if ticks is not None and loop.period is not None:
+        scenario = _first(scenario, ticks, loop.period)
+    sources = {_source(loop, part, n) for n in loop[part].inputs}
+    known = {**loop.inputs, **loop.outputs, **loop.states}
+    data = simulate(loop, scenario, log=[n for n in known if n in sources])
     return logged_inputs(loop, part, data), logged_params(loop, part, data)
+
+
+def _first(scenario: Scenario, ticks: int, period: float) -> Scenario:
+    """First ticks of a scenario; a feed with a value for each tick is cut there too."""
+    whole = round(scenario.duration / period)
+    if whole <= ticks:
+        return scenario
+    feeds = {
+        n: feed[:ticks] if isinstance(feed, np.ndarray) and len(np.atleast_1d(feed)) == whole
+        else feed
+        for n, feed in scenario.inputs.items()
+    }  # fmt: skip
+    return scenario.but(duration=ticks * period, inputs=feeds)
 
 
 def logged_params(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, np.ndarray]:
