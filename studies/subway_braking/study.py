@@ -9,7 +9,7 @@ import numpy as np
 
 from slipctl import Figure, Results, Signals, Study
 from slipctl.draw import plots
-from slipctl.studies.subway_braking import experiments
+from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.claims import CLAIMS
 from slipctl.studies.subway_braking.gains import GAINS
 from slipctl.studies.subway_braking.loops import MODELS, MOVING, TABLE_1, best, cases
@@ -39,8 +39,8 @@ def estimated_curves(r: Results) -> Any:
     for axis, span, name in zip(axes[0], experiments.spans(log), MOVING, strict=True):
         end = {n: float(log[f"ctl.estimator.{n}"].values[span.stop - 1]) for n in law.params}
         curves = {
-            "true": (v, experiments.curve(law, v, law.conditions[name])),
-            "estimated": (v, experiments.curve(law, v, end)),
+            "true": (v, estimation.curve(law, v, law.conditions[name])),
+            "estimated": (v, estimation.curve(law, v, end)),
         }
         plots.lines(
             curves, ("slip speed", "m/s"), ("adhesion", "1"), axis=axis,
