@@ -15,6 +15,7 @@ Table 5 gives the numbers of the two other sliding modes. Predictive, robust and
 only named in Table 4: their structure and numbers here are ours. Forces pull (``"traction"``).
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -312,6 +313,15 @@ def clamp(F=Input("N", "force commanded by the law", positive="traction"), F_hi=
     return fmin(F_hi, fmax(F_lo, F))
 
 
+@lru_cache(maxsize=4)
+def _observers(observer: Block | None, axles: int) -> Block:
+    return replicate(observer or adhesion_observer(), axles)
+
+
+_usable, _limit = lru_cache(maxsize=4)(usable_adhesion), lru_cache(maxsize=4)(antislip_limit)
+"""Parts that all controllers have are made once, so that their equations are worked out once."""
+
+
 def controller(
     control_law: Block,
     axles: int = 1,
@@ -359,9 +369,9 @@ def controller(
     parts = {"characteristic": characteristic, "strategy": every(strategy, ticks), "clamp": clamp}
     if limited:
         parts |= {
-            "observer": replicate(observer or adhesion_observer(), axles),
-            "usable": usable_adhesion(axles, creep_law),
-            "limit": antislip_limit(axles),
+            "observer": _observers(observer, axles),
+            "usable": _usable(axles, creep_law),
+            "limit": _limit(axles),
         }
         wires |= {
             "observer.omega": "omega",

@@ -264,6 +264,20 @@ def total_size(signals: Iterable[Signal]) -> int:
     return sum(s.size for s in signals)
 
 
+def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
+    """Numbers of signals one below the other, a matrix by columns; None where one is no number."""
+    found: list[Any] = []
+    for n, s in signals.items():
+        v = values[n]
+        if isinstance(v, float) and s.shape == ():
+            found.append(v)
+        elif type(v) is np.ndarray and v.dtype == float and v.shape == s.shape:
+            found.extend(v.ravel(order="F"))
+        else:
+            return None
+    return np.array(found, dtype=float) if found else None
+
+
 def names_in(expression: str) -> list[str]:
     """Names that an expression of other signals uses, functions left out.
 

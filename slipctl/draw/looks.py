@@ -11,12 +11,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
-import matplotlib
 import numpy as np
-from cycler import cycler
-from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
 BLACK, BLUE, ORANGE, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
@@ -61,7 +59,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.prop_cycle": cycler(color=PALETTE),
+    "axes.prop_cycle": f"cycler(color={list(PALETTE)})",
     "grid.color": "#DDDDDD",
     "grid.linewidth": 0.6,
     "lines.linewidth": 1.3,
@@ -98,6 +96,8 @@ def dash(name: str, beside: Sequence[str] = ()) -> Any:
 @contextmanager
 def style() -> Iterator[None]:
     """Draw in the one style."""
+    import matplotlib
+
     with matplotlib.rc_context(STYLE):
         yield
 
@@ -108,6 +108,8 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options
     Returns:
         The figure and its axes, an array of rows by columns.
     """
+    from matplotlib.figure import Figure
+
     with style():
         size = (WIDTH, height * rows + 0.4)
         fig = Figure(figsize=size)

@@ -1,8 +1,8 @@
 """Figures: one style, units on each axis, the same colour for the same loop in every study.
 
-With ``looks`` the only place that imports matplotlib. A study's figures are made of these
-helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything, ``laws`` of an adhesion
-law.
+With ``looks`` the only place that imports matplotlib, when something is drawn. A study's figures
+are made of these helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything,
+``laws`` of an adhesion law.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from slipctl.draw.looks import (
     BLACK,
@@ -507,8 +505,17 @@ def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
 # ---- files --------------------------------------------------------------------------------------
 
 
+def load() -> None:
+    """Import what drawing needs, ahead of the first figure."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def svg_text(fig: Figure, stamp: str = "") -> str:
     """Figure as SVG, the same text every time."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     legends_aside(fig)
     with style():
         buffer = io.StringIO()
@@ -523,6 +530,8 @@ def svg_text(fig: Figure, stamp: str = "") -> str:
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     with style():
         buffer = io.BytesIO()
         fig.set_dpi(STYLE["savefig.dpi"])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from slipctl.block import units
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at, targets, told_apart
+from slipctl.block.timing import check_sample_times
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.run.rail import Scenario
@@ -134,6 +135,7 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
+                check_sample_times(begun(loop, case.scenario))
                 store.check_names(Path(case.scenario.name, name))
                 said |= dict.fromkeys(told(loop, case.scenario, _try(case, name, loop)))
                 study.check(name, loop, case.scenario)
@@ -167,7 +169,7 @@ def _select(
             raise BadInput(f"{study.name} has no loop {name!r}{nearest(name, names)}")
     kept = [c for c in cases if not scenarios or c.scenario.name in scenarios]
     if loops:
-        kept = [replace(c, loops={n: b for n, b in c.loops.items() if n in loops}) for c in kept]
+        kept = [replace(c, loops={n: c.loops[n] for n in c.loops if n in loops}) for c in kept]
     kept = [c for c in kept if c.loops]
     if not kept:
         raise BadInput(f"{study.name} has no loop {' or '.join(loops)} in {' or '.join(scenarios)}")
@@ -181,7 +183,7 @@ def _plain(study: Study, cases: list[Case], also: Mapping[str, Sequence[str]]) -
     kept = []
     for case in cases:
         name = case.scenario.name
-        few = {n: b for n, b in case.loops.items() if n in also.get(name, ())}
+        few = {n: case.loops[n] for n in case.loops if n in also.get(name, ())}
         if name in study.plain or few:
             kept.append(case if name in study.plain else replace(case, loops=few))
     return kept

@@ -32,7 +32,7 @@ def context() -> Context:
 def log(scenario: str, name: str, noise: float = 0.0, seed: int = 1):
     block, where = context().loop(scenario, name)
     if noise:
-        block = sensing({name: block}, {"tacho.sigma": noise})[name]
+        block = sensing(block, {"tacho.sigma": noise})
     return simulate(block, where.but(seed=seed))
 
 
