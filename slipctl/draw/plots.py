@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
     COLOURS,
@@ -32,7 +33,6 @@ from slipctl.draw.looks import (
     panels,
     style,
 )
-from slipctl.draw.looks import AMBER as AMBER  # colours and units for whoever draws
 from slipctl.draw.looks import BLUE as BLUE
 from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PURPLE as PURPLE
