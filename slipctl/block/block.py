@@ -797,6 +797,10 @@ class Block:
             return found
         if self.units == "printed" or not self.sx:
             return []
+        derived = tuple((s.name, s.value) for s in self.signals if s.derived)
+        return list(self.of_equations(("units", derived), self._wrong_units))
+
+    def _wrong_units(self) -> list[str]:
         from slipctl.block import formula, unit_walk, units
 
         with units.checking_units(), formula.letters(self._body.__code__) as names:
