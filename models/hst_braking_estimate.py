@@ -23,6 +23,7 @@ from slipctl import (
 from slipctl.errors import known
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.hst_braking import GUESS, I_W, SOURCE, TABLE_2, G, R
+from slipctl.models.shared import SLOPE
 
 
 @flow()
@@ -64,7 +65,7 @@ def accelerometer(
     n=Noise(),
     bias=Param("m/s^2", 0.0, "bias", "guess", lo=-1, hi=1),
     sigma=Param("m/s^2", 0.0, "standard deviation of the noise per sample", "guess", lo=0, hi=5),
-    slope=Param("1", 0.0, "gradient of the track, rise over run, uphill positive", lo=-0.1, hi=0.1),
+    slope=SLOPE,
     g=Param("m/s^2", G, "gravity", "not stated in the paper"),
 ):
     """Acceleration along the train as an accelerometer sees it: a gradient looks like a bias."""

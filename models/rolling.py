@@ -156,7 +156,7 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         Output("W", "power that the brakes take").named("P_brake"),
         Output("W", "power that the bearings take").named("P_bearing"),
         Output("W", "power that the sliding contacts take").named("P_slip"),
-        Output("W", "power that the running resistance takes").named("P_d"),
+        Output("W", "power that running resistance and gradient take").named("P_d"),
         Output("N", "largest residual of the step").named("residual"),
     ]
     if motors:

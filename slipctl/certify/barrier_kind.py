@@ -285,7 +285,8 @@ def _run_behind(n: Numbers) -> Entries | None:
         return None
     with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
         exact = _lagged(n, scalar_maps.exactly)
-        path = lagged_runs.exact(lambda i: exact, found, Decimal(0))
+        path = lagged_runs.exact(lambda i: exact, found, Decimal(0),
+                                 _start(n, scalar_maps.exactly))  # fmt: skip
         return None if path is None else holding.told_path(path, "start")
     return None
 

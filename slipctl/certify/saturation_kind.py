@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import Context, localcontext
+from decimal import ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from typing import Any
 
@@ -211,19 +211,10 @@ def _claim(n: Numbers, entry: Entries) -> str:
     told = ZERO.format(F_low=spelled(n["F_low"], "N"), F_high=spelled(n["F_high"], "N"))
     if n["F_high"] == n["F_low"] or _spare(n) <= 0:
         return told
-    down = float(_free_start(n))
-    if Fraction(down) > _free_start(n):
-        from math import nextafter
-
-        down = nextafter(down, 0.0)
-    return f"{told}, if |e1| <= {spelled(_cut(down), 'm')} at the start"
-
-
-def _cut(x: float) -> float:
-    """Ten digits at most, rounded down."""
-    from decimal import ROUND_FLOOR, Decimal
-
-    return float(Context(prec=10, rounding=ROUND_FLOOR).plus(Decimal(x)))
+    down = Context(prec=10, rounding=ROUND_FLOOR).divide(
+        *(Decimal(x) for x in Fraction(_free_start(n)).as_integer_ratio())
+    )
+    return f"{told}, if |e1| <= {spelled(down, 'm')} at the start"
 
 
 def _witness(n: Numbers) -> Witness:

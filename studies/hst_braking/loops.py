@@ -31,7 +31,7 @@ from slipctl.models.hst_braking import (
     plant,
     wheel,
 )
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.run.results import Loops
 
 H = 1e-3
@@ -102,16 +102,20 @@ def held(
 
 def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
     """Numbers that the parts of a loop have in common; sensors and filters start as the plant."""
-    found: dict[str, Any] = SHARED | {
-        "n": "*.n",
-        "v_start": ["plant.wheel.v", "*.v_start"],
-        "omega_start": ["plant.wheel.omega", "*.omega_start"],
-        "lam_ref_start": "*.lam_ref_start",
-        "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
-        "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
-        "theta": "*.theta",
-        "P_max": "*.P_max",
-    }
+    found: dict[str, Any] = (
+        SHARED
+        | GRADIENT
+        | {
+            "n": "*.n",
+            "v_start": ["plant.wheel.v", "*.v_start"],
+            "omega_start": ["plant.wheel.omega", "*.omega_start"],
+            "lam_ref_start": "*.lam_ref_start",
+            "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
+            "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
+            "theta": "*.theta",
+            "P_max": "*.P_max",
+        }
+    )
     if "brake.P_c" in parts["plant"].states:
         torques = ["*.T_b_start", *(["dead.waiting"] if "dead" in parts else [])]
         found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": torques}
@@ -126,7 +130,7 @@ def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
         fixed: slip 0.1 in place of the best one.
     """
     world = sampled(ideal_plant(models["adh"]), H, "rk4")
-    bound = SHARED | {"n": "*.n", "v_start": "plant.wheel.v"}
+    bound = SHARED | GRADIENT | {"n": "*.n", "v_start": "plant.wheel.v"}
     if fixed:
         wires = {"held.lam_opt": "lam_opt", "plant.lam_held": "held.lam_held"}
         return connect("loop", wires, share=bound, plant=world, held=held)

@@ -220,6 +220,7 @@ SHARES: dict[str, Any] = {
     **{n: f"*.{n}" for n in ("m", "J", "r", "g", "tau", "n_m", "n_b", "F_top", "P_top", "B_t")},
     **{n: ["plant." + n, f"*.res.{n}"] for n in ("w_0", "w_1", "w_2")},
     "v_0": "*.res.v_0",
+    "slope": "*.slope",
     "m_axle": ["plant.m_axle", "*.m_axle"],
     "Q = m_axle * g / 2": "*.Q",
     **{n: [f"*.adh.{n}", f"*.curves.{n}"] for n in ("G", "a", "b", "c11", "v_min")},

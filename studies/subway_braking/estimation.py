@@ -45,8 +45,11 @@ def printed_estimate(log: Any, law: Block) -> float | None:
 
 
 def curve(law: Block, slip: np.ndarray, rail: Mapping[str, float]) -> np.ndarray:
-    """Adhesion over slip speeds in m/s on a rail given by the law's parameters."""
-    p = np.array(ca.DM(law.pack("param", law.param_values(**rail))).full())
+    """Adhesion over slip speeds in m/s on a rail given by the law's parameters.
+
+    They may be an estimate that ran away, beyond what the law takes.
+    """
+    p = np.array(ca.DM(law.pack("param", law.derive(dict(rail)))).full())
     u = ca.DM(slip).T
     return np.array(ca.DM(law.f.map(len(slip))(ca.DM(0, len(slip)), u, p)[1]).full()).ravel()
 

@@ -22,7 +22,7 @@ from slipctl import (
 from slipctl import law as law_block
 from slipctl.models import sensors
 from slipctl.models.brakes import brake
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.models.subway_braking import (
     curve_resistance,
     double_exponential,
@@ -96,13 +96,17 @@ def _world(models: Mapping[str, Any], lag: bool) -> Block:
 START_OF_PLANT = {"v_start": "plant.wheel.v", "omega_start": "plant.wheel.omega"}
 """Start values of the plant, which stand in every loop under one name."""
 
-MEASURED = SHARED | {
-    "v_start": "plant.wheel.v",
-    "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
-    "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
-    "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
-    "v_s_start = v_start - r * omega_start": "meter.v_s_start",
-}
+MEASURED = (
+    SHARED
+    | GRADIENT
+    | {
+        "v_start": "plant.wheel.v",
+        "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
+        "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
+        "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
+        "v_s_start = v_start - r * omega_start": "meter.v_s_start",
+    }
+)
 """Numbers of a loop with sensors: what they hold at the start is what the plant has."""
 
 
@@ -119,7 +123,7 @@ def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -
         "plant.T_cmd": "ctl.T_b",
     }
     return connect(
-        "loop", wires, share=SHARED | START_OF_PLANT,
+        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
         plant=_world(models, lag=False), ctl=controller(law),
     )  # fmt: skip
 
@@ -156,13 +160,14 @@ def real(models: Mapping[str, Any], law: Block) -> Block:
     return connect("loop", wires, share=MEASURED, plant=_world(models, lag=True), **parts)
 
 
-def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
+def online(models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32) -> Block:
     """Loop with perfect sensors in which the best slip is estimated and searched online.
 
     Args:
         models: the study's models.
         law: the slip law.
         form: of the estimator, see ``estimating_controller``.
+        memory: samples in which a change is looked for.
     """
     wires = {
         "adhesion.mu": "plant.adh.mu",
@@ -177,9 +182,9 @@ def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block
         "truth.v_opt": "v_opt",
     }
     return connect(
-        "loop", wires, share=SHARED | START_OF_PLANT,
+        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
-        ctl=_estimating(models, law, form), truth=truth,
+        ctl=_estimating(models, law, form, memory), truth=truth,
     )  # fmt: skip
 
 
@@ -191,13 +196,14 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
         "ctl.v_s_m": "meter.v_s_m",
         "truth.v_opt": "v_opt",
     }
-    ctl = _estimating(models, law, memory=1).with_params(  # its noise is no white one
+    ctl = _estimating(models, law, memory=8, looks=True).with_params(
         **{
-            "estimator.noise": 1e-2,  # the meter's own is .013 to .025
+            "estimator.noise": 1e-2,  # the meter's own is .013 to .08, and no white one
             "estimator.spread": 0.5,
-            "estimator.gate": 4.0,
+            "estimator.gate": 4.5,
             "estimator.settling": 1.0,  # its window mixes two rails once
-            "probe.depth": 0.4,
+            "probe.again": 2.5,  # what a wrong estimate may cost, by what a probe costs
+            "probe.look": 0.0,  # a nudge shows nothing in this noise
         }
     )
     return connect(
@@ -207,11 +213,14 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
 
 
 def _estimating(
-    models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32
-) -> Block:
+    models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32,
+    looks: bool = False,
+) -> Block:  # fmt: skip
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
-    return estimating_controller(law, adh, searcher(adh), start, form=form, memory=memory)
+    return estimating_controller(
+        law, adh, searcher(adh), start, form=form, memory=memory, looks=looks
+    )
 
 
 def searcher(law: Block) -> Block:
@@ -230,7 +239,7 @@ def truth(
 def ideal(models: Mapping[str, Any]) -> Block:
     """Bound: adhesion at its peak from the start."""
     return connect(
-        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | {"v_start": "plant.wheel.v"},
+        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | GRADIENT | {"v_start": "plant.wheel.v"},
         plant=sampled(ideal_plant(models["adh"]), H, "rk4"),
     )  # fmt: skip
 

@@ -268,6 +268,23 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
             assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(["--chek"], "unrecognized arguments: --chek"), (["nope"], "nope has no page"),
+     (["all_rails", "--results", "/nowhere"], "cannot read /nowhere")],
+)  # fmt: skip
+def test_tables_refuse_what_they_do_not_know_in_a_line(arguments, said, capsys):
+    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    maker = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(maker)
+    with pytest.raises(SystemExit) as ended:
+        maker.main(arguments)
+    told = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert said in told
+    assert told.count("\n") == 1
+
+
 @pytest.mark.parametrize("name", ["subway_braking", "freight_traction", "hst_traction"])
 def test_page_of_the_study_has_every_claim_and_scenario(name):
     page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
