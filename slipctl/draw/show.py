@@ -208,7 +208,7 @@ def _parts(block: Block, depth: int = 0) -> list[str]:
 
 
 def _equations(leaf: Block) -> list[str]:
-    return leaf.of_equations("text", partial(_text_rows, leaf))  # type: ignore[no-any-return]
+    return leaf.of_equations("text", partial(_text_rows, leaf))
 
 
 def _text_rows(leaf: Block) -> list[str]:
