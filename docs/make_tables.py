@@ -1,20 +1,23 @@
-"""Fill the tables of a study's page from its results: ``python docs/make_tables.py PAGE RESULTS``.
+"""Fill the tables of the studies' pages: ``python docs/make_tables.py [--check] [STUDY ...]``.
 
-A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``:
-``claims``; ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``.
-``--check`` only compares.
+The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDER`` those that
+``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
+only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
+``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from slipctl.study.texts import number
 
+DOCS = Path(__file__).resolve().parent
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
 
 
@@ -37,8 +40,11 @@ def rows_to_text(head: list[str], rows: list[list[str]]) -> str:
 
 
 def read(results: Path, name: str) -> Any:
-    """JSON file of the results."""
-    return json.loads((results / name).read_text(encoding="utf-8"))
+    """JSON file of a folder of results, or that part of a file of evidence."""
+    if results.is_dir():
+        return json.loads((results / name).read_text(encoding="utf-8"))
+    numbers = json.loads(results.read_text(encoding="utf-8"))["numbers"]
+    return numbers[name.removesuffix(".json")]
 
 
 def claims(results: Path, words: list[str]) -> str:
@@ -91,16 +97,49 @@ def experiment(results: Path, words: list[str]) -> str:
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment}
 
 
+class Arguments(argparse.ArgumentParser):
+    """Arguments, of which a wrong one is refused in a line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"make_tables.py: {message}\n")
+
+
+def pages() -> list[str]:
+    """Studies with a page and with evidence."""
+    return [p.stem for p in sorted((DOCS / "evidence").glob("*.json"))
+            if (DOCS / f"{p.stem}.md").exists()]  # fmt: skip
+
+
 def main(arguments: list[str]) -> int:
-    """Fill the page, or say whether it is up to date."""
-    page, results = (Path(a) for a in arguments if not a.startswith("--"))
-    text = page.read_text(encoding="utf-8")
-    new = filled(text, results)
-    if "--check" in arguments:
-        print(f"{page} is up to date" if new == text else f"run: make_tables.py {page} {results}")
-        return int(new != text)
-    page.write_text(new, encoding="utf-8", newline="\n")
-    return 0
+    """Fill the pages, or say whether they are up to date."""
+    parser = Arguments(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("studies", nargs="*", metavar="STUDY", help="all that have evidence")
+    parser.add_argument("--results", type=Path, metavar="FOLDER", help="of one study's run")
+    parser.add_argument("--check", action="store_true", help="compare only")
+    given = parser.parse_args(arguments)
+    unknown = [n for n in given.studies if not (DOCS / f"{n}.md").exists()]
+    if unknown:
+        parser.error(f"{unknown[0]} has no page; {', '.join(pages())} have one")
+    if given.results and len(given.studies) != 1:
+        parser.error("--results goes with the name of one study")
+    old = 0
+    for name in given.studies or pages():
+        page, results = DOCS / f"{name}.md", given.results or DOCS / f"evidence/{name}.json"
+        text = page.read_text(encoding="utf-8")
+        try:
+            new = filled(text, results)
+        except OSError as error:
+            parser.error(f"cannot read {error.filename}: {error.strerror}")
+        except KeyError as missing:
+            parser.error(f"{results} has no {missing}, which docs/{name}.md shows; run it --full")
+        if not given.check:
+            page.write_text(new, encoding="utf-8", newline="\n")
+        elif new != text:
+            print(f"docs/{name}.md is out of date; run: python docs/make_tables.py {name}")
+            old = 1
+        else:
+            print(f"docs/{name}.md is up to date")
+    return old
 
 
 if __name__ == "__main__":

@@ -151,6 +151,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
         first = min(w.v_best / w.v, 0.1)
         # without its term of the motion the law has no mass
         shared = {k: v for k, v in SHARED.items() if k != "m" or control_law.choices.get("motion")}
+        shared |= {n: f"*.{n}" for n in ("lam_start", "lam_ref_start")}
         wires = {
             "ratio.u": "v_s",
             "ratio.v": "v",
@@ -168,7 +169,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
                  "rate": "reference.rate"}  # fmt: skip
         wires |= {f"law.{n}": ports[n] for n in block.inputs}
         shape = zhang.shaper.with_params(J=w.J, r=w.r)
-        shape = shape.with_params(limited=first, smooth=first)
+        shape = shape.with_params(lam_ref_start=first)
         return connect(
             "law", wires, share=shared, ratio=speed_to_ratio(), best=speed_to_ratio(),
             force=flip_sign("N", "traction"), reference=shape, law=block,

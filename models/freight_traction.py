@@ -4,7 +4,8 @@ Signs: T_m >= 0 drives, v_s = v_d - v_t, v_d = r omega_m/R_g, and F_a >= 0 pulls
 
     M v_t'      = n_d F_a - F_Z             (1), with n_d driven axles; one axle is printed
     J omega_m'  = T_m - T_L                 (2); J on the motor's side
-    F_Z         = (a1 + a2 v + a3 v^2) M g/1000, a1 in N/kN         (4); no unit is printed
+    F_Z         = (a1 + a2 v + a3 v^2) M g/1000 + M g slope         (4), a1 in N/kN; no unit is
+                                                                    printed, the gradient is added
     F_a         = mu W g                    (5)
     T_L         = F_a r/R_g                 (6)
     mu          = c (exp(-a v_s) - exp(-b v_s))                     (7)
@@ -18,7 +19,7 @@ Table 1 has its columns in the order a, c, b.
 from casadi import exp, fabs, fmax, fmin, log, sign
 
 from slipctl import Block, Input, Noise, Output, Param, State, connect, flow, law, one
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
 SOURCE = "Cheng 2022"
 TABLE_1 = "Cheng 2022, Table 1"
@@ -102,14 +103,15 @@ def resistance(
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
+    slope=SLOPE,
 ):
     """Running resistance, 0 <= v <= 33 m/s; Cheng 2022 eq (4), read in N/kN with v in m/s.
 
     F_Z = (a1 + a2 v + a3 v^2) M g/1000: 45, 68, 138 kN at 5, 10, 20 m/s. Added here: it
-    fades below v_0, so that it cannot drive the train backwards.
+    fades below v_0, so that it cannot drive the train backwards; a gradient, which does not.
     """
     in_kN = one("kN/N") / 1000 * m * g
-    return (a1 + a2 * v + a3 * v**2) * in_kN * fmin(1, fmax(-1, v / v_0))
+    return (a1 + a2 * v + a3 * v**2) * in_kN * fmin(1, fmax(-1, v / v_0)) + m * g * slope
 
 
 @flow(
@@ -200,7 +202,7 @@ def plant(adhesion: Block = adhesion, motor: Block | None = None) -> Block:
     else:
         parts["motor"] = motor
         wires |= {"motor.T_cmd": "T_cmd", "train.T_m": "motor.T_m"}
-    return connect("plant", wires, share=SHARED | TRAIN, **parts)
+    return connect("plant", wires, share=SHARED | TRAIN | GRADIENT, **parts)
 
 
 @flow(a_t=Output("m/s^2", "acceleration of the train", positive="traction"))
@@ -232,8 +234,9 @@ def ideal_plant(adhesion: Block = adhesion) -> Block:
         "train.F_Z": "res.F_Z",
     }
     return connect(
-        "plant", wires, share=SHARED | TRAIN, train=best_train, adh=adhesion, res=resistance
-    )
+        "plant", wires, share=SHARED | TRAIN | GRADIENT,
+        train=best_train, adh=adhesion, res=resistance,
+    )  # fmt: skip
 
 
 @law(omega_m=Output("rad/s", "measured motor speed"))

@@ -4,7 +4,7 @@ Signs as in the paper: a brake torque T_b <= 0 brakes, an adhesion force F_a <= 
 (``positive="traction"``), and the slip ratio lam = (v - omega r)/v is positive when braking.
 
     I_w omega' = T_b - r F_a                            (1)
-    m v'       = n F_a - F_R                            (2)
+    m v'       = n F_a - F_R - m g slope                (2), the gradient is added
     F_R        = c0 + c1 v + c2 v^2                     (3)
     F_a        = F_z mu,  F_z = m g/n                   (4); F_z is not stated
     lam        = (v - omega r)/v                        (5)
@@ -26,7 +26,7 @@ from slipctl import (
     law,
     make_block,
 )
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
 SOURCE = "Zhang 2021"
 TABLE_2 = "Zhang 2021, Table 2"
@@ -193,17 +193,18 @@ def wheel(
     g=Param("m/s^2", G, "gravity", "not stated in the paper"),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
     omega_0=Param("rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3),
+    slope=SLOPE,
 ):
     """Braked wheel and the train that it belongs to; Zhang 2021 eqs (1), (2), (4), (5).
 
     All terms of (7) are kept. F_z = m g/n, the only load that gives the distances of Table 4.
     Added here: the brake fades below omega_0, because it cannot turn a wheel backwards, and the
-    slip ratio has a floor on the speed.
+    slip ratio has a floor on the speed; a gradient.
     """
     F_z = m * g / n
     F_a = F_z * mu
     T = T_b * fmin(1, fmax(-1, omega / omega_0))
-    a = (n * F_a - F_R) / m
+    a = (n * F_a - F_R) / m - g * slope
     v_s = v - r * omega
     lam = v_s / fmax(fabs(v), v_0)
     nxt = dict(x=v, v=a, omega=(T - r * F_a) / J)
@@ -236,7 +237,7 @@ def plant(
         parts["brake"] = brake
         wires["wheel.T_b"] = "brake.T_b"
         wires |= {f"brake.{n}": n for n in brake.inputs}
-    return connect("plant", wires, share=SHARED | {"n": "*.n"}, **parts)
+    return connect("plant", wires, share=SHARED | GRADIENT | {"n": "*.n"}, **parts)
 
 
 def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
@@ -263,10 +264,11 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         g=Param("m/s^2", G, "gravity", "not stated in the paper"),
         v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3),
+        slope=SLOPE,
     ):
-        """M v' = n F_a - F_R at a slip that is held."""
+        """M v' = n F_a - F_R - M g slope at a slip that is held."""
         F_a = m * g / n * mu * fmax(-1, fmin(1, v / v_0))
-        a = (n * F_a - F_R) / m
+        a = (n * F_a - F_R) / m - g * slope
         return dict(x=v, v=a), dict(lam=lam_held, F_a=F_a, a=a)
 
     wires = {
@@ -279,5 +281,6 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
     if "v" in law_of_adhesion.inputs:
         wires["adh.v"] = "wheel.v"
     return connect(
-        "plant", wires, share=SHARED | {"n": "*.n"}, wheel=held, adh=law_of_adhesion, air=davis
-    )
+        "plant", wires, share=SHARED | GRADIENT | {"n": "*.n"},
+        wheel=held, adh=law_of_adhesion, air=davis,
+    )  # fmt: skip

@@ -67,6 +67,7 @@ from slipctl.models.hst_braking_estimate import (
     wheel_speed_sensor,
 )
 from slipctl.models.hst_braking_reference import (
+    FIRST,
     adhesion_meter,
     averaged,
     caution,
@@ -78,6 +79,8 @@ from slipctl.models.hst_braking_reference import (
     unshaped,
 )
 from slipctl.models.shared import SHARED
+
+LAM_START = Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio")
 
 WIDE = "ten times a locked wheel's; printed references run away"
 WANTED = "250 times the largest torque; arbitration limits it"
@@ -139,7 +142,11 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
         kappa=Param("1", "K1 * T", "gain per tick; from 2 on the error grows", lo=0, hi=2),
-        first=Param("1", "0.1 / (delta_l * eta_0)", "error at the start over its bound", hi=1),
+        lam_start=LAM_START, lam_ref_start=FIRST,
+        first=Param(
+            "1", "fmax((lam_start - lam_ref_start)/delta_u, (lam_ref_start - lam_start)/delta_l)"
+            "/eta_0", "error at the start over its bound", hi=1,
+        ),
     ):  # fmt: skip
         """Prescribed performance slip control with estimated adhesion; Zhang 2021 (10)-(17), (34).
 
@@ -242,7 +249,9 @@ def pid(gains: str = "rule") -> Block:
     )  # fmt: skip
     def controller_pid(
         integral=State("N m", 0.0, "integral part", WANTED, lo=-5e6, hi=5e6),
-        e_last=State("1", -0.1, "slip error of the last tick", WIDE, lo=-5, hi=5),
+        e_last=State(
+            "1", "lam_start - lam_ref_start", "slip error of the last tick", WIDE, lo=-5, hi=5
+        ),
         lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         v=Input("m/s", "train speed"),
@@ -254,8 +263,9 @@ def pid(gains: str = "rule") -> Block:
         v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        lam_start=LAM_START, lam_ref_start=FIRST,
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
-    ):
+    ):  # fmt: skip
         """PID on the slip error; T_b grows towards 0 with the error.
 
         Added here: the integral stands still while the torque is limited (anti-windup).
@@ -282,7 +292,14 @@ def pid(gains: str = "rule") -> Block:
 
 @step(T_b=Output("N m", "commanded torque", positive="traction", lo="-T_max", hi=0))
 def arbitration(
-    carried=State("N", 0.0, "adhesion force, last estimate above v_off", FORCE, lo=0, hi=60e3),
+    carried=State(
+        "N",
+        0.0,
+        "adhesion force, last estimate above v_off; none at the start",
+        FORCE,
+        lo=0,
+        hi=60e3,
+    ),
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
     v=Input("m/s", "train speed", "430 km/h; 50 m/s^2", lo=-1, hi=120, change=0.05),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
@@ -317,7 +334,9 @@ def arbitration(
 
 # ---- the whole controller ------------------------------------------------------------------------
 
-CONTROLLER = {n: f"*.{n}" for n in ("n", "v_off", "omega_start", "T_b_start", "lam_start")}
+CONTROLLER = {
+    n: f"*.{n}" for n in ("n", "v_off", "omega_start", "T_b_start", "lam_start", "lam_ref_start")
+}
 """Numbers that several parts of the controller have, beside those of every model."""
 
 REFERENCES = ("true", "gradient", "fitted", "free", "fixed")
@@ -444,7 +463,9 @@ def controller(
         "arbitration.a_demand": "a_demand",
         "T_out": "arbitration.T_b",
     }
-    follows = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    follows: dict[str, Any] = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    if "slope" in parts and "held_F_a" in parts["filter"].states:
+        follows["F_a_start"] = ["filter.held_F_a", "slope.F_a_start"]
     block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
         block = block.with_params(**{"*.v_off": 3.0})
@@ -468,7 +489,8 @@ def check(slip_law: Block, search: Block | None = None, shape: Block | None = No
     p = {k: float(v.value) for k, v in slip_law.params.items() if not v.derived}
     kind = slip_law.choices["law"]
     bounds.check_gain("law", p["K1"], p["T"], kind)
-    bounds.check_start("law", -0.1, p["eta_0"], p["delta_l"], p["delta_u"])
+    error = p["lam_start"] - p["lam_ref_start"]
+    bounds.check_start("law", error, p["eta_0"], p["delta_l"], p["delta_u"])
     if shape is not None and "smooth" not in shape.states:
         step = 0.01
         if search is not None and search.choices.get("form") == "printed-40":

@@ -24,6 +24,7 @@ from slipctl import (
 from slipctl.errors import known
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.hst_braking import GUESS, I_W, SOURCE, TABLE_2, G, R
+from slipctl.models.shared import SLOPE
 
 FORCE = "three times the load on a wheel of 13.8 t"
 FASTEST = "430 km/h"
@@ -97,7 +98,7 @@ def accelerometer(
     n=Noise(),
     bias=Param("m/s^2", 0.0, "bias", "guess", lo=-1, hi=1),
     sigma=Param("m/s^2", 0.0, "standard deviation of the noise per sample", "guess", lo=0, hi=5),
-    slope=Param("1", 0.0, "gradient of the track, rise over run, uphill positive", lo=-0.1, hi=0.1),
+    slope=SLOPE,
     g=Param("m/s^2", G, "gravity", "not stated in the paper"),
 ):
     """Acceleration along the train as an accelerometer sees it: a gradient looks like a bias."""
@@ -129,8 +130,18 @@ def speed_fusion(
         lo=-1,
         hi=120,
         deviation="sqrt(P_vv)",
+        truth="v",
     ),
-    b_h=State("m/s^2", 0.0, "bias of the accelerometer", "a fifth of gravity", lo=-2, hi=2),
+    b_h=State(
+        "m/s^2",
+        0.0,
+        "bias of the accelerometer",
+        "a fifth of gravity",
+        lo=-2,
+        hi=2,
+        deviation="sqrt(P_bb)",
+        truth="bias + g * slope",
+    ),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed", "(10 m/s)^2", lo=0, hi=100),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias", "of both ends", lo=-20, hi=20),
     P_bb=State("m^2/s^4", 4e-4, "variance of the bias", "(2 m/s^2)^2", lo=0, hi=4),

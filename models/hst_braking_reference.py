@@ -50,6 +50,9 @@ from slipctl.models.hst_braking_estimate import FASTEST, SLIP
 
 ADHESION = "twice the largest adhesion"
 
+FIRST = Param("1", 0.1, "slip ratio that is wanted first", SOURCE, positive="braking", per="ratio")
+"""Where search and reference begin; known before anything is measured, so it follows no plant."""
+
 # ---- reference: slope and gradient search --------------------------------------------------------
 
 
@@ -70,7 +73,7 @@ def slope_identification(form: str = "consistent") -> Block:
     def slope(
         chi_h=State("N", 0.0, "slope", SOURCE),
         P=State("s^2", 1.0, "gain", TABLE_3),
-        F_last=State("N", 0.0, "adhesion force of the last tick"),
+        F_last=State("N", "F_a_start", "adhesion force of the last tick"),
         lam_f=State("1", "lam_start", "slip ratio with the filter's lag"),
         lam_last=State("1", "lam_start", "slip ratio of the last tick"),
         age=State("s", 0.0, "time since the last change of the rail"),
@@ -86,6 +89,7 @@ def slope_identification(form: str = "consistent") -> Block:
         jump=Param("N/s", 300e3, "residual that tells a change of the rail", GUESS, lo=0),
         settle=Param("s", 0.02, "time after a change in which the filter still moves", GUESS, lo=0),
         lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio"),
+        F_a_start=Param("N", 0.0, "estimated force at the start", positive="traction"),
         gain=Param("1", 0.187, "gain of the adhesion filter, gamma/(1 + gamma)", lo=0, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):  # fmt: skip
@@ -136,7 +140,7 @@ def gradient_search(form: str = "consistent") -> Block:
         name="search", choices={"form": form},
     )  # fmt: skip
     def search(
-        best_h=State("1", 0.1, "best slip ratio", SOURCE),
+        best_h=State("1", "lam_ref_start", "best slip ratio"),
         chi=Input("N", "slope of the adhesion force over the slip ratio"),
         fresh=Input("1", "1 while the slope is being learnt"),
         lam=Input("1", "slip ratio", positive="braking", per="ratio"),
@@ -146,6 +150,7 @@ def gradient_search(form: str = "consistent") -> Block:
         near=Param("1", 0.01, "the search waits while the slip is further off", GUESS, lo=0),
         lo=Param("1", 0.005, "lowest reference", GUESS, lo=0, hi=1),
         hi=Param("1", 0.4, "highest reference", GUESS, lo=0, hi=1),
+        lam_ref_start=FIRST,
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):
         """Gradient search of the best slip ratio; Zhang 2021 eq (40).
@@ -342,13 +347,14 @@ def fixed_reference(
     best_safe=Output("1", "best slip, or the safe side of it", positive="braking", per="ratio"),
 )
 def caution(
-    first=State("1", 0.1, "slip ratio at the change", SLIP, lo=-1.5, hi=1.5),
+    first=State("1", "lam_ref_start", "slip ratio at the change", SLIP, lo=-1.5, hi=1.5),
     active=State("1", 0.0, "1 from a change until the best slip is known", lo=0, hi=1),
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     changed=Input("1", "1 when the rail has changed"),
     unsure=Input("1", "1 while the best slip is not known well enough"),
     depth=Param("1", 0.6, "slip to go to meanwhile, over that at the change", GUESS, lo=0, hi=2),
+    lam_ref_start=FIRST,
 ):
     """Reference while the fitted curve is unsure: the safe side, where the slip shows something.
 
@@ -376,8 +382,8 @@ def caution(
     rate=Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
 )
 def shaper(
-    limited=State("1", 0.1, "reference behind the rate limit", SOURCE, lo=-5, hi=5),
-    smooth=State("1", 0.1, "reference behind the filter", SOURCE, lo=-5, hi=5),
+    limited=State("1", "lam_ref_start", "reference behind the rate limit", lo=-5, hi=5),
+    smooth=State("1", "lam_ref_start", "reference behind the filter", lo=-5, hi=5),
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
@@ -389,6 +395,7 @@ def shaper(
     v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    lam_ref_start=FIRST,
     T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
 ):
     """Slip reference that the wheel can follow: rate limit, then a first-order filter.

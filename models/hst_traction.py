@@ -5,7 +5,7 @@ F_b >= 0 slows (``"braking"``).
 
     x' = v,   M v' = sum_i F_mu,i - F_d                                     (1)(2)
     J omega_i' = T_i - r F_mu,i - B_t omega_i                               (3), divided by r
-    F_d = (6.796 + 0.062 V + 0.00143 V^2) M/1000, V in km/h                 (4)
+    F_d = (6.796 + 0.062 V + 0.00143 V^2) M/1000 + M g slope, V in km/h     (4), gradient added
     F_mu,i = mu(v_s,i, v) W g                                               (5), models/contact.py
     F_b = z K phi_k R_m/r,   K = (pi/4) d_z^2 p gamma_z eta_z               (9)(10), z pads added
     p / u = 1/(1 + T_p s),   u = PI(p_ref - p)                              (11)
@@ -40,7 +40,7 @@ from slipctl import (
 from slipctl.errors import known
 from slipctl.models.contact import polach
 from slipctl.models.rolling import Axles, rolling
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
 SOURCE = "Wang 2025"
 TABLE_1 = "Wang 2025, Table 1"
@@ -130,14 +130,17 @@ def resistance(
     w_2=Param("N h^2/(t km^2)", 0.00143, "quadratic part", f"{SOURCE} eq (4)", lo=0, hi=1),
     m=Param("kg", 500e3, "train", f"{TABLE_1}, M", lo=1e3, hi=1e8),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
+    slope=SLOPE,
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
 ):
     """Running resistance; Wang 2025 eq (4) read in N/t and km/h (docs/errata.md).
 
-    38.2 kN at 200 km/h. Added here: it fades below v_0, so that it cannot drive the train.
+    38.2 kN at 200 km/h. Added here: it fades below v_0, so that it cannot drive the train; a
+    gradient, which does not fade.
     """
     V = 3.6 * one("km s/(h m)") * v
     in_t = m * one("t/kg") / 1000
-    return (w_0 + w_1 * V + w_2 * V**2) * in_t * fmin(1, fmax(-1, v / v_0))
+    return (w_0 + w_1 * V + w_2 * V**2) * in_t * fmin(1, fmax(-1, v / v_0)) + m * g * slope
 
 
 @law(
@@ -241,7 +244,7 @@ def motor(form: str = "consistent") -> Block:
 )
 def air_brake(
     p=State("Pa", 0.0, "cylinder pressure", lo=0),
-    q=State("Pa", 0.0, "integral part of the pressure loop"),
+    q=State("Pa", "p", "integral part of the pressure loop; at the start it keeps the pressure"),
     F_cmd=Input("N", "commanded brake force of one axle", positive="braking"),
     p_max=Param("Pa", 450e3, "supply pressure", GUESS, lo=1e3, hi=2e6),
     F_max=Param("N", 15e3, "brake force of one axle at p_max", GUESS, lo=1, hi=1e5),
@@ -322,7 +325,7 @@ def plant(
     }
     if "v" in shared:
         wires["motor.v"] = "train.v"
-    return connect("plant", wires, share=SHARED | TRAIN, **parts)
+    return connect("plant", wires, share=SHARED | TRAIN | GRADIENT, **parts)
 
 
 _lagging = motor()

@@ -76,9 +76,9 @@ def adhesion_observer(
         name="observer", choices={"discretisation": discretisation},
     )  # fmt: skip
     def observer(
-        z1=State("rad/s", 0.0, "observed wheel speed"),
-        z2=State("rad/s^2", 0.0, "observed -r F_mu/J"),
-        T_last=State("N m", 0.0, "torque of the tick before", positive="traction"),
+        z1=State("rad/s", "omega_start", "observed wheel speed"),
+        z2=State("rad/s^2", 0.0, "observed -r F_mu/J; sought from 0, no adhesion"),
+        T_last=State("N m", "T_start", "torque of the tick before", positive="traction"),
         omega=Input("rad/s", "measured wheel speed"),
         T=Input("N m", "torque on the axle", positive="traction"),
         K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0),
@@ -90,6 +90,8 @@ def adhesion_observer(
         m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
         g=Param("m/s^2", 9.8, "gravity", TABLE_1),
         T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
+        omega_start=Param("rad/s", 0.0, "wheel speed at the start"),
+        T_start=Param("N m", 0.0, "torque at the start", positive="traction"),
     ):
         """Robust adhesion observer; Wang 2025 eqs (16)-(22).
 
@@ -129,8 +131,8 @@ def adhesion_observer(
 
 @step(mu_hat=Output("1", "observed adhesion", positive="traction"), name="eso")
 def linear_observer(
-    z1=State("rad/s", 0.0, "observed wheel speed"),
-    z2=State("rad/s^2", 0.0, "observed -r F_mu/J"),
+    z1=State("rad/s", "omega_start", "observed wheel speed"),
+    z2=State("rad/s^2", 0.0, "observed -r F_mu/J; sought from 0, no adhesion"),
     omega=Input("rad/s", "measured wheel speed"),
     T=Input("N m", "torque on the axle", positive="traction"),
     K_1=Param("1/s", 98.5, "gain on z1'", GUESS, lo=0),
@@ -141,6 +143,7 @@ def linear_observer(
     m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
     g=Param("m/s^2", 9.8, "gravity", TABLE_1),
     T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
+    omega_start=Param("rad/s", 0.0, "wheel speed at the start"),
 ):
     """Linear extended-state observer, Phi1 = Phi2 = e: what the paper compares with."""
     e = z1 - omega
@@ -193,7 +196,7 @@ def classification(surfaces: int = 5) -> Block:
         name="classification", choices={"surfaces": surfaces},
     )  # fmt: skip
     def classify(
-        last=State("1", 0.0, "typical surface before"),
+        last=State("1", 0.0, "typical surface before; the first one until the curves tell"),
         mu_hat=Input("1", "observed adhesion", positive="traction"),
         v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
         mu=Input("1", "adhesion of each surface at this creep", positive="traction", shape=n),

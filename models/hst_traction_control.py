@@ -15,6 +15,7 @@ Table 5 gives the numbers of the two other sliding modes. Predictive, robust and
 only named in Table 4: their structure and numbers here are ours. Forces pull (``"traction"``).
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -272,12 +273,13 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
 
     return make_block(
         "mpc", "step", body, period=T_C, sx=False,
-        states=[State("N", 0.0, "last command", positive="traction").named("F_last"),
+        states=[State("N", "F_start", "last command", positive="traction").named("F_last"),
                 State("1", 0.0, "where the solver starts", shape=(5 * moves,)).named("inner")],
         inputs=[E1.named("e1"), E2.named("e2"), A_FF.named("a_ff"), HI.named("F_hi"),
                 LO.named("F_lo")],
         params=[M_.named("m"),
                 Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3).named("jerk"),
+                Param("N", 0.0, "force at the start", positive="traction").named("F_start"),
                 Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1).named("T")],
         outputs=[s.named(n) for n, s in FORCES.items()],
         doc=about(predictive), choices={"moves": moves, "dt": dt, "iterations": iterations},
@@ -302,13 +304,22 @@ def laws() -> dict[str, Block]:
 CONTROLLER = {
     n: f"*.{n}" for n in ("m", "J", "r", "g", "m_axle", "n_m", "n_b", "F_top", "P_top", "B_t")
 }
-"""Numbers that several parts of the controller have; T is the torque that it measures."""
+"""Numbers that several parts of the controller have."""
 
 
 @law(F_contr=Output("N", "force commanded", positive="traction"), name="clamp")
 def clamp(F=Input("N", "force commanded by the law", positive="traction"), F_hi=HI, F_lo=LO):
     """Limits of this tick on a force that the law gave up to some ticks ago."""
     return fmin(F_hi, fmax(F_lo, F))
+
+
+@lru_cache(maxsize=4)
+def _observers(observer: Block | None, axles: int) -> Block:
+    return replicate(observer or adhesion_observer(), axles)
+
+
+_usable, _limit = lru_cache(maxsize=4)(usable_adhesion), lru_cache(maxsize=4)(antislip_limit)
+"""Parts that all controllers have are made once, so that their equations are worked out once."""
 
 
 def controller(
@@ -358,9 +369,9 @@ def controller(
     parts = {"characteristic": characteristic, "strategy": every(strategy, ticks), "clamp": clamp}
     if limited:
         parts |= {
-            "observer": replicate(observer or adhesion_observer(), axles),
-            "usable": usable_adhesion(axles, creep_law),
-            "limit": antislip_limit(axles),
+            "observer": _observers(observer, axles),
+            "usable": _usable(axles, creep_law),
+            "limit": _limit(axles),
         }
         wires |= {
             "observer.omega": "omega",

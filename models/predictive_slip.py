@@ -94,7 +94,7 @@ def _at_slip(adhesion: Block, parts: dict[str, Block], slip: str) -> dict[str, s
     d=Output("m/s^2", "what the slip rises by beyond the model"),
 )
 def offset(
-    s_h=State("m/s", 0.0, "slip speed, predicted"),
+    s_h=State("m/s", "v_s_start", "slip speed, predicted"),
     d_h=State("m/s^2", 0.0, "what it rises by beyond the model"),
     v_s=Input("m/s", "slip speed, as measured", positive="braking", per="speed"),
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
@@ -105,6 +105,7 @@ def offset(
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
     g=Param("m/s^2", 9.81, "gravity", ADDED),
+    v_s_start=Param("m/s", 0.0, "slip speed at the start", positive="braking", per="speed"),
     T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
 ):
     """Observer of the slip and of a constant disturbance: s' = model + d, d' = 0.

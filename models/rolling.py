@@ -156,13 +156,15 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         Output("W", "power that the brakes take").named("P_brake"),
         Output("W", "power that the bearings take").named("P_bearing"),
         Output("W", "power that the sliding contacts take").named("P_slip"),
-        Output("W", "power that the running resistance takes").named("P_d"),
+        Output("W", "power that running resistance and gradient take").named("P_d"),
         Output("N", "largest residual of the step").named("residual"),
     ]
     if motors:
         speed = Output("rad/s", "speed of a driven axle").named("omega_d")
         outputs.append(widened(speed, driven, "driven"))
-    settle = _settle(adhesion, own, law_params, n, h)
+    settle = adhesion.of_equations(
+        ("settle", n, h, tuple(own)), lambda: _settle(adhesion, own, law_params, n, h)
+    )
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         v, omega, r, m, count = x["v"], x["omega"], p["r"], p["m"], p["count"]
@@ -208,7 +210,7 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
     return make_block(
         "train", "step", body, states=states, inputs=inputs, params=[*params, *law_params],
         outputs=outputs, period=h, sx=False, parts={"adh": adhesion}, rebuild=rebuild,
-        prefixed=True, own=own, doc=__doc__ or "",
+        prefixed=True, own=own, by_structure=True, doc=__doc__ or "",
         conditions={c: {f"adh.{k}": v for k, v in values.items()}
                     for c, values in adhesion.conditions.items()},
         choices={"axles": sum(axles.count), "distinct axles": n},

@@ -2,7 +2,7 @@
 
 Signs: T_b >= 0 brakes, F_a >= 0 retards the vehicle, v_s = v - r omega (1)(9).
 
-    m v'     = -(F_a + f + W)                 (5)
+    m v'     = -(F_a + f + W) - m g slope     (5), the gradient is added
     J omega' = r F_a - T_b                    (6), sign of F_a turned
     f        = k0 + k1 v + k2 v^2             (7)
     F_a      = mu(v_s) m g                    (8)
@@ -16,7 +16,7 @@ from casadi import exp, fmax, fmin, log
 
 from slipctl import Block, Input, Output, Param, State, connect, flow, law
 from slipctl.errors import known
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
 TABLE_3 = "Huang 2020, Table 3"
 
@@ -142,15 +142,16 @@ def wheelset(form: str = "consistent") -> Block:
         r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
         g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
         omega_0=Param("rad/s", 0.1, "speed below which the brake torque fades", "added", lo=1e-3),
+        slope=SLOPE,
     ):
         """Braked wheel and the mass that it carries; Huang 2020 eqs (5), (6), (8), (9).
 
         Added here: the brake torque fades below omega_0, because a brake cannot turn a wheel
-        backwards.
+        backwards; a gradient.
         """
         F_a = mu * m * g
         T = T_b * fmin(1, fmax(-1, omega / omega_0))
-        a = (F_a + f + W) / m
+        a = (F_a + f + W) / m + g * slope
         nxt = dict(x=v, v=-a, omega=(sign * r * F_a - T) / J, phi=omega)
         return nxt, dict(v_s=v - r * omega, F_a=F_a, a=a)
 
@@ -188,7 +189,7 @@ def plant(
     else:
         parts["brake"] = brake
         wires |= {"brake.T_cmd": "T_cmd", "wheel.T_b": "brake.T_b"}
-    return connect("plant", wires, share=SHARED, **parts)
+    return connect("plant", wires, share=SHARED | GRADIENT, **parts)
 
 
 def ideal_plant(adhesion: Block = double_exponential) -> Block:
@@ -213,10 +214,11 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         W=Input("N", "curve resistance", value=0.0),
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
         g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        slope=SLOPE,
     ):
-        """M v' = -(mu m g + f + W) with mu at its peak: no controller can brake harder."""
+        """M v' = -(mu m g + f + W) - M g slope, mu at its peak: no controller can brake harder."""
         F_a = mu * m * g
-        a = (F_a + f + W) / m
+        a = (F_a + f + W) / m + g * slope
         return dict(x=v, v=-a), dict(v_s=v_opt, F_a=F_a, a=a)
 
     wires = {
@@ -228,6 +230,6 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         "wheel.mu": "adh.mu",
     }
     return connect(
-        "plant", wires, share=SHARED,
+        "plant", wires, share=SHARED | GRADIENT,
         wheel=wheel, adh=adhesion, air=air_resistance, curve=curve_resistance(),
     )  # fmt: skip

@@ -46,12 +46,12 @@ def qp_kernel(
     check_whole("qp_kernel: iterations", iterations)
     weight = 3 * float(np.trace(H) / np.trace(A.T @ A)) if rho is None else float(rho)
     inverse = np.linalg.inv(H + sigma * np.eye(n) + weight * A.T @ A)
-    K, At = ca.DM(inverse), ca.DM(A.T)
+    K, rows = ca.DM(inverse), ca.sparsify(ca.DM(A))  # most of A is zero, and costs nothing so
     q, lo, hi = ca.MX.sym("q", n), ca.MX.sym("l", m), ca.MX.sym("u", m)
     state, given = ca.MX.sym("state", n + 2 * m), ca.vertcat(q, lo, hi)
     x, z, y = ca.vertsplit(state, [0, n, n + m, n + 2 * m])
-    solved = ca.mtimes(K, sigma * x - q + ca.mtimes(At, weight * z - y))
-    moved = relaxation * ca.mtimes(ca.DM(A), solved) + (1 - relaxation) * z
+    solved = ca.mtimes(K, sigma * x - q + ca.mtimes(rows.T, weight * z - y))
+    moved = relaxation * ca.mtimes(rows, solved) + (1 - relaxation) * z
     following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
     iteration = ca.Function(
         f"{name}_iteration", [state, given],

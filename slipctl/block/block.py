@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -19,7 +18,7 @@ import numpy as np
 
 from slipctl.block import sharing
 from slipctl.block.sharing import ALONE, Sharing
-from slipctl.block.signals import Signal, evaluate, names_in, total_size
+from slipctl.block.signals import Signal, evaluate, names_in, packed_numbers, total_size
 from slipctl.block.units import read_unit
 from slipctl.errors import BadInput, check_positive, known, nearest
 
@@ -62,6 +61,8 @@ class Block:
         own: names of states and parameters whose values this block keeps for itself, although a
             part has the name too (``replicate``: one value per copy).
         sharing: which places among the parts have one number, and its name.
+        by_structure: whether, made again of parts with the same equations, it has the same
+            equations too, whatever the numbers of the parts are.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class Block:
         transparent: bool = False,
         own: Iterable[str] = (),
         sharing: Sharing = ALONE,
+        by_structure: bool = False,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -114,7 +116,9 @@ class Block:
         self.transparent = transparent
         self.own = frozenset(own)
         self.sharing = sharing
+        self.by_structure = by_structure
         self._body, self._rebuild = body, rebuild
+        self._made: dict[Any, Any] = {}
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
         seen: set[str] = set()
         for s in signals:
@@ -424,7 +428,39 @@ class Block:
     def _rebuilt(self, parts: dict[str, Block], shares: Mapping[str, sharing.Share]) -> Block:
         """The block made again of other parts, with the same shares or changed ones."""
         assert self._rebuild is not None
-        return self._rebuild(parts, shares) if shares else self._rebuild(parts)
+        new = self._rebuild(parts, shares) if shares else self._rebuild(parts)
+        if self._has_equations_of(new):
+            new._made = self._made
+        return new
+
+    def _has_equations_of(self, new: Block) -> bool:
+        """Whether the block made again has the same equations: only numbers changed."""
+
+        def layout(block: Block) -> Any:
+            return [(s.role, s.name, s.shape) for s in block.signals]
+
+        return (
+            self.by_structure
+            and new.by_structure
+            and list(new.parts) == list(self.parts)
+            and all(part._made is self.parts[k]._made for k, part in new.parts.items())
+            and (new.name, new.kind, new.period, new.sx, new.own, new.wires)
+            == (self.name, self.kind, self.period, self.sx, self.own, self.wires)
+            and new.choices == self.choices
+            and new.sharing.aliases == self.sharing.aliases
+            and layout(new) == layout(self)
+        )
+
+    def of_equations(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What follows from the equations alone, made once for all blocks that differ in numbers.
+
+        Args:
+            key: what it is.
+            make: makes it, without a look at values, conditions or ranges.
+        """
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
 
     def _keep_values(self, before: Block, new: Mapping[str, Any]) -> Block:
         """Take over, from the block as it was, the values that belong to no part."""
@@ -439,8 +475,7 @@ class Block:
             else:
                 changed.append(s if old is None else s.valued(old.value))
         block = self._copy(changed)
-        block.name = before.name
-        return block
+        return block if block.name == before.name else block.renamed(before.name)
 
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""
@@ -466,8 +501,9 @@ class Block:
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
             expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
-            own=self.own, sharing=self.sharing,
+            own=self.own, sharing=self.sharing, by_structure=self.by_structure,
         )  # fmt: skip
+        block._made = self._made
         return block
 
     def with_conditions(self, **conditions: Mapping[str, float]) -> Block:
@@ -498,7 +534,7 @@ class Block:
     def renamed(self, name: str) -> Block:
         """Return the same block under another name."""
         block = self._copy(self.signals)
-        block.name = name
+        block.name, block._made = name, {}  # Functions carry the name
         return block
 
     def swap(self, name: str, block: Block) -> Block:
@@ -561,6 +597,9 @@ class Block:
 
     def pack(self, role: str, values: Mapping[str, Any]) -> Any:
         """Stack values (numbers or expressions) of one role to one column vector."""
+        numbers = packed_numbers(self._signals[role], values)
+        if numbers is not None:
+            return ca.DM(numbers)
         columns = []
         for n, s in self._signals[role].items():
             v = values[n]
@@ -594,9 +633,12 @@ class Block:
             at += s.size
         return out
 
-    @cached_property
+    @property
     def f(self) -> ca.Function:
         """Packed function ``(x, u, p) -> (n, y)``; n is x' of a flow and x+ of a step."""
+        return self.of_equations("f", self._packed)
+
+    def _packed(self) -> ca.Function:
         sym = symbol_maker(self.sx)
         x, u, p = (
             sym(letter, total_size(self._signals[role].values()))
@@ -676,10 +718,9 @@ class Block:
 
     def feedthrough(self) -> dict[str, list[str]]:
         """Inputs that each output depends on directly, by structure."""
-        return self._feedthrough
+        return self.of_equations("feedthrough", self._direct)
 
-    @cached_property
-    def _feedthrough(self) -> dict[str, list[str]]:
+    def _direct(self) -> dict[str, list[str]]:
         if not self.outputs:
             return {}
         if not self.inputs:

@@ -158,7 +158,7 @@ def connect(
     return Block(
         name, kind, body, signals, period=period, doc=doc, sx=sx, parts=blocks, rebuild=rebuild,
         wires=wires, conditions=conditions, prefixed=True,
-        sharing=sharing,
+        sharing=sharing, by_structure=True,
     )  # fmt: skip
 
 
@@ -328,16 +328,20 @@ def _part(block: Block, outputs: list[str]) -> ca.Function:
     It is made from the equations and not from the part's Function: what the outputs do not need, an
     iteration say, is not computed for them.
     """
-    full = block.f
-    sym = symbol_maker(block.sx)
-    args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
-    roles = ("state", "input", "param")
-    _, y = block.expr(*[block.unpack(role, a) for role, a in zip(roles, args, strict=True)])
-    wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
-    found = block.unpack("output", wanted)
-    column = ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
-    name = f"{full.name()}_part{len(outputs)}"
-    return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})
+
+    def make() -> ca.Function:
+        full = block.f
+        sym = symbol_maker(block.sx)
+        args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
+        roles = ("state", "input", "param")
+        _, y = block.expr(*[block.unpack(role, a) for role, a in zip(roles, args, strict=True)])
+        wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
+        found = block.unpack("output", wanted)
+        column = ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
+        name = f"{full.name()}_part{len(outputs)}"
+        return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})
+
+    return block.of_equations(("part", *outputs), make)
 
 
 def _unpack_some(block: Block, outputs: list[str], y: Any) -> Exprs:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
@@ -52,9 +53,13 @@ def replicate(
     ]
     given = [s for s in block.signals if s.role != "output"]
     made = [*block.states.values(), *block.outputs.values()]
-    f = block.function()
-    once = [k for k, s in enumerate(given) if s.name not in wide]
-    copies = f.map(f"{f.name()}_x{n}", "serial", n, once, [])
+    once = tuple(k for k, s in enumerate(given) if s.name not in wide)
+
+    def mapped() -> ca.Function:
+        f = block.function()
+        return f.map(f"{f.name()}_x{n}", "serial", n, list(once), [])
+
+    copies = block.of_equations(("copies", n, once), mapped)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         values = {**x, **u, **p}
@@ -76,7 +81,7 @@ def replicate(
         block.name, block.kind, body, signals, period=block.period, sx=False,
         doc=f"{block.doc}\n\n{n} copies.", choices=block.choices | {"copies": n},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, own=own, sharing=block.sharing.through(),
+        transparent=True, own=own, sharing=block.sharing.through(), by_structure=True,
     )  # fmt: skip
 
 

@@ -137,15 +137,17 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
     """
     found: dict[str, Share] = {}
     taken: dict[str, str] = {}
+    apart = {b: differences(block) for b, block in blocks.items()} if shares else {}
+    met = {share.name: _places(name, blocks, share, apart) for share in shares.values()}
     for share in shares.values():
-        for place in _places(name, blocks, share):
+        for place in met[share.name]:
             if place in taken:
                 raise BadInput(
                     f"{name}: {place} is shared as {taken[place]} and as {share.name}; write one"
                 )
             taken[place] = share.name
     for share in shares.values():
-        every = _places(name, blocks, share)
+        every = met[share.name]
         places = tuple(p for p in every if p not in share.apart)
         if places or (every and share.expression):  # what is computed stands without a place too
             told = places or tuple(every)
@@ -257,10 +259,7 @@ def differences(block: Block) -> dict[str, str]:
 
 
 def told_apart(block: Block) -> list[str]:
-    """What was set apart to another number, one line each.
-
-    A start value that states how sure it is also says how far off it begins.
-    """
+    """What was set apart to another number, one line each."""
     values, start = block.param_values(), block.start()
     known = {**values, **start}
     lines = []
@@ -273,15 +272,6 @@ def told_apart(block: Block) -> list[str]:
         line = f"{place} differs from {name}"
         if np.ndim(one) == np.ndim(other) == 0:
             line += f": {float(one):.6g}{unit}, not {float(other):.6g}{unit}"
-        off = float(np.max(np.abs(one - other)))
-        for state in [place, *places_of(block, place)]:
-            told = block.states[state].deviation if state in block.states else ""
-            at = {k: known[block._sibling(state, k)] for k in names_in(told or "0")}
-            sure = float(evaluate(told, at, state)) if told else off
-            if off > sure:
-                line += (
-                    f"; it begins {off:.3g}{unit} away, its stated deviation is {sure:.3g}{unit}"
-                )
         lines.append(line)
     return lines
 
@@ -339,8 +329,13 @@ def _same(block: Block, place: str, shared: str) -> bool:
     return block.sharing.aliases.get(place) == shared
 
 
-def _places(name: str, blocks: Mapping[str, Block], share: Share) -> list[str]:
-    """Places of a share, those set apart included; patterns meet parameters in order."""
+def _places(
+    name: str, blocks: Mapping[str, Block], share: Share, apart: Mapping[str, Mapping[str, str]]
+) -> list[str]:
+    """Places of a share, those set apart included; patterns meet parameters in order.
+
+    ``apart`` has the places by part that left a share inside it; they do not come back.
+    """
     found: dict[str, None] = {}
     for wanted in share.wanted:
         if "*" not in wanted:
@@ -362,10 +357,9 @@ def _places(name: str, blocks: Mapping[str, Block], share: Share) -> list[str]:
             found[wanted] = None
         else:
             for b, block in blocks.items():
-                apart = differences(block)  # a place that left a share does not come back
                 met = (n for n in block.params if fnmatchcase(f"{b}.{n}", wanted))
                 found |= dict.fromkeys(
-                    f"{b}.{n}" for n in met if n not in apart and not block.params[n].derived
+                    f"{b}.{n}" for n in met if n not in apart[b] and not block.params[n].derived
                 )
     return list(found)
 
@@ -434,12 +428,15 @@ def _declared(
     value = share.expression
     if value is None and signals[0].derived:
         value = _lifted(name, blocks[b], b, share, places[0], signals[0], taken)
+    # copies that begin alike begin with one number
+    alone = value is not None or (begins and np.ndim(first.value) == 0)
     signal = first.as_role(
         "param",
         name=share.name,
         deviation="",
+        truth=(),
         value=first.value if value is None else value,
-        shape=first.shape if value is None else (),
+        shape=() if alone else first.shape,
         lo=max(s.lo for s in signals),
         hi=min(s.hi for s in signals),
         source=first.source or next((s.source for s in signals if s.source), ""),

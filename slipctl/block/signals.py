@@ -6,6 +6,7 @@ import ast
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,8 @@ class Signal:
         change: largest change of an input from one tick to the next that can be true.
         bounds: ends and changes that follow parameters.
         stale: ticks in a row for which generated C goes on with the last good value of an input.
+        truth: what an estimator's state estimates, an expression of names that the rest of the loop
+            has, ``"v"``; one expression for each element.
     """
 
     role: str
@@ -76,6 +79,7 @@ class Signal:
     change: float = math.inf
     bounds: tuple[Bound, ...] = ()
     stale: int = 200
+    truth: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what, given, choices in (
@@ -106,7 +110,9 @@ class Signal:
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
-        return replace(self, name=name)
+        same = object.__new__(Signal)  # all else has been checked
+        same.__dict__.update(self.__dict__, name=name)
+        return same
 
     def valued(self, value: Any) -> Signal:
         """Return the same signal with another value."""
@@ -177,6 +183,9 @@ class Signal:
         Raises:
             BadInput: with the place, the value and the range.
         """
+        plain = _plain(value) if self.shape == () else None
+        if plain is not None and self.lo <= plain <= self.hi:
+            return np.array(plain)
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
@@ -185,6 +194,15 @@ class Signal:
                 f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
             )
         return array
+
+
+def _plain(value: Any) -> float | None:
+    """Finite number as a float where it is one already, which most values are; else None."""
+    if type(value) is np.ndarray and value.shape == () and value.dtype == float:
+        value = value.item()
+    if isinstance(value, float) and math.isfinite(value):
+        return float(value)
+    return None
 
 
 def real_array(value: Any) -> np.ndarray:
@@ -216,16 +234,18 @@ def State(
     positive: str | None = None,
     per: str | None = None,
     deviation: str = "",
+    truth: str | tuple[str, ...] = (),
 ) -> Any:
     """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
 
     A range whose ends follow parameters has expressions, ``hi="v_max / r"``. An estimate says with
-    ``deviation``, ``"sqrt(P)"``, how far off it may begin.
+    ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth`` of what, ``"v"``, by
+    the name which that has in the rest of a loop. A run that begins further off says so.
     """
     given = _ends(lo, hi)
     return Signal(
         "state", unit, value, doc, source, shape=shape, positive=positive, per=per,
-        deviation=deviation, **given,
+        deviation=deviation, truth=(truth,) if isinstance(truth, str) else tuple(truth), **given,
     )  # fmt: skip
 
 
@@ -312,18 +332,37 @@ def total_size(signals: Iterable[Signal]) -> int:
     return sum(s.size for s in signals)
 
 
+def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
+    """Numbers of signals one below the other, a matrix by columns; None where one is no number."""
+    found: list[Any] = []
+    for n, s in signals.items():
+        v = values[n]
+        if isinstance(v, float) and s.shape == ():
+            found.append(v)
+        elif type(v) is np.ndarray and v.dtype == float and v.shape == s.shape:
+            found.extend(v.ravel(order="F"))
+        else:
+            return None
+    return np.array(found, dtype=float) if found else None
+
+
 def names_in(expression: str) -> list[str]:
     """Names that an expression of other signals uses, functions left out.
 
     Raises:
         BadInput: not an expression.
     """
+    return list(_names_in(expression))
+
+
+@lru_cache(maxsize=4096)
+def _names_in(expression: str) -> tuple[str, ...]:
     try:
         tree = ast.parse(expression, mode="eval")
     except (SyntaxError, ValueError):
         raise BadInput(f"{expression!r} is not an expression such as 'v / r'") from None
     names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
-    return sorted(names - {*FUNCTIONS, "pi"})
+    return tuple(sorted(names - {*FUNCTIONS, "pi"}))
 
 
 def evaluate(expression: str, values: Mapping[str, Any], where: str) -> Any:

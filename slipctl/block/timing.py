@@ -57,7 +57,9 @@ def sampled(
     dt = h / substeps
     if check:
         check_step(block, dt, method, substeps)
-    one_step = _one_step(block, dt, method, newton)
+    one_step = block.of_equations(
+        ("step", method, dt, newton), lambda: _one_step(block, dt, method, newton)
+    )
     loop = one_step.n_instructions() * substeps > UNROLL or not block.sx
     f = block.f
 
@@ -79,7 +81,7 @@ def sampled(
         doc=f"{block.doc}\n\nSampled: {method}, {h:g} s in {substeps} substeps.",
         choices=block.choices | {"method": method, "h": h, "substeps": substeps},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, sharing=block.sharing.through(),
+        transparent=True, sharing=block.sharing.through(), by_structure=True,
     )  # fmt: skip
 
 
@@ -158,7 +160,9 @@ def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
     except BadInput:
         return  # start values that come later are checked when the loop is simulated
     f = block.f
-    jac = f.factory(f"{f.name()}_jac", ["x", "u", "p"], ["jac:n:x"])
+    jac = block.of_equations(
+        "slopes", lambda: f.factory(f"{f.name()}_jac", ["x", "u", "p"], ["jac:n:x"])
+    )
     u = block.pack(
         "input",
         {n: np.full(s.shape, s.value if s.value is not None else min(max(0.0, s.lo), s.hi))
@@ -204,12 +208,7 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     check_whole(f"every({block.name}): n", n)
     check_whole(f"every({block.name}): offset", offset, 0, int(n) - 1)
     n, offset = int(n), int(offset)
-    f = block.f
-    x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))
-    held = ca.MX.sym("h", f.size1_out(1))
-    run = ca.Function(f"{f.name()}_run", [x, u, p, held], [*f(x, u, p)])
-    hold = ca.Function(f"{f.name()}_hold", [x, u, p, held], [x, held])
-    choose = ca.Function.if_else(f"{f.name()}_every", run, hold)
+    choose = block.of_equations("every", lambda: _run_or_hold(block.f))
     taken = {s.name for s in block.signals}
     counter = _new_name("tick", taken)
     hold_names = {_new_name(f"held_{k}", taken): k for k in block.outputs}
@@ -245,8 +244,17 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
         period=None if block.period is None else block.period / n, sx=False,
         doc=f"{block.doc}\n\nRuns every {n} ticks.", choices=block.choices | {"every": n},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, sharing=block.sharing.through(),
+        transparent=True, sharing=block.sharing.through(), by_structure=True,
     )  # fmt: skip
+
+
+def _run_or_hold(f: ca.Function) -> ca.Function:
+    """Function (due, x, u, p, held) -> (x, y): those of f where it is due, else held."""
+    x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+    held = ca.MX.sym("h", f.size1_out(1))
+    run = ca.Function(f"{f.name()}_run", [x, u, p, held], [*f(x, u, p)])
+    hold = ca.Function(f"{f.name()}_hold", [x, u, p, held], [x, held])
+    return ca.Function.if_else(f"{f.name()}_every", run, hold)
 
 
 def _new_name(name: str, taken: set[str]) -> str:

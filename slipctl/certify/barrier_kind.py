@@ -7,12 +7,22 @@ With z = e/k_s and kappa = 2 k k_s^2 T the law is a map of :mod:`~slipctl.certif
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import barrier, holding, lagged_maps, lagged_runs, scalar_maps, scalar_runs
+from slipctl.certify import (
+    barrier,
+    holding,
+    lagged_maps,
+    lagged_runs,
+    outward,
+    scalar_maps,
+    scalar_runs,
+    smtlib,
+)
 from slipctl.certify.entries import DoesNotHold, mapping
 from slipctl.certify.registry import register
 from slipctl.certify.scalar_maps import CubicPull, Interval, Tick
@@ -144,6 +154,65 @@ def _check(n: Numbers, given: Entries) -> None:
         raise DoesNotHold("proofs.together: 'kept' does not hold the start set, or is left")
 
 
+def _kept_step(n: Numbers, entry: Entries) -> str:
+    """The interval is left in no tick, and what is measured in it stays inside the barrier."""
+    low, high = (Fraction(x) for x in entry["evidence"]["kept"])
+    push, noise = n["T"] * n["W"] / n["k_s"], n.get("noise", Fraction(0)) / n["k_s"]
+    far, after = n["k_a"] / n["k_s"], smtlib.plus("z", _pulled(n))
+    facts = [*smtlib.between(low, "z", high),
+             *smtlib.between(-noise, smtlib.plus("y", smtlib.times(-1, "z")), noise)]  # fmt: skip
+    claim = smtlib.term("and", *smtlib.between(low + push, after, high - push),
+                        smtlib.term("<", -far, "y"), smtlib.term("<", "y", 1))  # fmt: skip
+    return smtlib.problem(("z", "y"), facts, claim)
+
+
+def _pulled(n: Numbers) -> str:
+    """Command times T at the measured error y, over k_s."""
+    kappa = 2 * n["k"] * n["k_s"] ** 2 * n["T"]
+
+    def side(width: Fraction) -> str:
+        squares = smtlib.plus(width**2, smtlib.times(-1, "y", "y"))
+        return smtlib.times(-kappa, "y", squares)
+
+    below = side(n["k_a"] / n["k_s"])
+    return smtlib.term("ite", smtlib.term("<", "y", 0), below, side(Fraction(1)))
+
+
+def _polygon_step(n: Numbers, entry: Entries) -> list[str]:
+    """Each side of the polygon is passed in no tick, for both ends of E = exp(-T/lag).
+
+    Between them too: the state that follows is affine in E.
+    """
+    kept = entry["evidence"]["kept"]
+    sides = list(zip(lagged_maps.NORMALS, map(Fraction, kept["levels"]), strict=True))
+    lag, T, ticks = n.get("lag", Fraction(0)), n["T"], holding.ticks_of(n)
+    push, noise = T * n["W"] / n["k_s"], n.get("noise", Fraction(0)) / n["k_s"]
+    dead, scale, ends = ticks - 1, Fraction(1), [Fraction(0)]
+    if lag:
+        dead, scale, digits = ticks, T / max(lag, T), 10**15
+        low, high = outward.Interval.of(-T / lag, 60).exp().ends()
+        ends = [Fraction(math.floor(low * digits), digits),
+                Fraction(math.ceil(high * digits), digits)]  # fmt: skip
+    moved = Fraction(kept["moved"])
+    late = noise + dead * moved
+    facts = [smtlib.term("<=", smtlib.plus(smtlib.times(a, "z"), smtlib.times(b / scale, "alpha")),
+                         level) for (a, b), level in sides]  # fmt: skip
+    facts += smtlib.between(-late, smtlib.plus("y", smtlib.times(-1, "z")), late)
+    claims = [smtlib.term("<", -n["k_a"] / n["k_s"], "y"), smtlib.term("<", "y", 1)]
+    pulled = _pulled(n)
+    for E in ends:
+        c1 = lag / T * (1 - E) if lag else Fraction(1)
+        move = smtlib.plus(smtlib.times(c1, "alpha"), smtlib.times(1 - c1, pulled))
+        after = smtlib.plus(smtlib.times(E, "alpha"), smtlib.times(1 - E, pulled))
+        claims += smtlib.between(push - moved, move, moved - push) if dead else []
+        claims += [
+            smtlib.term("<=", smtlib.plus(smtlib.times(a, smtlib.plus("z", move)),
+                                          smtlib.times(b / scale, after), abs(a) * push), level)
+            for (a, b), level in sides
+        ]  # fmt: skip
+    return [smtlib.problem(("z", "alpha", "y"), facts, claim) for claim in claims]
+
+
 def _polygon(n: Numbers) -> Entries | None:
     if not _behind(n):
         return None
@@ -216,7 +285,8 @@ def _run_behind(n: Numbers) -> Entries | None:
         return None
     with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
         exact = _lagged(n, scalar_maps.exactly)
-        path = lagged_runs.exact(lambda i: exact, found, Decimal(0))
+        path = lagged_runs.exact(lambda i: exact, found, Decimal(0),
+                                 _start(n, scalar_maps.exactly))  # fmt: skip
         return None if path is None else holding.told_path(path, "start")
     return None
 
@@ -291,11 +361,11 @@ BARRIER = register(System(
         "together": Criterion("sampled: an interval of errors is never left", _together, EXACT,
                               ("largest_W", "largest_T", "smallest_k"),
                               evidence=Evidence(_find, _check), proves=("stays",),
-                              covers=("T", "W", "noise")),
+                              covers=("T", "W", "noise"), step=_kept_step),
         "polygon": Criterion("sampled, behind the actuator: a polygon of errors and actuator is"
                              " never left", kind=EXACT, proves=("stays",),
                              evidence=Evidence(_polygon, _check_polygon),
-                             covers=("T", "W", "noise", "lag", "dead")),
+                             covers=("T", "W", "noise", "lag", "dead"), step=_polygon_step),
     },
     {"stays": Target("e, as it is measured, stays in (-{k_a}, {k_s}) at every tick")},
     start="every error in {start} times (-{k_a}, {k_s})",

@@ -17,10 +17,18 @@ periodic orbit p(phi). With d = (x, z, e) - p(phi) and V^2 = d' P(phi) d, both t
 if M = -(J'P+ + P+ J + W J'P+ J + (P+ - P)/W) >= 2 mu P for all phi, where P+ = P(phi + W), J is the
 Jacobian at the orbit, alpha bounds the product and rho what the sum for the orbit leaves over, and
 the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from wherever it is below the
-larger one. ``dither_search`` looks for P and p; ``proven`` needs no search: it bounds each of
-these functions with balls at equally spaced nodes, and between them by the theorem of Ehlich and
-Zeller (Math. Z. 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N
-nodes divided by cos(pi D/N).
+larger one.
+
+A dead time of n ticks and a lag weigh the values y of ticks ago: heard is the sum of g_j y of j
+ticks ago, n + E/(1 - E) <= n + lag/T ticks on average, E = exp(-T/lag). Of the dither that is known
+exactly: S and S^2 in H become what is heard of them. x of j ticks ago differs from x by j W |q| |z|
+at most, so the heard y by a noise of (n + lag/T) W |q| max|z| (max|x| + 1), which V bounds again:
+alpha, mu and rho take that up.
+
+``dither_search`` looks for P and p; ``proven`` needs no search: it bounds each of these functions
+with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller (Math. Z.
+86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes divided by
+cos(pi D/N).
 """
 
 from __future__ import annotations
@@ -43,13 +51,18 @@ Coefficients = tuple[tuple[float, ...], ...]
 
 
 class Loop(NamedTuple):
-    """A seeker without dimensions: q, l, h, W as above, noise as a share of |c| a^2."""
+    """A seeker without dimensions: q, l, h, W as above, noise as a share of |c| a^2.
+
+    ``late`` is the dead time and ``lag`` the time constant of what is heard, both in ticks.
+    """
 
     q: Any
     l: Any
     h: Any
     W: Any
     noise: Any
+    late: Any = 0
+    lag: Any = 0
 
 
 class Proof(NamedTuple):
@@ -111,7 +124,7 @@ class Found:
         rise from above ``last``; |x| is within spread V of the orbit.
         """
         V = self.from_start(start)
-        if V is None:
+        if V is None or loop.late or loop.lag:
             return -1.0
         W = Ball.of(loop.W)
         fall = self.mu - self.alpha * (V + self.last) * (1 + 1e-12)
@@ -127,7 +140,7 @@ class Found:
     def beyond(self, loop: Loop, start: float, limit: float) -> int | None:
         """Tick at which |x| certainly exceeds a limit, late on its orbit; None if there is none."""
         V = self.from_start(start)
-        if V is None or not self.swing > limit:
+        if V is None or loop.late or loop.lag or not self.swing > limit:
             return None
         W = float(loop.W)
         fall = self.mu - self.alpha * (V + self.last)
@@ -142,6 +155,58 @@ class Found:
         return best if self.at_least(loop, start, best) > limit * (1 + 1e-9) else None
 
 
+# ---- what is heard ------------------------------------------------------------------------------
+
+
+def heard_dither(loop: Loop, c: Any, s: Any, c2: Any, s2: Any) -> tuple[Any, Any]:
+    """What is heard of S and of S^2 at angles, of the cosines and sines of phi and of 2 phi.
+
+    Balls, or arrays where the loop is of floats.
+    """
+    re, im = _gain(loop, 1)
+    twice_re, twice_im = _gain(loop, 2)
+    return s * re + c * im, (c2 * twice_re - s2 * twice_im) * -0.5 + 0.5
+
+
+def _gain(loop: Loop, n: int) -> tuple[Any, Any]:
+    """Sum of g_j exp(-i j n W): real and imaginary part.
+
+    Proof note: exp(-i n late W) (1 - E)/(1 - E exp(-i n W)).
+    """
+    if not loop.late and not loop.lag:
+        return 1.0, 0.0
+    c, s = _turned_by(loop.W, n)
+    re: Any = c * 0.0 + 1.0
+    im: Any = c * 0.0
+    if loop.lag:
+        E = _forgotten(loop.lag)
+        size = (c * E * -2.0 + E * E + 1.0) if isinstance(E, Ball) else 1 - 2 * E * c + E * E
+        gone = -E + 1.0
+        re, im = gone * (-(c * E) + 1.0), gone * (s * E) * -1.0
+        re, im = (re.over(size), im.over(size)) if isinstance(E, Ball) else (re / size, im / size)
+    if loop.late:
+        c, s = _turned_by(loop.W, n * int(loop.late))
+        re, im = re * c + im * s, im * c - re * s
+    return re, im
+
+
+def _turned_by(W: Any, n: int) -> tuple[Any, Any]:
+    if not isinstance(W, Ball):
+        return math.cos(n * W), math.sin(n * W)
+    angle = n * float(W.mid)
+    error = n * float(W.rad) + abs(angle) * 3e-16 + 1e-15
+    return Ball.near(math.cos(angle), error), Ball.near(math.sin(angle), error)
+
+
+def _forgotten(lag: Any) -> Any:
+    """exp(-1/lag)."""
+    if not isinstance(lag, Ball):
+        return math.exp(-1 / lag)
+    x = Ball.of(1.0).over(lag)
+    mid = math.exp(-float(x.mid))
+    return Ball.near(mid, mid * 4e-16 + float(x.rad) + 1e-300)
+
+
 # ---- the proof ----------------------------------------------------------------------------------
 
 
@@ -153,18 +218,21 @@ def proven(loop: Loop, proof: Proof) -> Found | None:
         loop: rationals, or floats as they are. proof: as ``find`` gives it.
     """
     try:
-        return _proven(Loop(*(Ball.of(v) for v in loop)), proof)
+        q, l, h, W, noise = (Ball.of(v) for v in loop[:5])
+        lag = Ball.of(loop.lag) if loop.lag else 0
+        return _proven(Loop(q, l, h, W, noise, int(loop.late), lag), proof)
     except ZeroDivisionError:
         return None
 
 
 def _proven(loop: Loop, proof: Proof) -> Found | None:
-    q, l, h, W, noise = loop
+    q, l, h, W, noise = loop[:5]
     degree = _degree(proof.P)
     angles = 2 * np.pi * np.arange(NODES) / NODES
     here = Ball.near(basis_at(angles, degree), 1e-14 * (degree + 1))
     turned, slope = _shifted(here, W, degree)
     S = here[2]
+    S1, S2 = heard_dither(loop, here[1], S, here[3], here[4])
     units = [Ball.of(u) for u in proof.units]
     coefficients, sums = Ball.of(proof.P), Ball.of(proof.orbit)
     P, after, rate = (_matrix(coefficients.dot(b)) for b in (here, turned, slope))
@@ -173,8 +241,8 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
 
     zero = x * 0.0
     J = [[zero, zero - q, zero],
-         [l * S * S, zero - l, zero - l * S],
-         [h * S + q * z, q * x - q * q * W * z, zero - h]]  # fmt: skip
+         [l * S * S1, zero - l, zero - l * S],
+         [h * S1 + q * z, q * x - q * q * W * z, zero - h]]  # fmt: skip
     J = [[J[i][j] * units[j] * Ball.of(1.0).over(units[i]) for j in range(3)] for i in range(3)]
     PJ = _product(after, J)
     JPJ = _product(_transposed(J), PJ)
@@ -191,12 +259,13 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     N = [[N[i][j] * units[i] * units[j] * Ball.of(1.0).over(units[2]) for j in range(3)]
          for i in range(3)]  # fmt: skip
     nu = _dominated(P, N, degree)
-    spread = _dominated(P, _corner(zero, units[0] * units[0]), degree)
-    if nu is None or spread is None:
+    spread, z_spread = (_dominated(P, _corner(zero, units[i] * units[i], i), degree)
+                        for i in (0, 1))  # fmt: skip
+    if nu is None or spread is None or z_spread is None:
         return None
     alpha = nu * math.sqrt(_most(P[2][2], degree))
 
-    H = x * S + S * S * 0.5 - e
+    H = x * S1 + S2 * 0.5 - e
     f = [zero - q * z, l * (S * H - z), h * H + q * x * z - q * q * W * 0.5 * z * z]
     rho = sum(
         _largest((f[i] - p_rate[i]) * Ball.of(1.0).over(units[i]), 2 * degree)
@@ -204,8 +273,18 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
         for i in range(3)
     )  # fmt: skip
     heard = [zero, l * S * Ball.of(1.0).over(units[1]), h * Ball.of(1.0).over(units[2]) + zero]
-    rho += math.sqrt(_most(_form(after, heard), degree + 2)) * float(noise.high())
+    loud = math.sqrt(_most(_form(after, heard), degree + 2))
+    rho += loud * float(noise.high())
     rho, alpha, least = rho * (1 + 1e-12), alpha * (1 + 1e-12), proof.mu * (1 - 1e-12)
+    old = loop.late + (float(loop.lag.high()) if loop.lag else 0.0)
+    if old:
+        loud *= old * float((W * q).size()) * (1 + 1e-12)
+        a, b = _largest(z, degree), math.sqrt(z_spread)  # |z| <= a + b V, |x| + 1 <= c + d V
+        c, d = _largest(x, degree) + 1, math.sqrt(spread)
+        rho, alpha = (rho + loud * a * c) * (1 + 1e-12), (alpha + loud * b * d) * (1 + 1e-12)
+        least = (least - loud * (a * d + b * c) * (1 + 1e-12)) * (1 - 1e-12)
+        if not least > 0:
+            return None
     room = least * least - 4 * alpha * rho
     if not room > 0:
         return None
@@ -275,8 +354,8 @@ def _form(A: list[list[Ball]], d: Sequence[Ball]) -> Ball:
     return found
 
 
-def _corner(zero: Ball, value: Ball) -> list[list[Ball]]:
-    return [[zero + value if i == j == 0 else zero for j in range(3)] for i in range(3)]
+def _corner(zero: Ball, value: Ball, at: int) -> list[list[Ball]]:
+    return [[zero + value if i == j == at else zero for j in range(3)] for i in range(3)]
 
 
 def _between(degree: int) -> float:

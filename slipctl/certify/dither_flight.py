@@ -3,14 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
+from decimal import Context, Decimal
 from fractions import Fraction
 
 DIGITS = 64
 
+OLDEST = 5000
+"""Longest dead time of a run, in ticks."""
+
+
+def ticks(n: Mapping[str, float], start: float, late: int, outward: bool) -> Iterator[float]:
+    """The seeker tick by tick, in floats: th - v* after each tick, for as long as it is asked.
+
+    Before the first tick the dither alone has run, so that what is heard is at rest with it.
+
+    Args:
+        n: numbers of the system. start: th - v*. late: ticks of the dead time.
+        outward: whether the noise drives th outward; there is none otherwise.
+    """
+    k, w, w_l, w_h, a, c, T = (float(n[x]) for x in ("k", "w", "w_l", "w_h", "a", "curvature", "T"))
+    noise = float(n.get("noise", 0)) if outward else 0.0
+    E = math.exp(-T / n["lag"]) if n.get("lag") else 0.0
+    line = deque((start + a * math.sin(-w * T * j)) ** 2 for j in range(late, 0, -1))
+    th, xi, eta, i = start, 0.0, c / 2 * start * start, 0
+    heard = _at_rest(start, a, w * T, late, E) if E else 0.0
+    while True:
+        s = math.sin(w * T * i)
+        line.append((th + a * s) ** 2)
+        y = line.popleft()
+        heard = y + E * (heard - y) if E else y
+        high = c / 2 * heard - eta + math.copysign(noise, s * start * k)
+        th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
+        i += 1
+        yield th
+
+
+def _at_rest(start: float, a: float, W: float, late: int, E: float) -> float:
+    """What is heard of (start + a sin)^2 one tick before the first."""
+    found = start * start + a * a / 2
+    for n, size in ((1, 2 * start * a), (2, -a * a / 2)):
+        c, s = math.cos(n * W), math.sin(n * W)
+        own = (1 - E) / complex(1 - E * c, E * s)
+        own *= complex(math.cos(n * W * (late + 1)), -math.sin(n * W * (late + 1)))
+        found += size * (own.imag if n == 1 else own.real)
+    return found
+
 
 def flight(
-    n: Mapping[str, Fraction], start: Fraction, noise: Fraction, ticks: int
+    n: Mapping[str, Fraction], start: Fraction, noise: Fraction, ticks: int, late: int = 0
 ) -> float | None:  # fmt: skip
     """Number that |th - v*| exceeds after so many ticks, from xi = 0, eta = y; None if unknown.
 
@@ -19,7 +61,7 @@ def flight(
     makes of the errors before it is at most its Jacobian times them.
 
     Args:
-        n: k, w, w_l, w_h, a, curvature, T as rationals.
+        n: k, w, w_l, w_h, a, curvature, T, and lag or none, as rationals. late: dead time in ticks.
     """
     D = 10**DIGITS
     k, l, h, a, c, step = (
@@ -27,19 +69,41 @@ def flight(
                                n["curvature"] / 2, n["w"] * n["T"])
     )  # fmt: skip
     turn_s, turn_c = _sine(step, D)
-    heard = _units(noise, D)
+    noise_units = _units(noise, D)
     sign = 1 if (start > 0) == (n["k"] > 0) else -1
     th, xi = _units(start, D), 0
     eta = c * (th * th // D) // D
-    s, co = 0, D
     sizes = (abs(k) / D, l / D, h / D, a / D, abs(c) / D)
-    e_th, e_xi, e_eta, e_s, one = 1.0, 0.0, 4.0 + sizes[4] * 8 * abs(start), 0.0, 1.0
-    for _ in range(ticks):
+    e_th, e_xi, e_eta, one = 1.0, 0.0, 4.0 + sizes[4] * 8 * abs(start), 1.0
+
+    s, co, e_s = 0, D, 0.0
+    for _ in range(late + 1):  # back to the tick before the first that is heard
+        s, co = (s * turn_c - co * turn_s) // D, (co * turn_c + s * turn_s) // D
+        e_s = e_s * (1 + 1e-30) + 8
+    E = _forgotten(n["T"] / n["lag"], D) if n.get("lag") else 0
+    heard, e_heard = 0, 0.0
+    if E:
+        found = _rest(th, a, E, (turn_c, turn_s), (co, s), D)
+        if found is None:
+            return None
+        heard, e_heard = found[0], (found[1] + e_s) * (1 + (abs(float(start)) + sizes[3]) ** 2)
+    line: deque[tuple[int, float]] = deque()
+    for i in range(-late, ticks):
+        s, co = (s * turn_c + co * turn_s) // D, (co * turn_c - s * turn_s) // D
+        e_s = e_s * (1 + 1e-30) + 8
         v = th + a * s // D
-        high = c * (v * v // D) // D - eta + (heard if (s > 0) == (sign > 0) else -heard)
-        x, z = abs(v) / D, abs(high) / D
         e_v = e_th + sizes[3] * e_s + 1 + one
-        e_high = sizes[4] * (2 * x * e_v + e_v * e_v / D) + e_eta + x * x + 4 * sizes[4] + 4
+        line.append((v * v // D, 2 * abs(v) / D * e_v + e_v * e_v / D + 1))
+        if i < 0:
+            continue
+        u, e_u = line.popleft()
+        if E:
+            e_heard = (1 - E / D) * e_u + E / D * e_heard + abs(u - heard) / D + 3
+            u, e_u = u + E * (heard - u) // D, e_heard * (1 + 1e-9)
+            heard, e_heard = u, e_u
+        high = c * u // D - eta + (noise_units if (s > 0) == (sign > 0) else -noise_units)
+        z = abs(high) / D
+        e_high = sizes[4] * e_u + e_eta + abs(u) / D + 4 * sizes[4] + 4
         th_next = th + k * xi // D
         xi, eta = xi + l * (high * s // D - xi) // D, eta + h * high // D
         new_th = e_th + sizes[0] * e_xi + abs(xi) / D + 2
@@ -47,11 +111,44 @@ def flight(
         e_eta = e_eta + sizes[2] * e_high + z + 2
         e_th, e_xi, th = new_th * (1 + 1e-9), new_xi * (1 + 1e-9), th_next
         e_eta *= 1 + 1e-9
-        s, co = (s * turn_c + co * turn_s) // D, (co * turn_c - s * turn_s) // D
-        e_s = e_s * (1 + 1e-30) + 8
         if not e_th < D:
             return None
     return (abs(th) - math.ceil(e_th)) / D * (1 - 1e-12)
+
+
+def _rest(
+    th: int, a: int, E: int, turn: tuple[int, int], at: tuple[int, int], D: int
+) -> tuple[int, float] | None:
+    """What a lag makes of (th + a sin)^2 at an angle, and its error for th = a = 1, or None.
+
+    Proof note: of exp(i n phi) it makes (1 - E)/(1 - E exp(-i n W)) times it. The square of what is
+    divided by is at least (1 - E)^2, asked to be above 1e-12 here, and each product is off by a few
+    units.
+    """
+    total = th * th // D + a * a // (2 * D)
+    for n in (1, 2):
+        (c, s), (x, y) = (turn, at) if n == 1 else (_twice(*turn, D), _twice(*at, D))
+        size = D - 2 * E * c // D + E * E // D
+        if size < D // 10**12:
+            return None
+        re, im = (D - E) * (D - E * c // D) // size, -(D - E) * (E * s // D) // size
+        if n == 1:
+            total += 2 * th * a // D * (re * y + im * x) // D**2
+        else:
+            total -= a * a // (2 * D) * (re * x - im * y) // D**2
+    return total, 1e27
+
+
+def _twice(c: int, s: int, D: int) -> tuple[int, int]:
+    """Cosine and sine of twice the angle."""
+    return (2 * c * c - D * D) // D, 2 * c * s // D
+
+
+def _forgotten(x: Fraction, D: int) -> int:
+    """exp(-x) in units of 1/D, off by less than one."""
+    context = Context(prec=DIGITS + 20)
+    quotient = context.divide(Decimal(x.numerator), Decimal(x.denominator))
+    return int(context.multiply(context.exp(-quotient), Decimal(D)))
 
 
 def _units(x: Fraction, D: int) -> int:

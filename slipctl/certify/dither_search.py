@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slipctl.certify.dither import PAIRS, Found, Loop, Proof, basis_at, proven
+from slipctl.certify.dither import PAIRS, Found, Loop, Proof, basis_at, heard_dither, proven
 
 DEGREE = 8
 FINE = 2 * np.pi * np.arange(64) / 64
@@ -80,21 +80,22 @@ def _turn(W: float, degree: int) -> np.ndarray:
 
 def _orbit(loop: Loop) -> np.ndarray | None:
     """Coefficients of the periodic orbit, by Newton's method on a collocation."""
-    q, l, h, W, _ = loop
+    q, l, h, W = loop[:4]
     angles, _, inverse = _collocation(DEGREE)
     turn, S = _turn(W, DEGREE), np.sin(angles)
+    S1, S2 = _heard(loop, angles)
     n = len(angles)
     w = np.zeros((3, n))
     eye, diag = np.eye(n), np.diag
     for _ in range(30):
         x, z, e = w
-        H = x * S + S * S / 2 - e
+        H = x * S1 + S2 / 2 - e
         miss = np.concatenate([turn @ x + q * z, turn @ z - l * (S * H - z),
                                turn @ e - h * H - q * x * z + q * q * W / 2 * z * z])  # fmt: skip
         slope = np.block([
             [turn, q * eye, 0 * eye],
-            [-l * diag(S * S), turn + l * eye, l * diag(S)],
-            [-h * diag(S) - q * diag(z), -q * diag(x) + q * q * W * diag(z), turn + h * eye],
+            [-l * diag(S * S1), turn + l * eye, l * diag(S)],
+            [-h * diag(S1) - q * diag(z), -q * diag(x) + q * q * W * diag(z), turn + h * eye],
         ])  # fmt: skip
         step = np.linalg.solve(slope, miss)
         w = w - step.reshape(3, n)
@@ -105,13 +106,20 @@ def _orbit(loop: Loop) -> np.ndarray | None:
     return np.asarray((inverse @ w.T).T)
 
 
+def _heard(loop: Loop, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return heard_dither(
+        loop, np.cos(angles), np.sin(angles), np.cos(2 * angles), np.sin(2 * angles)
+    )
+
+
 def _jacobians(loop: Loop, angles: np.ndarray, at: np.ndarray) -> np.ndarray:
-    q, l, h, W, _ = loop
+    q, l, h, W = loop[:4]
     S, x, z = np.sin(angles), at[0], at[1]
+    S1, _ = _heard(loop, angles)
     J = np.zeros((len(angles), 3, 3))
     J[:, 0, 1] = -q
-    J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = l * S * S, -l, -l * S
-    J[:, 2, 0], J[:, 2, 1], J[:, 2, 2] = h * S + q * z, q * x - q * q * W * z, -h
+    J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = l * S * S1, -l, -l * S
+    J[:, 2, 0], J[:, 2, 1], J[:, 2, 2] = h * S1 + q * z, q * x - q * q * W * z, -h
     return J
 
 
@@ -167,13 +175,23 @@ def _score(
     loop: Loop, orbit: np.ndarray, trial: _Trial, start: float, reach: float | None
 ) -> float | None:
     """How far from the orbit a proof with these weights carries, or how near it keeps."""
-    q, l, h, W, noise = loop
+    q, l, h, W, noise = loop[:5]
     at, roots, mu = trial.at, trial.roots, trial.mu
     N = np.array([[0, q / 2, 0], [q / 2, -q * q * W / 2, 0], [0, 0, 0]])
     nu = float(abs(np.linalg.eigvalsh(roots @ N @ roots.transpose(0, 2, 1))).max())
     alpha = nu * math.sqrt(float(at[:, 2, 2].max()))
     heard = np.stack([0 * FINE, l * np.sin(FINE), h + 0 * FINE], 1)
-    rho = noise * math.sqrt(float(np.einsum("ji,jik,jk->j", heard, at, heard).max()))
+    loud = math.sqrt(float(np.einsum("ji,jik,jk->j", heard, at, heard).max()))
+    rho = noise * loud
+    old = loop.late + loop.lag
+    if old:
+        loud *= old * W * abs(q)
+        inverse, swing = np.linalg.inv(at), abs(orbit @ basis_at(FINE, DEGREE)).max(axis=1)
+        b, d = (math.sqrt(float(inverse[:, i, i].max())) for i in (1, 0))
+        a, c = float(swing[1]), float(swing[0]) + 1
+        rho, alpha, mu = rho + loud * a * c, alpha + loud * b * d, mu - loud * (a * d + b * c)
+        if not mu > 0:
+            return None
     room = mu * mu - 4 * alpha * rho
     if not room > 0:
         return None
@@ -184,6 +202,6 @@ def _score(
         spread = float(np.linalg.inv(at)[:, 0, 0].max())
         if reach is not None:
             return 10 - worst * math.sqrt(spread) / start
-        if noise:
+        if noise or old:
             return 10 - 2 * rho / (mu + math.sqrt(room)) * math.sqrt(spread) / start
     return min(farthest / worst, 5.0)

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
+from itertools import islice
 from typing import Any
 
-from slipctl.certify import dither, dither_flight, dither_search
+from slipctl.certify import dither, dither_flight, dither_search, sliding
 from slipctl.certify import extremum as bounds
 from slipctl.certify.entries import DoesNotHold, rational, rows, whole
 from slipctl.certify.registry import register
@@ -42,7 +43,13 @@ def _loop(n: Numbers) -> dither.Loop:
     """The seeker without dimensions, of floats or as balls around rationals."""
     q = -n["k"] * n["curvature"] * n["a"] / n["w"]
     noise = n.get("noise", 0) / (abs(n["curvature"]) * n["a"] ** 2)
-    return dither.Loop(q, n["w_l"] / n["w"], n["w_h"] / n["w"], n["w"] * n["T"], noise)
+    return dither.Loop(q, n["w_l"] / n["w"], n["w_h"] / n["w"], n["w"] * n["T"], noise,
+                       _late(n), n.get("lag", 0) / n["T"])  # fmt: skip
+
+
+def _late(n: Numbers) -> int:
+    """Ticks of the dead time, rounded up."""
+    return sliding.ticks_late(n.get("dead_time", 0), n["T"])
 
 
 def _from(n: Numbers) -> Any:
@@ -165,31 +172,21 @@ def _return_claim(name: str) -> Any:
 
 def _find_flight(n: Numbers) -> Entries | None:
     """Run that leaves: from either end of the starts, with floats."""
-    if n["w"] * n["T"] > 4:
+    if n["w"] * n["T"] > 4 or _late(n) > dither_flight.OLDEST:
         return None
-    limit, noise = float(_farthest(n)), float(n.get("noise", 0))
-    for start in (float(_from(n)), -float(_from(n))):
-        for against in dict.fromkeys((bool(noise), False)):
-            tick = _flight(n, start, limit, against)
+    limit = float(_farthest(n)) * (1 + 1e-9)
+    plain = {k: float(v) for k, v in n.items()}
+    for side in (1, -1):
+        for against in dict.fromkeys((bool(n.get("noise")), False)):
+            run = dither_flight.ticks(plain, float(side * _from(n)), _late(n), against)
+            tick = next((i for i, th in enumerate(islice(run, MOST_DITHER_TICKS), 1)
+                         if not abs(th) <= limit), 0)  # fmt: skip
             if tick:
                 return sealed(n, {
-                    "start": str(_from(n) * (1 if start > 0 else -1)), "ticks": tick,
+                    "start": str(side * _from(n)), "ticks": tick,
                     "noise": "outward" if against else "none",
                 })  # fmt: skip
     return None
-
-
-def _flight(n: Numbers, start: float, limit: float, against: bool) -> int:
-    k, w, w_l, w_h, a, c, T = (float(n[x]) for x in ("k", "w", "w_l", "w_h", "a", "curvature", "T"))
-    noise = float(n.get("noise", 0)) if against else 0.0
-    th, xi, eta = start, 0.0, c / 2 * start * start
-    for i in range(MOST_DITHER_TICKS):
-        s = math.sin(w * T * i)
-        high = c / 2 * (th + a * s) ** 2 - eta + math.copysign(noise, s * start * k)
-        th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
-        if not abs(th) <= limit * (1 + 1e-9):
-            return i + 1
-    return 0
 
 
 def _replay_flight(n: Numbers, run: Entries) -> str:
@@ -197,12 +194,14 @@ def _replay_flight(n: Numbers, run: Entries) -> str:
     run = opened(n, run, ("start", "noise", "ticks"), "run")
     start = rational(run["start"], "run.start")
     ticks = whole(run["ticks"], "run.ticks", 1, MOST_DITHER_TICKS)
-    if n["w"] * n["T"] > 4 or abs(start) > _from(n) or run["noise"] not in ("outward", "none"):
+    late = _late(n)
+    asked = abs(start) <= _from(n) and run["noise"] in ("outward", "none")
+    if n["w"] * n["T"] > 4 or late > dither_flight.OLDEST or not asked:
         raise DoesNotHold("run: its start or its noise is outside of what was asked")
     limit = _farthest(n)
     far = dither_flight.flight(
-        {k: n[k] for k in ("k", "w", "w_l", "w_h", "a", "curvature", "T")}, start,
-        n.get("noise", Fraction(0)) if run["noise"] == "outward" else Fraction(0), ticks,
+        n, start, n.get("noise", Fraction(0)) if run["noise"] == "outward" else Fraction(0), ticks,
+        late,
     )  # fmt: skip
     if far is None or not far > limit:
         raise DoesNotHold("run: it does not leave")
@@ -265,22 +264,25 @@ def _perturbation_values(n: Numbers) -> dict[str, Quantity]:
 
 def _perturbation_witness(n: Numbers) -> Witness:
     """Seeker on the parabola of the curvature, tick by tick from its farthest start."""
-    k, w_l, w_h, w, a, T, c = (float(n[x]) for x in ("k", "w_l", "w_h", "w", "a", "T", "curvature"))
-    first = float(_from(n))
-    th, xi, eta, kept = first, 0.0, c / 2 * first * first, [(0.0, first)]
-    for i in range(MOST_DITHER_TICKS):
-        s = math.sin(w * T * i)
-        high = c / 2 * (th + a * s) ** 2 - eta
-        th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
-        kept.append(((i + 1) * T, th))
-        if not abs(th) <= 1e3 * max(a, first):
+    first, T, kept = float(_from(n)), float(n["T"]), [(0.0, float(_from(n)))]
+    plain = {k: float(v) for k, v in n.items()}
+    most = MOST_DITHER_TICKS if _late(n) <= dither_flight.OLDEST else 0
+    run = dither_flight.ticks(plain, first, min(_late(n), dither_flight.OLDEST), False)
+    for i, th in enumerate(islice(run, most), 1):
+        kept.append((i * T, th))
+        if not abs(th) <= 1e3 * max(float(n["a"]), first):
             break
     every = max(1, len(kept) // 200)
     return Witness(
         "none; from the farthest start on a parabola of that curvature",
-        {"distance_over_the_start": (abs(th) / first, "1"), "run": (kept[-1][0], "s")},
+        {"distance_over_the_start": (abs(kept[-1][1]) / first, "1"), "run": (kept[-1][0], "s")},
         {"t": ("s", [r[0] for r in kept[::every]]), "th": ("m/s", [r[1] for r in kept[::every]])},
     )
+
+
+def _start(n: Numbers) -> str:
+    heard = ", the dither alone before" if n.get("lag") or n.get("dead_time") else ""
+    return f"every |th - v*| <= {spelled(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0{heard}"
 
 
 PERTURBATION_SEEK = register(System(
@@ -296,7 +298,7 @@ PERTURBATION_SEEK = register(System(
         "curvature": Number("s^2/m^2", "mu'' at the extremum", None, "any", -2.0),
         "third": Number("s^3/m^3", "mu''' there", None, "any", -3.0, True, role=ASIDE),
         "T": Number("s", "sample period", 1e-3, role=INPUT, says="a sample time of {}"),
-        "noise": HEARD["noise"],
+        **HEARD,
         "start": Number("m/s", "farthest |th - v*| at the start; a if it is not told", None,
                         power=1.0, optional=True),
         "reach": Number("m/s", "farthest |th - v*| wanted", None, power=1.0, optional=True,
@@ -308,7 +310,7 @@ PERTURBATION_SEEK = register(System(
         **{name: Criterion(f"a periodic Lyapunov function falls, tick by tick: {name}",
                            evidence=Evidence(partial(_find_return, target=name),
                                              partial(_check_return, target=name)),
-                           proves=(name,), covers=("T", "noise"))
+                           proves=(name,), covers=("T", *HEARD))
            for name in ("reach", "rest")},
         "averaged": Criterion("the averaged loop is stable (for w -> infinity)", _seeks),
         "separated": Criterion("the dither is 5 times faster than both corners (a rule)",
@@ -322,12 +324,12 @@ PERTURBATION_SEEK = register(System(
         "reach": Target(_return_claim("reach")),
         "rest": Target(_return_claim("rest")),
     },
-    start=lambda n: f"every |th - v*| <= {spelled(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0",
+    start=_start,
     refuters={
         "reach": Refuter("reach", _find_flight, _replay_flight),
         "rest": Refuter("rest", _find_swings_on, _replay_swings_on),
     },
-    never=("a dead time", "a lag", "a map that is no parabola"),
+    never=("a map that is no parabola",),
     values=_perturbation_values,
     witness=_perturbation_witness,
     panel=({"k": 200.0, "w": 12.566, "w_l": 0.7, "w_h": 0.9, "a": 0.1, "curvature": -0.18544},

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import chi_squared, filters, forgetting, outward
+from slipctl.certify import chi_squared, filters, forgetting, outward, smtlib
 from slipctl.certify.entries import DoesNotHold, whole
 from slipctl.certify.forgetting import (
     covariance_bounds,
@@ -228,6 +228,23 @@ def _dies_out(n: Numbers) -> Sequence[Side]:
     return [Side("0 < gamma", 0, n["gamma"])]
 
 
+def _pole_step(n: Numbers, entry: Entries) -> str | None:
+    """|e|/P falls at a sample, and P stays bounded; e the error on a constant force."""
+    if not n["dt"]:
+        return None
+    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    grown, h, noise = 1 + n["gamma"], n["H"] * n["dt"], n["R"] * n["dt"]
+    most = max(n["P"], n["gamma"] * noise / (grown * h * h))
+    inverse = plus(times(h * h * grown, "P"), noise)
+    facts = [
+        term("<", 0, "P"), term("<=", "P", most), term("not", term("=", "e", 0)),
+        term("=", times("later", inverse), times(noise, "e")),
+        term("=", times("Q", inverse), times(noise * grown, "P")),
+    ]  # fmt: skip
+    fall = term("<", times("later", "later", "P", "P"), times("e", "e", "Q", "Q"))
+    return smtlib.problem(("e", "P", "later", "Q"), facts, term("and", fall, term("<=", "Q", most)))
+
+
 def _lemma(n: Numbers) -> Sequence[Side]:
     """Conditions of Lemma 2: process noise gamma P positive, P bounded, slopes bounded."""
     return [Side("0 < gamma P", 0, n["gamma"] * n["P"]), Side("0 < H^2", 0, n["H"] ** 2),
@@ -335,7 +352,7 @@ FILTER = register(System(
     },
     {
         "pole": Criterion("the error dies out: pole 1/(1 + gamma)", _dies_out, EXACT,
-                          proves=("dies_out",), covers=("dt",)),
+                          proves=("dies_out",), covers=("dt",), step=_pole_step),
         "lemma_2": Criterion("conditions of Lemma 2: noise positive, P bounded, slopes bounded",
                              _lemma),
         "in_time": Criterion("that share of the error is left after that time", _settles, EXACT,

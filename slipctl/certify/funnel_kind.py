@@ -295,7 +295,8 @@ def _run_behind(n: Numbers) -> Entries | None:
     with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
         still = _lagged(n, scalar_maps.exactly, True)
         laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: still}
-        path = lagged_runs.exact(laws[start], found, _start_and_step(n)[1])
+        begin, step = _start_and_step(n)
+        path = lagged_runs.exact(laws[start], found, step, begin if start == "start" else MIDDLE)
         return None if path is None else holding.told_path(path, start)
     return None
 

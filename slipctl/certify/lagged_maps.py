@@ -152,7 +152,7 @@ def _grown(
     law: Lagged, normals: Floats, levels: Floats, spare: float, stride: float
 ) -> tuple[Floats, float] | None:
     near, far = float(law.above.width), float(law.below.width)
-    size, scale = np.abs(normals[:, 0]), float(law.scale)
+    size, scaled = np.abs(normals[:, 0]), normals / (1.0, float(law.scale))
     moved = 0.0
     pull = max(float(law.above.at(law.above.peak)), float(law.below.at(law.below.peak)))
     more = 1e6 * spare * min(float(law.push) + 0.1 * pull, near)
@@ -166,8 +166,7 @@ def _grown(
         edges = np.array(_edges(low, high))
         points, moves = _images(law, normals, levels, edges, noise)
         move = (np.abs(moves).max() + float(law.push)) * (1 + spare)
-        reach = (points[:, 0][:, None] * normals[:, 0] + points[:, 1][:, None] / scale
-                 * normals[:, 1]).max(axis=0) + size * float(law.push)  # fmt: skip
+        reach = (scaled @ points).max(axis=1) + size * float(law.push)
         if (reach <= levels).all() and (not law.dead or move <= moved):
             return levels, moved
         wanted = reach + more
@@ -187,24 +186,21 @@ def _edges(low: Any, high: Any) -> list[Any]:
 def _images(
     law: Lagged, normals: Floats, levels: Floats, edges: Floats, noise: float
 ) -> tuple[Floats, Floats]:
-    """Corner points after a tick without push, and their moves of z."""
+    """Corner points after a tick without push, as (z, alpha) rows, and their moves of z."""
     left, right = edges[:-1], edges[1:]
-    scale = float(law.scale)
-    tops, bottoms = _lids(normals, levels, edges, scale)
+    tops, bottoms = _lids(normals, levels, edges, float(law.scale))
     least, most = _pulls(law, left - noise, right + noise)
-    rows, moves = [], []
-    for r in law.corners():
-        r = float(r)
-        for z, alphas in ((left, (tops[0], bottoms[0])), (right, (tops[1], bottoms[1]))):
-            drift = float(law.g) * (1 - 1 / r)
-            extra = drift * (z + float(law.c))
-            for alpha in alphas:
-                for U in (-most - extra - drift * noise, -least - extra + drift * noise):
-                    move = law.c1 * alpha + law.c2 * U
-                    after = r * (z + float(law.c) + move) - float(law.c)
-                    rows.append(np.stack([after, r * (law.E * alpha + (1 - law.E) * U)], axis=1))
-                    moves.append(after - z)
-    return np.concatenate(rows), np.concatenate(moves)
+    z, alpha = np.array([left, right])[:, None, None], np.array([tops, bottoms]).swapaxes(0, 1)
+    alpha = alpha[:, :, None]
+    images, moves = [], []
+    for r in map(float, law.corners()):
+        drift = float(law.g) * (1 - 1 / r)
+        extra, spare = drift * (z + float(law.c)), drift * noise
+        U = np.array([-most - spare, -least + spare]) - extra
+        after = r * (z + float(law.c) + (law.c1 * alpha + law.c2 * U)) - float(law.c)
+        images.append(np.stack([after.ravel(), (r * (law.E * alpha + (1 - law.E) * U)).ravel()]))
+        moves.append((after - z).ravel())
+    return np.concatenate(images, axis=1), np.concatenate(moves)
 
 
 def _lids(

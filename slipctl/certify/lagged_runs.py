@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
+from decimal import ROUND_DOWN, Context, Decimal, localcontext
 from typing import Any
 
 import numpy as np
@@ -100,10 +100,16 @@ def outward(law: Callable[[int], Lagged], start: Interval, step: float = 0.0) ->
     return None
 
 
-def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any) -> Path | None:
-    """Path that a law of decimals takes under what was chosen; None if it does not leave."""
+def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any, start: Interval) -> Path | None:
+    """Path that a law of decimals takes under what was chosen; None if it does not leave.
+
+    Args:
+        law, step: decimals. chosen: from ``outward``. start: the set of starts, in decimals; the
+            end of it that floats have chosen may lie outside by their rounding.
+    """
     with localcontext(Context(prec=DIGITS)):
-        z, errors, alpha = Decimal(chosen.start), [], Decimal(0)
+        z = min(max(Decimal(chosen.start), start.low), start.high).quantize(QUANTUM, ROUND_DOWN)
+        errors, alpha = [], Decimal(0)
         forward = -1 if chosen.step < 0 else 1
         for i, sign in enumerate(chosen.signs):
             own = law(i)

@@ -155,7 +155,7 @@ class Criterion:
         refuted_under: inputs under which that disturbance does so; those of ``covers`` if None.
         evidence: a proof that is more than inequalities; it stands in the place of ``sides``.
         step: gives the negation of the step of its proof as SMT-LIB, of the numbers and of what
-            the file holds; see ``smtlib``.
+            the file holds, in one problem or several; see ``smtlib``.
     """
 
     title: str
@@ -170,7 +170,7 @@ class Criterion:
     refutes: str = ""
     refuted_under: tuple[str, ...] | None = None
     evidence: Evidence | None = None
-    step: Callable[[Numbers, Entries], str | None] | None = None
+    step: Callable[[Numbers, Entries], str | Sequence[str] | None] | None = None
 
     def holds(self, numbers: Numbers) -> bool:
         """Whether all its inequalities hold; where an enclosure cannot tell, it does not hold."""

@@ -68,7 +68,7 @@ def _orbit(n: Numbers) -> tuple[int, float]:
 
 def _reaching_values(n: Numbers) -> dict[str, Quantity]:
     ticks, swing = _orbit(n)
-    found = {"band": (swing, "m/s"), "half_period": (ticks * n["T"], "s")}
+    found = {"symmetric_orbit": (swing, "m/s"), "its_half_period": (ticks * n["T"], "s")}
     command = 2 * (n["g1"] * swing + n["g2"])
     return found | {"command_peak_to_peak": (command, "m/s^2")}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,60 +15,74 @@ from slipctl.certify.relay_sets import DIGITS, Relay
 LONGEST = 400
 """Most ticks of a period."""
 
+HALF_PERIODS = (1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 50)
+"""Ticks between the turns of a disturbance that alternates."""
+
 Pair = tuple[Interval, Interval]
 
-Orbit = tuple[list[int], list[int]]
-"""Signs of s and of d (d = -D, 0 or D) tick by tick."""
+Orbit = tuple[list[int], list[int], float]
+"""Signs of s and of d (d = -D, 0 or D) tick by tick, and about where s starts."""
 
 
-def find(law: Relay, band: float, settle: int = 1500) -> Orbit | None:
+@lru_cache(maxsize=8)
+def find(law: Relay, band: Fraction) -> Orbit | None:
     """Periodic run in which |s| exceeds ``band``; None if none is found.
 
     Disturbances are tried that are constant, alternate, or push along or against s or its slope.
     """
+    pushed = law.T * law.D > 0
+    for settle, longest in ((300, 100), (1500, LONGEST)):
+        S, A, sides, D = _runs(law, float(band), settle, 2 * longest)
+        top = abs(S).max(axis=0)
+        for column in np.argsort(-top)[:60]:
+            if not top[column] > band:
+                return None
+            n = _period(S[:, column], A[:, column], longest)
+            signs, d = sides[-n:, column], D[-n:, column]
+            if n and (not pushed or np.array_equal(d, D[-2 * n : -n, column])) \
+                    and np.array_equal(signs, sides[-2 * n : -n, column]):  # fmt: skip
+                orbit = signs.astype(int).tolist(), d.astype(int).tolist(), float(S[-n, column])
+                if _exceeds(law, orbit, band):
+                    return orbit
+    return None
+
+
+def _runs(
+    law: Relay, band: float, settle: int, kept: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Runs s, a, signs of s and of d, (ticks, runs): what is kept after they have settled."""
     (m11, m12, b1), (m21, m22, b2) = (map(float, row) for row in law.rows(law.left[0]))
     e = float(law.T * law.D)
     starts = 24
-    ways = 20 if e else 1
+    ways = 6 + len(HALF_PERIODS) if e else 1
     size = band + float(law.T * law.g2) + float(law.lag * law.g2)
     angle = np.linspace(0, 2 * np.pi, starts, endpoint=False)
     reach = np.geomspace(0.05, 4, starts)[np.argsort(np.sin(7 * np.arange(starts)))]
     s = np.tile(size * reach * np.cos(angle), (ways, 1))
     a = np.tile(size * reach * np.sin(angle), (ways, 1)) / float(law.lag)
-    way = np.arange(ways)[:, None]
-    half = np.array([1, 1, 1, 1, 1, 1, 1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 50])[
-        :ways, None
-    ]
-    seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for i in range(settle + 2 * LONGEST):
+    g2, half = float(law.g2), np.array(HALF_PERIODS)[:, None]
+    d = np.zeros_like(s)
+    seen = []
+    for i in range(settle + kept):
         side = np.sign(s)
-        square = np.where((i // half) % 2 == 0, 1.0, -1.0)
-        d = np.select(
-            [way == 0, way == 1, way == 2, way == 3, way == 4, way == 5],
-            [np.ones_like(s), np.sign(a), side, -side, np.sign(a - side * float(law.g2)),
-             -np.sign(a)],
-            square,
-        ) * (e > 0)  # fmt: skip
+        if e:
+            d[0], d[1], d[2], d[3] = 1.0, np.sign(a[1]), side[2], -side[3]
+            d[4], d[5] = np.sign(a[4] - side[4] * g2), -np.sign(a[5])
+            d[6:] = 1.0 - 2.0 * ((i // half) % 2)
         if i >= settle:
-            seen.append((s, side, d))
+            seen.append((s, a, side, d.copy()))
         s, a = m11 * s + m12 * a - b1 * side + e * d, m21 * s + m22 * a - b2 * side
-    S, sides, D = (np.stack(x).reshape(len(seen), -1) for x in zip(*seen, strict=True))
-    top = abs(S).max(axis=0)
-    for column in np.argsort(-top)[:60]:
-        if not top[column] > band:
-            return None
-        path = S[:, column]
-        scale = 1e-7 * top[column]
-        for n in range(1, LONGEST):
-            if abs(path[-1] - path[-1 - n]) < scale and abs(path[-2] - path[-2 - n]) < scale:
-                same = np.array_equal(D[-n:, column], D[-2 * n : -n, column])
-                if same and np.array_equal(sides[-n:, column], sides[-2 * n : -n, column]):
-                    orbit = (sides[-n:, column].astype(int).tolist(),
-                             D[-n:, column].astype(int).tolist())  # fmt: skip
-                    if _exceeds(law, orbit, Fraction(band)):
-                        return orbit
-                break
-    return None
+    S, A, sides, D = (np.stack(x).reshape(len(seen), -1) for x in zip(*seen, strict=True))
+    return S, A, sides, D
+
+
+def _period(s: np.ndarray, a: np.ndarray, longest: int) -> int:
+    """Ticks after which the end of a run was there before; 0 if it was not."""
+    near = 1e-7 * abs(s).max(), 1e-7 * abs(a).max()
+    same = abs(s[:-1] - s[-1]) < near[0]
+    same &= abs(a[:-1] - a[-1]) < near[1]
+    found = np.flatnonzero(same[::-1][: longest - 1])
+    return int(found[0]) + 1 if len(found) else 0
 
 
 def _exceeds(law: Relay, orbit: Orbit, band: Fraction) -> bool:
@@ -78,12 +93,14 @@ def _exceeds(law: Relay, orbit: Orbit, band: Fraction) -> bool:
 
 
 def proved(
-    law: Relay, signs: Sequence[int], pushes: Sequence[int]
+    law: Relay, signs: Sequence[int], pushes: Sequence[int], near: float | Fraction = 0
 ) -> tuple[Fraction, tuple[Fraction, Fraction]]:
     """Lower bound of the largest |s| of a periodic run, and its start (s, a), rounded.
 
     Proof note: with these signs a period is x -> A x + c; its fixed point is enclosed by Cramer's
     rule. The run from it, in enclosures, has those signs, so it is a run of the law, for ever.
+    Without g1 each s is as good as another: s + lag a moves by T (d - g2 sgn s) alone, and comes
+    back if these sum up to nothing; then the run starts at ``near``, and a is the fixed point.
 
     Raises:
         DoesNotHold: A - 1 may be singular, or a sign of s is not the one that is told.
@@ -107,9 +124,14 @@ def proved(
     for sign, push in zip(signs, pushes, strict=True):
         first, second, offset = turned(first), turned(second), tick(offset, sign, push)
     try:
-        det = (1 - first[0]) * (1 - second[1]) - first[1] * second[0]
-        s = (offset[0] * (1 - second[1]) + second[0] * offset[1]) / det
-        a = (offset[1] * (1 - first[0]) + first[1] * offset[0]) / det
+        if law.g1:
+            det = (1 - first[0]) * (1 - second[1]) - first[1] * second[0]
+            s = (offset[0] * (1 - second[1]) + second[0] * offset[1]) / det
+            a = (offset[1] * (1 - first[0]) + first[1] * offset[0]) / det
+        else:
+            if law.D * sum(pushes) != law.g2 * sum(signs):
+                raise DoesNotHold("run: s drifts from period to period")
+            s, a = Interval.of(Fraction(near), DIGITS), offset[1] / (1 - second[1])
     except ZeroDivisionError:
         raise DoesNotHold("run: the period has no single start") from None
     start = (s.ends()[0] + s.ends()[1]) / 2, (a.ends()[0] + a.ends()[1]) / 2

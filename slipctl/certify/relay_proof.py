@@ -40,13 +40,16 @@ def no_lag_band(g1: Any, g2: Any, T: Any, D: Any) -> Any:
 
 
 def _find(n: Numbers) -> Entries | None:
-    at = law(n)
+    at, wanted = law(n), n.get("band")
+    if not at.lag or at.left[0] == at.left[1]:
+        return None
+    if wanted is not None and relay_orbits.find(at, wanted):
+        return None  # a bound would be in vain
     start = relay_sets.find(at)
     if start is None:
         return None
     ticker, ticks, work = Ticker(start), 0, 0
-    before = ticker.largest()
-    wanted = n.get("band")
+    before, fell = ticker.largest(), Fraction(0)
     while work < MOST_WORK:
         work += len(ticker.points) + 4
         ticker.tick()
@@ -55,14 +58,20 @@ def _find(n: Numbers) -> Entries | None:
             break
         if ticks % 60 == 0:
             now = ticker.largest()
-            if now > before * Fraction(9999, 10000):
+            if now > before * Fraction(9999, 10000) or _in_vain(before - now, fell, now, wanted):
                 break
-            before = now
+            before, fell = now, before - now
     bound = rounded_up(ticker.largest())
     if wanted is not None and bound > wanted:
         return None
     corners = [[str(s), str(a)] for s, a in start.corners]
     return {"corners": corners, "ticks": ticks, "bound": str(bound)}
+
+
+def _in_vain(fall: Fraction, before: Fraction, now: Fraction, wanted: Fraction | None) -> bool:
+    """Whether it will not come down to what is wanted, if each fall is that share of the last."""
+    return wanted is not None and before > fall > 0 and \
+        now - 2 * fall * fall / (before - fall) - fall > wanted  # fmt: skip
 
 
 def _check(n: Numbers, given: Entries) -> None:
@@ -106,13 +115,13 @@ def _find_orbit(n: Numbers) -> Entries | None:
     at = law(n)
     if not at.lag or at.left[0] == at.left[1]:
         return None
-    found = relay_orbits.find(at, float(n["band"]))
+    found = relay_orbits.find(at, n["band"])
     if found is None:
         return None
     _, (s, a) = relay_orbits.proved(at, *found)
     scale = 10**12
     return {
-        "start": {"s": str(Fraction(round(s * scale), scale)),
+        "start": {"s": str(s if not n["g1"] else Fraction(round(s * scale), scale)),
                   "a": str(Fraction(round(a * scale), scale))},
         "signs": found[0],
         "d": [str(n["D"] * push) for push in found[1]],
@@ -130,7 +139,7 @@ def _replay(n: Numbers, given: Entries) -> str:
     if any(abs(x) not in (0, n["D"]) for x in d):
         raise DoesNotHold("run: d is not -D, 0 or D")
     pushes = [(x > 0) - (x < 0) for x in d]
-    largest, begin = relay_orbits.proved(law(n), signs, pushes)
+    largest, begin = relay_orbits.proved(law(n), signs, pushes, told[0])
     near = max(largest, n["T"] * n["g2"]) / 10**6
     if any(abs(x - y) > near * (1 + (i and 1 / n["lag"])) for i, (x, y) in
            enumerate(zip(told, begin, strict=True))):  # fmt: skip

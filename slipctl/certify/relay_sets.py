@@ -78,35 +78,52 @@ class Absorbing:
         as much for every lam >= 1: the size falls by a constant in each tick. Where s = 0 the sign
         may be anything between -1 and 1: the polygon is convex.
         """
-        half = clipped(self.corners)
         faces = self._faces()
+        half = clipped(self.corners)
         if faces is None or len(half) < 3:
             return False
+        (Ds, _), (Da, _) = self._whole
+        push = self.law.T * self.law.D
         for left in self.law.left:  # all of it is affine in exp(-T/lag): its ends decide
             (m11, m12, b1), (m21, m22, b2) = self.law.rows(left)
-            for n, m in faces:
-                at, bt = n * m11 + m * m21, n * m12 + m * m22
-                rest = self.law.T * self.law.D * abs(n) - n * b1 - m * b2
-                for s, a in half:
-                    up = at * s + bt * a
-                    if up > 1 or up + rest >= 1:
-                        return False
+            Dx, X = _whole_numbers([m11 * s + m12 * a for s, a in half])
+            Dy, Y = _whole_numbers([m21 * s + m22 * a for s, a in half])
+            moved = [(Ds * x * Dy, Da * y * Dx) for x, y in zip(X, Y, strict=True)]
+            for n, m, size in faces:
+                rest = Ds * (push * abs(n) - n * b1) - Da * m * b2
+                most = min(size * Dx * Dy, math.ceil((size - rest) * Dx * Dy) - 1)
+                if any(n * x + m * y > most for x, y in moved):
+                    return False
         return True
 
-    def _faces(self) -> list[Point] | None:
-        """Give (n, m) with n s + m a = 1 along each side; None if it is not as it should be."""
+    @cached_property
+    def _whole(self) -> tuple[tuple[int, list[int]], tuple[int, list[int]]]:
+        """Corners as whole numbers S/Ds, A/Da."""
+        s, a = zip(*self.corners, strict=True)
+        return _whole_numbers(s), _whole_numbers(a)
+
+    def _faces(self) -> list[tuple[int, int, int]] | None:
+        """Give n, m, size with n Ds s + m Da a = size along each side; None if it is misshapen."""
         P = self.corners
         if not 4 <= len(P) <= 200 or set(P) != {(-s, -a) for s, a in P}:
             return None
+        (_, S), (_, A) = self._whole
+        W = list(zip(S, A, strict=True))
         faces = []
-        for (s, a), (s2, a2) in zip(P, P[1:] + P[:1], strict=True):
+        for (s, a), (s2, a2) in zip(W, W[1:] + W[:1], strict=True):
             size = s * a2 - a * s2
             if size <= 0:
                 return None
-            faces.append(((a2 - a) / size, (s - s2) / size))
-        if any(n * s + m * a > 1 for n, m in faces for s, a in P):
+            faces.append((a2 - a, s - s2, size))
+        if any(n * s + m * a > size for n, m, size in faces for s, a in W):
             return None
         return faces
+
+
+def _whole_numbers(values: Sequence[Fraction]) -> tuple[int, list[int]]:
+    """Common denominator and numerators."""
+    common = math.lcm(*(x.denominator for x in values))
+    return common, [x.numerator * (common // x.denominator) for x in values]
 
 
 def clipped(P: Sequence[Point]) -> list[Point]:
@@ -171,7 +188,7 @@ class Ticker:
                 parts += [(0, -math.floor(at)), (0, -math.ceil(at))]
         for point in self.points:
             if point[0] == 0:
-                rest = hull(self._moved(point, 0))
+                rest = self._moved(point, 0)
                 parts += [p for p in rest if p[0] >= 0] + [(-s, -a) for s, a in rest if s <= 0]
                 parts += [(0, a) for _, a in rest] + [(0, -a) for _, a in rest]
         self.points = hull(parts)
@@ -189,8 +206,12 @@ class Ticker:
 def _sum(row: tuple[Node, Node, Node], point: Node, sign: int) -> Node:
     low = high = 0
     for (least, most), x in zip(row, (*point, -sign), strict=True):
-        low += least * x if x >= 0 else most * x
-        high += most * x if x >= 0 else least * x
+        if x >= 0:
+            low += least * x
+            high += most * x
+        elif x:
+            low += most * x
+            high += least * x
     return low >> SHIFT, -(-high >> SHIFT)
 
 
@@ -207,10 +228,11 @@ def hull(points: Sequence[Node]) -> list[Node]:
     for way in (ordered, ordered[::-1]):
         chain: list[Node] = []
         for p in way:
-            while len(chain) > 1 and (
-                (chain[-1][0] - chain[-2][0]) * (p[1] - chain[-2][1])
-                <= (chain[-1][1] - chain[-2][1]) * (p[0] - chain[-2][0])
-            ):
+            x, y = p
+            while len(chain) > 1:
+                (x0, y0), (x1, y1) = chain[-2], chain[-1]
+                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
+                    break
                 chain.pop()
             chain.append(p)
         chains.append(chain[:-1])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import Context, localcontext
+from decimal import ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import saturated_motion as swing
+from slipctl.certify import smtlib
 from slipctl.certify.entries import DoesNotHold, mapping
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
@@ -90,6 +91,31 @@ def _free(n: Numbers) -> Sequence[Side]:
         sides.append(Side("M k1 k3 start <= force to spare",
                           n["M"] * n["k1"] * n["k3"] * n["start"], _spare(n)))  # fmt: skip
     return sides
+
+
+def _free_step(n: Numbers, entry: Entries) -> str | None:
+    """Nothing saturates in the set |e1| <= start, |y| <= k1 k3 start, which is not left.
+
+    y = k1 k3 e1 + (k1 + k3) e2 is what the command has beside the need, over M: e1' = e2, e2' = -y.
+    """
+    start = n.get("start", _free_start(n))
+    if not start:
+        return None
+    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    p, s = n["k1"] * n["k3"], n["k1"] + n["k3"]
+    most = p * start
+    y = plus(times(p, "x"), times(s, "v"))
+    facts = [*smtlib.between(-start, "x", start), *smtlib.between(-most, y, most)]
+    rate = plus(times(p, "v"), times(-s, y))
+    claim = term(
+        "and",
+        term("<=", times(n["M"], y), _spare(n)), term("<=", -_spare(n), times(n["M"], y)),
+        term("=>", term("=", "x", start), term("<=", "v", 0)),
+        term("=>", term("=", "x", -start), term("<=", 0, "v")),
+        term("=>", term("=", y, most), term("<", rate, 0)),
+        term("=>", term("=", y, -most), term("<", 0, rate)),
+    )  # fmt: skip
+    return smtlib.problem(("x", "v"), facts, claim)
 
 
 # ---- the swing ----------------------------------------------------------------------------------
@@ -185,19 +211,10 @@ def _claim(n: Numbers, entry: Entries) -> str:
     told = ZERO.format(F_low=spelled(n["F_low"], "N"), F_high=spelled(n["F_high"], "N"))
     if n["F_high"] == n["F_low"] or _spare(n) <= 0:
         return told
-    down = float(_free_start(n))
-    if Fraction(down) > _free_start(n):
-        from math import nextafter
-
-        down = nextafter(down, 0.0)
-    return f"{told}, if |e1| <= {spelled(_cut(down), 'm')} at the start"
-
-
-def _cut(x: float) -> float:
-    """Ten digits at most, rounded down."""
-    from decimal import ROUND_FLOOR, Decimal
-
-    return float(Context(prec=10, rounding=ROUND_FLOOR).plus(Decimal(x)))
+    down = Context(prec=10, rounding=ROUND_FLOOR).divide(
+        *(Decimal(x) for x in Fraction(_free_start(n)).as_integer_ratio())
+    )
+    return f"{told}, if |e1| <= {spelled(down, 'm')} at the start"
 
 
 def _witness(n: Numbers) -> Witness:
@@ -255,7 +272,8 @@ SATURATION = register(System(
                                refutes="the constant need that is out of reach"),
         "constant": Criterion("the need does not vary", _constant, EXACT, proves=_BOTH,
                               covers=_NEED),
-        "free": Criterion("nothing saturates", _free, SUFFICIENT, proves=_BOTH, covers=_NEED),
+        "free": Criterion("nothing saturates", _free, SUFFICIENT, proves=_BOTH, covers=_NEED,
+                          step=_free_step),
         "ladder": Criterion("against the worst need each swing is smaller than the one before",
                             _ladder, EXACT, ("largest_start",), ("start",), proves=("dies_out",),
                             covers=_NEED, evidence=Evidence(_find, _check)),

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import extremum as bounds
-from slipctl.certify import sliding
+from slipctl.certify import sliding, smtlib
 from slipctl.certify.entries import DoesNotHold, rational, whole
 from slipctl.certify.registry import register
 from slipctl.certify.seal import opened, sealed
@@ -66,6 +66,28 @@ def _stays(n: Numbers) -> list[Side]:
 
 def _climbs(n: Numbers) -> Sequence[Side]:
     return [*_slides(n), *_stays(n)]
+
+
+def _climbs_step(n: Numbers, entry: Entries) -> str:
+    """No plane is met but the one that is slid on, for every slope, in the ticks that are late.
+
+    d is mu(v) - g at the tick before a turn is heard, t how many ticks of it have passed.
+    """
+    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    p = _seeker(n)
+    heard = sliding.heard(p, n["slope"])
+    facts = [*smtlib.between(_least(n), "m", n["slope"]),
+             *smtlib.between(Fraction(0), "t", Fraction(p.late + 1))]  # fmt: skip
+    climb = times(p.k * p.T, "m")
+    down = plus("d", times(-1, "t", plus(climb, p.rho * p.T)))
+    up = plus("d", times("t", plus(climb, -p.rho * p.T)))
+    claim = term(
+        "and",
+        term("<", p.rho * p.T, climb),
+        term("=>", term("<=", p.beta - heard, "d"), term("<=", heard, down)),
+        term("=>", term("<=", "d", p.beta + heard), term("<=", up, 2 * p.beta - heard)),
+    )
+    return smtlib.problem(("m", "t", "d"), facts, claim)
 
 
 def _hears(n: Numbers) -> Sequence[Side]:
@@ -285,7 +307,7 @@ SLIDING_SEEK = register(System(
     {
         "climbs": Criterion("a sliding mode exists and no tick leaves its plane", _climbs,
                             margins=("largest_T", "largest_rho", "smallest_beta"),
-                            proves=("climbs",), covers=("T", *HEARD)),
+                            proves=("climbs",), covers=("T", *HEARD), step=_climbs_step),
         "sliding": Criterion("continuous: a sliding mode exists at the least slope", _slides, EXACT,
                              ("largest_rho", "smallest_k", "smallest_slope")),
         "hears": Criterion("two ticks fit into a cell (a rule)", _hears,

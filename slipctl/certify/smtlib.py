@@ -37,6 +37,11 @@ def times(*parts: Any) -> str:
     return term("*", *parts)
 
 
+def between(low: Fraction, x: str, high: Fraction) -> list[str]:
+    """Both ends of an interval as terms."""
+    return [term("<=", low, x), term("<=", x, high)]
+
+
 def problem(variables: Iterable[str], facts: Sequence[str], negated: str) -> str:
     """Problem that is ``unsat`` where the facts imply what is negated.
 
@@ -79,14 +84,19 @@ def shrinks(
 
 
 def steps(system: System, payload: Mapping[str, Any]) -> dict[str, str]:
-    """Problems of a certificate by the name of the criterion, of those that are polynomial."""
+    """Problems of a certificate by the name of the criterion, of those that are polynomial.
+
+    Where a step is made of several, each is one problem, numbered.
+    """
     numbers = {k: Fraction(v["value"]) for k, v in payload["asked"].items()}
     found = {}
     for name, entry in payload.get("proofs", {}).items():
         step = system.criteria[name].step
-        text = step(numbers, entry) if step else None
-        if text:
-            found[name] = text
+        texts = step(numbers, entry) if step else None
+        if isinstance(texts, str):
+            found[name] = texts
+        for number, text in enumerate([] if isinstance(texts, str) else texts or [], 1):
+            found[f"{name} {number}"] = text
     return found
 
 

@@ -57,7 +57,7 @@ def certify(
         path = Path(out)
         if path.is_dir():
             raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
-        store.check_folder(path.parent)
+        store.check_file(path)
         payload = proofs.write(chosen, numbers)
         store.write_text(path, store.json_text(payload))
         problems = smtlib.steps(chosen, payload)

@@ -22,7 +22,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput(f"{target} must end in .py to be used as {target}.py:block")
     if not target.parent.is_dir():
         raise BadInput(f"there is no folder {target.parent}; make it first")
-    store.check_folder(target.parent)
+    store.check_file(target)
     store.write_text(target, source)
     print(f"{target}: the model {module}, yours to edit")
     print(f"  slipctl show {target}:{block}")

@@ -1,25 +1,38 @@
 """Figures: one style, units on each axis, the same colour for the same loop in every study.
 
-The only place that imports matplotlib. A study's figures are made of these helpers: ``traces`` of
-logged signals, ``lines`` and ``bars`` of anything, ``laws`` of an adhesion law.
+With ``looks`` the only place that imports matplotlib, when something is drawn. A study's figures
+are made of these helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything,
+``laws`` of an adhesion law.
 """
 
 from __future__ import annotations
 
-import hashlib
 import io
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from cycler import cycler
-from matplotlib.figure import Figure
 
+from slipctl.draw.looks import (
+    BLACK,
+    COLOURS,
+    DASHES,
+    GREY,
+    ORANGE,
+    PALETTE,
+    RAILS,
+    STYLE,
+    colour,
+    covered,
+    dash,
+    label,
+    legends_aside,
+    panels,
+    style,
+)
+from slipctl.draw.looks import pretty as pretty  # for whoever writes units
 from slipctl.errors import BadInput, nearest
 from slipctl.run import store
 from slipctl.run.metrics import worst
@@ -27,116 +40,10 @@ from slipctl.run.results import NotRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from slipctl.block.block import Block
     from slipctl.run.results import Results
-
-BLACK, BLUE, ORANGE, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-PURPLE, SKY, AMBER, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F"
-PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
-"""Colours that a colour-blind reader tells apart (after Okabe and Ito)."""
-
-COLOURS = {
-    "ideal": BLACK,
-    "smc": ORANGE,
-    "sta": BLUE,
-    "sta_online": GREEN,
-    "pid": AMBER,
-    "hosm": BLUE,
-    "asmc": PURPLE,
-    "mpc": GREEN,
-    "robust": SKY,
-    "fixed": PURPLE,
-    "eppfc": BLUE,
-    "efc": ORANGE,
-    "nmpc": GREEN,
-    "smes": ORANGE,
-    "improved": BLUE,
-    "esa": GREEN,
-}
-"""Loops whose colour is fixed; any other name gets one of the palette by its letters."""
-
-RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED"}
-"""Shades of the bands behind a trace; any other condition stays white."""
-
-STYLE: Any = {
-    "figure.dpi": 100,
-    "savefig.dpi": 160,
-    "figure.constrained_layout.use": True,
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.prop_cycle": cycler(color=PALETTE),
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.3,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "svg.hashsalt": "slipctl",
-    "svg.fonttype": "path",
-    "path.simplify": True,
-}
-
-WIDTH, HEIGHT = 7.0, 1.9
-"""Size in inches of a figure and of one of its panels."""
-
-
-def colour(name: str) -> str:
-    """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
-    stem = re.sub(
-        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
-    )
-    for known in (name, stem):
-        if known in COLOURS:
-            return COLOURS[known]
-    return PALETTE[int(hashlib.sha256(stem.encode()).hexdigest(), 16) % len(PALETTE)]
-
-
-def dash(name: str, beside: Sequence[str] = ()) -> Any:
-    """Line of a loop: dotted for the bound, dashed where another one beside it has its colour."""
-    if name == "ideal":
-        return (0, (1, 1))
-    same = [n for n in beside if colour(n) == colour(name)]
-    return (0, (4, 1.5)) if name in same[1:] else "-"
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the one style."""
-    with matplotlib.rc_context(STYLE):
-        yield
-
-
-def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options: Any) -> Any:
-    """New figure with panels in the one style.
-
-    Returns:
-        The figure and its axes, an array of rows by columns.
-    """
-    with style():
-        size = (WIDTH, height * rows + 0.4)
-        fig = Figure(figsize=size)
-        return fig, fig.subplots(rows, columns, squeeze=False, **options)
-
-
-def label(what: str, unit: str) -> str:
-    """Label of an axis: what it is and its unit."""
-    return f"{what} [{pretty(unit)}]" if unit not in ("", "1") else what
-
-
-def pretty(unit: str) -> str:
-    """Unit as a reader expects it: ``m/s^2`` as m/s²."""
-    raised = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-    text = re.sub(r"\^(-?\d+)(?![.\d])", lambda m: m[1].translate(raised), unit)
-    text = re.sub(r"(?<=[a-zA-Z])([234])\b", lambda m: m[1].translate(raised), text)
-    return text.replace("*", "·")
 
 
 def traces(
@@ -185,12 +92,17 @@ def traces(
                 known = [str(n) for log in logs.values() for n in log]
                 raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
             behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
-            for loop in rough:
-                name = _name(results, logs[loop], first)
-                line = _trace(
-                    axis, logs[loop], str(name), span, color=colour(loop), ls=dash(loop, chosen),
+            drawn: list[tuple[Any, Any]] = []
+            for loop in behind:
+                curve = _points(logs[loop], str(_name(results, logs[loop], first)), span)
+                dashes = dash(loop, chosen)
+                if dashes == "-":
+                    dashes = DASHES[min(covered(curve, drawn), len(DASHES) - 1)]
+                drawn.append(curve)
+                line = axis.plot(
+                    *envelope(*curve), color=colour(loop), ls=dashes,
                     zorder=2 + 0.01 * behind.index(loop),
-                )  # fmt: skip
+                )[0]  # fmt: skip
                 entries.setdefault((names or {}).get(loop, loop), line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
@@ -204,7 +116,10 @@ def traces(
             bands(axis, results, scenario, title=axis is axes[0, 0])
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
-            loops_first = sorted(entries, key=lambda n: entries[n].get_color() == GREY)
+            order = [(names or {}).get(loop, loop) for loop in chosen]
+            loops_first = sorted(
+                entries, key=lambda n: order.index(n) if n in order else len(order)
+            )
             fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
                        loc="outside upper center")  # fmt: skip
     return fig
@@ -226,7 +141,10 @@ def _references(
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        line = _trace(axis, logs[loop], name, span, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3)
+        line = axis.plot(
+            *envelope(*_points(logs[loop], name, span)), color=GREY, ls=(0, (4, 2)), lw=0.9,
+            zorder=3,
+        )[0]  # fmt: skip
         entries.setdefault(_meaning(logs[loop][name], name), line)
 
 
@@ -243,17 +161,41 @@ def _name(results: Results, log: Any, wanted: str) -> str | None:
     return None
 
 
-def _trace(
-    axis: Axes, log: Any, name: str, span: tuple[float, float] | None, **options: Any
-) -> Any:
+def _points(log: Any, name: str, span: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and values of a signal, of the worst axle, in the unit in which it is drawn."""
     t, y = log["time"].values, np.asarray(log[name].values)
     if y.ndim > 1:
         y = worst(y.reshape(len(t), -1))
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
-    y = scaled(str(log[name].attrs.get("units", "1")))[0] * y
-    return axis.plot(*envelope(t, y), **options)[0]
+    return t, scaled(str(log[name].attrs.get("units", "1")))[0] * y
+
+
+def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
+    """Speed of the vehicle and of its rim over time, a panel for each loop.
+
+    The rim of a vehicle with several axles is that of the axle which slips most.
+    """
+    logs = {loop: results.log(scenario, loop) for loop in loops}
+    fig, axes = panels(len(loops), height=1.5, sharex=True)
+    roles = results.study.signals
+    with style():
+        for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
+            t, v = _points(log, roles.find("speed", log), None)
+            slip = roles.find("slip", log)
+            s = _points(log, slip, None)[1]
+            s = -s if log[slip].attrs.get("positive") == "traction" else s
+            rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
+            axis.plot(*envelope(t, rim), color=colour(loop), label=f"rim, {loop}")
+            axis.plot(*envelope(t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
+            axis.set_ylabel(label("speed", "m/s"))
+            axis.set_xlim(t[0], t[-1])
+            bands(axis, results, scenario, title=axis is axes[0, 0])
+        axes[-1, 0].set_xlabel("time [s]")
+        for axis in axes[:, 0]:
+            axis.legend()
+    return fig
 
 
 def scaled(unit: str) -> tuple[float, str]:
@@ -287,7 +229,8 @@ def chatter(
         signals: times and values of each, by the loop's name.
         y: what it is, and its unit.
         title: above the panel.
-        columns: parts of the time of which each mean and range is.
+        columns: parts of the time of which each mean and range is; the mean of a ripple is even
+            where each part is whole periods of it.
     """
     with style():
         for name, (t, values) in signals.items():
@@ -303,10 +246,11 @@ def chatter(
 def _chatter(axis: Axes, t: np.ndarray, y: np.ndarray, name: str, columns: int) -> None:
     edges = np.linspace(0, len(t), columns + 1).astype(int)[:-1]
     low, high = np.minimum.reduceat(y, edges), np.maximum.reduceat(y, edges)
-    mean = np.add.reduceat(y, edges) / np.diff([*edges, len(y)])
+    many = np.diff([*edges, len(y)])
+    mean, middle = np.add.reduceat(y, edges) / many, np.add.reduceat(t, edges) / many
     hue = colour(name)
-    axis.fill_between(t[edges], low, high, color=hue, alpha=0.25, lw=0, zorder=1.5)
-    axis.plot(t[edges], mean, color=hue, label=name)
+    axis.fill_between(middle, low, high, color=hue, alpha=0.25, lw=0, zorder=1.5)
+    axis.plot(middle, mean, color=hue, label=name)
 
 
 def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:
@@ -366,10 +310,15 @@ def lines(
     assert axis is not None
     with style():
         hues = _hues(list(curves))
+        drawn: list[tuple[Any, Any]] = []
         for name, (xs, ys) in curves.items():
+            dashes = _line(name, hues)
             if not points and len(np.atleast_1d(xs)) > 1:
+                if dashes == "-" and "y" not in log:
+                    dashes = DASHES[min(covered((xs, ys), drawn), len(DASHES) - 1)]
+                drawn.append((xs, ys))
                 xs, ys = envelope(np.asarray(xs), np.asarray(ys))
-            axis.plot(xs, ys, color=hues[name], ls=_line(name, hues), label=name,
+            axis.plot(xs, ys, color=hues[name], ls=dashes, label=name,
                       marker="o" if points else None, ms=3)  # fmt: skip
         for name, (px, py) in (marks or {}).items():
             axis.plot([px], [py], "o", color=hues.get(name, BLACK), ms=5, zorder=5)
@@ -556,21 +505,38 @@ def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
 # ---- files --------------------------------------------------------------------------------------
 
 
+def load() -> None:
+    """Import what drawing needs, ahead of the first figure."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def svg_text(fig: Figure, stamp: str = "") -> str:
     """Figure as SVG, the same text every time."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    legends_aside(fig)
     with style():
         buffer = io.StringIO()
-        # matplotlib takes the salt of ids from the settings in force now
-        fig.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "slipctl",
-                                                    "Description": stamp or None})  # fmt: skip
+        # matplotlib takes the salt of ids from the settings in force now; what prints lays out too,
+        # where savefig draws twice
+        fig.set_dpi(STYLE["savefig.dpi"])
+        FigureCanvasSVG(fig).print_svg(
+            buffer, metadata={"Date": None, "Creator": "slipctl", "Description": stamp or None}
+        )
     return buffer.getvalue()
 
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     with style():
         buffer = io.BytesIO()
-        fig.savefig(buffer, format="png", metadata={"Software": "slipctl", "Description": stamp})
+        fig.set_dpi(STYLE["savefig.dpi"])
+        metadata = {"Software": "slipctl", "Description": stamp}
+        FigureCanvasAgg(fig).print_png(buffer, metadata=metadata)
     return buffer.getvalue()
 
 

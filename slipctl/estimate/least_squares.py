@@ -162,7 +162,11 @@ def _printed_16(model: Model, period: float) -> Block:
         P = (P - g @ (h.T @ P)) / lam  # (15)
         return {"theta": beta, "P": P}, model.results(beta, P, predicted, e, 0)
 
-    states = [State("1", 0.0, "beta, started at 0 as printed", shape=(n,)).named("theta")]
+    beta_0 = State(
+        "1", 0.0, "beta, started at 0 as printed", shape=(n,), deviation="1",
+        truth=model.coordinates,
+    )  # fmt: skip
+    states = [beta_0.named("theta")]
     return make_block(
         "rls", "step", body, states=[*states, covariance_state(n)], inputs=model.inputs(),
         params=[

@@ -136,7 +136,10 @@ class Model:
 def theta_state(model: Model) -> Signal:
     """State: the coordinates."""
     names = ", ".join(model.coordinates)
-    return State("1", model.guess, f"coordinates {names}", shape=(model.n,)).named("theta")
+    return State(
+        "1", model.guess, f"coordinates {names}", shape=(model.n,), deviation="spread",
+        truth=model.coordinates,
+    ).named("theta")  # fmt: skip
 
 
 def covariance_state(n: int) -> Signal:

@@ -222,7 +222,7 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
         text = generator.dump()
         if "#error" in text:
             raise RuntimeError("CasADi cannot generate C for it")
-        source.write_text(text + _ROLL.replace("FUNCTION", f.name()))
+        source.write_text(text + _ROLL.replace("FUNCTION", f.name()), encoding="utf-8")
         built, seal = Path(scratch) / "roll.so", Path(scratch) / "roll.sum"
         command = [cc, *flags, "-w", "-fPIC", "-shared", str(source), "-o", str(built), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from slipctl.errors import BadInput, check_kinds, nearest
 
 if TYPE_CHECKING:
-    import numpy as np
     import xarray
 
     from slipctl.block.block import Block
@@ -35,6 +36,56 @@ class Known:
         check_kinds("Known", Known, vars(self))
 
 
+class Loops(Mapping[str, "Block"]):
+    """Loops by name, each made when it is first asked for: many scenarios are named, few run.
+
+    Args:
+        made: function without arguments that makes the loop, by name.
+    """
+
+    def __init__(self, made: Mapping[str, Callable[[], Block]]) -> None:
+        self._make = dict(made)
+        self._made: dict[str, Block] = {}
+
+    def __getitem__(self, name: str) -> Block:
+        if name not in self._made:
+            self._made[name] = self._make[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._make)
+
+    def __len__(self) -> int:
+        return len(self._make)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._make
+
+    def __or__(self, other: Mapping[str, Block]) -> Loops:
+        """Loops of both, those of the other where both have the name."""
+        return Loops({n: _getter(m, n) for m in (self, other) for n in m})
+
+    def __ror__(self, other: Mapping[str, Block]) -> Loops:
+        return Loops({n: _getter(m, n) for m in (other, self) for n in m})
+
+    def only(self, *names: str) -> Loops:
+        """These loops alone."""
+        return Loops({n: _getter(self, n) for n in names})
+
+    def each(self, change: Callable[[Block], Block]) -> Loops:
+        """The same loops, each changed."""
+
+        def changed(name: str) -> Callable[[], Block]:
+            return lambda: change(self[name])
+
+        return Loops({n: changed(n) for n in self})
+
+
+def _getter(loops: Mapping[str, Block], name: str) -> Callable[[], Block]:
+    """What gives a loop when it is called."""
+    return lambda: loops[name]
+
+
 @dataclass(frozen=True)
 class Case:
     """A scenario with the loops that run in it.
@@ -42,6 +93,7 @@ class Case:
     Args:
         scenario: what happens.
         loops: step blocks by name; ``ideal`` is the bound that the others are measured against.
+            :class:`Loops` makes each when it is first asked for.
         known: further quantities for the log, ``{"rail.best_slip": Known("m/s", [1.2, 1.8])}``.
         log: names to keep in the logs, of those that a loop has; None keeps every scalar signal.
         every: ticks from one row of the logs to the next; metrics see the rows.
@@ -135,6 +187,33 @@ class Results:
     def part(self, path: str) -> Block:
         """Part that every loop has, such as ``"plant.adh"``, of the first one."""
         return next(iter(self.cases[0].loops.values()))[path]
+
+    def loop(self, scenario: str, loop: str) -> Block:
+        """A loop as it ran, with its parameters.
+
+        Raises:
+            NotRun: it was left out, or left to ``--full``.
+        """
+        key = f"{scenario}/{loop}"
+        self.asked.add(key)
+        for case in self.cases:
+            if case.scenario.name == scenario and loop in case.loops:
+                return case.loops[loop]
+        if scenario in self.left:
+            raise LeftToFull
+        raise NotRun(f"{key} was not run")
+
+    def number(self, scenario: str, loop: str, path: str) -> float:
+        """Parameter of a loop as it ran, such as ``"ctl.law.k1"``; of many axles the first one's.
+
+        Raises:
+            NotRun: the loop was left out, or left to ``--full``.
+            BadInput: it has no such parameter.
+        """
+        values = self.loop(scenario, loop).values_by_place()
+        if path not in values:
+            raise BadInput(f"{loop} has no parameter {path!r}{nearest(path, values)}")
+        return float(np.ravel(values[path])[0])
 
     def log(self, scenario: str, loop: str) -> xarray.Dataset:
         """Log of a loop in a scenario.

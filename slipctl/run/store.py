@@ -25,12 +25,30 @@ PART = ".slipctl."
 """How the name of a file begins that is not whole yet."""
 
 
+DEVICES = {"con", "prn", "aux", "nul", *(f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10))}
+"""Names that Windows keeps for devices, also with an ending: ``nul.json`` is no file there."""
+
+
+def check_names(path: Path) -> None:
+    """Refuse a path that a colleague's Windows cannot read, on every system.
+
+    Raises:
+        BadInput: a part of it is the name of a device.
+    """
+    for name in path.parts:
+        if name.partition(".")[0].rstrip(" ").lower() in DEVICES:
+            raise BadInput(
+                f"cannot write {path}: {name} is a device on Windows; choose another name"
+            )
+
+
 def check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written, without making it.
 
     Raises:
         BadInput: it is a file, lies below a file, has a name that cannot be, or may not be written.
     """
+    check_names(folder)
     try:
         str(folder).encode()
     except UnicodeEncodeError:
@@ -75,6 +93,7 @@ def check_file(file: Path) -> None:
     Raises:
         BadInput: it is a folder, or its folder cannot be written.
     """
+    check_names(file)
     if file.is_dir():
         raise BadInput(f"cannot write {file}: it is a folder; --out names a file")
     check_folder(file.parent)

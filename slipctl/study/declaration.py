@@ -171,6 +171,9 @@ class Context:
 Reason = str | Callable[[Results], str]
 """Words, or a function that reads them off what was run."""
 
+CLOSE, CLOSE_ORDER = 0.1, 0.01
+"""Share of a tolerance, and of two numbers in order, within which a verdict is called close."""
+
 REPRODUCED, FAILED, OPEN = "reproduced", "not reproduced", "not checkable"
 KINDS = ("number", "order", "yes/no")
 
@@ -444,7 +447,15 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
             )
         off = ours - paper
         share = f" ({percent(off / paper)})" if paper and claim.unit != "%" else ""
-        return abs(off) <= allowed, f"off by {off:+.3g}{_unit(claim)}{share}, allowed {allowed:.2g}"
+        text = f"off by {off:+.3g}{_unit(claim)}{share}, allowed {allowed:.2g}"
+        room = allowed - abs(off)
+        if abs(room) <= CLOSE * allowed:
+            text += (
+                f": close, {abs(room):.2g}{_unit(claim)} {'more' if room >= 0 else 'less'} turns"
+            )
+            text += " the verdict"
+        return room >= 0, text
+    near: list[str] = []
     names = re.split(r"\s*([<>])\s*", str(claim.paper))
     for left, sign, right in zip(names[0::2], names[1::2], names[2::2], strict=False):
         for name in (left, right):
@@ -454,9 +465,16 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
                 return False, f"{name} has no value"
         high, low = (left, right) if sign == ">" else (right, left)
         slack = allowed * abs(ours[high]) if isinstance(claim.tolerance, str) else allowed
-        if not ours[high] > ours[low] + slack:
-            return False, f"{high} is not above {low}"
-    return True, ""
+        ahead = ours[high] - ours[low] - slack
+        if not ahead > 0 and ours[high] == ours[low]:
+            return False, f"{high} and {low} tie"
+        share = ahead / max(abs(ours[high]), abs(ours[low]), 1e-300)
+        hair = f"close, {abs(ahead):.2g}{_unit(claim)} ({abs(100 * share):.2g} %) turns the verdict"
+        close = abs(share) <= CLOSE_ORDER
+        if not ahead > 0:
+            return False, f"{high} is not above {low}" + (f": {hair}" if close else "")
+        near += [f"{high} above {low}: {hair}"] if close else []
+    return True, "; ".join(near)
 
 
 def percent(share: float) -> str:

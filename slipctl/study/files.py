@@ -181,8 +181,10 @@ def save_pages(
 
     A figure that asks for what was not run is left out; one that breaks is noted as failed.
     """
+    from slipctl.draw import plots
     from slipctl.study import report
 
+    plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
     parts = report.constant(results)

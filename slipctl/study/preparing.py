@@ -5,16 +5,23 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.run import store
+from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
-from slipctl.run.simulation import rail_values, simulate
+from slipctl.run.simulation import begun, rail_values, simulate
+from slipctl.run.starting import told_starts
 from slipctl.study.declaration import Study
 from slipctl.study.doors import blame, find_block, load_block, load_file
+
+if TYPE_CHECKING:
+    import xarray
 
 log = logging.getLogger("slipctl")
 
@@ -127,14 +134,24 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
-                said |= dict.fromkeys(told_apart(loop))
-                _try(case, name, loop)
+                store.check_names(Path(case.scenario.name, name))
+                said |= dict.fromkeys(told(loop, case.scenario, _try(case, name, loop)))
                 study.check(name, loop, case.scenario)
         for line in said:
             log.warning("%s", line)
     except Exception as error:
         blame(error)
     return cases, models
+
+
+def told(loop: Block, scenario: Scenario, log: xarray.Dataset | None = None) -> list[str]:
+    """What a run says of its numbers: places set apart, estimators that begin far off.
+
+    Args:
+        loop, scenario: the run.
+        log: its log, or the beginning of it, if there is one.
+    """
+    return [*told_apart(begun(loop, scenario)), *told_starts(loop, scenario, log)]
 
 
 def _select(
@@ -150,7 +167,7 @@ def _select(
             raise BadInput(f"{study.name} has no loop {name!r}{nearest(name, names)}")
     kept = [c for c in cases if not scenarios or c.scenario.name in scenarios]
     if loops:
-        kept = [replace(c, loops={n: b for n, b in c.loops.items() if n in loops}) for c in kept]
+        kept = [replace(c, loops={n: c.loops[n] for n in c.loops if n in loops}) for c in kept]
     kept = [c for c in kept if c.loops]
     if not kept:
         raise BadInput(f"{study.name} has no loop {' or '.join(loops)} in {' or '.join(scenarios)}")
@@ -164,7 +181,7 @@ def _plain(study: Study, cases: list[Case], also: Mapping[str, Sequence[str]]) -
     kept = []
     for case in cases:
         name = case.scenario.name
-        few = {n: b for n, b in case.loops.items() if n in also.get(name, ())}
+        few = {n: case.loops[n] for n in case.loops if n in also.get(name, ())}
         if name in study.plain or few:
             kept.append(case if name in study.plain else replace(case, loops=few))
     return kept
@@ -249,17 +266,17 @@ def _with(loop: Block, names: Sequence[str], s: Setting) -> Block:
     return loop.with_params(**values)
 
 
-def _try(case: Case, name: str, loop: Block) -> None:
-    """Run one tick: whatever is missing, unknown or out of range shows."""
+def _try(case: Case, name: str, loop: Block) -> xarray.Dataset | None:
+    """Run one tick: whatever is missing, unknown or out of range shows; None where it breaks."""
     scenario = case.scenario
     if loop.period is not None and round(scenario.duration / loop.period) > 1:
         scenario = scenario.but(duration=loop.period)
     try:
-        simulate(loop, scenario, compile=False)
+        first = simulate(loop, scenario, compile=False)
     except BadInput as error:
         raise BadInput(f"{case.scenario.name}/{name}: {error}") from None
     except RunFailed:
-        return  # the run itself will say so, with what else there is to see
+        return None  # the run itself will say so, with what else there is to see
     sections = 1 if case.scenario.rail is None else len(case.scenario.rail.sections)
     for key, known in case.known.items():
         if isinstance(known.values, Sequence) and len(known.values) != sections:
@@ -267,3 +284,4 @@ def _try(case: Case, name: str, loop: Block) -> None:
                 f"{case.scenario.name}: {key} has {len(known.values)} values for {sections}"
                 f" rail sections"
             )
+    return first

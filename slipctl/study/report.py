@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
-from slipctl.block.sharing import told_apart
 from slipctl.draw import mathml
 from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
+from slipctl.study.preparing import told
 from slipctl.study.provenance import provenance
 from slipctl.study.texts import (
     answers,
@@ -409,9 +409,26 @@ def _parameters(results: Results) -> str:
             text += " (the rail sets it)"
         rows.append([name, text, "" if s.unit == "1" else pretty(s.unit), s.doc, s.source])
     main = table(["Parameter", "Value", "Unit", "Meaning", "Source"], rows)
-    told = [(n, line) for n, loop in loops.items() for line in told_apart(loop)]
-    apart = "".join(f"<p>{escape(n)}: {escape(line)}.</p>" for n, line in told)
-    return main + apart + _conditions(results, loops)
+    return main + _apart(results) + _conditions(results, loops)
+
+
+def _apart(results: Results) -> str:
+    """What was set apart and what begins far off, each line with the runs that it is about."""
+    by_line: dict[str, dict[str, list[str]]] = {}
+    for case in results.cases:
+        for name, loop in case.loops.items():
+            log = results.data.get(case.scenario.name, {}).get(name)
+            for line in told(loop, case.scenario, log):
+                runs = by_line.setdefault(line, {})
+                runs.setdefault(case.scenario.name, []).append(name)
+    rows = [
+        (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
+        for line, runs in by_line.items()
+    ]
+    return "".join(
+        f'<p>{escape(line)}.<br><span class="soft">{escape(where)}</span></p>'
+        for line, where in rows
+    )
 
 
 def _alike(value: Any) -> Any:

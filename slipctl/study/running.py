@@ -85,6 +85,7 @@ def run(
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
     try:
         for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
+            _load(study)
             with noted(results, what):
                 found = outcome.get()
                 if what in runs:
@@ -101,6 +102,14 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
+
+
+def _load(study: Study) -> None:
+    """Import what the figures need, while other processes compute."""
+    if study.figures:
+        from slipctl.draw import plots
+
+        plots.load()
 
 
 @contextmanager

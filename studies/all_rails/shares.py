@@ -6,30 +6,38 @@ from typing import Any
 
 from slipctl import Block
 from slipctl.models.freight_traction import TRAIN
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
 
-SUBWAY_SHARES = SHARED | {
-    "m_axle = m": "force.m_axle",
-    "v_start": "plant.wheel.v",
-    "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
-    "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
-    "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
-    "v_s_start = v_start - r * omega_start": "meter.v_s_start",
-}
-HST_SHARES = SHARED | {
-    "m": ["plant.m", "meter.m"],
-    "n": "*.n",
-    "m_wheel = m / n": "fall.m",
-    "theta": "plant.brake.theta",
-    "P_max": "plant.brake.P_max",
-    "v_0": ["plant.wheel.v_0", "fusion.v_0"],
-    "v_start": ["plant.wheel.v", "fusion.v_h"],
-    "omega_start": ["plant.wheel.omega", "meter.omega_start"],
-    "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "meter.lam_start",
-    "P_c_start": "plant.brake.P_c",
-    "T_b_start = theta * P_c_start": "meter.T_b_start",
-}
-FREIGHT_SHARES = SHARED | TRAIN | {
+SUBWAY_SHARES = (
+    SHARED
+    | GRADIENT
+    | {
+        "m_axle = m": "force.m_axle",
+        "v_start": "plant.wheel.v",
+        "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
+        "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
+        "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
+        "v_s_start = v_start - r * omega_start": "meter.v_s_start",
+    }
+)
+HST_SHARES = (
+    SHARED
+    | GRADIENT
+    | {
+        "m": ["plant.m", "meter.m"],
+        "n": "*.n",
+        "m_wheel = m / n": "fall.m",
+        "theta": "plant.brake.theta",
+        "P_max": "plant.brake.P_max",
+        "v_0": ["plant.wheel.v_0", "fusion.v_0"],
+        "v_start": ["plant.wheel.v", "fusion.v_h"],
+        "omega_start": ["plant.wheel.omega", "meter.omega_start"],
+        "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "meter.lam_start",
+        "P_c_start": "plant.brake.P_c",
+        "T_b_start = theta * P_c_start": "meter.T_b_start",
+    }
+)
+FREIGHT_SHARES = SHARED | TRAIN | GRADIENT | {
     "m": ["plant.m", "resistance.m", "mirrored.m"],
     "J": ["plant.J", "observer.J"],
     "m_wheel = m / n_d": "fall.m",
@@ -46,7 +54,11 @@ def shares(world: Block, control_law: Block) -> dict[str, Any]:
     has = world.params
     found: dict[str, Any] = {n: f"*.{n}" for n in ("r", "g", "tau")}
     found["T"] = ["*.T", "*.T_s"]
-    found |= {n: f"world.{n}" for n in ("m", "J", "n", "n_d", "R_g", "theta", "P_max") if n in has}
+    found |= {
+        n: f"world.{n}"
+        for n in ("m", "J", "n", "n_d", "R_g", "theta", "P_max", "slope")
+        if n in has
+    }
     for n in "mJ":  # of one wheel
         name = f"{n}_wheel" if f"{n}_wheel" in has else n
         found[name] = [f"world.{name}", *(["law." + n] if n in control_law.params else [])]
@@ -61,4 +73,23 @@ def shares(world: Block, control_law: Block) -> dict[str, Any]:
         found["m_axle"] = ["world.m_axle", "*.m_axle"]
     else:
         found["m_axle = m / n"] = "*.m_axle"
+    return found | _start(world, control_law)
+
+
+def _start(world: Block, control_law: Block) -> dict[str, Any]:
+    """Speeds at the start, and the slip for laws that hold one of the last tick."""
+    law, has = control_law.params, world.params
+    wheel = "omega_m_start" if "R_g" in has else "omega_start"
+    found: dict[str, Any] = {"v_start": "world.v_start", wheel: f"world.{wheel}"}
+    # a driven wheel is seen in the mirror
+    slip = "v_start - r * omega_start"
+    if "R_g" in has:
+        slip = "r * omega_m_start / R_g - v_start"
+    if "v_s_start" in has:
+        found["v_s_start"] = ["world.v_s_start", "*.v_s_start"]
+    elif "offset.v_s_start" in law:
+        found[f"v_s_start = {slip}"] = "*.v_s_start"
+    if "lam_start" in law:
+        found["v_min"] = "law.ratio.v_min"
+        found[f"lam_start = ({slip}) / fmax(fabs(v_start), v_min)"] = "law.lam_start"
     return found

@@ -167,13 +167,15 @@ def controllers(wanted: list[str]) -> Iterator[Controller]:
     for name in dict.fromkeys(w.partition(":")[0] for w in names):
         study = doors.load_study(name)
         cases = doors.build_cases(study)
+        short: list[Case] = []
         chosen = [w.partition(":")[2] for w in names if w.startswith(f"{name}:")]
         for loop_name in chosen or dict.fromkeys(n for case in cases for n in case.loops):
             loop, case = doors.pick_loop(study, cases, loop_name)
             if study.controller not in loop.parts:  # a bound has no controller
                 continue
             if _numbers(loop, study.controller, case) > LONG:
-                loop, case = doors.find_loop(study, loop_name, quick=True)
+                short = short or doors.build_cases(study, quick=True)
+                loop, case = doors.pick_loop(study, short, loop_name)
             yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
 
 

@@ -25,7 +25,7 @@ from slipctl import law as law_block
 from slipctl.models import freight_traction as freight
 from slipctl.models import freight_traction_control as control
 from slipctl.models.freight_traction import TRAIN
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.run.simulation import begun
 
 H = 2e-4
@@ -77,6 +77,7 @@ def best(law: Block, condition: str) -> tuple[float, float]:
 SHARES: dict[str, Any] = (
     SHARED
     | TRAIN
+    | GRADIENT
     | {
         "r": ["*plant.r", "*ctl.r"],
         **{n: [f"plant.res.{n}", f"*.resistance.{n}"] for n in ("a1", "a2", "a3", "v_0")},

@@ -132,9 +132,3 @@ def roughness(loop: str, change: float, seconds: float = 1.0) -> Answer:
         return float(np.abs(np.diff(share)).sum())
 
     return moved
-
-
-def number(r: Results, loop: str, name: str, scenario: str = "base") -> float:
-    """Parameter of a loop as it ran."""
-    case = next(c for c in r.cases if c.scenario.name == scenario)
-    return float(case.loops[loop].values_by_place()[name])

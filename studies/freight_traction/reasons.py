@@ -17,7 +17,6 @@ from slipctl.studies.freight_traction.measures import (
     ends,
     last,
     middle,
-    number,
     part,
     ripple,
 )
@@ -28,7 +27,7 @@ DRY = 1
 
 def dry(r: Results) -> dict[str, float]:
     """Parameters of the adhesion on dry rail, as the run had them."""
-    found = r.cases[0].loops["smes_robust"].conditions["dry"]
+    found = r.loop("base", "smes_robust").conditions["dry"]
     return {n.rpartition(".")[2]: float(v) for n, v in found.items()}
 
 
@@ -41,7 +40,7 @@ def regime(loop: str) -> Any:
     """Regime of a sliding-mode seeker on dry rail, by its parameters."""
 
     def told(r: Results) -> str:
-        k, rho = (number(r, loop, f"ctl.seek.{n}") for n in ("k", "rho"))
+        k, rho = (r.number("base", loop, f"ctl.seek.{n}") for n in ("k", "rho"))
         slope, curve = steepest(r), float(freight.peak_curvature(**dry(r)))
         name = extremum.regime(k, rho, slope)
         tau = extremum.time_constant(k, rho, curve)
@@ -57,7 +56,7 @@ def formula(loop: str) -> Any:
     """Ripple of the creep that a sliding-mode seeker has by its formula."""
 
     def told(r: Results) -> str:
-        k, rho, beta = (number(r, loop, f"ctl.seek.{n}") for n in ("k", "rho", "beta"))
+        k, rho, beta = (r.number("base", loop, f"ctl.seek.{n}") for n in ("k", "rho", "beta"))
         return f"by the formula k beta/rho the creep ripples by {k * beta / rho:.3g} m/s"
 
     return told
@@ -119,7 +118,7 @@ def pull_of_printed(r: Results) -> str:
     """What the printed shape can hold, and where it was left."""
     loop = "improved_corrected"
     most = barrier_bounds.largest_disturbance(
-        *(number(r, loop, f"ctl.barrier.{n}") for n in ("k", "k_s"))
+        *(r.number("base", loop, f"ctl.barrier.{n}") for n in ("k", "k_s"))
     )
     return (
         f"the pull of the printed shape is at most {most:.2g} m/s^2 and none at the barrier;"
@@ -133,7 +132,7 @@ def left_by(loop: str) -> Any:
     def told(r: Results) -> str:
         log = r.log("base", loop)
         e, t = np.asarray(log["ctl.barrier.e"].values), log["time"].values
-        k_a, k_s = (number(r, loop, f"ctl.barrier.{n}") for n in ("k_a", "k_s"))
+        k_a, k_s = (r.number("base", loop, f"ctl.barrier.{n}") for n in ("k_a", "k_s"))
         out = (e < -k_a) | (e > k_s)
         if not out.any():
             return "it is left between two rows of the log"

@@ -42,22 +42,34 @@ def adhesion_curves(r: Results) -> Any:
 
 def regimes(r: Results) -> Any:
     """The sliding mode in its two regimes: target left behind, creep tried."""
-    fig, axes = plots.panels(2, 2, height=2.1, sharex="col")
-    for column, (loop, upto, title) in enumerate(
-        (("smes_robust", 2.0, "rho/k = 1: averaged"), ("improved_robust", 5.0, "rho/k = 0.1"))
-    ):
+    fig, axes = plots.panels(2, 3, height=2.1, sharex="col")
+    parts = (
+        ("smes_robust", 0.0, 2.0, "rho/k = 1: averaged"),
+        ("improved_robust", 0.0, 5.0, "rho/k = 0.1"),
+        ("improved_robust", 1.0, 1.2, "close up"),
+    )
+    for column, (loop, start, upto, title) in enumerate(parts):
         log = r.log("base", loop)
         t = log["time"].values
-        k = t <= upto
+        k = (t >= start) & (t <= upto)
         if "ctl.seek.mode" in log:
             k &= log["ctl.seek.mode"].values == 1
         for axis, signal, name in zip(
             axes[:, column], ("ctl.seek.delta", "ctl.seek.v"), ("delta", "creep tried"), strict=True
         ):
-            unit = log[signal].attrs["units"]
-            plots.lines({loop: (t[k], log[signal].values[k])}, ("time", "s"), (name, unit),
-                        axis=axis, title=title if name == "delta" else "")  # fmt: skip
+            y = (name, log[signal].attrs["units"])
+            curve = {loop: (t[k], log[signal].values[k])}
+            head = title if name == "delta" else ""
+            if upto == 5.0:  # it chatters on delta = beta
+                plots.chatter(axis, curve, y, head, columns=60)
+            else:
+                plots.lines(curve, ("time", "s"), y, axis=axis, title=head)
     return fig
+
+
+def speeds(r: Results) -> Any:
+    """Train and rim under the three seekers."""
+    return plots.speeds(r, "base", [f"{k}_robust" for k in SEEKERS])
 
 
 def switch(r: Results) -> Any:
@@ -92,7 +104,7 @@ def barrier(r: Results) -> Any:
     for axis, height, name in ((axes[0, 0], bound, "its bound"),
                                (axes[0, 1], 0.05 * 20.85, "5 % of D")):  # fmt: skip
         axis.axhline(height, color=plots.GREY, lw=0.9, ls=(0, (4, 2)), label=name)
-        axis.legend(loc="lower center" if axis is axes[0, 0] else "upper left")
+        axis.legend()
     return fig
 
 
@@ -114,7 +126,8 @@ def _torque(seek: str) -> Any:
         fig, axes = plots.panels(1, 2, height=2.6, width_ratios=(2, 1))
         log = r.log("base", f"{seek}_robust")
         t, T = log["time"].values, log["plant.motor.T_m"].values / 1e3
-        plots.chatter(axes[0, 0], {seek: (t, T)}, ("motor torque", "kN m"), "mean and range")
+        plots.chatter(axes[0, 0], {seek: (t, T)}, ("motor torque", "kN m"), "mean and range",
+                      columns=50)  # whole periods of each ripple  # fmt: skip
         near = (t >= 9.0) & (t < 11.0)
         plots.lines({seek: (t[near], T[near])}, ("time", "s"), ("motor torque", "kN m"),
                     axis=axes[0, 1], title="close up", legend=False)  # fmt: skip
@@ -133,16 +146,26 @@ def moving(r: Results) -> Any:
 
 
 def real(r: Results) -> Any:
-    """Noise of 1e-3 rad/s and 20 ms of motor lag."""
-    return plots.traces(
-        r, "real", [f"{k}_robust" for k in SEEKERS],
-        [("slip", "best_slip"), "torque"], limits={"slip": (-0.2, 2.0)}, labels={"slip": "creep"},
-    )  # fmt: skip
+    """Noise of 1e-3 rad/s and 20 ms of motor lag: mean and range, and close up at the change."""
+    fig, axes = plots.panels(2, 2, height=2.3, sharex="col", width_ratios=(2, 1))
+    for row, signal, factor, y in zip(
+        axes, ("plant.train.v_s", "plant.motor.T_m"), (1.0, 1e-3),
+        (("creep", "m/s"), ("motor torque", "kN m")), strict=True,
+    ):  # fmt: skip
+        whole, near = {}, {}
+        for name in (f"{k}_robust" for k in SEEKERS):
+            log = r.log("real", name)
+            t, values = log["time"].values, factor * log[signal].values
+            k = (t >= 9.5) & (t < 11.0)
+            whole[name], near[name] = (t, values), (t[k], values[k])
+        plots.chatter(row[0], whole, y, "mean and range" if row is axes[0] else "", columns=50)
+        plots.lines(near, ("time", "s"), y, axis=row[1], title="close up" if row is axes[0] else "")
+    return fig
 
 
 def laws(r: Results) -> Any:
     """The three laws under the improved seeker: creep error."""
-    names = {"corrected": "corrected", "printed": "as printed", "robust": "robust"}
+    names = {"corrected": "corrected law", "printed": "law as printed", "robust": "robust law"}
     fig, axes = plots.panels(1, 2, height=2.6)
     for axis, (start, stop), high in zip(
         axes[0], ((0.0, 25.0), (9.98, 10.4)), (0.1, 0.05), strict=True
@@ -201,12 +224,13 @@ def lagged(r: Results) -> Any:
             height = summary.where(column, lag=1e3 * lag)
             axis.axhline(height, color=plots.GREY, lw=0.9, ls=dash, label=name)
         if lag == LAGS[0]:
-            axis.legend(loc="upper left", ncols=2)
+            axis.legend()
         axis.set_ylim(1e-3, 0.6)
     return fig
 
 
 FIGURES: Mapping[str, Figure] = {
+    "speeds": Figure("Speed of train and rim, three seekers under the robust law.", speeds),
     "fig01_adhesion_curves": Figure(
         "Adhesion over creep; dots are the peaks.", adhesion_curves, "Fig. 1"
     ),
@@ -231,7 +255,10 @@ FIGURES: Mapping[str, Figure] = {
     "fig11_improved_torque": Figure("Torque, improved seeking.", _torque("improved"), "Fig. 11"),
     "fig12_esa_torque": Figure("Torque, perturbation seeking.", _torque("esa"), "Fig. 12"),
     "moving_optimum": Figure("Rails whose best creep moves every 10 s.", moving),
-    "real": Figure("Noise on the motor speed and 20 ms of lag.", real),
+    "real": Figure(
+        "Noise on the motor speed and 20 ms of lag: mean and range, and close up at the wet rail.",
+        real,
+    ),
     "laws": Figure(
         "Creep error of the three laws under the improved seeker, and at the change to wet;"
         " dashed: the barrier.", laws

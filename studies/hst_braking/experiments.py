@@ -203,7 +203,7 @@ def search(context: Context) -> dict[str, Table]:
         """Errors some time after each change of the rail, and the time until it is small."""
         name, noise, seed = job
         block, scenario = context.loop("base", name)
-        block = sensing({"a": block}, {"tacho.sigma": noise})["a"]
+        block = sensing(block, {"tacho.sigma": noise})
         log = simulate(block, scenario.but(seed=seed), compile=context.compile)
         off = np.abs(log["ctl.search.best"].values - log["lam_opt"].values)
         starts = [2000 * k for k in range(len(NAMES))]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from slipctl import (
     Block,
@@ -32,7 +31,8 @@ from slipctl.models.hst_braking import (
     plant,
     wheel,
 )
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
+from slipctl.run.results import Loops
 
 H = 1e-3
 """Tick of every loop in s; Zhang 2021, section 5.1."""
@@ -102,17 +102,23 @@ def held(
 
 def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
     """Numbers that the parts of a loop have in common; sensors and filters start as the plant."""
-    found: dict[str, Any] = SHARED | {
-        "n": "*.n",
-        "v_start": ["plant.wheel.v", "*.v_start"],
-        "omega_start": ["plant.wheel.omega", "*.omega_start"],
-        "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
-        "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
-        "theta": "*.theta",
-        "P_max": "*.P_max",
-    }
+    found: dict[str, Any] = (
+        SHARED
+        | GRADIENT
+        | {
+            "n": "*.n",
+            "v_start": ["plant.wheel.v", "*.v_start"],
+            "omega_start": ["plant.wheel.omega", "*.omega_start"],
+            "lam_ref_start": "*.lam_ref_start",
+            "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
+            "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
+            "theta": "*.theta",
+            "P_max": "*.P_max",
+        }
+    )
     if "brake.P_c" in parts["plant"].states:
-        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": "*.T_b_start"}
+        torques = ["*.T_b_start", *(["dead.waiting"] if "dead" in parts else [])]
+        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": torques}
     return found
 
 
@@ -124,7 +130,7 @@ def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
         fixed: slip 0.1 in place of the best one.
     """
     world = sampled(ideal_plant(models["adh"]), H, "rk4")
-    bound = SHARED | {"n": "*.n", "v_start": "plant.wheel.v"}
+    bound = SHARED | GRADIENT | {"n": "*.n", "v_start": "plant.wheel.v"}
     if fixed:
         wires = {"held.lam_opt": "lam_opt", "plant.lam_held": "held.lam_held"}
         return connect("loop", wires, share=bound, plant=world, held=held)
@@ -189,20 +195,21 @@ def loop(
     return connect("loop", wires, share=shares(parts), **parts)
 
 
-def online(models: Mapping[str, Any], **how: Any) -> dict[str, Block]:
+FOLLOWING = ("pid", "efc", "eppfc", "eppfc_barrier")
+"""Controllers that follow a best slip."""
+
+
+def online(models: Mapping[str, Any], **how: Any) -> Loops:
     """The five controllers with the online reference."""
-    return {
-        "fixed_slip": loop(models, models["eppfc"], "fixed", **how),
-        **{k: loop(models, models[k], **how) for k in ("pid", "efc", "eppfc", "eppfc_barrier")},
-    }
+    fixed = {"fixed_slip": partial(loop, models, models["eppfc"], "fixed", **how)}
+    return Loops(fixed | {k: partial(loop, models, models[k], **how) for k in FOLLOWING})
 
 
-def true_reference(models: Mapping[str, Any], **how: Any) -> dict[str, Block]:
+def true_reference(models: Mapping[str, Any], **how: Any) -> Loops:
     """The controllers that follow a best slip, with the true one."""
-    return {
-        f"{k}_true_reference": loop(models, models[k], "true", **how)
-        for k in ("pid", "efc", "eppfc", "eppfc_barrier")
-    }
+    return Loops(
+        {f"{k}_true_reference": partial(loop, models, models[k], "true", **how) for k in FOLLOWING}
+    )
 
 
 def printed(models: Mapping[str, Any]) -> dict[str, Block]:
@@ -228,12 +235,9 @@ def printed(models: Mapping[str, Any]) -> dict[str, Block]:
 # ---- the cases -----------------------------------------------------------------------------------
 
 
-def sensing(loops: Mapping[str, Block], values: Mapping[str, float]) -> dict[str, Block]:
-    """Loops with parameters of sensors and brake set, as far as they have them."""
-    return {
-        name: block.with_params(**{n: v for n, v in values.items() if n in block.params})
-        for name, block in loops.items()
-    }
+def sensing(block: Block, values: Mapping[str, float]) -> Block:
+    """Loop with parameters of sensors and brake set, as far as it has them."""
+    return block.with_params(**{n: v for n, v in values.items() if n in block.params})
 
 
 SENSORS = {"tacho.sigma": NOISE, "accelerometer.sigma": 0.05, "accelerometer.bias": 0.02}
@@ -249,10 +253,10 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     rail, known = rail_of(adh, *NAMES), known_peaks(adh, *NAMES)
     bounds = {"ideal": ideal(models), "ideal_fixed": ideal(models, fixed=True)}
     five, true = online(models), true_reference(models)
-    other = {
-        "eppfc_gradient": loop(models, models["eppfc"], "gradient"),
-        "eppfc_free": loop(models, models["eppfc"], "free"),
-    }
+    other = Loops({
+        "eppfc_gradient": partial(loop, models, models["eppfc"], "gradient"),
+        "eppfc_free": partial(loop, models, models["eppfc"], "free"),
+    })  # fmt: skip
     found = [
         Case(
             Scenario("base", 6.0, rail, doc="no resistance, brake limits, perfect sensors"),
@@ -262,43 +266,46 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     ]
 
     def add(name: str, loops: Mapping[str, Block], doc: str, **scenario: Any) -> None:
-        blocks = {"ideal": bounds["ideal"], **loops}
+        blocks = {"ideal": bounds["ideal"]} | loops
         found.append(Case(Scenario(name, 6.0, rail, doc=doc, **scenario), blocks, known))
 
-    some = {k: v for k, v in (five | true).items() if k.startswith("eppfc")}
-    some = sensing(some | other, {"tacho.sigma": NOISE})
-    add("noise", some, "base with noise of 1e-3 rad/s on the wheel speed")
-    estimated = sensing(online(models, speed="estimated"), SENSORS)
+    def with_values(loops: Loops, values: Mapping[str, float]) -> Loops:
+        return loops.each(lambda block: sensing(block, values))
+
+    every = five | true
+    some = every.only(*(k for k in every if k.startswith("eppfc"))) | other
+    add("noise", with_values(some, {"tacho.sigma": NOISE}),
+        "base with noise of 1e-3 rad/s on the wheel speed")  # fmt: skip
+    estimated = with_values(online(models, speed="estimated"), SENSORS)
     add("estimated", estimated, "noise, and the speed estimated")
-    lagged = online(models, speed="estimated", brake="lag")
-    lagged["eppfc_true_reference"] = loop(
-        models, models["eppfc"], "true", speed="estimated", brake="lag"
+    how = {"speed": "estimated", "brake": "lag"}
+    true_lagged = partial(loop, models, models["eppfc"], "true", **how)
+    lagged = with_values(
+        online(models, **how) | Loops({"eppfc_true_reference": true_lagged}), SENSORS
     )
-    lagged = sensing(lagged, SENSORS)
     add("real", lagged, "20 ms lag, noise, estimated speed")
-    slow = sensing(lagged, {"tau": 0.05})
-    add("lag50", slow, "50 ms lag, noise, estimated speed")
+    add("lag50", with_values(lagged, {"tau": 0.05}), "50 ms lag, noise, estimated speed")
     if not quick:
-        behind = {
-            k: loop(models, models[k], speed="estimated", brake="valve") for k in ("efc", "eppfc")
-        }
-        add("valve", sensing(behind, SENSORS),
+        behind = Loops({
+            k: partial(loop, models, models[k], speed="estimated", brake="valve")
+            for k in ("efc", "eppfc")
+        })  # fmt: skip
+        add("valve", with_values(behind, SENSORS),
             "electro-pneumatic valve, 10 ms dead time, noise, estimated speed")  # fmt: skip
     resistance = {f"plant.air.{n}": v for n, v in DAVIS["shinkansen"].items()}
     add("resistance", five, "Davis resistance as quoted for the Shinkansen", params=resistance)
+    calm = {"accelerometer.bias": 0.005}
+    stopping = every.only("eppfc", "eppfc_true_reference")
+    stopping |= Loops({"eppfc_estimated": lambda: sensing(estimated["eppfc"], calm)})
+    if not quick:
+        stopping |= Loops({"eppfc_real": lambda: sensing(lagged["eppfc"], calm)})
+    stopping |= {"ideal": bounds["ideal"]}
     for name in NAMES[1:2] if quick else NAMES:
         stop = Scenario(
             f"standstill_{name}", STOP[name], rail_of(adh, name),
             doc=f"from 50 m/s to standstill on {name} rail",
         )  # fmt: skip
-        peak = known_peaks(adh, name)
-        loops = {k: (five | true)[k] for k in ("eppfc", "eppfc_true_reference")}
-        calm = {"accelerometer.bias": 0.005}
-        loops["eppfc_estimated"] = sensing(estimated, calm)["eppfc"]
-        if not quick:
-            loops["eppfc_real"] = sensing(lagged, calm)["eppfc"]
-        loops |= {"ideal": bounds["ideal"]}
-        found.append(Case(stop, loops, peak))
+        found.append(Case(stop, stopping, known_peaks(adh, name)))
     return found
 
 
@@ -314,8 +321,3 @@ def closed_form_distance(
         x += v * length - g * mu * length**2 / 2
         v -= g * mu * length
     return x
-
-
-def curve(law: Block, lam: np.ndarray, rail: Mapping[str, float]) -> np.ndarray:
-    """Adhesion over slip ratios on a rail given by the law's parameters."""
-    return np.array([law(lam=float(x), **rail)["mu"] for x in lam])

@@ -62,7 +62,7 @@ def estimated_adhesion(r: Results) -> Any:
 
 def best_slip(r: Results) -> Any:
     """Best slip by each search, and its error."""
-    fig, axes = plots.panels(2, 1, height=2.1, sharex=True)
+    fig, axes = plots.panels(2, 2, height=2.1, sharex="col")
     curves, off = {}, {}
     for name, what in (
         ("eppfc", "with prior"), ("eppfc_free", "without prior"), ("eppfc_gradient", "gradient")
@@ -71,12 +71,24 @@ def best_slip(r: Results) -> Any:
         t, found = log["time"].values, log["ctl.search.best"].values
         curves[what] = (t, found)
         off[what] = (t, np.abs(found - log["lam_opt"].values))
-    curves["true"] = (t, log["lam_opt"].values)
-    plots.lines(curves, ("time", "s"), ("best slip ratio", "1"), axis=axes[0, 0])
-    axes[0, 0].set_ylim(0, 0.3)
-    plots.lines(off, ("time", "s"), ("error", "1"), axis=axes[1, 0])
-    axes[1, 0].set_ylim(0, 0.06)
+    for column, (a, b) in enumerate(((0.0, 6.0), (1.98, 2.3))):
+        k = (t >= a) & (t <= b)
+        for axis, part, what in zip(
+            axes[:, column], (curves, off), ("best slip ratio", "its error"), strict=True
+        ):
+            shown = {n: (x[k], y[k]) for n, (x, y) in part.items()}
+            title = ("dry to snow" if column else "whole run") if part is curves else ""
+            plots.lines(shown, ("time", "s"), (what, "1"), axis=axis, title=title)
+        true = log["lam_opt"].values[k]
+        axes[0, column].plot(t[k], true, color=plots.GREY, ls=(0, (4, 2)), lw=0.9, label="true")
+        axes[0, column].set_ylim(0.08, 0.3)
+        axes[1, column].set_ylim(-0.001, 0.06)
     return fig
+
+
+def speeds(r: Results) -> Any:
+    """Train and rim with a fixed slip, under PID and under E-PPFC."""
+    return plots.speeds(r, "base", ("fixed_slip", "pid", "eppfc"))
 
 
 def states(r: Results) -> Any:
@@ -88,8 +100,9 @@ def states(r: Results) -> Any:
         t = log["time"].values
         speeds[k] = (t, 0.43 * log["plant.wheel.omega"].values)
         grips[k] = (t, log["plant.adh.mu"].values)
-    speeds["train, eppfc"] = (t, log["plant.wheel.v"].values)
-    plots.lines(speeds, ("time", "s"), ("rim speed", "m/s"), axis=axes[0, 0])
+    plots.lines(speeds, ("time", "s"), ("speed", "m/s"), axis=axes[0, 0], title="rims, and train")
+    train = log["plant.wheel.v"].values
+    axes[0, 0].plot(t, train, color=plots.GREY, lw=1.6, label=f"train under {k}")
     plots.lines(grips, ("time", "s"), ("adhesion coefficient", "1"), axis=axes[1, 0])
     return fig
 
@@ -110,9 +123,12 @@ def slip(r: Results) -> Any:
         one = r.log("base", n)
         e = one["plant.wheel.lam"].values - one["ctl.reference.lam_ref"].values
         off[n] = (t[k], e[k])
-    off["lower bound"] = (t[k], log["ctl.law.lower"].values[k])
-    off["upper bound"] = (t[k], log["ctl.law.upper"].values[k])
     plots.lines(off, ("time", "s"), ("slip error", "1"), axis=axes[1, 1])
+    for bound, name in (("lower", "funnel of eppfc"), ("upper", "")):
+        axes[1, 1].plot(
+            t[k], log[f"ctl.law.{bound}"].values[k], color=plots.GREY, ls=(0, (4, 2)), lw=0.9,
+            label=name,
+        )  # fmt: skip
     return fig
 
 
@@ -143,16 +159,13 @@ def knowledge(r: Results) -> Any:
     """Bound on the best slip without a prior, over the time since the change."""
     table = r.table("search", "bound")
     t = table["time since the change"]
-    curves = {
-        "bound without prior": (t, table["bound without prior, slip as in eppfc_free"]),
-        "0.01": (t, [0.01] * len(t)),
-    }
-    return plots.lines(
-        curves,
-        ("time since the change", "s"),
-        ("standard deviation of the best slip", "1"),
-        log="y",
-    )
+    bound = table["bound without prior, slip as in eppfc_free"]
+    fig = plots.lines(
+        {"bound without prior": (t, bound)}, ("time since the change", "s"),
+        ("standard deviation of the best slip", "1"), log="y",
+    )  # fmt: skip
+    fig.axes[0].axhline(0.01, color=plots.GREY, lw=0.9, ls=(0, (4, 2)))
+    return fig
 
 
 def stops(r: Results) -> Any:
@@ -165,8 +178,8 @@ def stops(r: Results) -> Any:
         speeds[f"rim, {k}"] = plots.envelope(t, 0.43 * log["plant.wheel.omega"].values)
         lam = np.where(v > 1, log["plant.wheel.lam"].values, np.nan)
         slips[k] = (t[::20], lam[::20])
-    speeds["train"] = plots.envelope(t, v)
     plots.lines(speeds, ("time", "s"), ("speed", "m/s"), axis=axes[0, 0])
+    axes[0, 0].plot(*plots.envelope(t, v), color=plots.GREY, ls=(0, (4, 2)), lw=0.9, label="train")
     plots.lines(slips, ("time", "s"), ("slip ratio above 1 m/s", "1"), axis=axes[1, 0])
     return fig
 
@@ -184,6 +197,13 @@ def random(r: Results) -> Any:
     return fig
 
 
+def real(r: Results) -> Any:
+    """What lag and noise leave: slip and torque over the run."""
+    return plots.traces(
+        r, "real", ["fixed_slip", "pid", "efc", "eppfc"], [("slip", "best_slip"), "torque"]
+    )
+
+
 def printed(r: Results) -> Any:
     """Printed search and printed minus in (15): slip and torque."""
     return plots.traces(
@@ -193,6 +213,7 @@ def printed(r: Results) -> Any:
 
 
 FIGURES: Mapping[str, Figure] = {
+    "speeds": Figure("Speed of train and rim, perfect sensors.", speeds),
     "fig02_adhesion_curves": Figure(
         "Adhesion over slip ratio; dots are the peaks. Right: a guessed fall with the speed, which"
         " the paper's Fig. 2 shows and its formula does not have.", adhesion_curves, "Fig. 2",
@@ -216,10 +237,12 @@ FIGURES: Mapping[str, Figure] = {
         " 0.95 it restarts.", error_over_bound,
     ),
     "knowledge": Figure(
-        "Cramer-Rao bound on the best slip without a prior after the change at 2 s.", knowledge
+        "Cramer-Rao bound on the best slip without a prior after the change at 2 s; dashed: 0.01.",
+        knowledge,
     ),
     "standstill": Figure("From 50 m/s to standstill on snow.", stops),
     "random_rails": Figure("Random rails: price of each reference.", random),
+    "real": Figure("20 ms of lag and noise: slip, and brake torque.", real),
     "printed": Figure("Printed forms: the search of (40) and the minus of (15).", printed),
 }  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -42,6 +42,7 @@ from slipctl.models.hst_traction import (
     tractive_effort,
 )
 from slipctl.models.rolling import Axles
+from slipctl.run.results import Loops
 
 log = logging.getLogger("slipctl")
 
@@ -219,15 +220,31 @@ SHARES: dict[str, Any] = {
     **{n: f"*.{n}" for n in ("m", "J", "r", "g", "tau", "n_m", "n_b", "F_top", "P_top", "B_t")},
     **{n: ["plant." + n, f"*.res.{n}"] for n in ("w_0", "w_1", "w_2")},
     "v_0": "*.res.v_0",
+    "slope": "*.slope",
     "m_axle": ["plant.m_axle", "*.m_axle"],
     "Q = m_axle * g / 2": "*.Q",
     **{n: [f"*.adh.{n}", f"*.curves.{n}"] for n in ("G", "a", "b", "c11", "v_min")},
     "F_max": "*.F_max",
     "F_brake = n_b * F_max": "*.F_brake",
     "v_start": "plant.train.v",
-    "omega_start": "plant.train.omega",
+    "omega_start": ["plant.train.omega", "*.omega_start"],
+    "p_start": "plant.brake.p",
+    "p_max": "plant.brake.p_max",
 }
 """Numbers that the parts of a loop have in common."""
+
+_DRIVEN = "fmin(F_m_start, P_top / fmax(r * omega_start, P_top / F_top) / n_m)"
+TORQUES = {
+    "F_m_start": "plant.motor.F_m",
+    f"T_start = r * ({_DRIVEN} - F_max * p_start / p_max)": "*.T_start",
+    f"F_start = n_m * {_DRIVEN} - n_b * F_max * p_start / p_max": "*.F_start",
+}
+"""What motors and brakes give at the start: observers and laws begin with it. A motor with its
+currents begins without flux, so without torque."""
+
+
+_plant = lru_cache(maxsize=4)(plant)
+"""The same train in all loops, so that its equations are worked out once."""
 
 
 def loop(
@@ -255,7 +272,7 @@ def loop(
     n = len(axles.motors)
     ctl = control.controller(control_law, n, limited, observer or models["observer"], models["adh"])
     ctl = ctl if h == H else every(ctl, round(H / h))
-    parts = {"plant": plant(models["adh"], axles, h, motors), "ctl": ctl, "worst": worst}
+    parts = {"plant": _plant(models["adh"], axles, h, motors), "ctl": ctl, "worst": worst}
     wires = {f"ctl.{n}_d": f"{n}_d" for n in "xva"} | {
         "ctl.x": "plant.train.x",
         "ctl.v": "plant.train.v",
@@ -288,26 +305,30 @@ def loop(
             "T_in.u": "net.T",
             "ctl.T": "T_in.y",
         }
-    return connect("loop", wires, share=SHARES, **parts)
+    lagging = "motor.F_m" in parts["plant"].states
+    return connect("loop", wires, share=SHARES | (TORQUES if lagging else {}), **parts)
 
 
-def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> dict[str, Block]:
+def both(models: Mapping[str, Any], names: tuple[str, ...] = NAMES, **how: Any) -> Loops:
     """Loops of these laws, each without and with the limit."""
-    found = {}
-    for name in names:
-        found[name] = loop(models, models[name], False, **how)
-        found[f"{name}_limited"] = loop(models, models[name], True, **how)
-    return found
+    return Loops({
+        f"{name}_limited" if limited else name: partial(loop, models, models[name], limited, **how)
+        for name in names
+        for limited in (False, True)
+    })  # fmt: skip
 
 
-def variants(models: Mapping[str, Any]) -> dict[str, Block]:
+def variants(models: Mapping[str, Any]) -> Loops:
     """Loops in which one thing is left out or as printed."""
-    return {
-        "hosm_limited_uncompensated": loop(models, control.higher_order(compensation=False)),
-        "hosm_limited_printed": loop(models, control.higher_order("printed")),
-        "hosm_limited_rule": loop(models, models["hosm"]).with_params(**RULE),
-        "smc_motor_printed": loop(models, models["smc"], False, motors=motor("printed-33")),
-    }
+    law = control.higher_order
+    return Loops({
+        "hosm_limited_uncompensated": lambda: loop(models, law(compensation=False)),
+        "hosm_limited_printed": lambda: loop(models, law("printed")),
+        "hosm_limited_rule": lambda: loop(models, models["hosm"]).with_params(**RULE),
+        "smc_motor_printed": lambda: loop(
+            models, models["smc"], False, motors=motor("printed-33")
+        ),
+    })  # fmt: skip
 
 
 RULE = {"ctl.usable.axle.class.blind": 0.0, "ctl.usable.axle.class.cut": 1.0}
@@ -341,12 +362,8 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     stress = scenario("stress", 0.85, "target at 0.85 of the tractive effort")
     real = scenario("real", 0.85, "stress, with converters of 12 bit and noise")
     some = ("hosm", "pid") if quick else NAMES
-    rig = {
-        f"{n}_limited": loop(models, models[n], rig=True).with_params(
-            **{"ctl.usable.axle.class.least": CREEP_ERROR}
-        )
-        for n in some
-    }
+    rig = Loops({f"{n}_limited": partial(loop, models, models[n], rig=True) for n in some})
+    rig = rig.each(lambda block: block.with_params(**{"ctl.usable.axle.class.least": CREEP_ERROR}))
     wanted = shaped_target(30.0, POSITION, 40.0)
     position = Scenario(
         "position", 20.0 if quick else 40.0, Rail([Section(x, n) for n, x in PATCHES], "position"),
@@ -355,7 +372,7 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     )  # fmt: skip
     placed = both(models, ("hosm",) if quick else ("hosm", "pid"), axles=DISTINCT)
     return [
-        Case(base, {k: b for k, b in pairs.items() if not quick or "hosm" in k}, log=LOGGED,
+        Case(base, pairs.only(*(k for k in pairs if not quick or "hosm" in k)), log=LOGGED,
              every=ROW),
         Case(stress, pairs | variants(models), log=LOGGED, every=ROW),
         Case(position, placed, log=LOGGED, every=ROW),

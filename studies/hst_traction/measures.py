@@ -60,12 +60,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def parameter(r: Results, scenario: str, loop: str, name: str) -> float:
-    """Parameter of a loop as it ran; the first of those that each axle has."""
-    case = next(c for c in r.cases if c.scenario.name == scenario)
-    return float(np.ravel(case.loops[loop].values_by_place()[name])[0])
-
-
 @cache
 def heights(surface: str) -> tuple[np.ndarray, np.ndarray]:
     """Peak adhesion of a surface over the speed in m/s."""
@@ -81,8 +75,8 @@ def surface_at(t: float) -> str:
 def carried(r: Results, scenario: str, loop: str, start: float, stop: float) -> np.ndarray:
     """Force in N that ten axles can put on the rail, the tractive effort included."""
     v = after(r, scenario, loop, start, stop, "plant.train.v")
-    weight = parameter(r, scenario, loop, "ctl.limit.m_axle") * 9.8
-    axles = parameter(r, scenario, loop, "ctl.limit.n_m")
+    weight = r.number(scenario, loop, "ctl.limit.m_axle") * 9.8
+    axles = r.number(scenario, loop, "ctl.limit.n_m")
     most = axles * weight * np.interp(v, *heights(surface_at(start)))
     return np.minimum(most, [float(tractive_effort(float(x))) for x in v])
 

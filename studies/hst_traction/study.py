@@ -61,16 +61,8 @@ def limit_at_work(r: Results) -> Any:
 
 
 def speeds(r: Results) -> Any:
-    """Speed of the train and of its fastest rim around the low adhesion."""
-    fig, axes = plots.panels(2, 1, height=2.1, sharex=True)
-    for axis, name in zip(axes[:, 0], ("hosm", "hosm_limited"), strict=True):
-        log, t = clock(r, "stress", name)
-        inside = (t >= 105.0) & (t < 300.0)
-        v = log["plant.train.v"].values[inside]
-        rim = v + log["worst.highest"].values[inside]
-        plots.lines({"fastest rim": (t[inside], rim), "train": (t[inside], v)}, ("time", "s"),
-                    ("speed", "m/s"), axis=axis, title=name)  # fmt: skip
-    return fig
+    """Train and worst rim under two laws without the limit, and with it."""
+    return plots.speeds(r, "base", ("smc", "hosm", "hosm_limited"))
 
 
 def real(r: Results) -> Any:
@@ -175,6 +167,9 @@ def compensation(r: Results) -> Any:
 
 
 FIGURES = {
+    "speeds": Figure(
+        "Speed of the train and of its worst rim, without and with the limit.", speeds
+    ),
     "fig02": Figure("Adhesion on dry rail at several speeds.", contact.dry_curves, "Fig. 2"),
     "fig03": Figure("Typical surfaces, and their peaks.", contact.surface_curves, "Fig. 3"),
     "fig04": Figure(
@@ -190,7 +185,6 @@ FIGURES = {
         "Commanded force, stress: mean and range of each law, and close up at the ice.", outputs,
         "Fig. 10",
     ),
-    "speeds": Figure("Train and fastest rim, with and without the limit, stress.", speeds),
     "real": Figure(
         "Converters of 12 bit and noise: creep, speed, and what the limit allows.", real
     ),

@@ -16,7 +16,6 @@ from slipctl import Claim, Results
 from slipctl.certify import reaching_law, super_twisting
 from slipctl.run.metrics import settling
 from slipctl.run.periods import mean as period_mean
-from slipctl.run.results import NotRun
 from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.experiments import RAILS, spans
 from slipctl.studies.subway_braking.loops import H
@@ -202,18 +201,15 @@ def orbit(loop: str = "smc") -> Answer:
     return half
 
 
-def _number(r: Results, loop: str, path: str) -> float:
-    block = next((c.loops[loop] for c in r.cases if loop in c.loops), None)
-    if block is None or path not in block.params:
-        raise NotRun(f"{loop} with {path} was not run")
-    return float(block.values_by_place()[path])
-
-
 def chatter_over(name: str, **values: Mapping[str, float]) -> Answer:
     """Half-swing in m/s of the reaching law, its numbers changed one at a time."""
 
     def swings(r: Results) -> dict[str, float]:
-        at = {"g1": _number(r, "smc", "ctl.law.g1"), "g2": _number(r, "smc", "ctl.law.g2"), "T": H}
+        at = {
+            "g1": r.number("base", "smc", "ctl.law.g1"),
+            "g2": r.number("base", "smc", "ctl.law.g2"),
+            "T": H,
+        }
         return {k: reaching_law.chatter(**(at | v)) for k, v in values.items()}
 
     return swings
@@ -221,14 +217,14 @@ def chatter_over(name: str, **values: Mapping[str, float]) -> Answer:
 
 def torque_of_the_orbit(r: Results) -> str:
     """Torque of the orbit at one and at two milliseconds, in words."""
-    g1, g2, J, radius = (_number(r, "smc", f"ctl.law.{n}") for n in ("g1", "g2", "J", "r"))
+    g1, g2, J, radius = (r.number("base", "smc", f"ctl.law.{n}") for n in ("g1", "g2", "J", "r"))
     one, two = (reaching_law.torque_swing(g1, g2, k * H, J, radius) for k in (1, 2))
     return f"of the slip; the torque swings by {one:.0f} and {two:.0f} N m peak to peak"
 
 
 def over_48(r: Results) -> str:
     """What (48) wants of the printed gains, and what is enough."""
-    k1, k2 = (_number(r, "sta_printed", f"ctl.law.{n}") for n in ("k1", "k2"))
+    k1, k2 = (r.number("base", "sta_printed", f"ctl.law.{n}") for n in ("k1", "k2"))
     wanted = super_twisting.smallest_k2_printed(k1)
     text = f"(48) wants k2 > {wanted:.4f} even without disturbance"
     if super_twisting.exact(k1, k2, 0.0) and k1 * k1 >= 4 * k2:
@@ -238,7 +234,7 @@ def over_48(r: Results) -> str:
 
 def gains_satisfy_48(r: Results) -> bool:
     """Whether the printed gains satisfy (48) without disturbance."""
-    k1, k2 = (_number(r, "sta_printed", f"ctl.law.{n}") for n in ("k1", "k2"))
+    k1, k2 = (r.number("base", "sta_printed", f"ctl.law.{n}") for n in ("k1", "k2"))
     return bool(super_twisting.printed_48(k1, k2, 0.0))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -43,6 +44,16 @@ def printed_estimate(log: Any, law: Block) -> float | None:
     return math.log(b / a) / (b - a) if 0 < a != b > 0 and c > 0 else None
 
 
+def curve(law: Block, slip: np.ndarray, rail: Mapping[str, float]) -> np.ndarray:
+    """Adhesion over slip speeds in m/s on a rail given by the law's parameters.
+
+    They may be an estimate that ran away, beyond what the law takes.
+    """
+    p = np.array(ca.DM(law.pack("param", law.derive(dict(rail)))).full())
+    u = ca.DM(slip).T
+    return np.array(ca.DM(law.f.map(len(slip))(ca.DM(0, len(slip)), u, p)[1]).full()).ravel()
+
+
 def curve_errors(log: Any, law: Block) -> tuple[list[float], list[float]]:
     """Rms error of the curve estimated at the end of each rail: up to the best slip, and beyond."""
     low, high = [], []
@@ -51,8 +62,7 @@ def curve_errors(log: Any, law: Block) -> tuple[list[float], list[float]]:
         end = {n: float(log[f"ctl.estimator.{n}"].values[s.stop - 1]) for n in law.params}
         for errors, span in ((low, (0.0, best)), (high, (best, 8.0))):
             v = np.linspace(*span, 200)
-            off = [law(v_s=float(x), **end)["mu"] - law(v_s=float(x), **law.conditions[name])["mu"]
-                   for x in v]  # fmt: skip
+            off = curve(law, v, end) - curve(law, v, law.conditions[name])
             errors.append(float(np.sqrt(np.mean(np.square(off)))))
     return low, high
 

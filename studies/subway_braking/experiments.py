@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -115,13 +115,6 @@ def peaks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return place, c * (np.exp(-a * place) - np.exp(-b * place))
 
 
-def curve(law: Block, slip: np.ndarray, rail: Mapping[str, float]) -> np.ndarray:
-    """Adhesion over slip speeds in m/s on a rail given by the law's parameters."""
-    p = np.array(ca.DM(law.pack("param", law.param_values(**rail))).full())
-    u = ca.DM(slip).T
-    return np.array(ca.DM(law.f.map(len(slip))(ca.DM(0, len(slip)), u, p)[1]).full()).ravel()
-
-
 def sweep(context: Context) -> Table:
     """Peak found by the windowed estimator on a sweep, noise-free, with noise, from anywhere."""
     law, seeds = double_exponential, 20 if context.quick else 200
@@ -136,7 +129,7 @@ def sweep(context: Context) -> Table:
     }
     for k, name in enumerate(TABLE_1):
         rail = law.conditions[name]
-        clean = curve(law, SWEEP, rail)
+        clean = estimation.curve(law, SWEEP, rail)
         block = rls(law, form="window", start=START)
         found = estimates(block, (SWEEP, clean[None]))
         place, height = peaks(found)
@@ -145,9 +138,8 @@ def sweep(context: Context) -> Table:
         rows["height"].append(100 * abs(height[0] / true_height - 1))
         v = np.linspace(0.01, 10, 1000)
         fitted = dict(zip(rail, found[0], strict=True))
-        rows["rms"].append(
-            float(np.sqrt(np.mean((curve(law, v, fitted) - curve(law, v, rail)) ** 2)))
-        )
+        off = estimation.curve(law, v, fitted) - estimation.curve(law, v, rail)
+        rows["rms"].append(float(np.sqrt(np.mean(off**2))))
         noise = 1e-3 * rng.standard_normal((seeds, len(SWEEP)))
         place, height = peaks(estimates(block, (SWEEP, clean + noise)))
         inside = (abs(place / true_place - 1) < 0.05) & (abs(height / true_height - 1) < 0.05)
@@ -418,7 +410,7 @@ def printed(context: Context) -> Table:
         lambda log: log["plant.wheel.v_s"].values.max(), backward, "m/s")  # fmt: skip
 
     law = double_exponential
-    clean = curve(law, SWEEP, law.conditions["dry"])
+    clean = estimation.curve(law, SWEEP, law.conditions["dry"])
     four = rls(law, form="printed-16")
     windowed = rls(law, form="window", start=START)
     spread = [float(np.ptp(estimates(e, (SWEEP, clean[None]))[0])) for e in (four, windowed)]

@@ -22,7 +22,7 @@ from slipctl import (
 from slipctl import law as law_block
 from slipctl.models import sensors
 from slipctl.models.brakes import brake
-from slipctl.models.shared import SHARED
+from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.models.subway_braking import (
     curve_resistance,
     double_exponential,
@@ -96,13 +96,17 @@ def _world(models: Mapping[str, Any], lag: bool) -> Block:
 START_OF_PLANT = {"v_start": "plant.wheel.v", "omega_start": "plant.wheel.omega"}
 """Start values of the plant, which stand in every loop under one name."""
 
-MEASURED = SHARED | {
-    "v_start": "plant.wheel.v",
-    "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
-    "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
-    "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
-    "v_s_start = v_start - r * omega_start": "meter.v_s_start",
-}
+MEASURED = (
+    SHARED
+    | GRADIENT
+    | {
+        "v_start": "plant.wheel.v",
+        "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
+        "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
+        "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
+        "v_s_start = v_start - r * omega_start": "meter.v_s_start",
+    }
+)
 """Numbers of a loop with sensors: what they hold at the start is what the plant has."""
 
 
@@ -119,7 +123,7 @@ def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -
         "plant.T_cmd": "ctl.T_b",
     }
     return connect(
-        "loop", wires, share=SHARED | START_OF_PLANT,
+        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
         plant=_world(models, lag=False), ctl=controller(law),
     )  # fmt: skip
 
@@ -177,7 +181,7 @@ def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block
         "truth.v_opt": "v_opt",
     }
     return connect(
-        "loop", wires, share=SHARED | START_OF_PLANT,
+        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
         ctl=_estimating(models, law, form), truth=truth,
     )  # fmt: skip
@@ -230,7 +234,7 @@ def truth(
 def ideal(models: Mapping[str, Any]) -> Block:
     """Bound: adhesion at its peak from the start."""
     return connect(
-        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | {"v_start": "plant.wheel.v"},
+        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | GRADIENT | {"v_start": "plant.wheel.v"},
         plant=sampled(ideal_plant(models["adh"]), H, "rk4"),
     )  # fmt: skip
 

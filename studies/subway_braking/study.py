@@ -9,7 +9,7 @@ import numpy as np
 
 from slipctl import Figure, Results, Signals, Study
 from slipctl.draw import plots
-from slipctl.studies.subway_braking import experiments
+from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.claims import CLAIMS
 from slipctl.studies.subway_braking.gains import GAINS
 from slipctl.studies.subway_braking.loops import MODELS, MOVING, TABLE_1, best, cases
@@ -38,8 +38,8 @@ def estimated_curves(r: Results) -> Any:
     for axis, span, name in zip(axes[0], experiments.spans(log), MOVING, strict=True):
         end = {n: float(log[f"ctl.estimator.{n}"].values[span.stop - 1]) for n in law.params}
         curves = {
-            "true": (v, experiments.curve(law, v, law.conditions[name])),
-            "estimated": (v, experiments.curve(law, v, end)),
+            "true": (v, estimation.curve(law, v, law.conditions[name])),
+            "estimated": (v, estimation.curve(law, v, end)),
         }
         plots.lines(
             curves, ("slip speed", "m/s"), ("adhesion", "1"), axis=axis,
@@ -77,7 +77,6 @@ def _slip(r: Results, scenario: str) -> Any:
             inside = (t >= first) & (t <= last)
             curves[k] = (t[inside], log["plant.wheel.v_s"].values[inside])
         plots.lines(curves, ("time", "s"), ("slip speed", "m/s"), axis=axis, title=title)
-    _one_legend(fig)
     return fig
 
 
@@ -87,47 +86,43 @@ def torque(r: Results) -> Any:
 
 
 def _swings(r: Results, scenario: str, loops: tuple[str, ...]) -> Any:
-    """Range of the torque in windows of 20 ms, as a band, and 30 ms of it close up."""
-    fig, axes = plots.panels(1, 2, height=2.8)
-    close: dict[str, Any] = {}
+    """Mean and range of the torque in windows of 20 ms, and 30 ms of it close up."""
+    whole = {}
     for k in loops:
         log = r.log(scenario, k)
-        t, T = log["time"].values, log["plant.brake.T_b"].values / 1e3
-        rows = T[: len(T) // 20 * 20].reshape(-1, 20)
-        axes[0, 0].fill_between(
-            t[: rows.size : 20], rows.min(axis=1), rows.max(axis=1), step="post",
-            color=plots.colour(k), alpha=0.45, linewidth=0.8, label=k,
-        )  # fmt: skip
-        inside = (t >= 1.98) & (t < 2.01)
-        close[k] = (t[inside], T[inside])
-    axes[0, 0].set_xlabel("time [s]")
-    axes[0, 0].set_ylabel("brake torque, range [kN m]")
-    axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(loops), frameon=False)
-    plots.lines(close, ("time", "s"), ("brake torque", "kN m"), axis=axes[0, 1], title="dry to wet")
-    _one_legend(fig)
+        whole[k] = (log["time"].values, log["plant.brake.T_b"].values / 1e3)
+    return _mean_and_close_up(whole, ("brake torque", "kN m"), (1.98, 2.01))
+
+
+def _mean_and_close_up(
+    whole: Mapping[str, Any], y: tuple[str, str], near: tuple[float, float]
+) -> Any:
+    """Mean and range of what chatters in windows of 20 ms, and between two times tick by tick."""
+    fig, axes = plots.panels(1, 2, height=2.8)
+    plots.chatter(axes[0, 0], whole, y, "mean and range")
+    close = {}
+    for k, (t, values) in whole.items():
+        inside = (t >= near[0]) & (t < near[1])
+        close[k] = (t[inside], values[inside])
+    plots.lines(close, ("time", "s"), y, axis=axes[0, 1], title="close up, dry to wet")
     return fig
-
-
-def _one_legend(fig: Any) -> None:
-    """Keep the legend of the first panel: the others would lie on curves."""
-    for axis in fig.axes[1:]:
-        if axis.get_legend() is not None:
-            axis.get_legend().remove()
 
 
 def error(r: Results) -> Any:
-    """Control error of both laws; the lower panel magnifies it."""
-    fig, axes = plots.panels(2, 1, sharex=True)
-    for axis, scale in zip(axes[:, 0], (None, 0.02), strict=True):
-        curves = {}
-        for k in ("smc", "sta"):
-            log = r.log("base", k)
-            difference = log["plant.wheel.v_s"].values - log["v_opt"].values
-            curves[k] = plots.envelope(log["time"].values, difference)
-        plots.lines(curves, ("time", "s"), ("slip error", "m/s"), axis=axis)
-        if scale:
-            axis.set_ylim(-scale, scale)
+    """Control error of both laws once it is small, and close up at the change to wet."""
+    whole = {}
+    for k in ("smc", "sta"):
+        log = r.log("base", k)
+        difference = log["plant.wheel.v_s"].values - log["v_opt"].values
+        whole[k] = (log["time"].values, 1e3 * difference)
+    fig = _mean_and_close_up(whole, ("slip error", "mm/s"), (1.98, 2.04))
+    fig.axes[0].set_ylim(-20, 20)
     return fig
+
+
+def speeds(r: Results) -> Any:
+    """Vehicle and rim under the reaching law, super-twisting, and its online form."""
+    return plots.speeds(r, "base", ("smc", "sta", "sta_online"))
 
 
 def slip_in_curves(r: Results) -> Any:
@@ -148,10 +143,22 @@ def real(r: Results) -> Any:
 
 def demand(r: Results) -> Any:
     """Demand of 0.8 m/s^2: dry rail never wakes slip control, ice does."""
-    return plots.traces(
-        r, "demand", ["sta"], [("slip", "best_slip"), "torque", "deceleration"],
-        labels={"slip": "slip speed"},
-    )  # fmt: skip
+    log = r.log("demand", "sta")
+    t = log["time"].values
+    near = (t >= 4.07) & (t < 4.15)
+    fig, axes = plots.panels(3, 2, sharex="col", width_ratios=(2, 1))
+    for row, signal, factor, y in zip(
+        axes, ("plant.wheel.v_s", "plant.brake.T_b", "plant.wheel.a"), (1.0, 1e-3, 1.0),
+        (("slip speed", "m/s"), ("brake torque", "kN m"), ("deceleration", "m/s^2")), strict=True,
+    ):  # fmt: skip
+        values = factor * log[signal].values
+        top = row is axes[0]
+        plots.chatter(row[0], {"sta": (t, values)}, y, "mean and range" if top else "")
+        plots.lines({"sta": (t[near], values[near])}, ("time", "s"), y, axis=row[1],
+                    title="close up, wet to ice" if top else "")  # fmt: skip
+    for axis, k in zip(axes[0], (t >= 0, near), strict=True):
+        axis.plot(t[k], log["v_opt"].values[k], color=plots.GREY, ls=(0, (4, 2)), lw=0.9)
+    return fig
 
 
 def printed(r: Results) -> Any:
@@ -160,6 +167,7 @@ def printed(r: Results) -> Any:
 
 
 FIGURES: Mapping[str, Figure] = {
+    "speeds": Figure("Speed of vehicle and rim, perfect sensors.", speeds),
     "fig02_adhesion_curves": Figure(
         "Adhesion over slip speed; dots are the peaks.", adhesion_curves, "Fig. 2"
     ),
@@ -172,8 +180,13 @@ FIGURES: Mapping[str, Figure] = {
         best_slip, "Fig. 6",
     ),
     "fig07_slip": Figure("Slip under both laws, with close-ups.", slip, "Fig. 7"),
-    "fig08_torque": Figure("Brake torque under both laws.", torque, "Fig. 8"),
-    "fig09_error": Figure("Control error of both laws.", error, "Fig. 9"),
+    "fig08_torque": Figure(
+        "Brake torque under both laws: mean and range, and close up.", torque, "Fig. 8"
+    ),
+    "fig09_error": Figure(
+        "Control error of both laws: mean and range, and close up; the start leaves the panel.",
+        error, "Fig. 9",
+    ),
     "fig10_slip_in_curves": Figure(
         "Slip with a curve of 800 m from 2 s and of 400 m from 4 s, with close-ups.",
         slip_in_curves, "Fig. 10",
@@ -181,7 +194,9 @@ FIGURES: Mapping[str, Figure] = {
     "fig11_torque_in_curves": Figure("Brake torque in the curves.", torque_in_curves, "Fig. 11"),
     "printed_gains": Figure("Super-twisting with the printed gains, sampled at 1 ms.", printed),
     "real": Figure("50 ms of lag, tooth wheel and noisy speed.", real),
-    "demand": Figure("A demand of 0.8 m/s^2 on dry, wet and icy rail.", demand),
+    "demand": Figure(
+        "A demand of 0.8 m/s^2 on dry, wet and icy rail; dashed: best slip.", demand
+    ),
 }  # fmt: skip
 
 study = Study(

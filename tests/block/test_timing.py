@@ -26,6 +26,7 @@ from slipctl import (
     flow,
     law,
     make_block,
+    replicate,
     sampled,
     simulate,
     step,
@@ -351,9 +352,9 @@ def test_skipped_work_takes_no_time_when_compiled(needs_compiler):
         simulate(loop, Scenario("s", 0.1))  # compile
         times = []
         for _ in range(3):
-            began = time.perf_counter()
+            began = time.thread_time()  # of the processor: what else runs here does not count
             simulate(loop, Scenario("s", 40.0))
-            times.append(time.perf_counter() - began)
+            times.append(time.thread_time() - began)
         return min(times)
 
     assert seconds(1) > 8 * seconds(40)
@@ -366,3 +367,67 @@ def test_unit_delay_gives_the_value_of_the_tick_before():
     run = simulate(loop, Scenario("s", 1.0, inputs={"u": u}), log=["u", "y"])
     assert (run["y"].values[0] == 7.0).all()
     assert (run["y"].values[1:] == run["u"].values[:-1]).all()
+
+
+@flow(a=Output("m/s^2", "acceleration"))
+def sprung(
+    x=State("m", 1.0),
+    v=State("m/s", 0.0),
+    F=Input("N", "force", value=0.0),
+    m=Param("kg", 2.0, lo=0.1),
+    k=Param("N/m", 8.0),
+):
+    """m x'' = F - k x."""
+    a = (F - k * x) / m
+    return dict(x=v, v=a), dict(a=a)
+
+
+@step()
+def damping(
+    v=Input("m/s", "speed"),
+    F=State("N", 0.0, "force of the tick before"),
+    m=Param("kg", 2.0, lo=0.1),
+    d=Param("N s/m", 1.0),
+):
+    """A damper that knows the mass."""
+    return dict(F=-d * m * v), {}
+
+
+def braced(**values: float) -> Block:
+    """A loop with all ways to be in another time, with numbers given to its parts by hand."""
+
+    def has(block: Block) -> Block:
+        known = {n: v for n, v in values.items() if n in (*block.params, *block.states)}
+        return block.with_params(**known)
+
+    parts = {
+        "mass": sampled(has(sprung), 0.01, "rk4", substeps=2),
+        "ctl": every(has(damping), 3),
+        "many": replicate(sampled(has(sprung), 0.01, "euler"), 2, distinct=["k"]),
+    }
+    wires = {"ctl.v": "mass.v", "mass.F": "ctl.F"}
+    return connect("braced", wires, share={"m": "*.m"}, **parts)
+
+
+def test_blocks_that_differ_in_numbers_share_their_equations():
+    loop = braced()
+    changed = loop.with_params(**{"m": 3.0, "ctl.d": 0.5, "mass.k": 9.0, "mass.v": 0.25})
+    by_hand = braced(m=3.0, d=0.5)
+    assert changed.f is loop.f  # nothing is worked out again
+    assert changed.f.serialize() == by_hand.f.serialize()  # and it is what would come out
+    log, other = (simulate(b, Scenario("s", 0.3)) for b in (loop, changed))
+    assert not np.array_equal(log["mass.x"], other["mass.x"])
+    _, y = changed(**{"ctl.F": 1.5})
+    assert y["mass.a"] == (1.5 - 9.0 * 1.0) / 3.0
+
+
+def test_another_structure_has_its_own_equations():
+    loop = braced()
+    apart = loop.with_params(**{"ctl.m": 3.0})  # leaves the share: one more parameter
+    assert apart.f is not loop.f
+    assert apart.f.size1_in(2) == loop.f.size1_in(2) + 1
+    assert loop.renamed("other").f.name() == "other"
+    assert loop.with_params(m=3.0).renamed("other").f.name() == "other"
+    held = step(name="held", period=0.01)(lambda v=Input("m/s"), F=State("N"): ({"F": v}, {}))
+    swapped = loop.swap("ctl", held)
+    assert swapped.f is not loop.f

@@ -100,7 +100,7 @@ def test_what_is_no_unit_is_refused_in_one_line(text, why):
 @given(st.text(max_size=12))
 def test_any_text_is_a_unit_or_bad_input(text):
     with suppress(BadInput):
-        unit(text)
+        assert unit(text).scale > 0
 
 
 NAMES = ("m", "kg", "s", "N", "kN", "km", "h", "rad", "K", "W", "t", "%")
@@ -139,7 +139,8 @@ def test_neither_import_loads_pint_or_casadi_and_daily_units_need_no_pint():
         "assert 'pint' not in sys.modules\n"
         "u.unit('bar'); assert 'pint' in sys.modules\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 # ---- quantities -------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ def test_a_need_that_varies_inside_its_limits(start, wanted):
 def test_without_a_start_nothing_far_is_promised():
     """What is promised without a start is the distance from which nothing saturates, 0.2 m."""
     promise = certify("saturation_compensation", **TRAIN).decision.promise
-    assert "|e1| <= 0.19999" in str(promise)
+    assert "|e1| <= 0.2 m" in str(promise)
     constant = TRAIN | dict(F_low=50000, F_high=50000)
     assert verdict("saturation_compensation", **constant, start=2000) == CERTIFIED
 
@@ -79,3 +79,17 @@ def test_what_cannot_be_asked():
             verdict("prescribed_performance", **FUNNEL, **more)
     with pytest.raises(BadInput, match="must not be above F_high"):
         verdict("saturation_compensation", **(TRAIN | dict(F_low=95000)))
+
+
+@pytest.mark.parametrize(("name", "numbers"), [
+    ("barrier_lyapunov", dict(k=207.4, k_a=4.321, k_s=0.2458, T=0.0002117, W=1.356, start=0.8285,
+                              lag=3.821e-06, dead=0.0002866)),
+    ("barrier_lyapunov", dict(k=2.122, k_a=0.01502, k_s=0.006941, T=1051, W=0, noise=0.003296,
+                              start=0.999, lag=43.95)),
+    ("prescribed_performance", dict(K1=26.99, T=0.04005, eta_inf=0.003557, delta_l=1.857,
+                                    delta_u=1.209, W=0, noise=9.511e-05, start=0.674,
+                                    dead=0.1202)),
+])  # fmt: skip
+def test_the_edge_of_the_start_set_is_a_start(name, numbers):
+    """Its rounding to a float may lie outside; the run from the edge itself counts."""
+    assert verdict(name, **{k: str(v) for k, v in numbers.items()}) == REFUTED

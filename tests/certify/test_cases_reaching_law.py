@@ -35,7 +35,9 @@ def written(text):
     ("g1=36 g2=12 T=.001 lag=.0042 band=.0125", "REFUTED"),
     ("g1=36 g2=12 T=.001 lag=.0042 band=.01403", "REFUTED"),
     ("g1=36 g2=12 T=.001 lag=.0042 band=.0165", "CERTIFIED"),
-    ("g1=0 g2=12 T=.001 lag=.0042 band=.0061", "UNDECIDED"),  # was CERTIFIED; 9 mm/s never decays
+    ("g1=0 g2=12 T=.001 lag=.0042 band=.0061", "REFUTED"),  # 9 mm/s never decays
+    ("g1=0 g2=12 T=.001 lag=.0042 band=.0135", "REFUTED"),
+    ("g1=0 g2=12 T=.001 lag=.0042 D=3 band=.03", "REFUTED"),
     ("g1=0 g2=12 T=.001 lag=.0042 band=.0165", "CERTIFIED"),
     ("g1=36 g2=12 T=1e-9 lag=.02 band=.0001", "UNDECIDED"),  # lag/T = 2e7: no wrong word
     ("g1=0 g2=12 T=.001 D=12", "REFUTED"),

@@ -146,6 +146,45 @@ def test_reach_and_rest_are_those_of_runs():
     assert verdict("perturbation_seek", **DITHER, noise=1e-5, rest=4e-3) == CERTIFIED
 
 
+def _late_walk(n, start, ticks, outward=0.0):
+    """th - v* with a dead time and a lag of the measurement; the dither alone runs before."""
+    T, c, w, a = 1e-3, n["curvature"] / 2, n["w"], n["a"]
+    late, E = round(n["dead_time"] / T), math.exp(-T / n["lag"])
+    places = [start + a * math.sin(w * T * i) for i in range(-3000, 0)]
+    heard, th, xi, eta, out = c * start * start, start, 0.0, c * start * start, []
+    for v in places[: 3000 - late]:
+        heard = E * heard + (1 - E) * c * v * v
+    for i in range(ticks):
+        s = math.sin(w * T * i)
+        places.append(th + a * s)
+        heard = E * heard + (1 - E) * c * places[-1 - late] ** 2
+        high = heard + math.copysign(outward, s * start) - eta
+        th, xi, eta = (th + T * n["k"] * xi, xi + T * n["w_l"] * (high * s - xi),
+                       eta + T * n["w_h"] * high)  # fmt: skip
+        out.append(th)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("start", [0.1, -0.1])
+def test_what_is_heard_late_counts(start):
+    """Dead time and lag, together with noise: what is proved is not left by a run of the test's."""
+    late = DITHER | dict(dead_time=0.02, lag=0.01, noise=1e-6)
+    found = certify("perturbation_seek", **late)
+    assert found.verdict == CERTIFIED
+    assert {"a dead time", "a lag"}.isdisjoint(found.decision.promise.not_promised)
+    reach, rest = (float(found.decision.promise.claims[k].split()[-2]) for k in ("reach", "rest"))
+    run = abs(_late_walk(late, start, 40_000, 1e-6))
+    assert 0.5 * reach < run.max() < reach
+    assert run[-4000:].max() < rest
+    assert verdict("perturbation_seek", **late, reach=0.095) == REFUTED
+
+
+def test_a_seeker_that_hears_half_a_period_late_is_refuted():
+    half = DITHER | dict(dead_time=0.25, lag=0.05, T=0.01)
+    assert verdict("perturbation_seek", **half) == REFUTED
+    assert "a dead time" in certify("perturbation_seek", **DITHER).decision.promise.not_promised
+
+
 def test_a_proof_for_another_loop_proves_nothing():
     """The function of one gain does not fall for one that is 30 times larger, or that flees."""
     loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.012566, 0.0)

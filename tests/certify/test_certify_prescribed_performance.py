@@ -427,8 +427,11 @@ def test_refusals_name_the_bound_and_what_passes(check, arguments, words):
 
 def test_what_a_refusal_proposes_passes():
     """Take the proposal, and nothing is refused any more."""
-    pp.check_gain("ctl", 2000.0, 1e-3)
-    pp.check_gain("ctl", 1030.0, 1e-3, "barrier")
-    pp.check_start("ctl", 0.13, 0.121, 1.2, 1.2)
-    pp.check_reference_step("search", 0.0054, 0.005, 1.2, 1.2)
-    pp.check_reference_step("search", 0.01, 0.0158, 1.2, 1.2, 0.007)
+    for check, arguments in (
+        (pp.check_gain, (2000.0, 1e-3)),
+        (pp.check_gain, (1030.0, 1e-3, "barrier")),
+        (pp.check_start, (0.13, 0.121, 1.2, 1.2)),
+        (pp.check_reference_step, (0.0054, 0.005, 1.2, 1.2)),
+        (pp.check_reference_step, (0.01, 0.0158, 1.2, 1.2, 0.007)),
+    ):
+        assert check("ctl", *arguments) is None

@@ -39,7 +39,46 @@ def test_every_certificate_of_the_studies():
             for name, text in texts.items():
                 assert answer(text) == "unsat", (g.name, name)
                 asked += 1
-    assert asked >= 4
+    assert asked >= 7
+
+
+BARRIER = dict(k=F(1200), k_a=F(1, 50), k_s=F(1, 50), W=F(1, 500), T=F(1, 20))
+SLIDING = dict(k=F(1), rho=F(1, 10), beta=F(1, 50), slope=F(66, 100), least=F(1, 4), T=F(1, 1000))
+
+
+@pytest.mark.parametrize(("name", "numbers", "many"), [
+    ("barrier_lyapunov", BARRIER | dict(k_a=F("1.22986"), T=F(1, 5000)), 1),
+    ("barrier_lyapunov", BARRIER | dict(k_s=F(1, 40), noise=F(1, 1000)), 1),
+    ("barrier_lyapunov", BARRIER | dict(lag=F(1, 10)), 130),
+    ("barrier_lyapunov", BARRIER | dict(dead=F(1, 10), noise=F(1, 10000)), 68),
+    ("sliding_seek", SLIDING | dict(dead_time=F(4, 1000), noise=F(1, 1000), lag=F(1, 1000)), 1),
+    ("filter", dict(gamma=F(23, 100), R=F(1, 10000), H=F(7, 1000), dt=F(1, 1000)), 1),
+    ("saturation_compensation", dict(k1=F(1, 2), k3=F(1, 5), M=F(500000), F_min=F(-10**5),
+                                     F_max=F(10**5), F_low=F(-9 * 10**4), F_high=F(9 * 10**4)), 1),
+])  # fmt: skip
+def test_steps_of_held_errors_and_others(name, numbers, many):
+    """The cubic of the barrier, each side of its polygon, one tick of a seeker, of a filter."""
+    payload, texts = problems(name, numbers)
+    assert payload["verdict"] == "CERTIFIED"
+    assert len(texts) == many
+    assert {answer(text) for text in texts.values()} == {"unsat"}
+
+
+@pytest.mark.parametrize(("name", "numbers", "wrong"), [
+    ("barrier_lyapunov", BARRIER | dict(noise=F(1, 1000)), dict(W="1/100")),
+    ("barrier_lyapunov", BARRIER | dict(lag=F(1, 10)), dict(W="1/100")),
+    ("barrier_lyapunov", BARRIER | dict(dead=F(1, 10)), dict(k="2400")),
+    ("sliding_seek", SLIDING, dict(T="1/30")),
+    ("saturation_compensation", dict(k1=F(1, 2), k3=F(1, 5), M=F(500000), F_min=F(-10**5),
+                                     F_max=F(10**5), F_low=F(-9 * 10**4), F_high=F(9 * 10**4),
+                                     start=F(1, 10)), dict(start="1")),
+])  # fmt: skip
+def test_such_a_step_with_other_numbers_is_sat(name, numbers, wrong):
+    """The proof of some numbers, asked of others for which it is none."""
+    payload, _ = problems(name, numbers)
+    told = payload["asked"] | {k: {**payload["asked"][k], "value": v} for k, v in wrong.items()}
+    texts = smtlib.steps(system(name), {**payload, "asked": told})
+    assert "sat" in {answer(text) for text in texts.values()}
 
 
 @pytest.mark.parametrize("name", ["super_twisting", "adhesion_observer", "higher_order"])

@@ -124,9 +124,9 @@ def test_bad_input(capsys, argv, said):
 ])  # fmt: skip
 def test_units_are_read(capsys, numbers, factor):
     assert main(["certify", "reaching_law", "--set", *numbers, "--json"]) == 0
-    band = json.loads(capsys.readouterr().out)["values"]["band"]
-    assert band["unit"] == "m/s"
-    assert band["value"] == pytest.approx(factor * 0.012 / 1.964, rel=1e-12)
+    swing = json.loads(capsys.readouterr().out)["values"]["symmetric_orbit"]
+    assert swing["unit"] == "m/s"
+    assert swing["value"] == pytest.approx(factor * 0.012 / 1.964, rel=1e-12)
 
 
 def test_list_of_systems(capsys):

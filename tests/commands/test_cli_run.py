@@ -171,7 +171,7 @@ def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> Non
     assert process.stdout is not None
     assert process.stdout.readline() == "sleeping\n"
     process.send_signal(number)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=300)
     assert process.returncode == 130, err
     assert "Traceback" not in err
     got = store.read_json(Path("o/metrics.json"))
@@ -198,7 +198,7 @@ def cases(models, quick):
 toy.study = replace(toy.study, cases=cases)
 """
     process = started(slow(more), "--quick")
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=300)
     assert process.returncode == 130, err
 
 

@@ -51,6 +51,50 @@ def test_envelope_keeps_every_peak() -> None:
     assert np.array_equal(plots.envelope(t[:100], y[:100], 500)[1], y[:100])
 
 
+def test_a_curve_that_lies_on_another_is_dashed() -> None:
+    """Both are seen: below 0.8 % of the height apart over a fifth of the length is one line."""
+    t = np.linspace(0, 1, 200)
+    same = t + 0.004 * np.sin(40 * t)
+    assert plots.covered((t, same), [(t, t)]) == 1
+    assert plots.covered((t, same + 0.05), [(t, t)]) == 0
+    assert plots.covered((t[::2], same[::2]), [(t, t), (t, t)]) == 2  # other abscissas too
+    fig = plots.lines({"efc": (t, t), "eppfc": (t, same), "pid": (t, 1 - t)}, ("t", "s"), ("y", ""))
+    solid = [line.get_linestyle() == "-" for line in fig.axes[0].get_lines()]
+    assert solid == [True, False, True]
+
+
+def test_no_legend_lies_in_a_panel() -> None:
+    """Where a name means one line: one legend above; else each panel has its own beside it."""
+    t = np.linspace(0, 1, 50)
+
+    def drawn(left: dict, right: dict):
+        fig, axes = plots.panels(1, 2)
+        for axis, curves in zip(axes[0], (left, right), strict=True):
+            plots.lines(curves, ("t", "s"), ("y", ""), axis=axis)
+        plots.svg_text(fig)
+        return fig
+
+    one = drawn({"sta": (t, t), "smc": (t, -t)}, {"smc": (t, -t), "sta": (t, t)})
+    assert [t.get_text() for t in one.legends[0].get_texts()] == ["sta", "smc"]
+    two = drawn({"dry": (t, t), "ice": (t, -t)}, {"1 m/s": (t, -t), "5 m/s": (t, t)})
+    assert not two.legends
+    for fig in (one, two):
+        for axis in fig.axes:
+            if axis.get_legend() is not None:
+                panel, box = axis.get_window_extent(), axis.get_legend().get_window_extent()
+                assert box.x0 >= panel.x1
+
+
+def test_train_and_rim_stand_in_a_panel_for_each_loop(results) -> None:
+    fig = plots.speeds(results, "base", ("soft", "hard"))
+    log = results.log("base", "hard")
+    lines = {line.get_label(): line.get_ydata() for line in fig.axes[1].get_lines()}
+    rim, vehicle = lines["rim, hard"], lines["vehicle"]
+    slip = results.signal("base", "hard", "slip")
+    assert np.allclose(rim, log["plant.car.v"].values - slip)
+    assert np.array_equal(vehicle, log["plant.car.v"].values)
+
+
 def test_traces_have_units_bands_and_one_legend(results) -> None:
     fig = plots.traces(results, "base", signals=[("slip", "reference"), "torque", "plant.car.v"])
     labels = [a.get_ylabel() for a in fig.axes]

@@ -239,7 +239,7 @@ def test_latex_of_equations_can_be_set():
         rows = show.latex(block).split("aligned}")[1].split("\\end{")[0].split("\\\\\n")
         for row in rows:
             if "cases" not in row:
-                parse(f"${row.replace('&', '').strip()}$")
+                assert parse(f"${row.replace('&', '').strip()}$").glyphs
 
 
 def test_latex_of_a_wheelset():

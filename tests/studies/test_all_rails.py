@@ -46,7 +46,7 @@ def test_a_law_of_ratios_wants_the_torque_of_the_common_form():
     law = form.of_zhang(feedback_linearisation())(w)
     v, s, F = 20.0, 1.0, 20e3
     _, y = law(v=v, v_s=s, v_best=s, F=F)
-    lam, lam_ref = s / v, law.states["reference.smooth"].value
+    lam, lam_ref = s / v, law.param_values()["lam_ref_start"]
     rate = y["reference.rate"]
     D = (w.r**2 / w.J + 1 / w.m) * F
     nu = v * (-100 * (lam - lam_ref) + rate) - lam * F / w.m

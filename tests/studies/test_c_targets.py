@@ -71,13 +71,14 @@ def test_comments_and_line_breaks_are_no_content() -> None:
 
 
 def test_every_loop_with_a_controller_has_a_row() -> None:
-    found = {c.name for c in c_targets.controllers(["subway_braking", "hst_traction"])}
+    found = {c.name for c in c_targets.controllers(["subway_braking", "hst_traction:hosm_limited"])}
     assert set(c_targets.REPRESENTATIVE) & found == {
         "subway_braking:sta",
         "hst_traction:hosm_limited",
     }
     study = doors.load_study("subway_braking")
-    loops = {n for n in doors.loop_names(study) if "ctl" in doors.find_loop(study, n)[0].parts}
+    cases = doors.build_cases(study)
+    loops = {n for case in cases for n, loop in case.loops.items() if "ctl" in loop.parts}
     assert {n.partition(":")[2] for n in found if n.startswith("subway")} == loops
 
 

@@ -3,6 +3,7 @@
 import re
 from functools import cache
 
+import left_out
 import numpy as np
 import pytest
 
@@ -123,6 +124,10 @@ def test_reasons_agree_with_the_run_that_they_explain():
     told = float(re.search(r"by ([\d.]+) m/s", verdict("smes_oscillates", results).why)[1])
     swing = measures.ripple("smes_robust", measures.TRIED, claims.WET)(results)
     assert swing == pytest.approx(told, rel=0.25)  # the loop's lag turns it late, by 17 %
+
+
+def test_what_did_not_run_is_counted_apart():
+    left_out.assert_open_and_counted_apart(ran())
 
 
 def test_what_did_not_run_is_said():

@@ -169,7 +169,7 @@ def test_controller_in_c_repeats_the_run(scenario, name, tmp_path):
 
 def checked(loop="improved_robust", **params):
     block, scenario = context().loop("base", loop)
-    check(loop, block.with_params(**params) if params else block, scenario)
+    return check(loop, block.with_params(**params) if params else block, scenario)
 
 
 @pytest.mark.parametrize(
@@ -189,10 +189,14 @@ def test_bad_input_is_told_before_the_run(name, value, said):
 
 
 def test_what_would_pass_passes():
-    checked(**{"ctl.reference.x": -0.1, "ctl.barrier.k_s": 0.111})
-    checked(**{"ctl.barrier.q": 1.88e3})
-    checked(**{"ctl.seek.w": 25.0})
-    checked(**{"ctl.seek.beta": 4e-5})
+    """Take the proposal, and nothing is refused any more."""
+    for taken in (
+        {"ctl.reference.x": -0.1, "ctl.barrier.k_s": 0.111},
+        {"ctl.barrier.q": 1.88e3},
+        {"ctl.seek.w": 25.0},
+        {"ctl.seek.beta": 4e-5},
+    ):
+        assert checked(**taken) is None
 
 
 def test_period_of_the_printed_shape():

@@ -4,6 +4,7 @@ import logging
 import re
 from functools import cache
 
+import left_out
 import numpy as np
 import pytest
 
@@ -113,12 +114,16 @@ def test_typed_reasons_have_no_number_of_a_run():
                 assert not re.search(r"\d", reason)
 
 
-def test_a_claim_about_many_runs_says_that_none_was_run():
-    """Item 21: only `position` ran."""
-    empty = Results(study, ())
-    found = verdict("creep_every_law", empty)
-    assert found.verdict == "not checkable"
-    assert found.why == "no loop with the limit was run in base or stress"
+def test_a_claim_about_many_runs_says_which_was_not_run():
+    """Item 21: only `position` ran, or one law of six."""
+    for results in (Results(study, ()), ran()):
+        found = verdict("creep_every_law_base", results)
+        assert found.verdict == "not checkable"
+        assert re.fullmatch(r"base/\w+_limited was not run", found.why)
+
+
+def test_what_did_not_run_is_counted_apart():
+    left_out.assert_open_and_counted_apart(ran())
 
 
 @pytest.mark.parametrize("scenario", ["base", "position"])

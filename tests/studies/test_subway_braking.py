@@ -3,6 +3,7 @@
 import re
 from functools import cache
 
+import left_out
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -151,6 +152,10 @@ def test_reasons_are_those_of_the_run_with_a_parameter_20_percent_larger(name):
         assert [float(x) for x in said.split(" / ")] == pytest.approx(swings, abs=0.51)
     # and what stays true of the printed gains
     assert "wants k2 > 500.5005" in verdict("gains_satisfy_48", r)[1]
+
+
+def test_what_did_not_run_is_counted_apart():
+    left_out.assert_open_and_counted_apart(results())
 
 
 def test_every_claim_has_an_answer_or_says_what_was_not_run():

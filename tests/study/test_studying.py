@@ -75,6 +75,25 @@ def test_order() -> None:
         verdict(ours, kind="order", paper="dry > snow")
 
 
+def test_a_close_verdict_says_what_turns_it() -> None:
+    """Within a tenth of the tolerance, and for an order within 1 % of the larger number."""
+    near, far = (verdict(x, paper="0.04", tolerance="last digit")[1] for x in (0.0446, 0.042))
+    assert near.endswith("allowed 0.005: close, 0.0004 more turns the verdict")
+    assert "close" not in far
+    beyond = verdict(0.0453, paper="0.04", tolerance="last digit")
+    assert beyond[0] == "not reproduced"
+    assert beyond[1].endswith("close, 0.0003 less turns the verdict")
+    order = {"kind": "order", "paper": "a > b"}
+    assert verdict({"a": 1.0, "b": 0.995}, **order) == (
+        "reproduced", "a above b: close, 0.005 (0.5 %) turns the verdict"
+    )  # fmt: skip
+    found = verdict({"a": 0.995, "b": 1.0}, **order)
+    assert found == (
+        "not reproduced", "a is not above b: close, 0.005 (0.5 %) turns the verdict"
+    )  # fmt: skip
+    assert verdict({"a": 1.0, "b": 1.0}, **order) == ("not reproduced", "a and b tie")
+
+
 def test_yes_or_no() -> None:
     assert verdict(np.bool_(True), kind="yes/no", paper=True)[0] == "reproduced"
     assert verdict(False, kind="yes/no", paper=True)[0] == "not reproduced"

@@ -155,7 +155,9 @@ def tool() -> str:
             trial = Path(scratch) / "trial.c"
             trial.write_text(
                 "#include <stddef.h>\nint LLVMFuzzerTestOneInput(const char *d, size_t n);\n"
-                "int LLVMFuzzerTestOneInput(const char *d, size_t n) { return (d && n) ? 0 : 0; }\n"
+                "int LLVMFuzzerTestOneInput(const char *d, size_t n)\n"
+                "{ return (d && n) ? 0 : 0; }\n",
+                encoding="utf-8",
             )
             command = [found, *FLAGS, str(trial), "-o", str(trial.with_suffix(""))]
             if subprocess.run(command, capture_output=True, check=False).returncode == 0:

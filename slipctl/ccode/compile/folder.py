@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from slipctl.errors import BadInput
+from slipctl.run import store
 
 MANIFEST = "report.json"
 
@@ -24,8 +25,11 @@ def check_folder(folder: Path, names: Iterable[str]) -> None:
     """Refuse a folder where one of the names is a file that we did not write.
 
     Raises:
-        BadInput: not a folder, no right to write, or a foreign file in the way.
+        BadInput: not a folder, no right to write, a foreign file in the way, or a device's name.
     """
+    names = list(names)
+    for name in ("", *names):
+        store.check_names(folder / name)
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"{folder} is a file; give a folder")
     parent = folder

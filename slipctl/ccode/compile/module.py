@@ -88,7 +88,7 @@ class CModule:
         self._lib = None
         self._scratch = tempfile.TemporaryDirectory(prefix="slipctl_")
         scratch = Path(self._scratch.name)
-        (scratch / "bind.c").write_text(self.binding)
+        (scratch / "bind.c").write_text(self.binding, encoding="utf-8")
         objects = [self.object_file, scratch / "bind.o"]
         compile_object(cc, source, objects[0], "-fPIC")
         compile_object(cc, scratch / "bind.c", objects[1], "-fPIC", f"-I{self.folder.resolve()}")

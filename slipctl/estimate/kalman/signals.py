@@ -103,9 +103,11 @@ def filter_states(problem: Problem, setting: Setting, names: Names) -> list[Sign
     """Estimates and the lower half of their covariance."""
     unknown = problem.unknown
     states = [
-        State(s.unit, first_estimate(problem, setting, s), f"estimate: {s.doc or s.name}").named(
-            names.held[s.name])
-        for s in unknown
+        State(
+            s.unit, first_estimate(problem, setting, s), f"estimate: {s.doc or s.name}",
+            deviation=f"sqrt({names.P[i, i]})", truth=s.name.rpartition(".")[2],
+        ).named(names.held[s.name])
+        for i, s in enumerate(unknown)
     ]  # fmt: skip
     for (i, j), name in names.P.items():
         a, b = unknown[i], unknown[j]

@@ -40,6 +40,7 @@ class Adversary:
             cases are made and larger where verdicts are tried.
         replays: whether a counterexample of the file makes it false in the plain simulator; gets
             the numbers as floats and the entry ``counterexample``.
+        replays_all: the same for all cases at once, where the counterexample is one in words.
         grows: by asked number whether a larger one is harder to hold (D, W, T), not easier (band).
         guess: start values of asked numbers that ``draw`` does not draw, of the cases.
         swing: by asked number its value at which the search first succeeds, where a run gives it
@@ -50,12 +51,13 @@ class Adversary:
     draw: Callable[[np.random.Generator, int], Cases]
     asked: tuple[str, ...]
     leaves: Callable[[Cases, np.random.Generator, int], np.ndarray]
-    replays: Callable[[dict[str, float], dict[str, Any]], bool]
+    replays: Callable[[dict[str, float], dict[str, Any]], bool] | None = None
     grows: dict[str, bool] = field(default_factory=dict)
     guess: dict[str, Callable[[Cases], np.ndarray]] = field(default_factory=dict)
     swing: dict[str, Callable[[Cases, np.random.Generator], np.ndarray]] = field(
         default_factory=dict
     )
+    replays_all: Callable[[Cases], np.ndarray] | None = None
 
 
 @dataclass
@@ -154,34 +156,48 @@ def threshold(
 ) -> np.ndarray:
     """Value of the asked number at which the search first succeeds, per case, within 2 %.
 
-    Where it succeeds or fails for every value within a factor of 1e6, the start value.
+    Many values are tried at once: powers of two around the start value, then seven between the last
+    that fails and the first that succeeds, and seven more. Where it succeeds or fails for every
+    value within a factor of 1e6, the start value.
     """
     if name in adversary.swing:
         return adversary.swing[name](drawn, rng)
     start = adversary.guess[name](drawn) if name in adversary.guess else drawn[name].copy()
     up = adversary.grows.get(name, name != "band")
 
-    def broken(x: np.ndarray) -> np.ndarray:
-        out = adversary.leaves({**drawn, name: x}, rng, 1)
-        return out if up else ~out
+    def first_past(some: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Index of the first of the values (tries, cases) past the threshold; their number."""
+        tiled = {k: np.tile(v[some], len(values)) for k, v in drawn.items()}
+        out = adversary.leaves({**tiled, name: values.ravel()}, rng, 1)
+        past = (out if up else ~out).reshape(values.shape)
+        return np.where(past.any(axis=0), past.argmax(axis=0), len(past))
 
-    low, high = start.copy(), start.copy()  # not broken at low, broken at high
-    for _ in range(20):
-        hit = broken(low)
-        if not hit.any():
+    low, high = np.full_like(start, np.nan), np.full_like(start, np.nan)
+    left, centre = np.arange(len(start)), np.zeros(len(start))
+    powers = np.arange(-4, 5)[:, None]
+    for _ in range(3):
+        if not len(left):
             break
-        low = np.where(hit, low / 2, low)
-    for _ in range(20):
-        miss = ~broken(high)
-        if not miss.any():
+        values = start[left] * 2.0 ** (centre[left] + powers)
+        at = first_past(left, values)
+        within = (at > 0) & (at < len(powers))
+        columns = np.flatnonzero(within)
+        low[left[within]] = values[at[within] - 1, columns]
+        high[left[within]] = values[at[within], columns]
+        centre[left] += np.where(at > 0, 8, -8)
+        left = left[~within]
+    found = np.flatnonzero(~np.isnan(high))
+    steps = np.arange(1, 8)[:, None] / 8
+    for _ in range(2):
+        if not len(found):
             break
-        high = np.where(miss, high * 2, high)
-    lost = broken(low) | ~broken(high)
-    for _ in range(8):
-        middle = np.sqrt(low * high)
-        hit = broken(middle)
-        low, high = np.where(hit, low, middle), np.where(hit, middle, high)
-    return np.where(lost, start, high)
+        a, b = low[found], high[found]
+        values = a * (b / a) ** steps
+        at = first_past(found, values)
+        ends = np.concatenate([a[None], values, b[None]])
+        columns = np.arange(len(found))
+        low[found], high[found] = ends[at, columns], ends[at + 1, columns]
+    return np.where(np.isnan(high), start, high)
 
 
 def singles(found: Cases) -> Iterator[dict[str, float]]:
@@ -215,6 +231,7 @@ def trial(adversary: Adversary, n: int, seed: int, every: int = 1, effort: int =
     own, tally = system(adversary.system), Tally()
     found = cases(adversary, n, seed)
     kept: list[int] = []
+    refuted: list[tuple[dict[str, float], dict[str, float], dict[str, Any]]] = []
     for i, numbers in enumerate(singles(found)):
         exact = {k: Fraction(f"{v:.10g}") for k, v in numbers.items()}
         told = proofs.checked(own, exact)
@@ -228,11 +245,13 @@ def trial(adversary: Adversary, n: int, seed: int, every: int = 1, effort: int =
         elif decision.verdict == "REFUTED":
             tally.refuted += 1
             full = {k: float(v) for k, v in told.items()}
-            if not adversary.replays(full, payload["counterexample"]):
-                tally.false_refuted.append(as_set(numbers))
+            refuted.append((numbers, full, payload["counterexample"]))
         else:
             tally.undecided += 1
             tally.undecided_cases.append(as_set(numbers))
+    for (numbers, _, _), left in zip(refuted, _replayed(adversary, refuted), strict=True):
+        if not left:
+            tally.false_refuted.append(as_set(numbers))
     if kept:
         certified = {k: v[kept] for k, v in found.items()}
         rng = np.random.default_rng([seed, 1])
@@ -241,3 +260,14 @@ def trial(adversary: Adversary, n: int, seed: int, every: int = 1, effort: int =
             if bad:
                 tally.false_certified.append(as_set(numbers))
     return tally
+
+
+def _replayed(adversary: Adversary, refuted: list[tuple[Any, dict[str, float], Any]]) -> list[bool]:
+    """Whether each counterexample makes its promise false in the plain simulator."""
+    if adversary.replays is not None:
+        return [adversary.replays(full, entry) for _, full, entry in refuted]
+    if adversary.replays_all is None or not refuted:
+        return [False] * len(refuted)
+    names = refuted[0][1]
+    together = {k: np.array([full[k] for _, full, _ in refuted]) for k in names}
+    return list(adversary.replays_all(together))

@@ -38,7 +38,7 @@ def _lagged_run(n: Cases, doublings: int) -> np.ndarray:
 
 def _lagged_leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     """It has not shrunk between the middle and the end of a long run."""
-    return _lagged_run(n, 12 + effort) > _lagged_run(n, 11 + effort)
+    return _lagged_run(n, 20 + effort) > _lagged_run(n, 19 + effort)
 
 
 def _observer_draw(rng: np.random.Generator, n: int) -> Cases:
@@ -84,7 +84,7 @@ def _refuted(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
     """The sides are in closed form; the run from a start does not die out, or too slowly."""
     one = {k: np.array([v]) for k, v in n.items()}
     if "K" in n:
-        return bool(_lagged_run(one, 13) > _lagged_run(one, 12) - 1e-6)
+        return bool(_lagged_run(one, 21) > _lagged_run(one, 20) - 1e-6)
     wanted = n.get("slowest", 0.0)
     return bool(_decay(one)[0] <= wanted * (1 + 5e-3) + 1e-9)
 

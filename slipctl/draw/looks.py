@@ -1,0 +1,196 @@
+"""How figures look: colours, lines and legends, the same in every study; nothing is hidden.
+
+A curve that lies on another one is dashed, and no legend lies on a curve.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+BLACK, BLUE, ORANGE, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+PURPLE, SKY, AMBER, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F"
+PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
+"""Colours that a colour-blind reader tells apart (after Okabe and Ito)."""
+
+COLOURS = {
+    "ideal": BLACK,
+    "smc": ORANGE,
+    "sta": BLUE,
+    "sta_online": GREEN,
+    "pid": AMBER,
+    "hosm": BLUE,
+    "asmc": PURPLE,
+    "mpc": GREEN,
+    "robust": SKY,
+    "fixed": PURPLE,
+    "eppfc": BLUE,
+    "efc": ORANGE,
+    "nmpc": GREEN,
+    "smes": ORANGE,
+    "improved": BLUE,
+    "esa": GREEN,
+}
+"""Loops whose colour is fixed; any other name gets one of the palette by its letters."""
+
+RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED"}
+"""Shades of the bands behind a trace; any other condition stays white."""
+
+STYLE: Any = {
+    "figure.dpi": 100,
+    "savefig.dpi": 160,
+    "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": f"cycler(color={list(PALETTE)})",
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "svg.hashsalt": "slipctl",
+    "svg.fonttype": "path",
+    "path.simplify": True,
+}
+
+WIDTH, HEIGHT = 7.0, 1.9
+"""Size in inches of a figure and of one of its panels."""
+
+
+def colour(name: str) -> str:
+    """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
+    stem = re.sub(
+        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
+    )
+    for known in (name, stem):
+        if known in COLOURS:
+            return COLOURS[known]
+    return PALETTE[int(hashlib.sha256(stem.encode()).hexdigest(), 16) % len(PALETTE)]
+
+
+def dash(name: str, beside: Sequence[str] = ()) -> Any:
+    """Line of a loop: dotted for the bound, dashed where another one beside it has its colour."""
+    if name == "ideal":
+        return (0, (1, 1))
+    same = [n for n in beside if colour(n) == colour(name)]
+    return (0, (4, 1.5)) if name in same[1:] else "-"
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the one style."""
+    import matplotlib
+
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options: Any) -> Any:
+    """New figure with panels in the one style.
+
+    Returns:
+        The figure and its axes, an array of rows by columns.
+    """
+    from matplotlib.figure import Figure
+
+    with style():
+        size = (WIDTH, height * rows + 0.4)
+        fig = Figure(figsize=size)
+        return fig, fig.subplots(rows, columns, squeeze=False, **options)
+
+
+def label(what: str, unit: str) -> str:
+    """Label of an axis: what it is and its unit."""
+    return f"{what} [{pretty(unit)}]" if unit not in ("", "1") else what
+
+
+def pretty(unit: str) -> str:
+    """Unit as a reader expects it: ``m/s^2`` as m/s²."""
+    raised = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+    text = re.sub(r"\^(-?\d+)(?![.\d])", lambda m: m[1].translate(raised), unit)
+    text = re.sub(r"(?<=[a-zA-Z])([234])\b", lambda m: m[1].translate(raised), text)
+    return text.replace("*", "·")
+
+
+DASHES: tuple[Any, ...] = ("-", (0, (5, 2.5)), (0, (2, 4)))
+"""Lines of curves that lie on each other: what is below shows between the dashes on top."""
+
+SAME = 0.008
+"""Share of the height of a panel within which two curves look like one."""
+
+
+def covered(
+    curve: tuple[Any, Any], below: Sequence[tuple[Any, Any]], height: float | None = None
+) -> int:
+    """On how many curves one lies for a fifth of its length or more; it is to be dashed.
+
+    Args:
+        curve: abscissa, which rises, and ordinate.
+        below: the curves that are drawn before it.
+        height: of the panel in units of the ordinate; None is what the curves take.
+    """
+    x, y = (np.asarray(part, dtype=float) for part in curve)
+    if len(x) < 3:
+        return 0
+    others = [tuple(np.asarray(part, dtype=float) for part in other) for other in below]
+    if height is None:
+        every = np.concatenate([y, *(o for _, o in others)])
+        every = every[np.isfinite(every)]
+        height = float(np.ptp(every)) if len(every) else 0.0
+    found = 0
+    for xs, ys in others:
+        if len(xs) > 2:
+            there = y if len(xs) == len(x) and np.array_equal(xs, x) else None
+            beside = ys if there is not None else np.interp(x, xs, ys, np.nan, np.nan)
+            near = np.abs(beside - y) <= SAME * height
+            found += int(np.mean(near) >= 0.2)
+    return found
+
+
+def legends_aside(fig: Figure) -> None:
+    """Take the legends off the panels, so that none lies on a curve.
+
+    Where a name means the same line in all panels there is one legend above the figure; else each
+    panel has its own at its right.
+    """
+    own = [a for a in fig.axes if a.get_legend() is not None]
+    if not own:
+        return
+    entries: dict[str, Any] = {}
+    looks: dict[Any, str] = {}
+    one = not fig.legends
+    for axis in own:
+        for handle, name in zip(*axis.get_legend_handles_labels(), strict=True):
+            hue = getattr(handle, "get_color", lambda: None)()
+            look = (str(hue), str(getattr(handle, "_unscaled_dash_pattern", "")))
+            first = entries.setdefault(name, handle)
+            one &= hue is None or getattr(first, "get_color", lambda: None)() == hue
+            one &= hue is None or looks.setdefault(look, name) == name
+    with style():
+        for axis in own:
+            handles, names = axis.get_legend_handles_labels()
+            cast("Legend", axis.get_legend()).remove()
+            if not one:
+                axis.legend(handles, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        if one:
+            letters = sum(len(n) + 6 for n in entries)
+            rows = -(-letters // 105)  # a row holds about so many letters
+            fig.legend(entries.values(), entries.keys(), ncols=-(-len(entries) // rows),
+                       loc="outside upper center")  # fmt: skip
