@@ -249,9 +249,7 @@ def pid(gains: str = "rule") -> Block:
     )  # fmt: skip
     def controller_pid(
         integral=State("N m", 0.0, "integral part", WANTED, lo=-5e6, hi=5e6),
-        e_last=State(
-            "1", "lam_start - lam_ref_start", "slip error of the last tick", WIDE, lo=-5, hi=5
-        ),
+        e_last=State("1", "lam_start - lam_ref_start", "slip error of the last tick", lo=-5, hi=5),
         lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         v=Input("m/s", "train speed"),
@@ -303,14 +301,7 @@ def arbitration(
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
     v=Input("m/s", "train speed", "430 km/h; 50 m/s^2", lo=-1, hi=120, change=0.05),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
-    a_demand=Input(
-        "m/s^2",
-        "required deceleration, a positive number",
-        "twice gravity",
-        value=15.0,
-        lo=0,
-        hi=20,
-    ),
+    a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0, lo=0, hi=20),
     m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
