@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -146,6 +147,8 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
                     f"{name}: {place} is shared as {taken[place]} and as {share.name}; write one"
                 )
             taken[place] = share.name
+    left = {place for share in shares.values() for place in share.apart}
+    left |= {f"{b}.{place}" for b, places in apart.items() for place in places}
     for share in shares.values():
         every = met[share.name]
         places = tuple(p for p in every if p not in share.apart)
@@ -153,8 +156,10 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
             told = places or tuple(every)
             signals = [_signal(blocks, p) for p in told]
             _agree(name, share, told, signals)
-            made = _declared(name, blocks, share, told, signals, taken)
+            made = _declared(name, blocks, share, told, signals, taken, left)
             found[share.name] = replace(made, places=places)
+    for share in found.values():
+        _check_unit(name, share, found)
     return found
 
 
@@ -410,6 +415,37 @@ def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Sig
         )
 
 
+def _check_unit(name: str, share: Share, shares: Mapping[str, Share]) -> None:
+    """Refuse an expression of shared numbers that has another unit than its places."""
+    if share.expression is None or share.signal is None:
+        return
+    given = []
+    for k in names_in(share.expression):
+        other = shares[k].signal if k in shares else None
+        if other is None:
+            return  # an unknown name is refused with those that there are
+        given.append((k, other.unit))
+    wrong = _unit_error(share.expression, share.signal.unit, tuple(given))
+    if wrong:
+        raise BadInput(
+            f"{name}: share {share.name!r} = {share.expression!r} is no {share.signal.unit}, the"
+            f" unit of {(share.places or share.wanted)[0]}: {wrong}"
+        )
+
+
+@lru_cache(maxsize=4096)
+def _unit_error(expression: str, unit: str, given: tuple[tuple[str, str], ...]) -> str:
+    """What is wrong with the unit of an expression, empty if nothing is."""
+    import casadi as ca
+
+    from slipctl.block import unit_walk, units
+
+    with units.checking_units():
+        value = ca.SX(evaluate(expression, {k: ca.SX.sym(k) for k, _ in given}, expression))
+        found = unit_walk.check({"share": value}, dict(given), {"share": unit}, {})
+    return found[0].partition(": ")[2] or found[0] if found else ""
+
+
 def _declared(
     name: str,
     blocks: Mapping[str, Block],
@@ -417,6 +453,7 @@ def _declared(
     places: tuple[str, ...],
     signals: Sequence[Signal],
     taken: Mapping[str, str],
+    left: Set[str],
 ) -> Share:
     """Share with its places and its signal, which the first place declares.
 
@@ -427,7 +464,7 @@ def _declared(
     first = next((s for s in signals if s.shape == ()), signals[0])
     value = share.expression
     if value is None and signals[0].derived:
-        value = _lifted(name, blocks[b], b, share, places[0], signals[0], taken)
+        value = _lifted(name, blocks[b], b, share, places[0], signals[0], taken, left)
     # copies that begin alike begin with one number
     alone = value is not None or (begins and np.ndim(first.value) == 0)
     signal = first.as_role(
@@ -452,12 +489,17 @@ def _lifted(
     place: str,
     first: Signal,
     taken: Mapping[str, str],
+    left: Set[str],
 ) -> str:
     """Expression of a place, ``"v / r"`` beside a wheel, in the names of the shares."""
     n = place.partition(".")[2]
     names: dict[str, str] = {}
+    own: dict[str, float] = {}  # of places that were set apart
     for k in names_in(first.value):
         full = f"{b}.{part._sibling(n, k)}"
+        if full in left:
+            own[k] = float(np.ravel(part.param_values()[part._sibling(n, k)])[0])
+            continue
         if full not in taken:
             raise BadInput(
                 f"{name}: share {share.name!r}: {place} = {first.value!r} uses {full}, which is"
@@ -466,7 +508,9 @@ def _lifted(
         names[k] = taken[full]
 
     class Rename(ast.NodeTransformer):
-        def visit_Name(self, node: ast.Name) -> ast.Name:
+        def visit_Name(self, node: ast.Name) -> ast.expr:
+            if node.id in own:
+                return ast.Constant(own[node.id])
             return ast.Name(names.get(node.id, node.id), node.ctx)
 
     tree = Rename().visit(ast.parse(first.value, mode="eval"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import casadi as ca
@@ -255,6 +256,44 @@ def _run_or_hold(f: ca.Function) -> ca.Function:
     run = ca.Function(f"{f.name()}_run", [x, u, p, held], [*f(x, u, p)])
     hold = ca.Function(f"{f.name()}_hold", [x, u, p, held], [x, held])
     return ca.Function.if_else(f"{f.name()}_every", run, hold)
+
+
+SAMPLE_TIMES = ("T", "T_o", "T_s")
+"""Names of a sample time among the parameters of a step."""
+
+
+def check_sample_times(loop: Block) -> None:
+    """Refuse a sample time, a parameter of a step, that is not the time from one run to the next.
+
+    Raises:
+        BadInput: with the place and the time.
+    """
+    if loop.period is None:
+        return
+    for path, h in _rates(loop, loop.period, ""):
+        for n in SAMPLE_TIMES:
+            place = f"{path}.{n}" if path else n
+            signal = loop.params.get(loop.sharing.name(place))
+            if signal is None or signal.unit != "s" or signal.derived or signal.value is None:
+                continue
+            told = float(np.ravel(signal.value)[0])
+            if not math.isclose(told, h, rel_tol=1e-6):
+                raise BadInput(
+                    f"{place} = {told:g} s, but it runs every {h:g} s; a sample time is that of"
+                    " the loop, which is built with it"
+                )
+
+
+def _rates(block: Block, h: float, path: str) -> Iterator[tuple[str, float]]:
+    """Path of every step without parts, and the time from one run of it to the next."""
+    if not block.parts:
+        if block.kind == "step":
+            yield path, h
+        return
+    if block.transparent and "every" in block.choices and "copies" not in block.choices:
+        h *= int(block.choices["every"])
+    for name, part in block.parts.items():
+        yield from _rates(part, h, path if block.transparent else f"{path}.{name}".lstrip("."))
 
 
 def _new_name(name: str, taken: set[str]) -> str:

@@ -51,7 +51,7 @@ def probe(
 
     A rail that changes without a trace in the samples at hand, because both curves meet there, is
     noticed by looking again: after ``again`` without probing the reference is ``best (1 + nudge)``
-    for ``look``.
+    for ``look``. If the peak is still less sure than ``tolerance`` by then, it is probed once more.
 
     Args:
         law: the estimated law.
@@ -60,7 +60,7 @@ def probe(
         measured: as given to :func:`slipctl.rls`.
         unknown: as given to :func:`slipctl.rls`.
         period: sample period in s.
-        looks: look again from time to time.
+        looks: look again from time to time, and probe again while the peak is unsure.
         **numbers: values of the block's parameters.
 
     Returns:
@@ -94,8 +94,12 @@ def probe(
         certain = ca.logic_and(curvature < 0, variance < (WORST * best) ** 2)
         deviation = ca.if_else(certain, ca.sqrt(ca.fmax(variance, 0)) / best, WORST)
 
-        elapsed = ca.if_else(u["changed"], 0, x["elapsed"])
-        before = ca.logic_or(u["changed"], x["probing"])
+        begins = u["changed"]
+        if looks:
+            waited = ca.logic_and(ca.logic_not(x["probing"]), x["waited"] >= p["again"])
+            begins = ca.logic_or(begins, ca.logic_and(waited, deviation > p["tolerance"]))
+        elapsed = ca.if_else(begins, 0, x["elapsed"])
+        before = ca.logic_or(begins, x["probing"])
         unsure = ca.logic_and(deviation > p["tolerance"], elapsed < p["longest"])
         probing = ca.logic_and(before, unsure)
         wanted = best * (1 + p["depth"] * probing)
@@ -130,7 +134,7 @@ def probe(
             *(law.inputs[k] for k in others),
         ],
         params=[
-            Param("1", 0.5, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
+            Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
                   ).named("depth"),
             Param(s.unit, lowest, "lowest reference", "given").named("lowest"),
             Param(s.unit, highest, "highest reference", "given").named("highest"),

@@ -9,21 +9,28 @@ from then on also the samples that have left the window, linearised where they l
 inverse of the Hessian of J, never grows beyond the spread, whatever the excitation.
 
 A change is looked for in the residuals e_i of new samples before they are used, over their
-standard deviations t_i. With ``memory`` = 1 it is |t| > gate. With more it is the generalised
-likelihood ratio of a shift k samples ago: the largest (t_1 + ... + t_k)^2/k > gate^2 over k up to
-the memory, so that a shift of D is found after k = (gate s/D)^2 samples. s is then what the
-residuals of the window show, the declared noise sigma counting as BELIEF samples: without noise s
-falls to sigma sqrt(BELIEF/count), and after 128 samples one more shows a shift of 0.6 sigma.
+standard deviations t_i. With ``memory`` = 1 it is |t| > gate, and sigma is the declared noise.
+
+With more it is the generalised likelihood ratio of a shift k samples ago, and sigma is what the
+residuals of the window show, with nu degrees of freedom: the declared noise counts as BELIEF
+samples, and alone below n + 2. With r the largest (t_1 + ... + t_k)^2/k over k up to the memory,
+
+    nu ln(1 + r/nu) > gate^2
+
+tells a change (twice the log-likelihood ratio of Student's t; gate^2 = r for many nu). So a shift D
+is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`smallest_shift`.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Param, State
+from slipctl.errors import BadInput, check_whole
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.seek.random import epsilon
 
@@ -44,8 +51,9 @@ ROUNDED = 1e-5
 """Rounding that a variance may have beyond the spread, in float and in double."""
 
 
-BELIEF = 2.0
-"""Samples that the declared noise counts for, beside those seen, where a change is looked for."""
+BELIEF = 0.01
+"""Samples that the declared noise counts for, beside those seen. Without noise s falls to
+sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
 
 def windowed(model: Model, period: float, window: int, iterations: int, memory: int = 1) -> Block:
@@ -57,7 +65,7 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
     solve, invert = _solver(n), _inverse(n)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        theta, constants, sigma2 = x["theta"], model.constants(p), p["noise"] ** 2
+        theta, constants, declared = x["theta"], model.constants(p), p["noise"] ** 2
         least = p["spread"] ** -2
         Lambda_0 = ca.diag(least)
         inputs, measurement = model.sample(u)
@@ -67,15 +75,20 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         # a change: the residual is beyond the prediction interval of the regression
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
         if memory == 1:
-            interval = x["scatter"] * (1 + h.T @ x["P"] @ h / sigma2)
+            interval = x["scatter"] * (1 + h.T @ x["P"] @ h / declared)
             changed = ca.logic_and(enough, e**2 > p["gate"] ** 2 * interval)
         else:
             shift = e / ca.sqrt(x["scatter"] + h.T @ x["P"] @ h)
             shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
             ratios = ca.cumsum(shifts.T) ** 2 / ca.DM(range(1, memory + 1))
-            changed = ca.mmax(ratios) > p["gate"] ** 2
+            freedom = BELIEF + ca.fmax(0, x["count"] - n)
+            changed = freedom * ca.log1p(ca.mmax(ratios) / freedom) > p["gate"] ** 2
         unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
         again = ca.logic_or(ca.logic_or(changed, x["count"] == 0), x["unsettled"] > 0)
+
+        sigma2 = declared
+        if memory > 1:
+            sigma2 = ca.if_else(ca.logic_or(again, x["count"] < n + 2), declared, x["scatter"])
 
         # what leaves the window stays as information
         last = x["kept"][:, -1]
@@ -104,9 +117,9 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         theta, _, squares, H, _, damping = state
         P = invert(H, least)
         if memory == 1:
-            scatter = sigma2 + squares / count
+            scatter = declared + squares / count
         else:
-            scatter = (BELIEF * sigma2 + squares) / (BELIEF + ca.fmax(0, count - n))
+            scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - n))
         nxt = {
             "theta": theta, "P": P, "scatter": scatter, "mean": mean,
             "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
@@ -151,6 +164,43 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         | ({"memory": memory} if memory > 1 else {}),
         doc=__doc__ or "",
     )  # fmt: skip
+
+
+def smallest_shift(
+    noise: float, samples: int, latest: int = 1, unknown: int = 3, gate: float = 5.0,
+    declared: float | None = None,
+) -> float:  # fmt: skip
+    """Detection limit: the shift that the windowed form tells after some samples, with ``memory``.
+
+    At a constant input, without what the estimate does not know itself: as that follows the shift
+    while it is looked for, up to 1.6 times as much is needed for one half of the shifts to be told.
+
+    Args:
+        noise: standard deviation of the samples, in the unit measured; 0 is none.
+        samples: since the last change, before the shift.
+        latest: samples since the shift, up to the memory.
+        unknown: parameters that are estimated.
+        gate: parameter of the estimator.
+        declared: parameter ``noise`` of the estimator; by default 1e-3.
+
+    Returns:
+        Size of the shift, in the unit measured; inf where the samples are too few.
+
+    Raises:
+        BadInput: a number that is none or negative.
+    """
+    declared = 1e-3 if declared is None else declared
+    for name, value in (("noise", noise), ("declared", declared), ("gate", gate)):
+        if not 0 <= value < math.inf:
+            raise BadInput(f"smallest_shift: {name} = {value:g} must be 0 or positive")
+    for name, count in (("samples", samples), ("latest", latest), ("unknown", unknown)):
+        check_whole(f"smallest_shift: {name}", count)
+    seen = samples - unknown
+    if seen < 2:
+        return math.inf
+    freedom = BELIEF + seen
+    s2 = (BELIEF * declared**2 + seen * noise**2) / freedom
+    return math.sqrt(s2 * freedom * math.expm1(gate**2 / freedom) / latest)
 
 
 def _normal_equations(model: Model, window: int) -> ca.Function:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from slipctl.block import units
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at, targets, told_apart
+from slipctl.block.timing import check_sample_times
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.run.rail import Scenario
@@ -134,6 +135,7 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
+                check_sample_times(begun(loop, case.scenario))
                 store.check_names(Path(case.scenario.name, name))
                 said |= dict.fromkeys(told(loop, case.scenario, _try(case, name, loop)))
                 study.check(name, loop, case.scenario)

@@ -43,6 +43,7 @@ from slipctl.studies.subway_braking.loops import (
     perfect,
     searcher,
 )
+from slipctl.studies.subway_braking.sections import sections
 
 RAILS = ("dry", "wet", "ice")
 LENGTH = 2.0
@@ -471,6 +472,9 @@ EXPERIMENTS = {
     "sweep": Experiment("Estimator on a sweep", sweep, "Does the estimator find the peak?"),
     "moving": Experiment(
         "Online optimum", moving, "How fast is a new optimum found, at what price?"
+    ),
+    "sections": Experiment(
+        "Random sections", sections, "Is the best slip found on rails that nobody tuned for?"
     ),
     "chatter": Experiment("Chattering", chatter, "What is left of the chattering?"),
     "printed": Experiment("Printed forms", printed, "What does each misprint do?"),

@@ -160,13 +160,14 @@ def real(models: Mapping[str, Any], law: Block) -> Block:
     return connect("loop", wires, share=MEASURED, plant=_world(models, lag=True), **parts)
 
 
-def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block:
+def online(models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32) -> Block:
     """Loop with perfect sensors in which the best slip is estimated and searched online.
 
     Args:
         models: the study's models.
         law: the slip law.
         form: of the estimator, see ``estimating_controller``.
+        memory: samples in which a change is looked for.
     """
     wires = {
         "adhesion.mu": "plant.adh.mu",
@@ -183,7 +184,7 @@ def online(models: Mapping[str, Any], law: Block, form: str = "window") -> Block
     return connect(
         "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
-        ctl=_estimating(models, law, form), truth=truth,
+        ctl=_estimating(models, law, form, memory), truth=truth,
     )  # fmt: skip
 
 
@@ -195,13 +196,14 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
         "ctl.v_s_m": "meter.v_s_m",
         "truth.v_opt": "v_opt",
     }
-    ctl = _estimating(models, law, memory=1).with_params(  # its noise is no white one
+    ctl = _estimating(models, law, memory=8, looks=True).with_params(
         **{
-            "estimator.noise": 1e-2,  # the meter's own is .013 to .025
+            "estimator.noise": 1e-2,  # the meter's own is .013 to .08, and no white one
             "estimator.spread": 0.5,
-            "estimator.gate": 4.0,
+            "estimator.gate": 4.5,
             "estimator.settling": 1.0,  # its window mixes two rails once
-            "probe.depth": 0.4,
+            "probe.again": 2.5,  # what a wrong estimate may cost, by what a probe costs
+            "probe.look": 0.0,  # a nudge shows nothing in this noise
         }
     )
     return connect(
@@ -211,11 +213,14 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
 
 
 def _estimating(
-    models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32
-) -> Block:
+    models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32,
+    looks: bool = False,
+) -> Block:  # fmt: skip
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
-    return estimating_controller(law, adh, searcher(adh), start, form=form, memory=memory)
+    return estimating_controller(
+        law, adh, searcher(adh), start, form=form, memory=memory, looks=looks
+    )
 
 
 def searcher(law: Block) -> Block:

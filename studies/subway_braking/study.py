@@ -13,6 +13,7 @@ from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.claims import CLAIMS
 from slipctl.studies.subway_braking.gains import GAINS
 from slipctl.studies.subway_braking.loops import MODELS, MOVING, TABLE_1, best, cases
+from slipctl.studies.subway_braking.sections import ESTIMATE
 
 # ---- figures -------------------------------------------------------------------------------------
 
@@ -161,6 +162,27 @@ def demand(r: Results) -> Any:
     return fig
 
 
+def random_sections(r: Results) -> Any:
+    """Share of random sections found over the noise; noise-free at the left end."""
+    table = r.table("sections", "sections")
+    curves: dict[str, tuple[list[float], list[float]]] = {}
+    rows = zip(*(table[k] for k in ("detector", "noise", ESTIMATE)), strict=True)
+    for detector, noise, share in rows:
+        xs, ys = curves.setdefault(detector, ([], []))
+        xs.append(noise)
+        ys.append(share)
+    fig = plots.lines(
+        curves, ("noise of the measured adhesion", "1"),
+        ("found within 0.5 s", "%"), points=True, legend=False,
+    )  # fmt: skip
+    axis = fig.axes[0]
+    axis.set_xscale("symlog", linthresh=1e-5)  # linear below: 0 is noise-free
+    axis.set_xlim(-1e-6, 4e-3)
+    axis.set_ylim(0, 105)
+    axis.legend(title="change looked for by", loc="lower left")
+    return fig
+
+
 def printed(r: Results) -> Any:
     """Printed gains at 1 ms: the torque swings between nothing and all."""
     return _swings(r, "base", ("sta_printed",))
@@ -194,6 +216,9 @@ FIGURES: Mapping[str, Figure] = {
     "fig11_torque_in_curves": Figure("Brake torque in the curves.", torque_in_curves, "Fig. 11"),
     "printed_gains": Figure("Super-twisting with the printed gains, sampled at 1 ms.", printed),
     "real": Figure("50 ms of lag, tooth wheel and noisy speed.", real),
+    "sections": Figure(
+        "Random sections on which the best slip is found in time, over the noise.", random_sections
+    ),
     "demand": Figure(
         "A demand of 0.8 m/s^2 on dry, wet and icy rail; dashed: best slip.", demand
     ),

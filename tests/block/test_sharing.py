@@ -22,6 +22,7 @@ from slipctl import (
     step,
 )
 from slipctl.block.sharing import differences
+from slipctl.block.timing import check_sample_times
 
 H = 1e-3
 
@@ -318,3 +319,62 @@ def test_c_has_one_member_and_computes_the_start_of_all(tmp_path, needs_compiler
     inputs = {"v_s": 0.1, "v": 29.0, "omega": 54.0}
     _, y = python(**inputs)
     assert c.step(**inputs) == pytest.approx(y, rel=1e-15)
+
+
+def test_a_start_follows_its_own_radius_where_that_was_set_apart():
+    """The wheel rolls at the start, v/r with the radius that it has; v still moves it."""
+    loop = shared().with_params(**{"plant.wheel.r": 0.4})
+    assert float(loop.start()["plant.wheel.omega"]) == 20.0 / 0.4
+    both = connect(
+        "l", {}, wheel=sampled(wheel, H), b=law,
+        share={"r": ["wheel.r"], "v_start": "wheel.v",
+               "omega_start": ["wheel.omega", "b.omega_start"], "J": "*.J"},
+    )  # fmt: skip
+    outer = connect(
+        "o", {}, l=both, c=law,
+        share={"r": "l.r", "J": "*.J", "v_start": "l.v_start",
+               "omega_start": ["l.omega_start", "c.omega_start"]},
+    ).with_params(**{"l.wheel.r": 0.25})  # fmt: skip
+    for v in (20.0, 30.0):
+        start = outer.with_params(**{"wheel.v": v}).start()
+        assert [float(start[n]) for n in ("l.wheel.omega", "l.b.seen", "c.seen")] == [v / 0.25] * 3
+
+
+def test_a_sample_time_that_the_loop_does_not_have_is_refused():
+    def adding(x=State("m", 0.0), v=Input("m/s", value=1.0), T=Param("s", H, "sample time")):
+        """Sum."""
+        return dict(x=x + T * v), dict(y=x)
+
+    sums = step(period=H, y=Output("m", "way"))(adding)
+    slow = every(step(period=5 * H, y=Output("m", "way"))(adding).with_params(T=5 * H), 5)
+    loop = connect("l", {}, a=sums, b=slow, c=replicate(sums, 2), d=replicate(slow, 2))
+    check_sample_times(loop)
+    for n, told in (("a", "0.001"), ("b", "0.005"), ("c", "0.001"), ("d", "0.005")):
+        with pytest.raises(BadInput, match=rf"{n}.T = 0.002 s, but it runs every {told} s"):
+            check_sample_times(loop.with_params(**{f"{n}.T": 2e-3}))
+
+
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("Q = m * r", r"this is \[kg m\], not \[N\]"),
+        ("Q = m + g", r"'m' \[kg\] cannot be added to 'g' \[m/s\^2\]"),
+        ("Q = m / 2", r"this is \[kg\], not \[N\]"),
+    ],
+)
+def test_a_number_computed_from_shared_ones_has_the_unit_of_its_places(expression, said):
+    @step(period=H, y=Output("1"))
+    def one(m=Param("kg", 8.0), g=Param("m/s^2", 9.81), r=Param("m", 0.5)):
+        """Numbers."""
+        return dict(), dict(y=0 * (m + g + r))
+
+    @step(period=H, y=Output("1"))
+    def load(Q=Param("N", 1.0)):
+        """A load."""
+        return dict(), dict(y=0 * Q)
+
+    share = {"m": "a.m", "g": "a.g", "r": "a.r"}
+    fits = connect("l", {}, a=one, b=load, share=share | {"Q = m * g / 2": "b.Q"})
+    assert float(fits.param_values()["Q"]) == 8.0 * 9.81 / 2
+    with pytest.raises(BadInput, match=f"is no N, the unit of b.Q: .*{said}"):
+        connect("l", {}, a=one, b=load, share=share | {expression: "b.Q"})
