@@ -153,9 +153,10 @@ class Signal:
             BadInput: with the place and what it takes.
         """
         try:
-            if hasattr(value, "full"):  # a CasADi number, always two-dimensional
-                value = value.full().reshape(self.shape if value.numel() == self.size else ())
-            return np.broadcast_to(real_array(value), self.shape)
+            array = real_array(value)
+            if hasattr(value, "full") and array.size != 1:  # CasADi's is always two-dimensional
+                array = array.reshape(self.shape)
+            return np.broadcast_to(array, self.shape)
         except (TypeError, ValueError):
             raise BadInput(
                 f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
