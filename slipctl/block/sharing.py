@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -157,6 +158,8 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
             _agree(name, share, told, signals)
             made = _declared(name, blocks, share, told, signals, taken, left)
             found[share.name] = replace(made, places=places)
+    for share in found.values():
+        _check_unit(name, share, found)
     return found
 
 
@@ -410,6 +413,37 @@ def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Sig
             f"{name}: share {share.name!r}: {low} is at least {lo:g} {first.unit}, {high} at most"
             f" {hi:g} {first.unit}; no number is in both ranges"
         )
+
+
+def _check_unit(name: str, share: Share, shares: Mapping[str, Share]) -> None:
+    """Refuse an expression of shared numbers that has another unit than its places."""
+    if share.expression is None or share.signal is None:
+        return
+    given = []
+    for k in names_in(share.expression):
+        other = shares[k].signal if k in shares else None
+        if other is None:
+            return  # an unknown name is refused with those that there are
+        given.append((k, other.unit))
+    wrong = _unit_error(share.expression, share.signal.unit, tuple(given))
+    if wrong:
+        raise BadInput(
+            f"{name}: share {share.name!r} = {share.expression!r} is no {share.signal.unit}, the"
+            f" unit of {(share.places or share.wanted)[0]}: {wrong}"
+        )
+
+
+@lru_cache(maxsize=4096)
+def _unit_error(expression: str, unit: str, given: tuple[tuple[str, str], ...]) -> str:
+    """What is wrong with the unit of an expression, empty if nothing is."""
+    import casadi as ca
+
+    from slipctl.block import unit_walk, units
+
+    with units.checking_units():
+        value = ca.SX(evaluate(expression, {k: ca.SX.sym(k) for k, _ in given}, expression))
+        found = unit_walk.check({"share": value}, dict(given), {"share": unit}, {})
+    return found[0].partition(": ")[2] or found[0] if found else ""
 
 
 def _declared(

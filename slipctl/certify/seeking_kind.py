@@ -239,7 +239,7 @@ def _find_swing(n: Numbers) -> Entries | None:
     start = Fraction(-p.k * p.beta / (2 * p.rho)).limit_denominator(10**9)
     f = sliding.Seeker(float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late)
     for count in (4, 20, 100, 300):
-        parts = (count, count) if p.noise else (2, 2 * count - 2)
+        parts = (count, count)
         found = list(sliding.turns(f, float(n["curvature"]), float(start), *parts))
         if sliding.last_swing(found, *parts) > float(n["ripple"]) * (1 + 1e-9):
             return sealed(n, {"start": str(start), "left": parts[0], "right": parts[1]})

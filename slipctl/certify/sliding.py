@@ -20,7 +20,10 @@ MOST_TICKS = 20_000
 """Ticks that a replay takes at most."""
 
 MOST_TURNS = 600
-"""Turns that a replay on a parabola takes at most."""
+"""Turns of a period that a replay on a parabola takes at most."""
+
+PERIODS = 3
+"""Periods of such a run; the first is for the start to fade."""
 
 
 class Seeker(NamedTuple):
@@ -189,7 +192,7 @@ class Turn(NamedTuple):
 
 
 def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[Turn]:
-    """Half cycles on a parabola, first with the noise that drives to the left, then to the right.
+    """Half cycles on a parabola, with the noise that drives to the left, then to the right, thrice.
 
     It starts at rest at x with delta = beta/2, which is heard as +; places are told as they are
     heard, a dead time late. Within the zone only, where delta falls at each tick; it ends where
@@ -197,13 +200,13 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
 
     Args:
         p: a seeker without lag. curvature: mu''. x: start, less the peak.
-        left, right: how many half cycles of each.
+        left, right: how many half cycles of each in a period.
     """
     c, r = abs(curvature), zone(p, curvature)
     step, fall = p.k * p.T, p.rho * p.T
     delta, edge, tick, side = p.beta / 2 - p.late * fall, 0 * p.beta, p.late, 1
-    for number in range(left + right):
-        towards = (1 if number >= left else -1) == side
+    for number in range(PERIODS * (left + right)):
+        towards = (1 if number % (left + right) >= left else -1) == side
         limit = edge - p.noise if towards else edge + p.noise
 
         def after(m: int, x: Any = x, delta: Any = delta, side: int = side) -> Any:
@@ -229,7 +232,17 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
 
 
 def last_swing(found: list[Turn], left: int, right: int) -> Any:
-    """Width between the turns at the ends of the two parts of ``turns``; 0 if it left the zone."""
-    if len(found) < left + right or left < 2 or right < 2:
+    """Width between the turns at the ends of the two parts of the last period of ``turns``.
+
+    It is 0 if the run left the zone, or if the width still falls from a period to the next: what a
+    start brings is not what v ends in.
+    """
+    period = left + right
+    if len(found) < PERIODS * period or left < 2 or right < 2:
         return 0
-    return max(t.x for t in found[-2:]) - min(t.x for t in found[left - 2 : left])
+    widths = [
+        max(t.x for t in found[end - 2 : end])
+        - min(t.x for t in found[end - right - 2 : end - right])
+        for end in (len(found) - period, len(found))
+    ]
+    return widths[1] if widths[1] >= widths[0] else 0

@@ -100,9 +100,20 @@ def check_file(file: Path) -> None:
 
 
 @contextmanager
+def telling(path: Path) -> Iterator[None]:
+    """Let an error of the disk name the file that was to be written, not the temporary one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or Path(os.fsdecode(error.filename)).name.startswith(PART):
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``; it becomes ``path`` if all goes well."""
-    with unbroken():
+    with unbroken(), telling(path):
         yield from _replacing(path)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,16 +37,28 @@ def draft_log(data: xarray.Dataset, folder: Path, loop: str) -> list[tuple[Path,
     exact = data.copy(deep=False)
     exact.attrs = attrs
     text, log = folder / f"{loop}.csv", folder / f"{loop}.nc"
-    parts = [(store.part(path), path) for path in (text, log)]
+    parts: list[tuple[Path, Path]] = []
     try:
         with store.unbroken():
-            parts[0][0].write_text(csv_text(data), encoding="utf-8", newline="\n")
-            exact.to_netcdf(parts[1][0], engine="netcdf4", encoding=packed)
+            for path in (text, log):
+                with store.telling(path):
+                    parts.append((store.part(path), path))
+            with store.telling(text):
+                parts[0][0].write_text(csv_text(data), encoding="utf-8", newline="\n")
+            with store.telling(log):
+                _save(exact, parts[1][0], packed)
     except BaseException:
         for part, _ in parts:
             part.unlink(missing_ok=True)
         raise
     return parts
+
+
+def _save(data: xarray.Dataset, path: Path, packed: dict[str, dict[str, Any]]) -> None:
+    try:
+        data.to_netcdf(path, engine="netcdf4", encoding=packed)
+    except RuntimeError as error:  # netCDF does not say that the disk is full
+        raise OSError(errno.EIO, f"{error} (is the disk full?)") from error
 
 
 def publish(parts: Sequence[tuple[Path, Path]]) -> None:

@@ -352,3 +352,29 @@ def test_a_sample_time_that_the_loop_does_not_have_is_refused():
     for n, told in (("a", "0.001"), ("b", "0.005"), ("c", "0.001"), ("d", "0.005")):
         with pytest.raises(BadInput, match=rf"{n}.T = 0.002 s, but it runs every {told} s"):
             check_sample_times(loop.with_params(**{f"{n}.T": 2e-3}))
+
+
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("Q = m * r", r"this is \[kg m\], not \[N\]"),
+        ("Q = m + g", r"'m' \[kg\] cannot be added to 'g' \[m/s\^2\]"),
+        ("Q = m / 2", r"this is \[kg\], not \[N\]"),
+    ],
+)
+def test_a_number_computed_from_shared_ones_has_the_unit_of_its_places(expression, said):
+    @step(period=H, y=Output("1"))
+    def one(m=Param("kg", 8.0), g=Param("m/s^2", 9.81), r=Param("m", 0.5)):
+        """Numbers."""
+        return dict(), dict(y=0 * (m + g + r))
+
+    @step(period=H, y=Output("1"))
+    def load(Q=Param("N", 1.0)):
+        """A load."""
+        return dict(), dict(y=0 * Q)
+
+    share = {"m": "a.m", "g": "a.g", "r": "a.r"}
+    fits = connect("l", {}, a=one, b=load, share=share | {"Q = m * g / 2": "b.Q"})
+    assert float(fits.param_values()["Q"]) == 8.0 * 9.81 / 2
+    with pytest.raises(BadInput, match=f"is no N, the unit of b.Q: .*{said}"):
+        connect("l", {}, a=one, b=load, share=share | {expression: "b.Q"})

@@ -109,6 +109,22 @@ def test_ripple_on_a_parabola_stays_inside_its_bound():
         assert 0.5 * bound < (high - low).max() < bound
 
 
+def test_what_a_start_swings_through_is_not_what_it_ends_in():
+    """From its start v swings by 42 m/s, in the end by 34: a ripple of 39.45 is not refuted."""
+    wide = dict(k=3.557, rho=0.07098, beta=0.6241, slope=0.0395, T=0.2812, curvature=-0.0001487)
+    v, mu, low, high = -15.64, 0.0, [], []
+    g = -wide["beta"] / 2 - 0.0001487 / 2 * v * v
+    for i in range(20_000):
+        mu = -0.0001487 / 2 * v * v
+        up = (mu - g) % (2 * wide["beta"]) <= wide["beta"]
+        v, g = v + 3.557 * 0.2812 * (1 if up else -1), g + 0.07098 * 0.2812
+        (low if i < 300 else high).append(v)
+    assert max(high[-4000:]) - min(high[-4000:]) < 35
+    assert verdict("sliding_seek", **wide, ripple=39.45) == UNDECIDED
+    assert verdict("sliding_seek", **wide, ripple=60) == CERTIFIED
+    assert verdict("sliding_seek", **wide, ripple=29) == REFUTED
+
+
 # ---- case 5: perturbation_seek -------------------------------------------------------------------
 
 

@@ -137,14 +137,17 @@ def test_sampled_gain_of_37_grows_by_its_own_orbit():
     shows("003.26", "18.66", law.params["k_max"].value)
 
     def run(gain, k_max=1e5, ticks=4000):
-        x, e2, gains, s = law.start(k_a=gain), 0.01, [], []
-        given = dict(e1=0.0, a_ff=0.0, F_hi=1e12, F_lo=-1e12, k_1=1e-3, k_4=1e-3, k_max=k_max)
-        for _ in range(ticks):
-            x, y = law(**x, e2=e2, **given)
-            e2 += T * y["F_contr"] / 500e3
-            gains.append(float(x["k_a"]))
-            s.append(abs(float(y["s"])))
-        return np.array(gains), np.array(s)
+        x, e2 = ca.SX.sym("x", law.f.size1_in(0)), ca.SX.sym("e2")
+        u = law.pack("input", dict(e1=0.0, e2=e2, a_ff=0.0, F_hi=1e12, F_lo=-1e12))
+        told = dict(k_1=1e-3, k_4=1e-3, k_max=k_max)
+        after, out = law.f(x, u, law.pack("param", law.param_values(**told)))
+        y = law.unpack("output", out)
+        closed = ca.vertcat(after, e2 + T * y["F_contr"] / 500e3)
+        gain_a = law.unpack("state", after)["k_a"]
+        tick = ca.Function("tick", [ca.vertcat(x, e2)], [closed, gain_a, ca.fabs(y["s"])])
+        start = ca.vertcat(law.pack("state", law.start(k_a=gain)), 0.01)
+        _, gains, s = tick.mapaccum(ticks)(start)
+        return gains.full().ravel(), s.full().ravel()
 
     for gain, up in ((3.5, False), (4.5, True)):
         gains, _ = run(gain)

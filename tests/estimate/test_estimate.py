@@ -30,6 +30,7 @@ from slipctl.block.block import Block
 from slipctl.estimate.least_squares import FORMS, opened, peak_bound, probe, rls
 from slipctl.estimate.window import BELIEF, smallest_shift
 from slipctl.models.subway_braking import MOVING, TABLE_1, double_exponential, peak_slip
+from slipctl.run.build import column, rolling
 
 TWO_EXPONENTIALS = dict(
     coordinates=("log(c)", "log(a)", "log(b - a)"), start={"c": 0.3, "a": 0.5, "b": 1.3}
@@ -132,14 +133,12 @@ def test_covariance_stays_bounded_without_excitation(form):
     """1e5 samples at constant slip, one direction seen; P stays positive, within the spread."""
     est = rls(double_exponential, "mu", form=form, window=16, **TWO_EXPONENTIALS)
     v, true = 1.2, TABLE_1["dry"]
-    steps = 1000
-    inputs = np.vstack([np.full(steps, v), np.full(steps, curve(v, **true))])
-    x = np.array(ca.DM(est.pack("state", est.start())).full())
-    f = est.f.mapaccum(steps)
-    p = ca.DM(est.pack("param", est.param_values()))
-    for _ in range(100):
-        x = np.array(ca.DM(f(x, inputs, ca.repmat(p, 1, steps))[0]).full())[:, -1:]
-    last = _named(est, "state", x)
+    steps = 100_000
+    u = np.column_stack([np.full(steps, v), np.full(steps, curve(v, **true))])
+    x, p = column(est.pack("state", est.start())), column(est.pack("param", est.param_values()))
+    logs = np.empty((steps, x.size)), np.empty((steps, est.f.size1_out(1)))
+    assert rolling(est.f, ticks=1000)(x, u, p, *logs) == steps
+    last = _named(est, "state", x[:, None])
     P = last["P"].reshape(3, 3)
     eigenvalues = np.linalg.eigvalsh(P)
     assert eigenvalues.min() > 0

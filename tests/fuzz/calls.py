@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -131,3 +132,18 @@ def wrong_calls() -> Iterator[tuple[str, str, Callable[[], Any]]]:
             for key in kwargs:
                 swapped = kwargs | {key: value}
                 yield name, f"{key}={shown}", lambda f=function, a=args, w=swapped: f(*a, **w)
+
+
+def answer(name: str, call: Callable[[], Any]) -> str:
+    """What is wrong with how a call ends: an error from inside, or a hang; else empty."""
+    start = time.process_time()
+    try:
+        call()
+    except (sc.BadInput, sc.RunFailed):
+        pass
+    except TypeError as error:  # a missing or unknown argument, as Python says it
+        if not str(error).startswith(name):
+            return f"TypeError: {error}"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return "hangs" if time.process_time() - start > 5 else ""  # not one that is slow today

@@ -1,6 +1,6 @@
 """Altered command lines, curves, model files and certificates end in an answer or in one line.
 
-A short run by seed; ``python tests/fuzz/test_commands.py 100000`` makes the long one.
+A short run by seed; ``tests/fuzz/run.py`` makes longer ones.
 """
 
 from __future__ import annotations
@@ -117,9 +117,3 @@ def attack(cases: int, seed: int) -> list[tuple[list[str], str]]:
 
 def test_altered_command_lines_and_files_are_answered_in_one_line():
     assert attack(150, seed=1) == []
-
-
-if __name__ == "__main__":
-    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    for words, wrong in attack(wanted, seed=int(sys.argv[2]) if len(sys.argv) > 2 else 2):
-        print(words, wrong)

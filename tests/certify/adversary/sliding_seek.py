@@ -156,14 +156,15 @@ def replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
 
 
 def _turning(n: Cases, run: dict[str, Any]) -> float:
-    """Width between the last turns of both parts."""
+    """Width between the last turns of both parts of the third period; 0 if it still falls."""
     from fractions import Fraction
 
     late, c = _late(n), n["curvature"] / 2
     x = np.array([float(Fraction(run["start"]))])
     store, g, way, turns = [x], c * x * x - n["beta"] / 2, 1, []
-    while len(turns) < run["left"] + run["right"]:
-        right = len(turns) >= run["left"]
+    period = run["left"] + run["right"]
+    while len(turns) < 3 * period:
+        right = len(turns) % period >= run["left"]
         seen = _delayed(store, late)
         up = _plus(c * seen * seen - g, n, np.array([right]))
         if (1 if up[0] else -1) != way:
@@ -172,8 +173,11 @@ def _turning(n: Cases, run: dict[str, Any]) -> float:
         x = x + n["T"] * n["k"] * np.where(up, 1, -1)
         g = g + n["T"] * n["rho"]
         store = [*store[-12:], x]
-    left = turns[run["left"] - 2 : run["left"]]
-    return float(max(turns[-2:]) - min(left))
+    second, third = (
+        max(turns[end - 2 : end]) - min(turns[end - run["right"] - 2 : end - run["right"]])
+        for end in (2 * period, 3 * period)
+    )
+    return float(third) if third >= second * (1 - 1e-6) else 0.0
 
 
 ADVERSARY = Adversary(
