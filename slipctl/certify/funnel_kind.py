@@ -284,8 +284,6 @@ def _run_behind(n: Numbers) -> Entries | None:
         return None
     law, standing = _lagged_in_time(n, float), _lagged(n, float, True)
     start_at = float(_begin(n))
-    if _moves(n) and standing.dead:
-        return None
     found, start = lagged_runs.outward(law, Interval(-start_at, start_at)), "start"
     if found is None:
         share = float(_share(n, n.get("step", 0)))
@@ -312,6 +310,7 @@ def _lagged_in_time(n: Numbers, number: Callable[[Any], Any]) -> Callable[[int],
     own = funnel.Funnel(**{k: number(v) for k, v in _law(n).items()})
     fall = 1 - own.shrink
 
+    @cache
     def law(i: int) -> Any:
         eta, after = own.eta(i), own.eta(i + 1)
         r = 1 / (1 - own.share(i) * fall)
@@ -327,8 +326,6 @@ def _replay_behind(n: Numbers, given: Entries) -> str:
     with holding.refused():
         with localcontext(Context(prec=scalar_maps.DIGITS)):
             standing = _lagged(n, scalar_maps.exactly, True)
-            if _moves(n) and standing.dead:
-                raise DoesNotHold("counterexample: no dead time while the funnel shrinks")
             start, step = _start_and_step(n)
             laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: standing}
             after = holding.replay_path(given, laws, {"start": start, "middle": MIDDLE}, step)

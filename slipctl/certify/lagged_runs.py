@@ -6,6 +6,7 @@ rounding does not pile up over the ticks. Without a disturbance a run is its sta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_DOWN, Context, Decimal, localcontext
@@ -81,16 +82,18 @@ def outward(law: Callable[[int], Lagged], start: Interval, step: float = 0.0) ->
         feel = np.where(z + lean * alpha >= 0, 1.0, -1.0)
         wave = side * np.where((i // np.maximum(period, 1)) % 2, -1.0, 1.0)
         feel = np.where(stays > 0, side, np.where(period > 0, wave, feel))
-        noise, push, r = float(own.noise), float(own.push) * float(NEAR), float(own.r)
+        push, r = float(own.push) * float(NEAR), float(own.r)
         signs.append(feel)
         out = (z + own.noise >= float(own.above.width)) | (z - own.noise <= -own.below.width)
         if out.any():
             k = int(np.nonzero(out)[0][0])
             moved = float(forward[k]) * step if 0 <= at <= i else 0.0
             return Chosen(float(begin[k]), [int(s[k]) for s in signs], at if moved else -1, moved)
-        y = old[0] - signs[max(0, i - own.dead)] * noise
-        U = -signed_pull(own, y) - float(own.g) * (1 - 1 / r) * (y + float(own.c))
-        U = U if i >= own.dead else np.zeros_like(z)
+        j = max(0, i - own.dead)
+        then = law(j)
+        y = old[0] - signs[j] * float(then.noise)
+        U = -signed_pull(then, y) - float(then.g) * (1 - 1 / float(then.r)) * (y + float(then.c))
+        U = U * _narrowed(law, j, i) if i >= own.dead else np.zeros_like(z)
         z = r * (z + float(own.c) + own.c1 * alpha + own.c2 * U) - float(own.c) + feel * push
         alpha = r * (own.E * alpha + (1 - own.E) * U)
         if i + 1 == at:
@@ -121,12 +124,20 @@ def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any, start: Interv
                 told = errors if own.push else errors[:1]
                 return Path(told, noise, chosen.stepped, forward * step)
             j = i - own.dead
-            U = _command(own, errors[j] - chosen.signs[j] * own.noise) if j >= 0 else Decimal(0)
+            U = Decimal(0)
+            if j >= 0:
+                then = law(j)
+                U = _command(then, errors[j] - chosen.signs[j] * then.noise) * _narrowed(law, j, i)
             z = own.r * (z + own.c + own.c1 * alpha + own.c2 * U) - own.c + sign * own.push * NEAR
             alpha = own.r * (own.E * alpha + (1 - own.E) * U)
             if i + 1 == chosen.stepped:
                 z += forward * step
     return None
+
+
+def _narrowed(law: Callable[[int], Lagged], j: int, i: int) -> Any:
+    """Bounds of tick j over those of tick i: a command that is on its way counts for more."""
+    return 1 if law(j) is law(i) else math.prod(law(m).r for m in range(j, i))
 
 
 def _command(own: Lagged, y: Any) -> Any:
@@ -159,11 +170,12 @@ def leaves(law: Callable[[int], Lagged], path: Path) -> bool:
                 return False
             j, U, around = i - own.dead, Decimal(0), Decimal(0)
             if j >= 0:
-                y = errors[j] + path.noise[j] * own.noise
-                if not (-own.below.width < y - radii[j] and y + radii[j] < own.above.width):
+                then, narrowed = law(j), _narrowed(law, j, i)
+                y = errors[j] + path.noise[j] * then.noise
+                if not (-then.below.width < y - radii[j] and y + radii[j] < then.above.width):
                     return False
-                U = _command(own, y)
-                around = _steepest(own, y, radii[j]) * radii[j] + SLOP
+                U = _command(then, y) * narrowed
+                around = (_steepest(then, y, radii[j]) * radii[j] + SLOP) * narrowed
             after = own.r * (z + own.c + own.c1 * alpha + own.c2 * U) - own.c
             after += path.step if i + 1 == path.stepped else Decimal(0)
             spread = own.r * (radius + own.c1 * loose + own.c2 * around) + SLOP

@@ -164,6 +164,14 @@ def covered(
     return found
 
 
+def _told(axis: Any) -> tuple[Sequence[Any], Sequence[str]]:
+    """What the legend of a panel shows, and what it says of it."""
+    legend = axis.get_legend()
+    names = [text.get_text() for text in legend.get_texts()]
+    handles, known = axis.get_legend_handles_labels()
+    return (handles if known == names else legend.legend_handles), names
+
+
 def legends_aside(fig: Figure) -> None:
     """Take the legends off the panels, so that none lies on a curve.
 
@@ -177,7 +185,7 @@ def legends_aside(fig: Figure) -> None:
     looks: dict[Any, str] = {}
     one = not fig.legends
     for axis in own:
-        for handle, name in zip(*axis.get_legend_handles_labels(), strict=True):
+        for handle, name in zip(*_told(axis), strict=True):
             hue = getattr(handle, "get_color", lambda: None)()
             look = (str(hue), str(getattr(handle, "_unscaled_dash_pattern", "")))
             first = entries.setdefault(name, handle)
@@ -185,7 +193,7 @@ def legends_aside(fig: Figure) -> None:
             one &= hue is None or looks.setdefault(look, name) == name
     with style():
         for axis in own:
-            handles, names = axis.get_legend_handles_labels()
+            handles, names = _told(axis)
             cast("Legend", axis.get_legend()).remove()
             if not one:
                 axis.legend(handles, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
     COLOURS,
@@ -32,7 +33,11 @@ from slipctl.draw.looks import (
     panels,
     style,
 )
-from slipctl.draw.looks import pretty as pretty  # for whoever writes units
+from slipctl.draw.looks import BLUE as BLUE
+from slipctl.draw.looks import GREEN as GREEN
+from slipctl.draw.looks import PURPLE as PURPLE
+from slipctl.draw.looks import SKY as SKY
+from slipctl.draw.looks import pretty as pretty
 from slipctl.errors import BadInput, nearest
 from slipctl.run import store
 from slipctl.run.metrics import worst
@@ -313,10 +318,14 @@ def lines(
         drawn: list[tuple[Any, Any]] = []
         for name, (xs, ys) in curves.items():
             dashes = _line(name, hues)
+            if len(np.atleast_1d(xs)) > 1:
+                height = np.asarray(ys, dtype=float)
+                if "y" in log:
+                    height = np.log10(height, out=np.full(height.shape, np.nan), where=height > 0)
+                if dashes == "-":
+                    dashes = DASHES[min(covered((xs, height), drawn), len(DASHES) - 1)]
+                drawn.append((xs, height))
             if not points and len(np.atleast_1d(xs)) > 1:
-                if dashes == "-" and "y" not in log:
-                    dashes = DASHES[min(covered((xs, ys), drawn), len(DASHES) - 1)]
-                drawn.append((xs, ys))
                 xs, ys = envelope(np.asarray(xs), np.asarray(ys))
             axis.plot(xs, ys, color=hues[name], ls=dashes, label=name,
                       marker="o" if points else None, ms=3)  # fmt: skip

@@ -204,6 +204,21 @@ def slip_error(r: Results, loop: str) -> np.ndarray:
     return np.asarray(log["plant.wheel.lam"].values - log["ctl.reference.lam_ref"].values)
 
 
+def steady_errors(scenario: str) -> Answer:
+    """Rms of slip minus its reference over the last 0.5 s of each rail, of each controller."""
+
+    def found(r: Results) -> dict[str, float]:
+        errors = {}
+        for name, loop in OURS.items():
+            log = r.log(scenario, loop)
+            off = log["plant.wheel.lam"].values - log["ctl.reference.lam_ref"].values
+            late = np.concatenate([off[k - 500 : k] for k in (2000, 4000, 6000)])
+            errors[name] = float(np.sqrt(np.mean(late**2)))
+        return {n: errors[n] for n in THREE}
+
+    return found
+
+
 def slip_overshoot(r: Results, loop: str) -> float:
     """Largest slip error past zero after the start (from below) and the change at 2 s (above)."""
     e = slip_error(r, loop)

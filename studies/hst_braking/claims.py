@@ -31,6 +31,7 @@ from slipctl.studies.hst_braking.answers import (
     slip_overshoots,
     slip_times,
     stays_inside,
+    steady_errors,
     theorem_in_words,
     torque_overshoot,
     torque_overshoots,
@@ -256,6 +257,16 @@ TRACKING = (
                 f" the 2 s of the rail; {assumed}",
             ),
         )
+    ),
+    *(
+        Claim(
+            f"steady_error{tail}", "section 5.2, Fig. 8", "E-PPFC has the best steady-state"
+            f" performance, then E-FC, then PID{what}", "order", "pid > efc > eppfc",
+            steady_errors(scenario), tolerance=1e-6, tolerance_why="a millionth of slip is none",
+            scenario=scenario,
+            assumption=f"rms slip error over the last 0.5 s of each rail; {LIMITS}",
+        )
+        for tail, what, scenario in (("", "", "base"), ("_real", ", with lag and noise", "real"))
     ),
     Claim(
         "fixed_slip_never_locks", "section 5.2, Fig. 7", "fixed slip keeps the wheel from locking",

@@ -325,6 +325,17 @@ TRACKING = (
              errors(("hosm", "smc", "asmc"), s, "_limited", off), "RMS over the run"),
         )
     ),
+    *(
+        Claim(
+            f"chatters_less_{s}", "section 6", "the output of the higher-order law chatters less"
+            f" than that of conventional sliding mode, {s}", "order", "smc > hosm",
+            lambda r, s=s: {
+                n: 1e-3 * r.metric(s, f"{n}_limited", "torque_variation") for n in ("smc", "hosm")
+            }, "kN/s", tolerance="5 %", tolerance_why="'reduce': by a twentieth at least",
+            scenario=s, assumption="total variation of the command by time, both with the limit",
+        )
+        for s in (*SCENARIOS, "real")
+    ),
     Claim(
         "compensation", "section 3.3, (34); section 6", "the saturation compensation keeps the law"
         " tracking where its output is limited", "order",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import pytest
@@ -93,3 +94,37 @@ def test_what_cannot_be_asked():
 def test_the_edge_of_the_start_set_is_a_start(name, numbers):
     """Its rounding to a float may lie outside; the run from the edge itself counts."""
     assert verdict(name, **{k: str(v) for k, v in numbers.items()}) == REFUTED
+
+
+@pytest.mark.parametrize("numbers", [
+    dict(K1=20, T="0.01", W="1.2", eta_0=2, k=6, dead="0.05", lag="0.03"),
+    dict(K1="31.29", T="0.04877", W="0.2", eta_0="0.8142", k="3.991", dead="0.2"),
+])  # fmt: skip
+def test_a_dead_time_while_the_funnel_shrinks_is_refuted_by_a_run(numbers):
+    """The error, rebuilt from the file in the letters of the law, needs no more than W."""
+    n = dict(eta_inf="0.2", delta_l="1.949", delta_u="2.518") | numbers
+    payload = proofs.write(
+        SYSTEMS["prescribed_performance"], {k: Fraction(v) for k, v in n.items()}
+    )
+    assert payload["verdict"] == REFUTED
+    assert "replayed" in certificate.check(payload)
+    run, n = payload["counterexample"]["run"], {k: float(v) for k, v in n.items()}
+    T, lag, late = n["T"], n.get("lag", 0.0), math.ceil(n["dead"] / n["T"] * (1 - 1e-12))
+    gone = -math.expm1(-T / lag) if lag else 1.0
+    below, above, a, line, errors = n["delta_l"], n["delta_u"], 0.0, [0.0] * late, []
+    after = None
+    for i, z in enumerate(float(Fraction(x)) for x in run["errors"]):
+        fall = (n["eta_0"] - 0.2) * math.exp(-n["k"] * i * T)
+        eta = 0.2 + fall
+        errors.append(eta * ((above - below) / 2 + z * (above + below) / 2))
+        if after is not None:
+            assert abs(errors[-1] - after) <= T * n["W"] * (1 + 1e-9)
+        x = errors[-1] / eta
+        if not -below < x < above:
+            break
+        pull = (below + x) * (above - x) / (below + above) * math.log((below + x) / (above - x))
+        line.append(-n["K1"] * eta * pull - errors[-1] * n["k"] * fall / eta)
+        u = line.pop(0)
+        after = errors[-1] + T * u + (a - u) * lag * gone
+        a = u + (a - u) * (1 - gone)
+    assert i == len(run["errors"]) - 1

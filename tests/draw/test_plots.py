@@ -85,6 +85,17 @@ def test_no_legend_lies_in_a_panel() -> None:
                 assert box.x0 >= panel.x1
 
 
+def test_a_legend_of_its_own_handles_stays_whole() -> None:
+    """Areas and marks that only the legend names: nothing of it is lost on its way."""
+    fig, axes = plots.panels()
+    axes[0, 0].plot([0, 1], [0, 1], color=plots.BLUE)
+    mark = axes[0, 0].plot([0.5], [0.2], "x")[0]
+    area = axes[0, 0].axhspan(0, 0.5, color=plots.GREY)
+    axes[0, 0].legend([mark, area], ["used", "certified"])
+    plots.svg_text(fig)
+    assert [t.get_text() for t in fig.legends[0].get_texts()] == ["used", "certified"]
+
+
 def test_train_and_rim_stand_in_a_panel_for_each_loop(results) -> None:
     fig = plots.speeds(results, "base", ("soft", "hard"))
     log = results.log("base", "hard")

@@ -154,6 +154,19 @@ def test_reasons_are_those_of_the_run_with_a_parameter_20_percent_larger(name):
     assert "wants k2 > 500.5005" in verdict("gains_satisfy_48", r)[1]
 
 
+TURNS = {"fifth less": 0.8, "fifth more": 1.2}
+
+
+@pytest.mark.parametrize("words", TURNS)
+def test_rows_that_turn_with_the_limit_of_the_torque_say_so(words):
+    """A row of base turns with a brake that is a fifth weaker or stronger if it says so."""
+    before, after = results(), results(TURNS[words], "T_max")
+    for claim in study.claims:
+        if claim.scenario == "base" and not claim.not_checkable:
+            turned = verdict(claim.id, before)[0] != verdict(claim.id, after)[0]
+            assert turned == (words in claim.assumption), claim.id
+
+
 def test_what_did_not_run_is_counted_apart():
     left_out.assert_open_and_counted_apart(results())
 
