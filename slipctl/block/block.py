@@ -223,6 +223,29 @@ class Block:
         """Full name of ``other`` beside ``name``: expressions speak of their own block."""
         return self.sharing.name(name.rpartition(".")[0] + "." + other if "." in name else other)
 
+    def ends(self, signal: Signal, values: Mapping[str, Any]) -> tuple[list[Any], ...]:
+        """Lower ends, upper ends and largest changes of a signal, with these parameters.
+
+        Of each the tightest holds; what is infinite is left out.
+
+        Args:
+            signal: of this block.
+            values: of all parameters by name, numbers or symbols.
+
+        Raises:
+            BadInput: an expression that uses what is no parameter.
+        """
+        found: dict[str, list[Any]] = {"lo": [], "hi": [], "change": []}
+        for what, number in (("lo", signal.lo), ("hi", signal.hi), ("change", signal.change)):
+            found[what] += [number] if math.isfinite(number) else []
+        for b in signal.bounds:
+            where = f"{self.name}.{signal.name}: {b.what}"
+            home = b.home or signal.name
+            local = {k: values.get(self._sibling(home, k)) for k in names_in(b.expression)}
+            known = {k: v for k, v in local.items() if v is not None}
+            found[b.what].append(evaluate(b.expression, known, where))
+        return found["lo"], found["hi"], found["change"]
+
     def param_values(self, **override: Any) -> dict[str, np.ndarray]:
         """Values of all parameters, checked against their ranges, derived ones computed.
 

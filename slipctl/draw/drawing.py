@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from html import escape
 
 from slipctl.draw.diagram import Level, Node, Port
-from slipctl.draw.layers import _layers
+from slipctl.draw.layers import layers_of
 
 # ---- drawing ----------------------------------------------------------------------------------
 
@@ -68,7 +68,7 @@ class Drawing:
 
     def __init__(self, lv: Level) -> None:
         self.lv = lv
-        self.columns = _layers(lv)
+        self.columns = layers_of(lv)
         self.count = max(self.columns.values(), default=0) + 1
         self.places: dict[str, _Place] = {}
         self.passing: dict[tuple[Port, int], _Place] = {}

@@ -63,7 +63,7 @@ def _order(lv: Level) -> list[str]:
     return out
 
 
-def _layers(lv: Level) -> dict[str, int]:
+def layers_of(lv: Level) -> dict[str, int]:
     """Column of each node: boxes by their longest path downstream, ends beside their partners."""
     order = {k: i for i, k in enumerate(_order(lv))}
     column = dict.fromkeys(order, 1)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-def _elements(block: Block, role: str) -> list[str]:
+def elements(block: Block, role: str) -> list[str]:
     """Name of each element of the packed column; of an array, with its number."""
     names = []
     for n, s in block._signals[role].items():
@@ -20,7 +20,7 @@ def _elements(block: Block, role: str) -> list[str]:
     return names
 
 
-def _logged(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndarray:
+def logged(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndarray:
     """A signal of a log by full name, or the only one that ends with it."""
     if name in log:
         return np.asarray(log[name].values, dtype=float)
@@ -28,11 +28,13 @@ def _logged(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndarray
     return np.asarray(log[hits[0]].values, dtype=float) if len(hits) == 1 else otherwise
 
 
-def _rows(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def rows_at(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Columns of values over places, at the wanted ones, linear between."""
     return np.column_stack([np.interp(wanted, places, column) for column in values.T])
 
 
-def _at(
+def between(
     times: np.ndarray, values: np.ndarray, first: float, last: float, s: np.ndarray
 ) -> np.ndarray:
-    return _rows(times, values, first + (last - first) * s)
+    """Columns of values over times, at shares s of the way from ``first`` to ``last``."""
+    return rows_at(times, values, first + (last - first) * s)

@@ -19,7 +19,7 @@ from slipctl.block.block import Block
 from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, RunFailed
 from slipctl.predict.horizon import expressions
-from slipctl.predict.tracks import _at, _elements, _logged, _rows
+from slipctl.predict.tracks import between, elements, logged, rows_at
 from slipctl.run.build import column
 from slipctl.run.rail import Scenario
 from slipctl.run.simulation import begun, rail_values
@@ -172,7 +172,7 @@ class _Problem:
         if self.goal is None and not self.end:
             raise BadInput(f"{where}: least time needs an end=, the states to be reached")
         self.x0 = column(plant.pack("state", plant.start()))
-        self.states = _elements(plant, "state")
+        self.states = elements(plant, "state")
         self.phases = self._phases()
         self.scale = np.maximum(np.abs(self.x0), 1.0)
         self.f = expressions(where, plant)
@@ -238,7 +238,7 @@ class _Problem:
         """Scale the states by the largest that the runs show: a torque starts at zero."""
         for log in logs:
             for k, name in enumerate(self.states):
-                seen = np.abs(_logged(log, name, self.x0[k : k + 1])).max()
+                seen = np.abs(logged(log, name, self.x0[k : k + 1])).max()
                 self.scale[k] = max(self.scale[k], seen)
 
     def guess(self, log: xarray.Dataset | None) -> dict[str, Any]:
@@ -255,24 +255,24 @@ class _Problem:
             times = np.asarray(log["time"].values, dtype=float)
             last = times[-1]
             for name, value in self.end.items():  # a run that went on is cut where it arrived
-                way = np.sign(_logged(log, name, np.full(times.size, value)) - value)
+                way = np.sign(logged(log, name, np.full(times.size, value)) - value)
                 arrived = np.flatnonzero(way != way[0])
                 last = min(last, times[arrived[0]]) if arrived.size else last
             edges[-1] = max(min(edges[-1], last), edges[-2] + 1e-3)
             durations = list(np.diff(edges))
             x = np.column_stack(
-                [_logged(log, n, np.full(times.size, v)) for n, v in
+                [logged(log, n, np.full(times.size, v)) for n, v in
                  zip(self.states, self.x0, strict=True)]
             )  # fmt: skip
             u = np.column_stack(
-                [_logged(log, n, np.full(times.size, m)) for n, m in
+                [logged(log, n, np.full(times.size, m)) for n, m in
                  zip(self.controls, middle, strict=True)]
             )  # fmt: skip
         return {
             "durations": durations,
-            "x": [lambda s, k=k: _at(times, x, edges[k], edges[k + 1], s) for k in
+            "x": [lambda s, k=k: between(times, x, edges[k], edges[k + 1], s) for k in
                   range(len(self.phases))],
-            "u": [lambda s, k=k: _at(times, u, edges[k], edges[k + 1], s) for k in
+            "u": [lambda s, k=k: between(times, u, edges[k], edges[k + 1], s) for k in
                   range(len(self.phases))],
         }  # fmt: skip
 
@@ -281,7 +281,7 @@ class _Problem:
         h = float(edges[-1]) / (rows - 1)
         step = sampled(self.plant, h, "implicit_euler", check=False).f
         x, found = self.x0, [self.x0]
-        order = _elements(self.plant, "input")
+        order = elements(self.plant, "input")
         for k in range(rows - 1):
             phase = self.phases[min(int(np.searchsorted(edges[1:-1], k * h, "right")),
                                     len(self.phases) - 1)]  # fmt: skip
@@ -436,7 +436,7 @@ class _Problem:
             places = np.concatenate([[0.0], shares])
             states = np.vstack([x, points])
             found["durations"].append(duration)
-            found["x"].append(lambda s, a=places, b=states: _rows(a, b, s))
+            found["x"].append(lambda s, a=places, b=states: rows_at(a, b, s))
             found["u"].append(
                 lambda s, a=mesh, b=controls: b[
                     np.clip(np.searchsorted(a, s, side="right") - 1, 0, len(b) - 1)
@@ -456,7 +456,7 @@ class _Problem:
         for k, phase in enumerate(self.phases):
             x, u = solution["x"][k](mesh), solution["u"][k](mesh)
             inputs = np.tile(phase.u, (mesh.size, 1))
-            order = _elements(self.plant, "input")
+            order = elements(self.plant, "input")
             inputs[:, [order.index(c) for c in self.controls]] = u
             y = self.f.map(mesh.size)(x.T, inputs.T, np.tile(phase.p, (mesh.size, 1)).T)[1]
             times.append(began + mesh * solution["durations"][k])
@@ -467,7 +467,7 @@ class _Problem:
         variables = {}
         for names, blocks, role in (
             (self.states, xs, "state"), (self.controls, us, "input"),
-            (_elements(self.plant, "output"), ys, "output"),
+            (elements(self.plant, "output"), ys, "output"),
         ):  # fmt: skip
             for i, n in enumerate(names):
                 s = self.plant._signals[role].get(n)

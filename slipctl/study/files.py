@@ -24,14 +24,12 @@ if TYPE_CHECKING:
     import xarray
 
 
-def save_log(results: Results, scenario: str, loop: str, out: Path, command: str) -> None:
-    """Write one log as ``.nc`` (exact) and ``.csv`` (ten digits)."""
-    data = results.data[scenario][loop]
-    publish(draft_log(data.assign_attrs(command=command), out / "logs" / scenario, loop))
-
-
 def draft_log(data: xarray.Dataset, folder: Path, loop: str) -> list[tuple[Path, Path]]:
-    """Write one log under temporary names; gives them with the names that they get at last."""
+    """Write one log, ``.nc`` (exact) and ``.csv`` (ten digits), under temporary names.
+
+    Returns:
+        These names, each with the one that it gets at last.
+    """
     attrs = {k: v for k, v in data.attrs.items() if not (isinstance(v, list) and not v)}
     packed = {str(n): {"zlib": True, "complevel": 1} for n in data.data_vars}
     exact = data.copy(deep=False)
@@ -85,7 +83,7 @@ def csv_text(data: xarray.Dataset) -> str:
 
 
 def read_log(path: Path) -> xarray.Dataset:
-    """Read a log that :func:`save_log` wrote.
+    """Read a log that :func:`draft_log` wrote.
 
     Raises:
         BadInput: no such file, or a newer format.

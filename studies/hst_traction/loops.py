@@ -30,7 +30,7 @@ from slipctl import (
 from slipctl.models import converters
 from slipctl.models import hst_traction_adhesion as adhesion
 from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import polach
+from slipctl.models.contact import patch, polach
 from slipctl.models.hst_traction import (
     DISTINCT,
     GROUPED,
@@ -402,4 +402,22 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
         log.warning(
             "%s.m = %g kg, but its %d axles carry %g kg; m_axle = %g kg would fit", where, m,
             axles, carried, m / axles,
+        )  # fmt: skip
+    _check_patch(where, p)
+
+
+def _check_patch(where: str, p: Mapping[str, np.ndarray]) -> None:
+    """Warn of a contact patch that is the one of another load or radius."""
+    names = ("Q", "a", "b", "c11")
+    if any(f"plant.train.adh.{n}" not in p for n in names):
+        return
+    Q, a, b, c11 = (float(np.ravel(p[f"plant.train.adh.{n}"])[0]) for n in names)
+    r, made = float(p["plant.train.r"]), {n: float(polach.params[n].value) for n in names}
+    fits = patch(Q, r)
+    off = max(abs(fits[n] / made[n] - 1) for n in ("a", "b", "c11"))
+    if (a, b, c11) == (made["a"], made["b"], made["c11"]) and off > FITS:
+        log.warning(
+            "%s.adh: a = %.3g m, b = %.3g m, c11 = %.3g are of a wheel with %.4g N; at %.4g N and"
+            " r = %.3g m they are a = %.4g m, b = %.4g m, c11 = %.4g", where, a, b, c11, made["Q"],
+            Q, r, fits["a"], fits["b"], fits["c11"],
         )  # fmt: skip

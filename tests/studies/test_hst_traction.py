@@ -135,3 +135,22 @@ def test_page_names_every_loop():
     for loop_name in ("hosm_limited_uncompensated", "hosm_limited_printed", "smc_motor_printed"):
         assert f"`{loop_name}`" in page
     assert "<!-- table claims -->" in page
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [({}, ""), ({"m": 550e3}, "they are a = "), ({"r": 0.4}, "at 7.656e+04 N and r = 0.4 m")],
+)
+def test_a_patch_of_another_load_or_radius_is_told(numbers, said, caplog):
+    """Hertz: the semi-axes grow with the cube root of the load, and with the radius."""
+    from slipctl.studies.hst_traction import loops as made
+
+    loop = made.loop(made.MODELS, made.MODELS["pid"], False).with_params(**numbers)
+    made.check("pid", loop, Scenario("s", 1.0))
+    lines = [r.getMessage() for r in caplog.records if "of a wheel with" in r.getMessage()]
+    assert len(lines) == bool(said)
+    if "m" in numbers:
+        a = float(made.polach.params["a"].value) * 1.1 ** (1 / 3)
+        assert f"they are a = {a:.4g} m" in lines[0]
+    elif lines:
+        assert said in lines[0]

@@ -150,8 +150,10 @@ def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
     assert set(one.data_vars) == set(two.data_vars)
     for n in one.data_vars:
         a, b = one[n].values, two[n].values
-        # equal numbers meet in another order of operations: roundings, far below a wrong number
-        assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max()), n
+        # equal numbers meet in another order of operations: roundings, far below a wrong number; in
+        # whole runs a solver that stops at its own tolerance multiplies them
+        limit = 1e-8 if ALL and name == "nmpc" else 1e-9
+        assert np.abs(a - b).max() <= limit * max(1.0, np.abs(b).max()), n
 
 
 EMPTY = {

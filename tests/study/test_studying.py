@@ -363,7 +363,8 @@ def test_files_are_whole_strict_and_carry_their_origin(results: Results, tmp_pat
     files.save_metrics(results, tmp_path, "slipctl run toy")
     files.save_claims(results, verdicts, tmp_path, "slipctl run toy")
     files.save_tables(results, tmp_path, "slipctl run toy")
-    files.save_log(results, "base", "soft", tmp_path, "slipctl run toy")
+    data = results.data["base"]["soft"].assign_attrs(command="slipctl run toy")
+    files.publish(files.draft_log(data, tmp_path / "logs/base", "soft"))
     for name in ("metrics", "claims", "tables"):
         payload = store.read_json(tmp_path / f"{name}.json")
         assert payload["format"] == 1
