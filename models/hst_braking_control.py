@@ -56,8 +56,12 @@ from slipctl.models.hst_braking import (
     grip,
 )
 from slipctl.models.hst_braking_estimate import (
+    FORCE,
+    SLIP,
     accelerometer,
     adhesion_filter,
+    fit_ranged,
+    peak_ranged,
     speed_fusion,
     wheel_model,
     wheel_speed_sensor,
@@ -77,6 +81,10 @@ from slipctl.models.hst_braking_reference import (
 from slipctl.models.shared import SHARED
 
 LAM_START = Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio")
+
+WIDE = "ten times a locked wheel's; printed references run away"
+WANTED = "250 times the largest torque; arbitration limits it"
+COUNTED = "the count stands still there"
 
 # ---- slip laws -----------------------------------------------------------------------------------
 
@@ -102,18 +110,18 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
     printed = form == "printed-17"
 
     @step(
-        T_wanted=Output("N m", "wanted torque", positive="traction"),
-        e=Output("1", "slip error"),
-        lower=Output("1", "lower bound of the error"),
-        upper=Output("1", "upper bound of the error"),
-        share=Output("1", "error over its bound"),
-        restarts=Output("1", "restarts of the funnel so far"),
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
+        lower=Output("1", "lower bound of the error", WIDE, lo=-20, hi=0),
+        upper=Output("1", "upper bound of the error", WIDE, lo=0, hi=20),
+        share=Output("1", "error over its bound", "it restarts beyond 1", lo=-1, hi=100),
+        restarts=Output("1", "restarts of the funnel so far", COUNTED, lo=0, hi=1e6),
         name="eppfc", choices={"form": form, "law": law, "motion": motion},
     )  # fmt: skip
     def eppfc(
-        eta_h=State("1", "eta_0", "performance function"),
-        count=State("1", 0.0, "restarts so far"),
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        eta_h=State("1", "eta_0", "performance function", WIDE, lo=0, hi=20),
+        count=State("1", 0.0, "restarts so far", COUNTED, lo=0, hi=1e6),
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         rate=Input("1/s", "its rate"),
         v=Input("m/s", "train speed"),
@@ -175,7 +183,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
             T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
         nxt = dict(
             eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
-            count=count if printed else count + logic_and(tripped, awake),
+            count=count if printed else fmin(count + logic_and(tripped, awake), 1e6),
         )
         shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
         upper, lower = delta_u * shown, -delta_l * shown
@@ -196,12 +204,12 @@ def feedback_linearisation(motion: bool = True) -> Block:
     """
 
     @law(
-        T_wanted=Output("N m", "wanted torque", positive="traction"),
-        e=Output("1", "slip error"),
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
         name="efc", choices={"motion": motion},
     )  # fmt: skip
     def efc(
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         rate=Input("1/s", "its rate"),
         v=Input("m/s", "train speed"),
@@ -235,14 +243,14 @@ def pid(gains: str = "rule") -> Block:
     rule = gains == "rule"
 
     @step(
-        T_wanted=Output("N m", "wanted torque", positive="traction"),
-        e=Output("1", "slip error"),
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
         name="pid", choices={"gains": gains},
     )  # fmt: skip
     def controller_pid(
-        integral=State("N m", 0.0, "integral part"),
-        e_last=State("1", "lam_start - lam_ref_start", "slip error of the last tick"),
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        integral=State("N m", 0.0, "integral part", WANTED, lo=-5e6, hi=5e6),
+        e_last=State("1", "lam_start - lam_ref_start", "slip error of the last tick", lo=-5, hi=5),
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         v=Input("m/s", "train speed"),
         K=Param("1/s", 100.0, "wanted bandwidth, that of the other laws", lo=0),
@@ -280,13 +288,20 @@ def pid(gains: str = "rule") -> Block:
 # ---- arbitration ---------------------------------------------------------------------------------
 
 
-@step(T_b=Output("N m", "commanded torque", positive="traction", lo=-20e3, hi=0))
+@step(T_b=Output("N m", "commanded torque", positive="traction", lo="-T_max", hi=0))
 def arbitration(
-    carried=State("N", 0.0, "adhesion force, last estimate above v_off; none at the start"),
+    carried=State(
+        "N",
+        0.0,
+        "adhesion force, last estimate above v_off; none at the start",
+        FORCE,
+        lo=0,
+        hi=60e3,
+    ),
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
-    v=Input("m/s", "train speed"),
+    v=Input("m/s", "train speed", "430 km/h; 50 m/s^2", lo=-1, hi=120, change=0.05),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
-    a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0),
+    a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0, lo=0, hi=20),
     m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
@@ -390,14 +405,16 @@ def controller(
         start = START if reference == "free" and set(START) <= set(curve.params) else None
         unknown = [n for n, s in curve.params.items() if not s.derived]
         window, settings = FIT[reference]
-        estimator = rls(
+        estimator = fit_ranged(rls(
             averaged(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
             **settings,
-        )  # fmt: skip
+        ), settings["window"], curve)  # fmt: skip
         parts |= {
             "meter": adhesion_meter(window, torque),
             "estimator": every(estimator, every_ticks),
-            "search": every(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), every_ticks),
+            "search": every(
+                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4)), every_ticks
+            ),
         }
         wires |= {
             "meter.omega": "omega",

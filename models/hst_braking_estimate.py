@@ -18,12 +18,28 @@ from slipctl import (
     State,
     flow,
     law,
+    ranged,
     step,
 )
 from slipctl.errors import known
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.hst_braking import GUESS, I_W, SOURCE, TABLE_2, G, R
 from slipctl.models.shared import SLOPE
+
+FORCE = "three times the load on a wheel of 13.8 t"
+FASTEST = "430 km/h"
+SLIP = "a locked wheel has 1; half as much again for noise"
+
+MEASURED_SPEED = Input(
+    "rad/s", lo=-1, hi="120 / r", change="30 / J", stale=10,
+    source="430 km/h; (20 + 9) kN m of brake and rail on the wheel for 1 ms",
+)  # fmt: skip
+"""What a wheel speed can be: a wheel does not turn back but for noise, and its inertia is known."""
+
+MEASURED_TORQUE = Input(
+    "N m", lo=-40e3, hi=1e3, source="twice the largest torque; a brake does not drive"
+)
+"""What a brake torque can be. It has no largest change: a brake without lag jumps."""
 
 
 @flow()
@@ -48,11 +64,28 @@ def adhesion_filter(form: str = "consistent") -> Block:
     """
     known("adhesion_filter", "form", form, ("consistent", "printed-22", "printed-33"))
     printed = form == "printed-33"
-    return ctukf(
+    found = ctukf(
         wheel_model, "omega", "F_a",
         prior=0.5 if printed else 4e6, noise=1.0, start=0.0, gamma=0.23, sigma=2.0,
         form="printed-22" if form == "printed-22" else "sampled",
         per="second" if printed else "sample",
+    )  # fmt: skip
+    return ranged(
+        found,
+        Output("N", FORCE, lo=-60e3, hi=60e3).named("F_a"),
+        Output("N^2", "at most the limit of the filter", lo=0, hi="cap_F_a + prior_F_a").named(
+            "variance_F_a"
+        ),
+        Output("rad/s", "the whole range of the wheel speed", lo=-700, hi=700).named(
+            "innovation_omega"
+        ),
+        Output("1", "the square of 1e6 standard deviations", lo=0, hi=1e12).named("nis"),
+        omega=MEASURED_SPEED,
+        T_b=MEASURED_TORQUE,
+        held_omega=State("rad/s", 0.0, lo=-1, hi="120 / r"),
+        held_T_b=State("N m", 0.0, lo=-40e3, hi=1e3),
+        held_F_a=State("N", 0.0, source=FORCE, lo=-60e3, hi=60e3),
+        P_F_a=State("N^2", 0.0, lo=0, hi="2 * cap_F_a + prior_F_a"),
     )  # fmt: skip
 
 
@@ -83,23 +116,45 @@ def wheel_speed_sensor(
 
 
 @step(
-    v=Output("m/s", "estimated train speed"),
-    lam=Output("1", "estimated slip ratio", positive="braking", per="ratio"),
-    variance_v=Output("m^2/s^2", "variance of the speed"),
-    variance_lam=Output("1", "variance of the slip ratio"),
+    v=Output("m/s", "estimated train speed", FASTEST, lo=-1, hi=120),
+    lam=Output("1", "estimated slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
+    variance_v=Output("m^2/s^2", "variance of the speed", "(10 m/s)^2", lo=0, hi=100),
+    variance_lam=Output("1", "variance of the slip ratio", "(10 m/s over v_0)^2", lo=0, hi=1e4),
 )
 def speed_fusion(
     v_h=State(
-        "m/s", 50.0, "speed, predicted from the last tick", deviation="sqrt(P_vv)", truth="v"
+        "m/s",
+        50.0,
+        "speed, predicted from the last tick",
+        FASTEST,
+        lo=-1,
+        hi=120,
+        deviation="sqrt(P_vv)",
+        truth="v",
     ),
     b_h=State(
-        "m/s^2", 0.0, "bias of the accelerometer", deviation="sqrt(P_bb)", truth="bias + g * slope"
+        "m/s^2",
+        0.0,
+        "bias of the accelerometer",
+        "a fifth of gravity",
+        lo=-2,
+        hi=2,
+        deviation="sqrt(P_bb)",
+        truth="bias + g * slope",
     ),
-    P_vv=State("m^2/s^2", 1e-4, "variance of the speed"),
-    P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias"),
-    P_bb=State("m^2/s^4", 4e-4, "variance of the bias"),
+    P_vv=State("m^2/s^2", 1e-4, "variance of the speed", "(10 m/s)^2", lo=0, hi=100),
+    P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias", "of both ends", lo=-20, hi=20),
+    P_bb=State("m^2/s^4", 4e-4, "variance of the bias", "(2 m/s^2)^2", lo=0, hi=4),
     omega=Input("rad/s", "measured wheel speed"),
-    a_m=Input("m/s^2", "measured acceleration", positive="traction"),
+    a_m=Input(
+        "m/s^2",
+        "measured acceleration",
+        "three times the friction of dry rail; a jump of the rail",
+        positive="traction",
+        lo=-15,
+        hi=15,
+        change=5,
+    ),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     sigma_a=Param("m/s^2", 0.05, "noise of the accelerometer per sample", GUESS, lo=0),
@@ -135,3 +190,42 @@ def speed_fusion(
     lam = (v - rim) / floor
     variance_lam = ((1 - lam) / floor) ** 2 * A_vv + (r * sigma_w / floor) ** 2
     return nxt, dict(v=v, lam=lam, variance_v=A_vv, variance_lam=variance_lam)
+
+
+def fit_ranged(estimator: Block, window: int, curve: Block) -> Block:
+    """Declare what numbers of a windowed estimator can be.
+
+    Unknowns are logarithms: 12 is a factor of 1.6e5 from the first guess. What the window knows is
+    at most its samples over the square of the least deviation that is told.
+    """
+    far, known_ = "a factor of 1.6e5 on each unknown", "samples in their units; adhesion below 1"
+    unknown = [s for n, s in curve.params.items() if n in estimator.outputs]
+    return ranged(
+        estimator,
+        *(
+            Output(s.unit, "the range of the parameter", lo=s.lo, hi=s.hi).named(s.name)
+            for s in unknown
+        ),
+        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("predicted"),
+        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("residual"),
+        Output("1", lo=0, hi=1).named("changed"),
+        Output("1", far, lo=-1e9, hi=1e9).named("covariance"),
+        theta=State("1", 0.0, source=far, lo=-12, hi=12),
+        mean=State("1", 0.0, source=far, lo=-12, hi=12),
+        P=State("1", 0.0, source=far, lo=-1e3, hi=1e3),
+        scatter=State("(1)^2", 0.0, source=known_, lo=0, hi=10),
+        Lambda=State("1", 0.0, source="1e6 samples of deviation 1e-4", lo=-1e14, hi=1e14),
+        count=State("1", 0.0, lo=0, hi=window),
+        unsettled=State("1", 0.0, lo=0, hi=1000),
+        damping=State("1", 0.0, source="its iteration ends there", lo=0, hi=1e12),
+        kept=State("1", 0.0, source=known_, lo=-5, hi=5),
+    )
+
+
+def peak_ranged(search: Block) -> Block:
+    """Declare what the peak of a curve can be."""
+    return ranged(
+        search,
+        Output(search.outputs["best"].unit, "the range that is searched", lo=0, hi=1).named("best"),
+        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("value"),
+    )

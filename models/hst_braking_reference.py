@@ -46,6 +46,9 @@ from slipctl.models.hst_braking import (
     R,
     peak_slip,
 )
+from slipctl.models.hst_braking_estimate import FASTEST, SLIP
+
+ADHESION = "twice the largest adhesion"
 
 FIRST = Param("1", 0.1, "slip ratio that is wanted first", SOURCE, positive="braking", per="ratio")
 """Where search and reference begin; known before anything is measured, so it follows no plant."""
@@ -236,17 +239,32 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
     place = DM(range(W))
 
     @step(
-        mu_m=Output("1", "mean adhesion over the window", positive="traction"),
-        lam_m=Output("1", "mean slip ratio over the window", positive="braking", per="ratio"),
-        var_m=Output("1", "mean square deviation of the slip ratio in the window"),
+        mu_m=Output("1", "mean adhesion over the window", ADHESION, positive="traction", lo=-2,
+                    hi=2),
+        lam_m=Output("1", "mean slip ratio over the window", SLIP, positive="braking", per="ratio",
+                     lo=-1.5, hi=1.5),
+        var_m=Output("1", "mean square deviation of the slip ratio in the window", SLIP, lo=0,
+                     hi=3),
         name="meter", choices={"window": W, "torque": torque},
     )  # fmt: skip
     def meter(
-        omegas=State("rad/s", "omega_start", "wheel speeds, oldest first", shape=(W,)),
-        torques=State("N m", "T_b_start", "brake torques, oldest first", shape=(W,)),
-        slips=State("1", "lam_start", "slip ratios, oldest first", shape=(W,)),
-        count=State("1", 1.0, "ticks in the window"),
-        before=State("1", 0.0, "whether the last tick told of a change"),
+        omegas=State(
+            "rad/s",
+            "omega_start",
+            "wheel speeds, oldest first",
+            FASTEST,
+            shape=(W,),
+            lo=-1,
+            hi="120 / r",
+        ),
+        torques=State(
+            "N m", "T_b_start", "brake torques, oldest first", shape=(W,), lo=-40e3, hi=1e3
+        ),
+        slips=State(
+            "1", "lam_start", "slip ratios, oldest first", SLIP, shape=(W,), lo=-1.5, hi=1.5
+        ),
+        count=State("1", 1.0, "ticks in the window", lo=0, hi=W),
+        before=State("1", 0.0, "whether the last tick told of a change", lo=0, hi=1),
         omega=Input("rad/s", "measured wheel speed"),
         T_b=Input("N m", "measured brake torque", positive="traction"),
         lam=Input("1", "measured slip ratio", positive="braking", per="ratio"),
@@ -329,8 +347,8 @@ def fixed_reference(
     best_safe=Output("1", "best slip, or the safe side of it", positive="braking", per="ratio"),
 )
 def caution(
-    first=State("1", "lam_ref_start", "slip ratio at the change"),
-    active=State("1", 0.0, "1 from a change until the best slip is known"),
+    first=State("1", "lam_ref_start", "slip ratio at the change", SLIP, lo=-1.5, hi=1.5),
+    active=State("1", 0.0, "1 from a change until the best slip is known", lo=0, hi=1),
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     changed=Input("1", "1 when the rail has changed"),
@@ -352,12 +370,20 @@ def caution(
 
 
 @step(
-    lam_ref=Output("1", "slip reference", positive="braking", per="ratio"),
-    rate=Output("1/s", "its rate"),
+    lam_ref=Output(
+        "1",
+        "slip reference",
+        "printed searches run away",
+        positive="braking",
+        per="ratio",
+        lo=-5,
+        hi=5,
+    ),
+    rate=Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
 )
 def shaper(
-    limited=State("1", "lam_ref_start", "reference behind the rate limit"),
-    smooth=State("1", "lam_ref_start", "reference behind the filter"),
+    limited=State("1", "lam_ref_start", "reference behind the rate limit", lo=-5, hi=5),
+    smooth=State("1", "lam_ref_start", "reference behind the filter", lo=-5, hi=5),
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
@@ -387,8 +413,16 @@ def shaper(
 
 
 @law(
-    lam_ref=Output("1", "slip reference", positive="braking", per="ratio"),
-    rate=Output("1/s", "its rate"),
+    lam_ref=Output(
+        "1",
+        "slip reference",
+        "printed searches run away",
+        positive="braking",
+        per="ratio",
+        lo=-5,
+        hi=5,
+    ),
+    rate=Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
 )
 def unshaped(
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),

@@ -19,6 +19,7 @@ _WHERE = {
     "block.connection": ["connect"],
     "block.timing": ["sampled", "every", "unit_delay"],
     "block.replication": ["replicate"],
+    "block.ranges": ["ranged"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
     "block.units": ["one"],
     "run.rail": ["Section", "Rail", "Scenario"],
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from slipctl.block.block import Block, make_block
     from slipctl.block.connection import connect
     from slipctl.block.declare import flow, law, step
+    from slipctl.block.ranges import ranged
     from slipctl.block.replication import replicate
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.block.timing import every, sampled, unit_delay

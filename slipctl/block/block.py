@@ -85,6 +85,9 @@ class Block:
         coordinates: Iterable[str] = (),
         readings: Mapping[str, str] | None = None,
         expects: Iterable[str] = (),
+        follows: Callable[..., Mapping[str, float]] | None = None,
+        beside: Mapping[str, Signal] | None = None,
+        leaves_out: str = "",
         prefixed: bool = False,
         transparent: bool = False,
         own: Iterable[str] = (),
@@ -112,6 +115,9 @@ class Block:
         self.coordinates = tuple(coordinates)
         self.readings = dict(readings or {})
         self.expects = tuple(expects)
+        self.follows = follows
+        self.leaves_out = leaves_out
+        self.beside = {n: s.named(n) for n, s in (beside or {}).items()}
         self.prefixed = prefixed
         self.transparent = transparent
         self.own = frozenset(own)
@@ -222,6 +228,29 @@ class Block:
     def _sibling(self, name: str, other: str) -> str:
         """Full name of ``other`` beside ``name``: expressions speak of their own block."""
         return self.sharing.name(name.rpartition(".")[0] + "." + other if "." in name else other)
+
+    def ends(self, signal: Signal, values: Mapping[str, Any]) -> tuple[list[Any], ...]:
+        """Lower ends, upper ends and largest changes of a signal, with these parameters.
+
+        Of each the tightest holds; what is infinite is left out.
+
+        Args:
+            signal: of this block.
+            values: of all parameters by name, numbers or symbols.
+
+        Raises:
+            BadInput: an expression that uses what is no parameter.
+        """
+        found: dict[str, list[Any]] = {"lo": [], "hi": [], "change": []}
+        for what, number in (("lo", signal.lo), ("hi", signal.hi), ("change", signal.change)):
+            found[what] += [number] if math.isfinite(number) else []
+        for b in signal.bounds:
+            where = f"{self.name}.{signal.name}: {b.what}"
+            home = b.home or signal.name
+            local = {k: values.get(self._sibling(home, k)) for k in names_in(b.expression)}
+            known = {k: v for k, v in local.items() if v is not None}
+            found[b.what].append(evaluate(b.expression, known, where))
+        return found["lo"], found["hi"], found["change"]
 
     def param_values(self, **override: Any) -> dict[str, np.ndarray]:
         """Values of all parameters, checked against their ranges, derived ones computed.
@@ -477,8 +506,10 @@ class Block:
             period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
-            expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
-            own=self.own, sharing=self.sharing, by_structure=self.by_structure,
+            expects=self.expects, follows=self.follows, beside=self.beside,
+            leaves_out=self.leaves_out,
+            prefixed=self.prefixed, transparent=self.transparent, own=self.own,
+            sharing=self.sharing, by_structure=self.by_structure,
         )  # fmt: skip
         block._made = self._made
         return block
@@ -797,6 +828,10 @@ class Block:
             return found
         if self.units == "printed" or not self.sx:
             return []
+        derived = tuple((s.name, s.value) for s in self.signals if s.derived)
+        return list(self.of_equations(("units", derived), self._wrong_units))
+
+    def _wrong_units(self) -> list[str]:
         from slipctl.block import formula, unit_walk, units
 
         with units.checking_units(), formula.letters(self._body.__code__) as names:

@@ -83,10 +83,10 @@ def connect(
         if "." not in source:
             known = outer_inputs.get(source)
             if known is None:
-                outer_inputs[source] = signal.named(source)
+                outer_inputs[source] = signal.moved(source, part)
             else:
                 _check_wire(name, source, known, destination, signal)
-                outer_inputs[source] = _both(known, signal)
+                outer_inputs[source] = _both(known, signal.moved(source, part))
             renamed[part, port] = source
             continue
         from_part, from_port = _source(name, blocks, source)
@@ -97,7 +97,7 @@ def connect(
     signals: list[Signal] = []
     for b, block in blocks.items():
         for n, s in block.states.items():
-            s = s.named(f"{b}.{n}")
+            s = s.moved(f"{b}.{n}", b)
             # its own name is the expression that leads to the shared number
             signals.append(s.valued(n.rpartition(".")[2]) if s.name in here else s)
     signals += [s.signal for s in shares.values() if s.signal is not None]
@@ -109,11 +109,11 @@ def connect(
         for n, s in block.inputs.items():
             if (b, n) not in inner and (b, n) not in renamed:
                 free[b, n] = f"{b}.{n}"
-                signals.append(s.named(f"{b}.{n}"))
+                signals.append(s.moved(f"{b}.{n}", b))
     for b, block in blocks.items():
-        signals += [s.named(f"{b}.{n}") for n, s in block.outputs.items()]
+        signals += [s.moved(f"{b}.{n}", b) for n, s in block.outputs.items()]
     for out, (b, n) in outer_outputs.items():
-        signals.append(_signal(blocks[b], n).as_role("output", value=None).named(out))
+        signals.append(_signal(blocks[b], n).moved(out, b).as_role("output", value=None))
 
     plan = _schedule(name, blocks, inner)
     sx = all(block.sx for block in blocks.values())
@@ -234,6 +234,9 @@ def _both(a: Signal, b: Signal) -> Signal:
         value=b.value if a.value is None else a.value,
         lo=max(a.lo, b.lo),
         hi=min(a.hi, b.hi),
+        change=min(a.change, b.change),
+        stale=min(a.stale, b.stale),
+        bounds=tuple(dict.fromkeys([*a.bounds, *b.bounds])),
         positive=a.positive or b.positive,
         per=a.per or b.per,
     )

@@ -11,10 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, check_number, known, nearest
+from slipctl.errors import BadInput, check_number, check_whole, known, nearest
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
 """Functions that a value expression may use: CasADi's, so numbers and symbols both work."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """An end of a range, or a largest change per tick, that follows parameters.
+
+    Attributes:
+        what: ``"lo"``, ``"hi"`` or ``"change"``.
+        expression: of the block that declares it, ``"v_max / r"``.
+        home: the signal that declares it, with the path of its part; empty for the signal itself.
+    """
+
+    what: str
+    expression: str
+    home: str = ""
 
 
 @dataclass(frozen=True)
@@ -39,6 +54,9 @@ class Signal:
             default the value of the last good step.
         deviation: standard deviation of an estimator's start value, as an expression of its block,
             ``"sqrt(P)"``.
+        change: largest change of an input from one tick to the next that can be true.
+        bounds: ends and changes that follow parameters.
+        stale: ticks in a row for which generated C goes on with the last good value of an input.
         truth: what an estimator's state estimates, an expression of names that the rest of the loop
             has, ``"v"``; one expression for each element.
     """
@@ -58,6 +76,9 @@ class Signal:
     axis: str = ""
     safe: float | None = None
     deviation: str = ""
+    change: float = math.inf
+    bounds: tuple[Bound, ...] = ()
+    stale: int = 200
     truth: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -74,6 +95,14 @@ class Signal:
                 raise BadInput(f"{where}: {what} is NaN, which is no end of a range; leave it out")
         if self.lo > self.hi:
             raise BadInput(f"{where}: its range has lo = {self.lo:g} above hi = {self.hi:g}")
+        check_number(f"{where}: change", self.change, str(self.unit))
+        if not self.change > 0:
+            raise BadInput(
+                f"{where}: its largest change per tick is {self.change:g}; give a positive number"
+            )
+        check_whole(f"{where}: stale", self.stale, 0)
+        for b in self.bounds:
+            names_in(b.expression)
         if any(not isinstance(n, int) or n < 1 for n in self.shape):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
         if self.value is not None and not isinstance(self.value, str):
@@ -91,8 +120,21 @@ class Signal:
 
     def as_role(self, role: str, **changes: Any) -> Signal:
         """Return the same quantity in another role (an output becomes an input, say)."""
-        kept = self.safe if role == "output" else None
-        return replace(self, role=role, **{"safe": kept, **changes})
+        kept = {
+            "safe": self.safe if role == "output" else None,
+            "change": self.change if role == "input" else math.inf,
+            "bounds": tuple(b for b in self.bounds if b.what not in changes),
+        }
+        return replace(self, role=role, **{**kept, **changes})
+
+    def moved(self, name: str, part: str = "") -> Signal:
+        """Return the same signal as another block has it: under a name, in one of its parts.
+
+        Its bounds go on speaking of the block that declares them.
+        """
+        inside = f"{part}." if part else ""
+        bounds = tuple(replace(b, home=f"{inside}{b.home or self.name}") for b in self.bounds)
+        return replace(self, name=name, bounds=bounds)
 
     @property
     def size(self) -> int:
@@ -187,8 +229,8 @@ def State(
     doc: str = "",
     source: str = "",
     *,
-    lo: float = -math.inf,
-    hi: float = math.inf,
+    lo: float | str = -math.inf,
+    hi: float | str = math.inf,
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
@@ -197,13 +239,14 @@ def State(
 ) -> Any:
     """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
 
-    An estimate says with ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth``
-    of what, ``"v"``, by the name which that has in the rest of a loop. A run that begins further
-    off says so.
+    A range whose ends follow parameters has expressions, ``hi="v_max / r"``. An estimate says with
+    ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth`` of what, ``"v"``, by
+    the name which that has in the rest of a loop. A run that begins further off says so.
     """
+    given = _ends(lo, hi)
     return Signal(
-        "state", unit, value, doc, source, lo, hi, shape, positive, per, deviation=deviation,
-        truth=(truth,) if isinstance(truth, str) else tuple(truth),
+        "state", unit, value, doc, source, shape=shape, positive=positive, per=per,
+        deviation=deviation, truth=(truth,) if isinstance(truth, str) else tuple(truth), **given,
     )  # fmt: skip
 
 
@@ -229,14 +272,25 @@ def Input(
     source: str = "",
     *,
     value: Any = None,
-    lo: float = -math.inf,
-    hi: float = math.inf,
+    lo: float | str = -math.inf,
+    hi: float | str = math.inf,
+    change: float | str = math.inf,
+    stale: int = 200,
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
 ) -> Any:
-    """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it."""
-    return Signal("input", unit, value, doc, source, lo, hi, shape, positive, per)
+    """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it.
+
+    Range and ``change``, the most that it can truly change from one tick to the next, may be
+    expressions of parameters. Generated C puts the last good value in the place of one outside, for
+    ``stale`` ticks in a row; then it refuses the tick.
+    """
+    given = _ends(lo, hi, change)
+    return Signal(
+        "input", unit, value, doc, source, shape=shape, positive=positive, per=per,
+        stale=stale, **given,
+    )  # fmt: skip
 
 
 def Noise(unit: str = "1", doc: str = "unit normal number, drawn afresh each tick") -> Any:
@@ -249,15 +303,29 @@ def Output(
     doc: str = "",
     source: str = "",
     *,
-    lo: float = -math.inf,
-    hi: float = math.inf,
+    lo: float | str = -math.inf,
+    hi: float | str = math.inf,
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
     safe: float | None = None,
 ) -> Any:
-    """Declare an output; ``safe`` is what it gives in generated C while a step is refused."""
-    return Signal("output", unit, None, doc, source, lo, hi, shape, positive, per, safe=safe)
+    """Declare an output; ``safe`` is what it gives in generated C while a step is refused.
+
+    An end of its range may be an expression of parameters, ``lo="-T_max"``.
+    """
+    given = _ends(lo, hi)
+    return Signal(
+        "output", unit, None, doc, source, shape=shape, positive=positive, per=per, safe=safe,
+        **given,
+    )  # fmt: skip
+
+
+def _ends(lo: float | str, hi: float | str, change: float | str = math.inf) -> dict[str, Any]:
+    """Ends and change that are numbers, and bounds for those that are expressions."""
+    given = {"lo": lo, "hi": hi, "change": change}
+    bounds = tuple(Bound(k, v) for k, v in given.items() if isinstance(v, str))
+    return {k: v for k, v in given.items() if not isinstance(v, str)} | {"bounds": bounds}
 
 
 def total_size(signals: Iterable[Signal]) -> int:

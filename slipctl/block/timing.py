@@ -215,10 +215,12 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     hold_names = {_new_name(f"held_{k}", taken): k for k in block.outputs}
     states = [
         *block.states.values(),
-        State("1", float((n - offset) % n), "ticks since the last run").named(counter),
+        State("1", float((n - offset) % n), "ticks since the last run", lo=0, hi=n).named(counter),
         *(
             # zero until the first run, even where the range of the output excludes zero
-            s.as_role("state", value=0.0, doc=f"held: {s.doc}", lo=-math.inf, hi=math.inf).named(h)
+            s.as_role(
+                "state", value=0.0, doc=f"held: {s.doc}", lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)
+            ).named(h)
             for h, s in zip(hold_names, block.outputs.values(), strict=True)
         ),
     ]

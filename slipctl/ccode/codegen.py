@@ -19,7 +19,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, rounding
-from slipctl.ccode.check.comparison import compare, reference, trial_rows
+from slipctl.ccode.check.comparison import compare, expected_run, trial_rows
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
 from slipctl.ccode.check.logged import recorded as recorded
@@ -283,20 +283,13 @@ def _produce(
         raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
     used_params = dict(params or {}) if real == "double" else expected.float_params(plan, values)
     rows = rounded(rows if replay else rows[:KEPT], real)  # all are replayed, few are written
-    good = expected.in_range(plan, rows)
-    if not good.any():
-        raise BadInput(f"{block.name}: no tick has all its inputs in their declared ranges")
-    outputs, states = reference(block, rows[good], used_params, whole=inputs is not None)
-    if len(outputs) < len(rows[good]):
-        rows = rows[: len(outputs)]  # made-up ones, all of them in range
+    run = expected_run(plan, rows, used_params, whole=inputs is not None)
+    rows = run.rows
     if replay and not len(rows):
         raise BadInput(
             f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
             " run, check(block, inputs, folder)"
         )
-    run = expected.guarded(
-        plan, rows, outputs, states, expected.start_state(block, used_params)
-    )  # fmt: skip
     trials = (
         _trials(plan, made, rows, used_params) if replay and (real == "float" or boards) else None
     )

@@ -13,9 +13,11 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode import codegen
+from slipctl.ccode.check.expected import taken
 from slipctl.ccode.check.in_loop import FAULTS, Stored, run_in_loop
 from slipctl.ccode.check.rig import Rig
 from slipctl.ccode.compile import targets
+from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.write.header import bit
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput
@@ -277,14 +279,17 @@ def _close(a: float | None, b: float | None, moved: float) -> bool:
 
 def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
     """Status that the guards of the C have in each tick, by the run in Python."""
-    block, status = loop[part], np.zeros(len(python["time"]), dtype=int)
-    for n, s in block.outputs.items():
-        if f"{part}.{n}" in python:
-            values = python[f"{part}.{n}"].values.reshape(len(status), -1)
-            status[((values < s.lo) | (values > s.hi)).any(axis=1)] = bit("LIMITED")
-    for n, values in codegen.logged_inputs(loop, part, python).items():
-        s, rows = block.inputs[n], values.reshape(len(status), -1)
-        status[((rows < s.lo) | (rows > s.hi)).any(axis=1)] = bit("OFF_RANGE")
+    block, ticks = loop[part], len(python["time"])
+    plan = Plan(block)
+    given = codegen.logged_params(loop, part, python)
+    values = block.param_values(**given)
+    rows = input_rows(block, plan.layout.inputs, codegen.logged_inputs(loop, part, python))
+    status = taken(plan, np.broadcast_to(rows, (ticks, rows.shape[1])), values)[1]
+    for m in plan.layout.outputs:
+        if f"{part}.{m.name}" in python:
+            lo, hi, _ = plan.ends([m], values)
+            logged = python[f"{part}.{m.name}"].values.reshape(ticks, -1)
+            status[((logged < lo) | (logged > hi)).any(axis=1)] |= bit("LIMITED")
     return status
 
 

@@ -38,7 +38,7 @@ from slipctl import BadInput, Block, RunFailed, connect, rls
 from slipctl.analysis.optimum import argmax_block
 from slipctl.ccode import codegen
 from slipctl.ccode.check import expected, fuzz
-from slipctl.ccode.check.comparison import reference, trial_rows
+from slipctl.ccode.check.comparison import expected_run, trial_rows
 from slipctl.ccode.compile import board, targets
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import input_rows
@@ -326,11 +326,7 @@ def replayed(one: Controller) -> dict[str, Any]:
         module = codegen.c_module(block, Path(scratch) / "c", "ctl", period=one.loop.period)
         plan = Plan(block, "ctl", one.loop.period)
         rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
-        good = expected.in_range(plan, rows)
-        outputs, states = reference(block, rows[good], params)
-        start = expected.start_state(block, params)
-        run = expected.guarded(plan, rows, outputs, states, start)
-        run = expected.with_limits(plan, run, params)
+        run = expected.with_limits(plan, expected_run(plan, rows, params), params)
         module.compile(cc.compilers()[0]).load().reset(**params)
         got = np.hstack(module.replay_rows(run.rows))
         signals = expected.differences(plan, run, got)

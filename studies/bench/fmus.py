@@ -22,10 +22,11 @@ import numpy as np
 from slipctl import BadInput, Block, Scenario, simulate
 from slipctl.ccode import codegen
 from slipctl.ccode.check import expected
-from slipctl.ccode.check.comparison import reference
+from slipctl.ccode.check.comparison import expected_run
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.ship.fmu import VERSIONS, is_plant
 from slipctl.ccode.ship.fmu_xml import Variable, variables
+from slipctl.ccode.write.header import bit
 from slipctl.ccode.write.plan import Plan, packed
 from slipctl.run import store
 from slipctl.study import doors
@@ -116,15 +117,18 @@ def _wanted(
 ) -> dict[str, np.ndarray]:
     """What Python gives after each tick, by name of the scalar variable."""
     block = plan.block.with_params(**start) if start else plan.block
-    good = expected.in_range(plan, rows)
-    outputs, states = reference(block, rows[good], params)
-    begin = expected.start_state(block, params)
-    run = expected.guarded(plan, rows, outputs, states, begin)
+    if start:
+        plan = Plan(block, plan.name, plan.period, plan.real)
+    run = expected_run(plan, rows, params)
     outputs = run.outputs
     if is_plant(plan.block):  # its outputs are those of the state after the tick
         p = np.array(block.pack("param", block.param_values(**params))).ravel()
-        now = block.f.map(len(rows))(run.states.T, rows.T, np.tile(p[:, None], len(rows)))[1]
-        outputs = expected.guarded(plan, rows, np.array(now).T[good], states, begin).outputs
+        seen, told = expected.taken(plan, rows, block.param_values(**params))
+        good = told & bit("REFUSED") == 0
+        now = block.f.map(len(rows))(run.states.T, seen.T, np.tile(p[:, None], len(rows)))[1]
+        outputs = expected.guarded(
+            plan, rows, told, np.array(now).T[good], run.states[good], params
+        ).outputs
     found = variables(plan)
     names = [[v.name for v in found if v.causality == c] for c in ("output", "local")]
     wanted: dict[str, np.ndarray] = {}

@@ -68,7 +68,7 @@ def test_a_broken_rule_is_told(tmp_path: Path) -> None:
     made = {n: (tmp_path / n).read_text() for n in ("guarded.c", "guarded.h", "example.c")}
     plan = Plan(guarded)
     assert analysis.analysed(plan, made)["passed"]
-    first = "if (!(within(in->e"
+    first = "told |= accept(in->e"
     spoilt = made["guarded.c"].replace(first, f"const int octal = 017;\n    {first}")
     assert spoilt != made["guarded.c"]
     found = analysis.analysed(plan, made | {"guarded.c": spoilt})

@@ -32,7 +32,15 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.ccode.check import back_to_back, expected, isolation, rounding
 from slipctl.ccode.compile import board, compilers, targets
-from slipctl.ccode.write import precision
+from slipctl.ccode.write import guard, precision
+from slipctl.ccode.write.guard import (
+    BAD_INPUT,
+    BAD_RESULT,
+    LIMITED,
+    OFF_RANGE,
+    REFUSED,
+    RESET,
+)
 from slipctl.ccode.write.precision import MATH, in_precision
 from slipctl.draw import show
 from slipctl.models import subway_braking, subway_braking_control
@@ -44,12 +52,13 @@ except BadInput:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 REALS = precision.REALS
+STALE = 10
 
 
 @step(T=Output("N m", "torque", lo=-5, hi=20), v=Output("1", "both", shape=(2,), lo=0, hi=0.3))
 def guarded(
     i=State("1", 0.0, "integral"),
-    e=Input("1", "error", lo=-1, hi=0.6),
+    e=Input("1", "error", lo=-1, hi=0.6, stale=STALE),
     w=Input("1", "vector", shape=(2,), lo=0),
     free=Input("1", "no range", value=0.0),
     k=Param("1", 10.0, "gain", lo=0),
@@ -73,22 +82,108 @@ BLOCKS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("real", REALS)
-def test_off_range_holds_and_recovers(real: str, tmp_path: Path) -> None:
+def test_what_is_bad_is_replaced_by_the_last_good_value(real: str, tmp_path: Path) -> None:
+    """Each input by its own; told in the same tick; gone with the first good value."""
     c = codegen.c_module(guarded, tmp_path, real=real).compile().load()
     w = [0.125, 0.25]
     good = c.step(e=0.5, w=w)
     assert (c.status, good["T"], c.state) == (0, 5.0, {"i": 0.5})
+    i = 0.5
     for bad in ({"e": 0.7}, {"e": -1.5}, {"w": [0.125, -0.25]}):
         held = c.step(**{"e": 0.5, "w": w} | bad)
-        assert (c.status, held["T"], c.state) == (8, 5.0, {"i": 0.5})
+        i += 0.5
+        assert (c.status, held["T"], c.state) == (OFF_RANGE, 10 * i, {"i": i})
         np.testing.assert_array_equal(held["v"], w)
-    c.step(e=np.nan, w=[-1.0, 0.0])
-    assert c.status == 1  # NaN is said before a range
-    assert c.step(e=0.5, w=w)["T"] == 10.0
-    assert (c.status, c.state) == (0, {"i": 1.0})
+    held = c.step(e=np.nan, w=[-1.0, 0.0], free=-3.0)
+    assert (c.status, held["T"], c.state) == (BAD_INPUT | OFF_RANGE | LIMITED, 20.0, {"i": 2.5})
+    assert c.step(e=-0.5, w=w, free=-3.0)["T"] == 17.0
+    assert (c.status, c.state) == (0, {"i": 2.0})
     for end in (-1.0, 0.6):  # the ends belong to the range, in float too
         c.step(e=end, w=w)
         assert c.status == 0
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_a_stale_input_refuses_the_tick(real: str, tmp_path: Path) -> None:
+    """A value may be missing for a while; then nothing moves any more, until there is one."""
+    c = codegen.c_module(guarded, tmp_path, real=real).compile().load()
+    w = [0.125, 0.25]
+    c.step(e=2.0, w=w)  # none was good yet
+    assert (c.status, c.state) == (OFF_RANGE | REFUSED, {"i": 0.0})
+    c.step(e=0.125, w=w)
+    status = []
+    for _ in range(STALE + 5):
+        c.step(e=np.nan, w=w)
+        status.append(c.status)
+    wanted = [BAD_INPUT] * STALE + [BAD_INPUT | REFUSED] * 5
+    assert status == wanted
+    assert c.state == {"i": 0.125 * (STALE + 1)}
+    c.step(e=0.125, w=w)
+    assert (c.status, c.state) == (0, {"i": 0.125 * (STALE + 2)})
+
+
+@step(
+    T=Output("N m", "torque", lo="-T_max", hi=0),
+    whole=Output("1", "an end that is a number, and one that follows"),
+)
+def bounded(
+    i=State("1", 0.0, "integral", lo=-2, hi="3 * v_max"),
+    omega=Input("rad/s", "wheel speed", lo=0, hi="v_max / r", change="2 * a * T"),
+    v_max=Param("m/s", 50.0, "greatest speed", lo=1),
+    r=Param("m", 0.5, "radius", lo=0.1),
+    a=Param("rad/s^2", 100.0, "greatest acceleration", lo=1),
+    T=Param("s", 0.01, "period", lo=1e-3),
+    T_max=Param("N m", 40.0, "greatest torque", lo=1),
+):
+    """Ranges and changes that follow parameters."""
+    return dict(i=i + 1), dict(T=-omega, whole=i)
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_ends_and_changes_follow_parameters(real: str, tmp_path: Path) -> None:
+    """In the block itself, and as a part of another one with a number that is shared."""
+    wires = {"part.omega": "omega", "T": "part.T"}
+    whole = connect("whole", wires, part=bounded)
+    for block, prefix in ((bounded, ""), (whole, "part.")):
+        c = codegen.c_module(block, tmp_path / block.name, real=real).compile().load()
+        assert (c.step(omega=30.0)["T"], c.status) == (-30.0, 0)
+        assert (c.step(omega=33.0)["T"], c.status) == (-30.0, OFF_RANGE)  # by more than 2 rad/s
+        assert (c.step(omega=33.0)["T"], c.status) == (-33.0, 0)  # in two ticks it may
+        assert c.step(omega=1e30)["T"] == -33.0
+        c.reset(**{f"{prefix}T_max": 20.0, f"{prefix}v_max": 20.0})
+        assert (c.step(omega=30.0)["T"], c.status) == (-20.0, LIMITED)
+        assert c.step(omega=40.5)["T"] == -20.0
+        assert c.status == OFF_RANGE | LIMITED  # beyond 20 / 0.5
+    assert "range -T_max to 0.0" in (tmp_path / "bounded" / "bounded.h").read_text()
+    assert "changes by at most 2 * a * T in a tick" in (tmp_path / "bounded/bounded.h").read_text()
+
+
+def test_states_out_of_their_range_are_refused_and_reset(tmp_path: Path) -> None:
+    """A part that stays refused is put to its start, after it the next, then all: by the order."""
+
+    @step(y=Output("1", "sum"))
+    def adder(x=State("1", 1.0, "sum", lo=-5, hi=5), u=Input("1", "number")):
+        """Sum of what comes."""
+        return dict(x=x + u), dict(y=x + u)
+
+    wires = {"a.u": "u", "b.u": "w", "y": "a.y", "z": "b.y"}
+    both = connect("both", wires, a=adder, b=adder)
+    c = codegen.c_module(both, tmp_path).compile().load()
+    c.step(u=3.0, w=0.0)
+    assert (c.status, c.state) == (0, {"a.x": 4.0, "b.x": 1.0})
+    refused = BAD_RESULT | REFUSED
+    for _ in range(guard.PATIENCE - 1):
+        held = c.step(u=3.0, w=2.0)
+        assert (c.status, held["y"], c.state) == (refused, 4.0, {"a.x": 4.0, "b.x": 1.0})
+    c.step(u=3.0, w=2.0)
+    assert (c.status, c.state) == (refused | RESET, {"a.x": 1.0, "b.x": 1.0})
+    c.step(u=3.0, w=2.0)
+    assert (c.status, c.state) == (0, {"a.x": 4.0, "b.x": 3.0})
+    for _ in range(2 * guard.PATIENCE):  # it is b that leaves its range: its turn is the second
+        c.step(u=0.0, w=3.0)
+    assert (c.status, c.state) == (refused | RESET, {"a.x": 1.0, "b.x": 1.0})
+    c.step(u=0.0, w=3.0)
+    assert (c.status, c.state["b.x"]) == (0, 4.0)
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -98,8 +193,8 @@ def test_outputs_are_limited_and_the_step_counts(real: str, tmp_path: Path) -> N
     assert (c.status, out["T"], c.state) == (16, 20.0, {"i": 0.5})
     np.testing.assert_allclose(out["v"], [0.3, 0.25], rtol=precision.epsilon(real))
     assert c.step(e=0.0, w=[0.0, 0.0], free=-100.0)["T"] == -5.0
-    assert c.step(e=2.0, w=[0.0, 0.0])["T"] == -5.0  # what is held is in range too
-    assert c.status == 8
+    assert c.step(e=2.0, w=[0.0, 0.0], free=-100.0)["T"] == -5.0  # so with what is held
+    assert c.status == OFF_RANGE | LIMITED
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -125,9 +220,9 @@ def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
         assert (out[:, at : at + n] >= lo).all()
         assert (out[:, at : at + n] <= hi).all()
         at += n
-    assert 0 < np.count_nonzero(c.status & ~16) < ticks
+    assert 0 < np.count_nonzero(c.status & ~LIMITED) < ticks
     before = np.vstack([states[:1], states[:-1]])
-    held = (c.status & ~16) != 0
+    held = (c.status & (REFUSED | RESET)) == REFUSED
     held[0] = False
     np.testing.assert_array_equal(states[held], before[held])
 
@@ -178,9 +273,9 @@ def test_each_result_is_tested_once_and_by_every_compiler(real: str, tmp_path: P
             u = np.full(11, limits.max / 2)
             u[k] *= -1.9
             c.step(u=u, v=0.0)
-            assert c.status == 2, k
+            assert c.status == BAD_RESULT | REFUSED, k
         c.step(u=np.zeros(11), v=np.inf)
-        assert c.status == 1
+        assert c.status == BAD_INPUT
 
 
 def test_fast_mathematics_is_refused(tmp_path: Path) -> None:
@@ -219,7 +314,7 @@ def test_smaller_and_greater_are_those_of_casadi_to_the_sign_of_zero(tmp_path: P
                     for name in wanted:
                         np.testing.assert_array_equal(wanted[name], got[name])
                 else:
-                    assert module.status == 2
+                    assert module.status == BAD_RESULT | REFUSED
 
 
 # ---- safe outputs --------------------------------------------------------------------------------
@@ -245,17 +340,19 @@ def careful(
 def test_safe_values_are_given_while_a_step_is_refused(real: str, tmp_path: Path) -> None:
     c = codegen.c_module(careful, tmp_path, real=real).compile().load()
     eps = precision.epsilon(real)
-    for e, w, status in ((2.0, 1.0, 8), (np.nan, 1.0, 1), (0.5, 0.0, 2)):  # before a good step
+    before = ((2.0, 1.0, OFF_RANGE), (np.nan, 1.0, BAD_INPUT), (0.5, 0.0, BAD_RESULT))
+    for e, w, status in before:  # a good step
         out = c.step(e=e, w=w)
-        assert (c.status, out["T"], out["last"], c.state) == (status, -1.5, 0.0, {"i": 0.0})
+        assert (c.status, out["T"], out["last"]) == (status | REFUSED, -1.5, 0.0)
+        assert c.state == {"i": 0.0}
         np.testing.assert_allclose(out["v"], 0.2, rtol=eps)
     assert c.step(e=0.5, w=1.0)["T"] == 5.0
-    for e, w, status in ((2.0, 1.0, 8), (0.5, np.inf, 1), (0.5, 0.0, 2)):
-        out = c.step(e=e, w=w)
-        assert (c.status, out["T"], out["last"], c.state) == (status, -1.5, 0.5, {"i": 0.5})
-        np.testing.assert_allclose(out["v"], 0.2, rtol=eps)
+    out = c.step(e=0.5, w=0.0)
+    assert (c.status, out["T"], out["last"]) == (BAD_RESULT | REFUSED, -1.5, 0.5)
+    assert c.state == {"i": 0.5}
+    np.testing.assert_allclose(out["v"], 0.2, rtol=eps)
     assert c.step(e=0.25, w=1.0)["T"] == 7.5  # the next good step goes on
-    assert (c.status, c.state) == (16, {"i": 0.75})  # v is limited
+    assert (c.status, c.state) == (LIMITED, {"i": 0.75})  # v is limited
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -301,7 +398,8 @@ def test_guarded_block_gives_safe_values_in_its_range(
     plan = codegen.Plan(counting)
     rows = np.where(bad, 2.0, 0.0)[:, np.newaxis]
     count = np.arange(1, np.count_nonzero(rows == 0) + 1)[:, np.newaxis]
-    run = expected.guarded(plan, rows, np.hstack([count, count]), count, np.zeros(1))
+    told = np.where(rows[:, 0] == 0, 0, OFF_RANGE | REFUSED)
+    run = expected.guarded(plan, rows, told, np.hstack([count, count]), count, {})
     so_far = np.cumsum(rows == 0)
     np.testing.assert_array_equal(run.outputs[:, 1], so_far)
     np.testing.assert_array_equal(run.states[:, 0], so_far)
@@ -615,7 +713,7 @@ def test_vectors_are_replayed_on_a_board(target: str, tmp_path: Path) -> None:
         assert report.passed, str(report)
         assert "instructions per step" in str(report)
         found[real] = report.data["targets"][0]
-        assert "200 ticks, 0 faults, 7 of 7 inputs refuse NaN" in found[real]["own_test"]
+        assert "200 ticks, 0 faults, 7 of 7 inputs are held when NaN" in found[real]["own_test"]
         assert found[real]["stack_used"] <= max(found[real]["stack"]["worst"] + 128, 64)
     assert max(found["double"]["signals"].values()) <= codegen.LIMIT
     assert 50 < found["float"]["instructions"]["mean"] < 400

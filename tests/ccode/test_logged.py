@@ -71,8 +71,9 @@ def test_a_run_that_breaks_stops_there(loop):
         return dict(x=u * x * x), dict(y=x)
 
     from slipctl.ccode.check.comparison import reference
+    from slipctl.ccode.write.plan import Plan
 
-    outputs, states = reference(grows, np.ones((30, 1)), {}, whole=False)
+    outputs, states = reference(Plan(grows), np.ones((30, 1)), {}, whole=False)
     assert len(outputs) == len(states) == 9  # 2^(2^10) is beyond double
     assert states[:, 0].tolist() == [2.0**2**k for k in range(1, 10)]
     assert outputs[1:, 0].tolist() == states[:-1, 0].tolist()

@@ -11,15 +11,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.block import Block
 from slipctl.ccode.check import isolation
 from slipctl.ccode.check.back_to_back import compared_bits
-from slipctl.ccode.check.expected import Expected, differences, start_state
+from slipctl.ccode.check.expected import Expected, differences, guarded, start_state, taken
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.write.header import bit
 from slipctl.ccode.write.plan import Plan
-from slipctl.errors import RunFailed
+from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build
+
+UNBOUNDED = 1e38
+"""From here on an end of a range is the largest number, in float too."""
 
 TRIAL = 200
 """Ticks of the made-up inputs that a module is tested with when nothing was logged."""
@@ -105,20 +108,46 @@ def _own_test(plan: Plan, folder: Path, compiler: str, product: Path) -> tuple[s
     return (done.stdout.strip().splitlines() or ["no output"])[-1], done.returncode == 0
 
 
+def expected_run(
+    plan: Plan, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
+) -> Expected:
+    """What the C is to give: the block in Python with the guards around it.
+
+    Args:
+        plan: the module of a step or a law.
+        rows: input elements, one row per tick, anything.
+        params: parameters by name.
+        whole: refuse a run that gives NaN or leaves its ranges; otherwise stop before it.
+
+    Raises:
+        BadInput: no tick is taken.
+        RunFailed: as :func:`reference`.
+    """
+    seen, told = taken(plan, rows, plan.block.param_values(**params))
+    good = told & bit("REFUSED") == 0
+    if not good.any():
+        raise BadInput(f"{plan.block.name}: no tick has all its inputs in their declared ranges")
+    outputs, states = reference(plan, seen[good], params, whole)
+    if len(outputs) < np.count_nonzero(good):  # made-up ones, none of them refused
+        rows, told = rows[: len(outputs)], told[: len(outputs)]
+    return guarded(plan, rows, told, outputs, states, params)
+
+
 def reference(
-    block: Block, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
+    plan: Plan, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and next states of the block itself, in CasADi's virtual machine.
 
     Args:
-        block: a step or a law.
+        plan: the module of a step or a law.
         rows: input elements, one row per tick.
         params: parameters by name.
-        whole: refuse NaN; otherwise stop before it.
+        whole: refuse NaN and what is out of range; otherwise stop before it.
 
     Raises:
-        RunFailed: an output or a state becomes NaN or infinite.
+        RunFailed: an output or a state becomes NaN or infinite, or a state leaves its range.
     """
+    block = plan.block
     p = np.array(ca.DM(block.pack("param", block.param_values(**params))).full()).ravel()
     x = start_state(block, params)
     ticks = len(rows)
@@ -129,7 +158,36 @@ def reference(
     if first < ticks and whole:
         raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
     after = x[np.newaxis, :] if first == ticks else before[first : first + 1]
-    return outputs[:first], np.vstack([before[1:first], after]) if first else before[:0]
+    states = np.vstack([before[1:first], after]) if first else before[:0]
+    lo, hi, _ = plan.ends(plan.layout.states, block.param_values(**params))
+    off = (states < lo) | (states > hi)
+    if off.any():
+        first = int(np.argmax(off.any(axis=1)))
+        k = int(np.argmax(off[first]))
+        name = next(n for at, n in _ends_of(plan) if k < at)
+        if whole:
+            raise RunFailed(
+                f"{block.name}: {name} = {states[first, k]:g} leaves its declared range"
+                f" [{lo[k]:g}, {hi[k]:g}] at tick {first} of the run itself; widen the range"
+            )
+    return outputs[:first], states[:first]
+
+
+def _ends_of(plan: Plan) -> list[tuple[int, str]]:
+    """Where each state ends among the elements."""
+    at, found = 0, []
+    for m in plan.layout.states:
+        at += m.size
+        found.append((at, m.name))
+    return found
+
+
+def _followed(column: np.ndarray, change: float) -> np.ndarray:
+    """A column that goes after another one, by no more than a change per tick."""
+    found = column.copy()
+    for t in range(1, len(found)):
+        found[t] = found[t - 1] + np.clip(column[t] - found[t - 1], -0.9 * change, 0.9 * change)
+    return found
 
 
 def trial_rows(plan: Plan) -> np.ndarray:
@@ -137,13 +195,16 @@ def trial_rows(plan: Plan) -> np.ndarray:
     golden = (np.sqrt(5.0) - 1) / 2
     columns = []
     k = 0
+    lows, highs, change = plan.ends(plan.layout.inputs, plan.block.param_values())
     for m in plan.layout.inputs:
         s = m.signal
         centre = float(np.mean(np.asarray(s.value if s.value is not None else 0.0, dtype=float)))
-        lo = s.lo if np.isfinite(s.lo) else min(centre - max(abs(centre), 1.0), s.hi)
-        hi = s.hi if np.isfinite(s.hi) else max(centre + max(abs(centre), 1.0), lo)
+        least, most = lows[k], highs[k]
+        lo = least if abs(least) < UNBOUNDED else min(centre - max(abs(centre), 1.0), most)
+        hi = most if abs(most) < UNBOUNDED else max(centre + max(abs(centre), 1.0), lo)
         for _ in range(m.size):
             k += 1
             share = np.modf(np.arange(1, TRIAL + 1) * golden + k * np.sqrt(2.0))[0]
-            columns.append(np.round(lo + (hi - lo) * share, 6).clip(lo, hi))
+            column = np.round(lo + (hi - lo) * share, 6).clip(lo, hi)
+            columns.append(_followed(column, change[k - 1]))
     return np.column_stack(columns) if columns else np.zeros((TRIAL, 0))

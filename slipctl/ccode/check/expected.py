@@ -1,7 +1,8 @@
 """What the C is expected to give: the block in Python, with the guards of the C around it.
 
-The block itself neither refuses an input nor limits an output. So a tick with an input out of its
-range is left out of its run, and its outputs are put into their ranges afterwards.
+The block itself takes any input and limits no output. So it sees what the guards make of the
+inputs, a tick that they refuse is left out of its run, and its outputs are put into their ranges
+afterwards.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.check.rounding import Trials
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.header import bit
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
@@ -67,8 +69,8 @@ class Expected:
 
     @property
     def refused(self) -> int:
-        """Ticks with an input out of its range."""
-        return int(np.count_nonzero(self.status == bit("OFF_RANGE")))
+        """Ticks with an input that was not taken."""
+        return self._with(bit("OFF_RANGE") | bit("BAD_INPUT"))
 
     @property
     def undecided(self) -> int:
@@ -83,39 +85,56 @@ class Expected:
     @property
     def limited(self) -> int:
         """Ticks with an output that was limited."""
-        return int(np.count_nonzero(self.status == bit("LIMITED")))
+        return self._with(bit("LIMITED"))
+
+    def _with(self, bits: int) -> int:
+        return int(np.count_nonzero((self.status != UNDECIDED) & (self.status & bits != 0)))
 
 
-def in_range(plan: Plan, rows: np.ndarray) -> np.ndarray:
-    """Which ticks have all inputs in their ranges."""
-    lo, hi = _ends(plan, plan.layout.inputs)
-    return np.asarray(((rows >= lo) & (rows <= hi)).all(axis=1))
+def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """What the step takes of rows of inputs, and the bits of the status that tell of it.
+
+    Args:
+        plan: the module.
+        rows: input elements, one row per tick.
+        values: of all parameters by name.
+    """
+    most = np.finfo(np.float32 if plan.real == "float" else np.float64).max
+    ends = plan.ends(plan.layout.inputs, values)
+    return guard.accepted(rows, *ends, plan.stale, float(most))
 
 
 def guarded(
-    plan: Plan, rows: np.ndarray, outputs: np.ndarray, states: np.ndarray, start: np.ndarray
+    plan: Plan,
+    rows: np.ndarray,
+    told: np.ndarray,
+    outputs: np.ndarray,
+    states: np.ndarray,
+    params: Mapping[str, Any],
 ) -> Expected:
     """Put the guards around the run of a block.
 
     Args:
         plan: the module.
         rows: input elements, one row per tick.
-        outputs, states: what the block gave in the ticks that are in range.
-        start: its start state.
+        told: what the guards of the inputs tell in each tick.
+        outputs, states: what the block gave in the ticks that are not refused.
+        params: parameters of the run, by name.
     """
-    good = in_range(plan, rows)
-    lo, hi = _ends(plan, plan.layout.outputs)
+    good = told & bit("REFUSED") == 0
+    lo, hi, _ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
     limited = outputs.clip(lo, hi)
-    status = np.full(len(rows), bit("OFF_RANGE"))
-    status[good] = np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
-    before = np.zeros(outputs.shape[1]).clip(lo, hi)
+    status = told.copy()
+    status[good] |= np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
+    before = np.array([min(max(0.0, m.signal.lo), m.signal.hi)
+                       for m in plan.layout.outputs for _ in range(m.size)])  # fmt: skip
     last = np.cumsum(good)  # number of good ticks so far: 0 is before the first
     held = np.vstack([before, limited])[last]
     safe = rounded([np.nan if m.signal.safe is None else m.signal.safe
                     for m in plan.layout.outputs for _ in range(m.size)], plan.real)  # fmt: skip
     return Expected(
         rows, np.where(good[:, np.newaxis] | np.isnan(safe), held, safe),
-        np.vstack([start, states])[last], status, {}, frozenset(),
+        np.vstack([start_state(plan.block, params), states])[last], status, {}, frozenset(),
     )  # fmt: skip
 
 
@@ -202,9 +221,11 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
     block, rng, eps = plan.block, np.random.default_rng(20), epsilon("float")
     p = ca.DM(block.pack("param", block.param_values(**params)))
     start = start_state(block, params)
-    good = in_range(plan, run.rows)
-    rows = run.rows[good]
-    lo, hi = _ends(plan, plan.layout.outputs)
+    values = block.param_values(**params)
+    seen, told = taken(plan, run.rows, values)
+    good = told & bit("REFUSED") == 0
+    rows = seen[good]
+    lo, hi, _ = plan.ends(plan.layout.outputs, values)
     wanted = np.hstack([run.outputs, run.states])[good]
     moved_x = (np.vstack([start, run.states]) % 1 != 0).any(axis=0)
     moved_u = (rows % 1 != 0).any(axis=0)
@@ -232,13 +253,6 @@ def _parts(members: list[Member], rows: np.ndarray) -> list[tuple[Member, np.nda
 
 def _largest(values: np.ndarray) -> float:
     return float(np.abs(values).max(initial=0.0))
-
-
-def _ends(plan: Plan, members: tuple[Member, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Range of each element."""
-    pairs = [plan.limits(m) for m in members for _ in range(m.size)]
-    lo, hi = (np.array([p[k] for p in pairs], dtype=float) for k in (0, 1))
-    return lo, hi
 
 
 def kept(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Trials | None]:

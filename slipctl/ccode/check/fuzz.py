@@ -128,12 +128,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             if (!(y >= range_out[k][0]) || !(y <= range_out[k][1])) {{
                 abort();
             }}
-            if (((status & ~(int){big}_LIMITED) != 0) && !isnan(safe_out[k])
+            if (((status & (int){big}_REFUSED) != 0) && !isnan(safe_out[k])
                 && (y != (double)(real)safe_out[k])) {{
                 abort();
             }}
         }}
-        if (((status & ~(int){big}_LIMITED) != 0)
+        if (((status & ((int){big}_REFUSED | (int){big}_RESET)) == (int){big}_REFUSED)
             && (memcmp(&before, &state, {n_state} * sizeof(real)) != 0)) {{
             abort();
         }}

@@ -100,9 +100,10 @@ library (`-lm`).
 |---|---|---|
 {bits}
 
-With `{big}_LIMITED` alone a step counts: state and outputs are new, and an output that would have
-left its range stands at the end of it. With any other bit a step leaves the state untouched and
-gives the outputs of the last good step{_safe(plan)}. Outputs are always finite and in their ranges.
+Without `{big}_REFUSED` a step counts: state and outputs are new, made with the last good value of
+an input that was bad, and an output that would have left its range stands at the end of it. With it
+the state is untouched, but for what `{big}_RESET` tells, and the outputs are those of the last good
+step{_safe(plan)}. Outputs are always finite and in their ranges.
 No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 

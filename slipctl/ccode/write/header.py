@@ -8,20 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import WIDTH, comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.layout import Member, range_text
+from slipctl.ccode.write.layout import Member, change_text, range_text
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision, size
 
 STATUS = (
     ("OK", 0, "all is well"),
-    ("BAD_INPUT", 1, "step: an input is NaN or infinite"),
-    ("BAD_RESULT", 2, "step: the equations gave NaN or infinity, or a solver in them failed"),
-    ("BAD_PARAM", 4, "init, tune: a parameter or start value is NaN or out of range"),
-    ("OFF_RANGE", 8, "step: an input is out of its declared range"),
-    ("LIMITED", 16, "step: an output was put back into its declared range; all else as with 0"),
-)
+    ("BAD_INPUT", guard.BAD_INPUT, "step: an input is NaN or infinite; its last good value is"
+     " taken"),
+    ("BAD_RESULT", guard.BAD_RESULT, "step: the equations gave NaN, infinity or a state out of its"
+     " range, or a solver in them failed; refused"),
+    ("BAD_PARAM", guard.BAD_PARAM, "init, tune: a parameter or start value is NaN or out of range"),
+    ("OFF_RANGE", guard.OFF_RANGE, "step: an input is out of its range, or has changed by more than"
+     " it can; its last good value is taken"),
+    ("LIMITED", guard.LIMITED, "step: an output was put back into its range; all else as with 0"),
+    ("REFUSED", guard.REFUSED, "step: refused, the state is as it was, outputs are held or safe"),
+    ("RESET", guard.RESET, "step: refused so often that a part of the state was put to its start"),
+)  # fmt: skip
 """Bits of the status: name, value, meaning."""
 
 CONTENT = "<content-hash-->"
@@ -50,6 +56,10 @@ def member_comment(m: Member, indent: str = "    ") -> str:
         said.append(f"slip as a {s.per}")
     if range_text(s):
         said.append(f"range {range_text(s)}")
+    if change_text(s):
+        said.append(f"changes by at most {change_text(s)} in a tick")
+    if s.role == "input":
+        said.append(f"when bad, its last good value for {s.stale} ticks")
     if len(s.shape) == 2:
         said.append(f"{s.shape[0]} x {s.shape[1]}, column by column")
     if s.value is not None:
@@ -76,7 +86,7 @@ def header(plan: Plan) -> str:
     """Text of the header."""
     lay, big = plan.layout, plan.layout.big
     states = "\n".join(
-        f"    /* {what} */\n    {big}_{k} = {v}{',' if v != STATUS[-1][1] else ''}"
+        f"{comment(what, '    ')}\n    {big}_{k} = {v}{',' if v != STATUS[-1][1] else ''}"
         for k, v, what in STATUS
     )
     parts = [
@@ -146,6 +156,15 @@ def _state(plan: Plan) -> str:
         for m in lay.derived:
             lines += [member_comment(m), f"    {m.declared()}"]
         lines += ["};", ""]
+    ages = [f"    double age[{plan.n_in}]; /* ticks since then, -1 before the first */"]
+    lines += [
+        f"struct {n}_guard {{",
+        f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
+        *ages * bool(plan.n_in),
+        "    double refused; /* ticks refused in a row since the last good one or reset */",
+        "};",
+        "",
+    ]
     if plan.next_in_state:
         lines += ["/* State of the next tick. */", next_struct(plan) + ";", ""]
     lines += [
@@ -157,6 +176,7 @@ def _state(plan: Plan) -> str:
     if lay.derived:
         lines.append(f"    struct {n}_derived derived;")
     lines.append(f"    {n}_out held; /* outputs of the last good step */")
+    lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
     if plan.next_in_state:
         lines.append(f"    struct {n}_next next; /* scratch of step */")
     if plan.work_in_state:
@@ -214,10 +234,11 @@ def _prototypes(plan: Plan) -> str:
             f" 0 or {big}_BAD_PARAM: then the derived ones stay too."
         ),
         "step": (
-            f"One tick. Status 0, or {big}_LIMITED: an output of this step was limited. Otherwise"
-            " the state is untouched and the outputs are those of the last good step (before the"
-            " first one: zero, or the end of their range nearest to it)"
+            f"One tick. Status 0, or bits that tell what was wrong. With {big}_REFUSED the state is"
+            " untouched and the outputs are those of the last good step (before the first one:"
+            " zero, or the end of their range nearest to it)"
             + (", or their safe value where one is stated." if plan.safe else ".")
+            + " Else the step was made, with the last good value of an input that was bad."
         ),
     }
     return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())

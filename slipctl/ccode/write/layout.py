@@ -28,7 +28,8 @@ in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan
 atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
 hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
-all_within fill copy hold safe reached main
+all_within fill copy hold safe reached main accept accept_all check_inputs states_within start
+recover guard part refused told
 """
 LOCAL = frozenset(_LOCAL_WORDS.split())
 """Names that mean something inside the generated functions."""
@@ -127,7 +128,7 @@ def layout(block: Block, name: str) -> Layout:
         _members(block, block.inputs.values()),
         _members(block, free),
         _members(block, derived),
-        _members(block, block.states.values(), taken={"derived", "held", "work"}),
+        _members(block, block.states.values(), taken={"derived", "guard", "held", "work"}),
         _members(block, block.outputs.values()),
     )
 
@@ -157,10 +158,18 @@ def _members(
 
 
 def range_text(s: Signal) -> str:
-    """Range of a signal in words."""
-    lo, hi = s.lo > float("-inf"), s.hi < float("inf")
+    """Range of a signal in words, ends that follow parameters as they are declared."""
+    lo = [number(s.lo)] * (s.lo > float("-inf")) + [
+        b.expression for b in s.bounds if b.what == "lo"
+    ]
+    hi = [number(s.hi)] * (s.hi < float("inf")) + [b.expression for b in s.bounds if b.what == "hi"]
+    low, high = " and ".join(lo), " and ".join(hi)
     if lo and hi:
-        return f"{number(s.lo)} to {number(s.hi)}"
-    if lo:
-        return f"at least {number(s.lo)}"
-    return f"at most {number(s.hi)}" if hi else ""
+        return f"{low} to {high}"
+    return f"at least {low}" if lo else f"at most {high}" if hi else ""
+
+
+def change_text(s: Signal) -> str:
+    """Largest change per tick of a signal in words."""
+    own = [number(s.change)] * (s.change < float("inf"))
+    return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "change")])

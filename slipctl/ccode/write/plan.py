@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.ccode.write.expressions import FINITE, NUMBER, Writer
+from slipctl.ccode.write.expressions import FINITE, NUMBER, Writer, number
 from slipctl.ccode.write.kernel import Kernel, kernel
 from slipctl.ccode.write.layout import LOCAL, Layout, Member, layout
 from slipctl.ccode.write.precision import checked, rounded, size
@@ -53,6 +53,7 @@ class Plan:
         self.block = block
         self.layout: Layout = layout(block, name or block.name)
         self.name, self.period = self.layout.name, block.period or period
+        self.bound_helpers: set[str] = set()
         self.equations: Kernel = kernel(
             self._function(), self._argument, self._local_names(), self.docs, block.name,
             self._can_be,
@@ -108,9 +109,84 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += max(self.n_in, 1) + self.n_in + 1  # what the guards keep
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
+
+    @property
+    def n_in(self) -> int:
+        """Number of input elements."""
+        return sum(m.size for m in self.layout.inputs)
+
+    @property
+    def stale(self) -> np.ndarray:
+        """Ticks for which the last good value of each input element is taken."""
+        return np.array([float(m.signal.stale) for m in self.layout.inputs for _ in range(m.size)])
+
+    @cached_property
+    def parts(self) -> dict[str, list[Member]]:
+        """States of each part by its path, in the order in which parts are reset."""
+        found: dict[str, list[Member]] = {}
+        for m in self.layout.states:
+            found.setdefault(m.name.rpartition(".")[0], []).append(m)
+        return found
+
+    def ranged(self, m: Member) -> bool:
+        """Whether a signal has a range of its own."""
+        return any(math.isfinite(v) for v in self.limits(m)) or any(
+            b.what != "change" for b in m.signal.bounds
+        )
+
+    def ends(
+        self, members: Iterable[Member], values: Mapping[str, Any]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Least and greatest value and largest change of each element, in numbers that C has."""
+        most = float(np.finfo(np.float32 if self.real == "float" else np.float64).max)
+        rows = []
+        for m in members:
+            found = self.block.ends(m.signal, values)
+            for k in range(m.size):
+                lo, hi, change = (
+                    [float(_element(v, k)) for v in given] for given in found
+                )  # fmt: skip
+                rows.append((max([-most, *lo]), min([most, *hi]), min([most, *change])))
+        lo, hi, change = rounded(np.array(rows).reshape(-1, 3), self.real).T
+        return lo, hi, change
+
+    def ends_text(self, members: Iterable[Member]) -> tuple[list[str], dict[Any, str]]:
+        """The same in C: statements, and an expression by (member, element, what)."""
+        lay, block = self.layout, self.block
+        places = {m.name: (m, "param->") for m in lay.params}
+        places |= {m.name: (m, "state->derived.") for m in lay.derived}
+        symbols = {n: ca.SX.sym("p", *matrix(s)) for n, s in block.params.items()}
+        keys, results, texts = [], [], {}
+        for m in members:
+            found = dict(zip(("lo", "hi", "change"), block.ends(m.signal, symbols), strict=True))
+            top = {"lo": "-DBL_MAX", "hi": "DBL_MAX", "change": "DBL_MAX"}
+            for what, given in found.items():
+                follows = any(b.what == what for b in m.signal.bounds)
+                for k in range(m.size):
+                    here = [_element(v, k) for v in given]
+                    if not follows:
+                        texts[m.c, k, what] = _literal(here[0], self.real) if here else top[what]
+                        continue
+                    tightest = here[0]
+                    for v in here[1:]:
+                        other = v > tightest if what == "lo" else v < tightest
+                        tightest = ca.if_else(other, v, tightest)
+                    keys.append((m.c, k, what))
+                    results.append(ca.SX(tightest))
+        if not keys:
+            return [], texts
+        f = ca.Function("ends", list(symbols.values()), results)
+        read = [places[n] for n in block.params]
+        writer = Writer(f, lambda i, k: read[i][0].at(read[i][1], k)).run()
+        self.bound_helpers |= set(writer.helpers)
+        at = dict(writer.results)
+        return list(writer.lines), texts | {
+            key: writer.result(at[i, 0]) for i, key in enumerate(keys)
+        }
 
     def limits(self, m: Member) -> tuple[float, float]:
         """Range of a signal, in numbers that C has."""
@@ -139,7 +215,8 @@ class Plan:
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
                 text = made.results.get((i, k), f"{pointer}{m.c} {k}")
-                if text not in seen and (i, k) not in made.finite:
+                tested = pointer == "next->" and self.ranged(m)
+                if text not in seen and (i, k) not in made.finite and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)
         return found
@@ -241,6 +318,18 @@ class Plan:
         for path, leaf in self.block.leaves():
             if leaf is not self.block and leaf.doc:
                 yield path, leaf
+
+
+def _element(value: Any, k: int) -> Any:
+    """Element of a number, an array or a symbol; one number stands for all."""
+    if isinstance(value, ca.SX):
+        return value[k] if value.numel() > 1 else value
+    flat = np.asarray(value, dtype=float).ravel(order="F")
+    return flat[k] if flat.size > 1 else flat[0]
+
+
+def _literal(value: float, real: str) -> str:
+    return number(float(rounded(value, real)))
 
 
 def shaped(block: Block, signal: Signal, value: Any) -> Any:

@@ -9,8 +9,10 @@ from typing import Any
 
 import casadi as ca
 
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.guarding import check_inputs, recover, states_within
 from slipctl.ccode.write.header import (
     head,
     identifier_free,
@@ -22,6 +24,7 @@ from slipctl.ccode.write.kernel import Kernel, definitions
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, constant, first_sentence
 from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.statements import conjunction, define, if_
 from slipctl.ccode.write.structure import assign
 
 
@@ -29,8 +32,9 @@ def source(plan: Plan) -> str:
     """Text of the source."""
     n, lay = plan.name, plan.layout
     functions = "\n\n".join(
-        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _init(plan)]
-        + [made for made in (_finite(plan), _hold(plan)) if made] + [_step(plan)]
+        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _start(plan), _init(plan)]
+        + [made for made in (check_inputs(plan), _finite(plan), states_within(plan),
+                             recover(plan), _hold(plan)) if made] + [_step(plan)]
     )  # fmt: skip
     parts = [
         head(plan, f"{n}.c"),
@@ -49,7 +53,10 @@ def source(plan: Plan) -> str:
     if lay.states and not plan.next_in_state:
         parts.append(f"/* State of the next tick. */\n{next_struct(plan)};")
     parts.append(
-        definitions([plan.equations, Kernel(helpers=frozenset(plan.start.helpers))], plan.real)
+        definitions(
+            [plan.equations, Kernel(helpers=frozenset({*plan.start.helpers, *plan.bound_helpers}))],
+            plan.real,
+        )
     )
     parts.append(checks(functions))
     text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
@@ -133,7 +140,7 @@ def _default(plan: Plan) -> str:
     for m in plan.layout.params:
         lines += _constant(m, "param->", m.signal.value)
     lines = lines or ["param->unused = 0.0;"]
-    return _define(prototypes(plan)["default"], lines)
+    return define(prototypes(plan)["default"], lines)
 
 
 def _constant(m: Member, pointer: str, value: Any) -> list[str]:
@@ -149,22 +156,53 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
 def _param_ok(plan: Plan) -> str:
     checks = [within(plan, m, "param->") for m in plan.layout.params]
     void = [] if checks else ["(void)param;"]
-    return _define(
+    return define(
         f"static bool param_ok(const {plan.name}_param *param)",
-        [*void, f"return {_conjunction(checks) or 'true'};"],
+        [*void, f"return {conjunction(checks) or 'true'};"],
     )
 
 
 def _tune(plan: Plan) -> str:
     n, big, derived = plan.name, plan.layout.big, plan.layout.derived
     lines = [f"struct {n}_derived now;"] if derived else ["(void)state;"]
-    lines.append(_if(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
+    lines.append(if_(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
     if derived:
         lines += plan.start_lines(derived, 0, "now.")
-        good = _conjunction([within(plan, m, "now.") for m in derived])
-        lines += [_if([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
+        good = conjunction([within(plan, m, "now.") for m in derived])
+        lines += [if_([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
     lines.append(f"return {big}_OK;")
-    return _define(prototypes(plan)["tune"], lines)
+    return define(prototypes(plan)["tune"], lines)
+
+
+def _start(plan: Plan) -> str:
+    """Function that puts a part of the state to its start, or all of it."""
+    n = plan.name
+    if not plan.layout.states:
+        return ""
+    lines: list[str] = []
+    for k, (path, members) in enumerate(plan.parts.items(), start=1):
+        body: list[str] = []
+        for m in members:
+            if not m.signal.derived:
+                body += _constant(m, "state->", m.signal.value)
+        firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
+        for m in members:
+            if m.signal.derived:
+                body += plan.start_lines((m,), firsts[m.c], "state->")
+        if path:
+            lines.append(comment(path))
+        lines.append(if_([f"(part == 0) || (part == {k})"], *_distinct(body)))
+    text = "\n".join(lines)
+    void = ["(void)param;"] * identifier_free(text, "param")
+    what = comment("Put a part of the state to its start, by the order of the parts; 0 is all.")
+    signature = prototype(plan, "static void", "start", f"const {n}_param *param",
+                          f"{n}_state *state", "int part")  # fmt: skip
+    return f"{what}\n" + define(signature, [*void, *lines])
+
+
+def _distinct(lines: list[str]) -> list[str]:
+    """Lines without those that are there already."""
+    return list(dict.fromkeys(lines))
 
 
 def _init(plan: Plan) -> str:
@@ -176,42 +214,42 @@ def _init(plan: Plan) -> str:
         lines[0:0] = [f"{n}_param safe;"]
         lines += [
             *["safe = *param;"] * bool(computed),
-            _if([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"),
+            if_([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"),
         ]
         used = "safe."
-    for m in lay.states:
-        if not m.signal.derived:
-            lines += _constant(m, "state->", m.signal.value)
+    if lay.states:
+        lines.append(
+            f"start({used.replace('->', '') if used == 'param->' else '&safe'}, state, 0);"
+        )
     if computed:
-        texts = plan.start_lines(lay.states, len(lay.derived), "state->")
-        lines += [t.replace("param->", used) for t in texts]
-        good = _conjunction([within(plan, m, "state->") for m in computed])
-        lines.append(_if([f"!({good})"], f"status = {big}_BAD_PARAM;"))
+        good = conjunction([within(plan, m, "state->") for m in computed])
+        lines.append(if_([f"!({good})"], f"status = {big}_BAD_PARAM;"))
+    for m in lay.inputs:
+        lines += _constant(m, "state->guard.last.", 0.0)
+    if plan.n_in:
+        lines.append(f"fill(state->guard.age, {plan.n_in}, -1.0);")
+    lines.append("state->guard.refused = 0.0;")
     for m in lay.outputs:
         before = plan.safe.get(m.c, min(max(0.0, m.signal.lo), m.signal.hi))
         lines += _constant(m, "state->held.", before)
     lines.append("return status;")
-    return _define(prototypes(plan)["init"], lines)
+    return define(prototypes(plan)["init"], lines)
 
 
 # ---- step ---------------------------------------------------------------------------------------
 
 
 def _finite(plan: Plan) -> str:
-    """Functions that say whether what enters the step and what comes out of it is finite."""
+    """Function that says whether what comes out of the equations is finite."""
     n, lay = plan.name, plan.layout
-    inputs = [(m, "in->", k) for m in lay.inputs for k in range(m.size)]
-    found = []
-    if inputs:
-        found.append(_define(f"static bool in_finite(const {n}_in *in)", _zero(inputs)))
-    if plan.untested:
-        arguments = [f"const struct {n}_next *next"] * bool(lay.states) + [f"const {n}_out *now"]
-        lines = _zero(plan.untested)
-        text = "\n".join(lines)
-        voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
-        signature = prototype(plan, "static bool", "result_finite", *arguments)
-        found.append(_define(signature, [*(v for v in voids if lay.states), *lines]))
-    return "\n\n".join(found)
+    if not plan.untested:
+        return ""
+    arguments = [f"const struct {n}_next *next"] * bool(lay.states) + [f"const {n}_out *now"]
+    lines = _zero(plan.untested)
+    text = "\n".join(lines)
+    voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
+    signature = prototype(plan, "static bool", "result_finite", *arguments)
+    return define(signature, [*(v for v in voids if lay.states or v != "(void)next;"), *lines])
 
 
 _CHAIN = 6
@@ -256,7 +294,7 @@ def _hold(plan: Plan) -> str:
     what = comment(
         "Outputs of a step that is refused: the safe value, or that of the last good step."
     )
-    return f"{what}\n" + _define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
+    return f"{what}\n" + define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
 
 
 def _step(plan: Plan) -> str:
@@ -264,61 +302,49 @@ def _step(plan: Plan) -> str:
     hold = "hold(state, out);" if plan.safe else "*out = state->held;"
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
+    seen = "&state->guard.last" if lay.inputs else "in"
+    first = "check_inputs(in, param, state)" if lay.inputs else "0U"
     lines = [f"{n}_out now;"]
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_next next;")
+    lines.append(f"unsigned int status = {first};")
     if lay.inputs:
-        lines.append(_if(["!in_finite(in)"], hold, f"return {big}_BAD_INPUT;"))
-    bounds = [within(plan, m, "in->") for m in lay.inputs if _has_range(plan, m)]
-    if bounds:
-        lines.append(_if([f"!({_conjunction(bounds)})"], hold, f"return {big}_OFF_RANGE;"))
+        lines.append(
+            if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;")
+        )
     passed = [f"&{following}"] * has_next + ["&now"]
-    call = f"equations({', '.join(['in', 'param', 'state', *passed])})"
-    held = (hold, f"return {big}_BAD_RESULT;")
-    lines.append(_if([f"{call} != 0"], *held) if plan.can_fail else f"{call};")
+    call = f"equations({', '.join([seen, 'param', 'state', *passed])})"
+    bad = [f"({call} != 0)"] if plan.can_fail else []
+    if not bad:
+        lines.append(f"{call};")
+    if any(plan.ranged(m) for m in lay.states):
+        bad.append(f"!states_within(&{following}, param, state)")
     if plan.untested:
-        lines.append(_if([f"!result_finite({', '.join(passed)})"], *held))
+        bad.append(f"!result_finite({', '.join(passed)})")
+    if bad:
+        again = ["status |= recover(param, state);"] * has_next
+        why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
+        lines.append(if_([" || ".join(bad)], why, *again, hold, "return (int)status;"))
     lines += [
         f"state->{m.c} = {following}.{m.c};" if m.scalar
         else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
         for m in lay.states
     ]  # fmt: skip
-    limits = [_limited(plan, m, "now.") for m in lay.outputs if _has_range(plan, m)]
-    if limits:
-        lines.insert(0, "unsigned int limited = 0U;")
-        lines += [f"limited |= {text};" for text in limits]
-    status = f"(limited != 0U) ? {big}_LIMITED : {big}_OK" if limits else f"{big}_OK"
-    lines += ["state->held = now;", "*out = now;", f"return {status};"]
-    return _define(prototypes(plan)["step"], lines)
+    lines.append("state->guard.refused = 0.0;")
+    limited = [m for m in lay.outputs if plan.ranged(m)]
+    before, ends = plan.ends_text(limited)
+    lines += before
+    for m in limited:
+        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
+        if not m.scalar and len(set(each)) == 1:
+            lines.append(f"status |= limit_all(now.{m.c}, {m.size}, {each[0]});")
+        else:
+            lines += [f"status |= limit(&{m.at('now.', k)}, {e});" for k, e in enumerate(each)]
+    lines += ["state->held = now;", "*out = now;", "return (int)status;"]
+    return define(prototypes(plan)["step"], lines)
 
 
 # ---- small text ---------------------------------------------------------------------------------
-
-
-def _define(signature: str, lines: Iterable[str]) -> str:
-    body = "\n".join(f"    {line}" for line in lines)
-    return f"{signature}\n{{\n{body}\n}}"
-
-
-def _if(condition: list[str], *statements: str) -> str:
-    body = "\n".join(f"        {s}" for s in statements)
-    return f"if ({condition[0]}) {{\n{body}\n    }}"
-
-
-def _conjunction(tests: list[str]) -> str:
-    """Join conditions with && over as many lines as it takes."""
-    text, width = "", 0
-    for k, t in enumerate(tests):
-        if k and width + len(t) > 80:
-            text, width = f"{text}\n          && {t}", len(t) + 13
-        else:
-            text, width = f"{text}{' && ' if k else ''}{t}", width + len(t) + 4
-    return text
-
-
-def _has_range(plan: Plan, m: Member) -> bool:
-    """Whether a signal has a limit that a number in C can pass."""
-    return any(math.isfinite(v) for v in plan.limits(m))
 
 
 def _ends(plan: Plan, m: Member) -> tuple[str, str]:
@@ -330,14 +356,6 @@ def _ends(plan: Plan, m: Member) -> tuple[str, str]:
     )
 
 
-def _limited(plan: Plan, m: Member, pointer: str) -> str:
-    """Expression: put a signal into its range, and say whether that changed it."""
-    lo, hi = _ends(plan, m)
-    if m.scalar:
-        return f"limit(&{pointer}{m.c}, {lo}, {hi})"
-    return f"limit_all({pointer}{m.c}, {m.size}, {lo}, {hi})"
-
-
 def within(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
     lo, hi = _ends(plan, m)
@@ -347,7 +365,26 @@ def within(plan: Plan, m: Member, pointer: str) -> str:
 
 
 _LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
+_ACCEPT = guard.text(
+    guard.accept(),
+    ["value", "*last", "*age", "lo", "hi", "change", "stale", "DBL_MAX"],
+    ["*last", "*age", "told"],
+)
 _SMALL = {
+    "accept_all": (
+        "unsigned int accept_all(const double *value, int n, double lo, double hi, double change,\n"
+        "                               double stale, double *last, double *age)",
+        "    unsigned int told = 0U;\n"
+        + _LOOP % "told |= accept(value[k], lo, hi, change, stale, &last[k], &age[k]);"
+        + "    return told;\n",
+    ),
+    "accept": (
+        "unsigned int accept(double value, double lo, double hi, double change, double stale,\n"
+        "                           double *last, double *age)",
+        "    double told = 0.0;\n"
+        + "".join(f"    {line}\n" for line in _ACCEPT)
+        + "    return (unsigned int)(int)told;\n",
+    ),
     "zero_of": (
         "double zero_of(const double *x, int n)",
         "    double zero = 0.0;\n" + _LOOP % "zero *= x[k];" + "    return zero;\n",
@@ -369,8 +406,9 @@ _SMALL = {
     ),
     "limit": (
         "unsigned int limit(double *x, double lo, double hi)",
-        "    if (*x < lo) {\n        *x = lo;\n        return 1U;\n    }\n"
-        "    if (*x > hi) {\n        *x = hi;\n        return 1U;\n    }\n    return 0U;\n",
+        "    if (*x < lo) {\n        *x = lo;\n        return LIMITED_BITU;\n    }\n"
+        "    if (*x > hi) {\n        *x = hi;\n        return LIMITED_BITU;\n    }\n"
+        "    return 0U;\n".replace("LIMITED_BIT", str(guard.LIMITED)),
     ),
     "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
     "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),

@@ -1,0 +1,130 @@
+"""What guards a step: rules for one number, written once, for C and for the run in Python.
+
+``accept`` says what an input becomes, ``patience`` when states that stay refused are reset, and
+which. Both are CasADi Functions of scalars: Python calls them, and C has their text.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.ccode.write.expressions import Writer
+
+BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET = (1 << k for k in range(7))
+"""Bits of the status; ``header.STATUS`` says what they mean."""
+
+PATIENCE = 10
+"""Ticks refused in a row after which a part is reset, and after as many more the next one."""
+
+MANY = 1e6
+"""Ticks beyond which the age of an input counts no further."""
+
+
+@lru_cache(maxsize=1)
+def accept() -> ca.Function:
+    """(value, last, age, lo, hi, change, stale, most) -> (taken, age, told).
+
+    ``age`` counts ticks since the last good value and is -1 before the first. A value is good that
+    is finite (``most`` is the largest number), in its range, and no further from the last good one
+    than it can have come since. In the place of one that is not, the last good one is taken for
+    ``stale`` ticks; after them, and before there is a good one, the tick is refused.
+    """
+    value, last, age, lo, hi, change, stale, most = (
+        ca.SX.sym(n) for n in ("value", "last", "age", "lo", "hi", "change", "stale", "most")
+    )
+    first = age < 0
+    near = ca.fabs(value - last) <= change * (age + 1)
+    free = ca.logic_or(first, change >= most)
+    good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(free, near))
+    older = ca.if_else(first, -1, ca.if_else(age < MANY, age + 1, age))
+    why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
+    told = why + ca.if_else(ca.logic_or(first, age >= stale), REFUSED, 0)
+    return ca.Function(
+        "accept",
+        [value, last, age, lo, hi, change, stale, most],
+        [ca.if_else(good, value, last), ca.if_else(good, 0, older), ca.if_else(good, 0, told)],
+    )
+
+
+@lru_cache(maxsize=16)
+def patience(parts: int) -> ca.Function:
+    """(refused) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
+
+    After ``PATIENCE`` ticks it is the first part, after as many more the second, in the order of
+    the wires, then all of them (``parts + 1``), and the count begins anew.
+    """
+    before = ca.SX.sym("refused")
+    refused = before + 1
+    turn = refused / PATIENCE
+    due = turn == ca.floor(turn)
+    part = ca.if_else(due, turn, 0)
+    after = ca.if_else(refused >= PATIENCE * (parts + 1), 0, refused)
+    return ca.Function("patience", [before], [after, part])
+
+
+def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
+    """Statements of a rule in C: arguments are read by these names, results written to these."""
+    writer = Writer(f, lambda i, k: names[i]).run()
+    at = dict(writer.results)
+    lines = list(writer.lines)
+    given = [writer.result(at[i, 0]) for i in range(len(results))]
+    # a result may be an argument of the next: all are known before one is written
+    for k, value in enumerate(given):
+        lines.append(f"const double r{k} = {value};")
+    return lines + [f"{to} = r{k};" for k, to in enumerate(results)]
+
+
+def accepted(
+    rows: np.ndarray,
+    lo: np.ndarray,
+    hi: np.ndarray,
+    change: np.ndarray,
+    stale: np.ndarray,
+    most: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the step takes of rows of inputs, and what it tells in each tick.
+
+    Args:
+        rows: input elements, one row per tick; anything.
+        lo, hi, change, stale: of each element.
+        most: the largest number.
+    """
+    ticks, n = rows.shape
+    taken, told = np.zeros((ticks, n)), np.zeros(ticks, dtype=int)
+    if not ticks:
+        return taken, told
+    run = _run(ticks)
+    with np.errstate(invalid="ignore", over="ignore"):
+        for k in range(n):
+            column = rows[:, k]
+            steps = np.abs(np.diff(column))
+            fine = (column >= lo[k]) & (column <= hi[k])
+            if fine.all() and (change[k] >= most or (steps <= change[k]).all()):
+                taken[:, k] = column
+                continue
+            one: Any = run(
+                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], stale[k], most
+            )
+            taken[:, k] = np.array(one[0].full())[0]
+            told |= np.array(one[1].full())[0].astype(int)
+    return taken, told
+
+
+@lru_cache(maxsize=4)
+def _run(ticks: int) -> ca.Function:
+    """``accept`` over ticks: ((last, age), values, lo, hi, change, stale, most) to both."""
+    names = ("x", "value", "lo", "hi", "change", "stale", "most")
+    x, value, lo, hi, change, stale, most = (ca.SX.sym(n, 2 if n == "x" else 1) for n in names)
+    taken, age, told = accept()(value, x[0], x[1], lo, hi, change, stale, most)
+    one = ca.Function(
+        "tick", [x, value, lo, hi, change, stale, most], [ca.vertcat(taken, age), taken, told]
+    )
+    X = ca.MX.sym("x", 2)
+    V = ca.MX.sym("v", 1, ticks)
+    C = [ca.MX.sym(n) for n in names[2:]]
+    _, y, t = one.mapaccum(ticks)(X, V, *[ca.repmat(c, 1, ticks) for c in C])
+    return ca.Function("accepted", [X, V, *C], [y, t])

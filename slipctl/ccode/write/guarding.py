@@ -1,0 +1,100 @@
+"""Functions of the C that guard a step: inputs, next states, and what to do when they stay bad."""
+
+from __future__ import annotations
+
+from slipctl.ccode.write import guard
+from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.header import identifier_free, prototype
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.statements import conjunction, define, if_
+
+
+def check_inputs(plan: Plan) -> str:
+    """Function that takes what is good of the inputs, and says what was not."""
+    n, lay = plan.name, plan.layout
+    if not lay.inputs:
+        return ""
+    lines, ends = plan.ends_text(lay.inputs)
+    lines = [*lines, "unsigned int told = 0U;"]
+    at = 0
+    for m in lay.inputs:
+        each = [
+            ", ".join(
+                [
+                    *(ends[m.c, k, what] for what in ("lo", "hi", "change")),
+                    number(float(m.signal.stale)),
+                ]
+            )
+            for k in range(m.size)
+        ]
+        if m.size > 1 and len(set(each)) == 1:
+            last = f"{m.address('state->guard.last.')}, &state->guard.age[{at}]"
+            lines += _call("told |= accept_all(", [m.address("in->"), str(m.size), each[0], last])
+        else:
+            for k, given in enumerate(each):
+                last = f"&{m.at('state->guard.last.', k)}, &state->guard.age[{at + k}]"
+                lines += _call("told |= accept(", [m.at("in->", k), given, last])
+        at += m.size
+    what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
+    text = "\n".join(lines)
+    void = ["(void)param;"] * identifier_free(text, "param")
+    signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
+                          f"const {n}_param *param", f"{n}_state *state")  # fmt: skip
+    return f"{what}\n" + define(signature, [*void, *lines, "return told;"])
+
+
+def _call(start: str, arguments: list[str]) -> list[str]:
+    """Statement of a call, on two lines if it is long."""
+    line = f"{start}{', '.join(arguments)});"
+    if len(line) <= 90:
+        return [line]
+    return [f"{start}{', '.join(arguments[:-1])},", f"        {arguments[-1]});"]
+
+
+def states_within(plan: Plan) -> str:
+    """Function that says whether the next states are in their ranges."""
+    n = plan.name
+    members = [m for m in plan.layout.states if plan.ranged(m)]
+    if not members:
+        return ""
+    lines, ends = plan.ends_text(members)
+    tests = []
+    for m in members:
+        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
+        if m.scalar:
+            tests.append(f"within(next->{m.c}, {each[0]})")
+        elif len(set(each)) == 1:
+            tests.append(f"all_within(next->{m.c}, {m.size}, {each[0]})")
+        else:
+            tests += [f"within({m.at('next->', k)}, {e})" for k, e in enumerate(each)]
+    text = "\n".join([*lines, *tests])
+    void = [f"(void){a};" for a in ("param", "state") if identifier_free(text, a)]
+    signature = prototype(plan, "static bool", "states_within", f"const struct {n}_next *next",
+                          f"const {n}_param *param", f"const {n}_state *state")  # fmt: skip
+    return define(signature, [*void, *lines, f"return {conjunction(tests)};"])
+
+
+def recover(plan: Plan) -> str:
+    """Function that counts refused ticks and resets parts of the state when they are too many."""
+    n, parts = plan.name, len(plan.parts)
+    if not parts:
+        return ""
+    rule = guard.text(
+        guard.patience(parts), ["state->guard.refused"], ["state->guard.refused", "part"]
+    )
+    lines = [
+        "double part = 0.0;",
+        *rule,
+        if_(["part > 0.0"], f"start(param, state, (part > {number(parts + 0.5)}) ? 0 : (int)part);",
+            f"return (unsigned int){plan.layout.big}_RESET;"),
+        "return 0U;",
+    ]  # fmt: skip
+    order = ", ".join(p or "the state" for p in plan.parts)
+    what = comment(
+        f"One more tick is refused. After {guard.PATIENCE} in a row a part of the state is put to"
+        f" its start, after as many more the next: {order}; then all."
+    )
+    signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
+                          f"{n}_state *state")  # fmt: skip
+    return f"{what}\n" + define(signature, lines)

@@ -1,0 +1,28 @@
+"""Pieces of C statements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def define(signature: str, lines: Iterable[str]) -> str:
+    """A function of these statements."""
+    body = "\n".join(f"    {line}" for line in lines)
+    return f"{signature}\n{{\n{body}\n}}"
+
+
+def if_(condition: list[str], *statements: str) -> str:
+    """A branch."""
+    body = "\n".join(f"        {s}" for s in statements)
+    return f"if ({condition[0]}) {{\n{body}\n    }}"
+
+
+def conjunction(tests: list[str]) -> str:
+    """Join conditions with && over as many lines as it takes."""
+    text, width = "", 0
+    for k, t in enumerate(tests):
+        if k and width + len(t) > 80:
+            text, width = f"{text}\n          && {t}", len(t) + 13
+        else:
+            text, width = f"{text}{' && ' if k else ''}{t}", width + len(t) + 4
+    return text
