@@ -84,11 +84,41 @@ def patch(
 _PATCH = patch()
 
 
+def patch_of_curve(
+    Q: float, G: float, R_wheel: float, R_rail: float, nu_c11: float
+) -> dict[str, float]:
+    """Semi-axes and c11 of the wheel of a measured curve; what a fit takes in place of another's.
+
+    Args:
+        Q: load of the wheel in N.
+        G: shear modulus in Pa.
+        R_wheel, R_rail, nu_c11: as of :func:`patch`.
+    """
+    found = patch(Q, R_wheel, R_rail, 2 * G * (1 + NU_STEEL), NU_STEEL, nu_c11)
+    return {n: found[n] for n in ("a", "b", "c11")}
+
+
+BESIDE = {
+    "R_wheel": Param("m", 0.445, "radius of the wheel", GUESS, lo=0.05, hi=5),
+    "R_rail": Param("m", 0.3, "radius of the rail head, across", GUESS, lo=0.02, hi=1e3),
+    "nu_c11": Param("1", 0.25, "Poisson's ratio at which c11 is read", GUESS, lo=0, hi=0.5),
+}
+"""What a fit may be told beside the parameters of the law, for :func:`patch_of_curve`."""
+
+LEFT_OUT = (
+    "the tractions on the patch (FASTSIM: fastsim; a line: carter; exactly: CONTACT), spin and"
+    " lateral creep, an elastic layer on the rail, heat"
+)
+
+
 @law(
     mu=Output("1", "adhesion coefficient", positive="traction"),
     conditions=SURFACES,
     readings={"v_s": "creep * v", "mu": "force / Q"},
     expects=("k_A >= k_S",),
+    follows=patch_of_curve,
+    beside=BESIDE,
+    leaves_out=LEFT_OUT,
 )
 def polach(
     v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
@@ -145,8 +175,9 @@ def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
     return make_block(
         "polach", "law", body, inputs=polach.inputs.values(), params=polach.params.values(),
         outputs=polach.outputs.values(), conditions=surfaces, readings=polach.readings,
-        expects=polach.expects, choices={} if form == "consistent" else {"form": form},
-        doc=polach.doc,
+        expects=polach.expects, follows=polach.follows, beside=polach.beside,
+        leaves_out=polach.leaves_out,
+        choices={} if form == "consistent" else {"form": form}, doc=polach.doc,
     )  # fmt: skip
 
 

@@ -85,6 +85,9 @@ class Block:
         coordinates: Iterable[str] = (),
         readings: Mapping[str, str] | None = None,
         expects: Iterable[str] = (),
+        follows: Callable[..., Mapping[str, float]] | None = None,
+        beside: Mapping[str, Signal] | None = None,
+        leaves_out: str = "",
         prefixed: bool = False,
         transparent: bool = False,
         own: Iterable[str] = (),
@@ -112,6 +115,9 @@ class Block:
         self.coordinates = tuple(coordinates)
         self.readings = dict(readings or {})
         self.expects = tuple(expects)
+        self.follows = follows
+        self.leaves_out = leaves_out
+        self.beside = {n: s.named(n) for n, s in (beside or {}).items()}
         self.prefixed = prefixed
         self.transparent = transparent
         self.own = frozenset(own)
@@ -500,8 +506,10 @@ class Block:
             period=self.period, doc=self.doc, sx=self.sx, choices=self.choices, parts=self.parts,
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
-            expects=self.expects, prefixed=self.prefixed, transparent=self.transparent,
-            own=self.own, sharing=self.sharing, by_structure=self.by_structure,
+            expects=self.expects, follows=self.follows, beside=self.beside,
+            leaves_out=self.leaves_out,
+            prefixed=self.prefixed, transparent=self.transparent, own=self.own,
+            sharing=self.sharing, by_structure=self.by_structure,
         )  # fmt: skip
         block._made = self._made
         return block
@@ -820,6 +828,10 @@ class Block:
             return found
         if self.units == "printed" or not self.sx:
             return []
+        derived = tuple((s.name, s.value) for s in self.signals if s.derived)
+        return list(self.of_equations(("units", derived), self._wrong_units))
+
+    def _wrong_units(self) -> list[str]:
         from slipctl.block import formula, unit_walk, units
 
         with units.checking_units(), formula.letters(self._body.__code__) as names:

@@ -13,7 +13,7 @@ from slipctl.errors import BadInput, check_positive, nearest
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
-    "choices", "name",
+    "follows", "beside", "leaves_out", "choices", "name",
 )  # fmt: skip
 
 
@@ -100,7 +100,10 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
         **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
             ``closed_form`` (argument of the peak), ``coordinates`` (expressions of the parameters
             that an estimator works in), ``readings`` (its signals by what a measured curve has),
-            ``expects`` (orders of its parameters), ``units``, ``choices``, ``name``.
+            ``expects`` (orders of its parameters), ``follows`` (function from parameters and
+            what is ``beside`` them to other parameters, for a fit),
+            ``leaves_out`` (what it has no model of), ``units``, ``choices``,
+            ``name``.
     """
     return _decorate("law", options)
 

@@ -57,6 +57,8 @@ def run(
         columns=dict(_pair("--column", text) for text in columns),
         ordered=ordered,
     )
+    for note in found.notes:
+        log.warning("%s", note)
     for doubt in found.doubts:
         log.warning("%s", doubt)
     store.write_json(folder / "fit.json", payload(found, law, command))
@@ -99,10 +101,16 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
         "law": law,
         "curve": curve.source,
         "known": {
-            n: {"value": float(v), "unit": base.params[n].unit}
-            for n, v in base.param_values().items()
+            n: {"value": float(v), "unit": base.params[n].unit, "origin": found.origin.get(n, "")}
+            for n, v in found.law.param_values().items()
             if n not in found.values and np.size(v) == 1
         },
+        "notes": list(found.notes),
+        "left_out": base.leaves_out,
+        "peaks": [
+            {**rest, curve.abscissa: place, curve.output: height}
+            for rest, place, height in found.peaks
+        ],
         "slipctl_version": __version__,
         "command": command,
     }
@@ -214,9 +222,23 @@ def report(found: Fitted, folder: Path) -> str:
     unit = law.outputs[found.curve.output].unit
     tail = "" if unit == "1" else f" {unit}"
     model = folder / MODEL
+    left_out = f"the law leaves out {law.leaves_out}\n" if law.leaves_out else ""
+    known = [["known", "value", "unit", "from"]]
+    values = law.param_values()
+    for n, origin in found.origin.items():
+        at = float(found.curve.inputs[n][0]) if n in law.inputs else float(values[n])
+        known.append([n, number(at), {**law.inputs, **law.params}[n].unit, origin])
+    spans = [max(len(r[k]) for r in known) for k in range(4)]
+    along, y = law.inputs[found.curve.abscissa], law.outputs[found.curve.output]
+    peaks = "".join(
+        f"peak {y.name} = {number(height)}{tail} at {along.name} = {number(place)} {along.unit}"
+        + "".join(f", {n} = {number(v)} {law.inputs[n].unit}" for n, v in rest.items())
+        + "\n"
+        for rest, place, height in found.peaks
+    )
     return (
         f"{law.name} fitted to {found.curve.source}, {found.curve.measured.size} points\n\n"
-        f"{wrapped(rows, widths)}\n\n"
+        f"{wrapped(rows, widths)}\n\n{wrapped(known, spans)}\n\n{peaks}{left_out}"
         f"largest error {found.max_error:.3g}{tail}, rms {found.rms:.3g}{tail}\n\n"
         f"{folder / 'fit.json'}\n{folder / 'fit.png'}\n{folder / 'residuals.csv'}\n"
         f"{model}: slipctl show {model}:law"

@@ -20,7 +20,7 @@ FONT = "Helvetica, Arial, 'DejaVu Sans', sans-serif"
 INK, WIRE, FILL, FAINT = "#1d2733", "#35608c", "#f4f7fb", "#66727f"
 
 
-@dataclass
+@dataclass(eq=False)
 class _Place:
     """A node, or a wire passing a column, with its place on the sheet."""
 

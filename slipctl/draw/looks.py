@@ -176,7 +176,7 @@ def legends_aside(fig: Figure) -> None:
     """Take the legends off the panels, so that none lies on a curve.
 
     Where a name means the same line in all panels there is one legend above the figure; else each
-    panel has its own at its right.
+    panel has its own, below it if all stand in a row, or else at its right.
     """
     own = [a for a in fig.axes if a.get_legend() is not None]
     if not own:
@@ -191,12 +191,19 @@ def legends_aside(fig: Figure) -> None:
             first = entries.setdefault(name, handle)
             one &= hue is None or getattr(first, "get_color", lambda: None)() == hue
             one &= hue is None or looks.setdefault(look, name) == name
+    tops = {round(a.get_position().y1, 3) for a in fig.axes}
+    beside = len(tops) > 1  # below panels in a row there is room, of which the figure gets more
+    if not one and not beside:
+        width, height = fig.get_size_inches()
+        fig.set_size_inches(width, height + 0.17 * max(len(_told(a)[1]) for a in own))
     with style():
         for axis in own:
             handles, names = _told(axis)
             cast("Legend", axis.get_legend()).remove()
-            if not one:
+            if not one and beside:
                 axis.legend(handles, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            elif not one:
+                axis.legend(handles, names, loc="upper left", bbox_to_anchor=(-0.1, -0.2))
         if one:
             letters = sum(len(n) + 6 for n in entries)
             rows = -(-letters // 105)  # a row holds about so many letters

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -207,6 +208,11 @@ def _parts(block: Block, depth: int = 0) -> list[str]:
 
 
 def _equations(leaf: Block) -> list[str]:
+    return leaf.of_equations("text", partial(_text_rows, leaf))
+
+
+def _text_rows(leaf: Block) -> list[str]:
+    """Equations of a block without parts as aligned lines."""
     g = page(leaf)
     if g is None:
         return [f"in matrices and loops, {leaf.f.n_instructions()} operations; see its text"]
@@ -351,17 +357,22 @@ def latex(block: Block, jacobian: bool = False) -> str:
         if block.parts:
             title = path.replace("_", r"\_")
             rows.append(rf"&\textbf{{{title}}}")
-        g = page(leaf, jacobian)
-        if g is None:
-            rows.append(r"&\text{in matrices and loops; see its text}")
-            continue
-        formula.shorten(g)
-        some = list(islice(_lines(g, Latex(g)), LINES + 1))
-        rows += [f"{_left(left)} &= {right}" for left, right in some[:LINES]]
-        if len(some) > LINES:
-            rows.append(rf"&\text{{and more, {leaf.f.n_instructions()} operations in all}}")
+        rows += leaf.of_equations(("latex", jacobian), partial(_rows, leaf, jacobian))
     body = " \\\\\n".join(rows)
     return f"$$\n\\begin{{aligned}}\n{body}\n\\end{{aligned}}\n$$"
+
+
+def _rows(leaf: Block, jacobian: bool) -> list[str]:
+    """Equations of a block without parts as rows of LaTeX."""
+    g = page(leaf, jacobian)
+    if g is None:
+        return [r"&\text{in matrices and loops; see its text}"]
+    formula.shorten(g)
+    some = list(islice(_lines(g, Latex(g)), LINES + 1))
+    rows = [f"{_left(left)} &= {right}" for left, right in some[:LINES]]
+    if len(some) > LINES:
+        rows.append(rf"&\text{{and more, {leaf.f.n_instructions()} operations in all}}")
+    return rows
 
 
 def _left(label: str) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,9 @@ class Fitted:
         residuals: measured minus fitted, in the unit of the output.
         tied: parameter by the one that it was set equal to, to keep the order that the law expects.
         doubts: expectations of the law that the values do not keep.
+        origin: where each known input and parameter is from.
+        notes: what was converted, a line each.
+        peaks: other inputs, and place and height of the peak there.
     """
 
     law: Block
@@ -82,6 +86,9 @@ class Fitted:
     residuals: np.ndarray
     tied: dict[str, str]
     doubts: tuple[str, ...]
+    origin: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    peaks: tuple[tuple[dict[str, float], float, float], ...] = ()
 
     @property
     def max_error(self) -> float:
@@ -147,12 +154,18 @@ def fit(
     table = data if isinstance(data, Mapping) else read_table(data)
     source = "data" if isinstance(data, Mapping) else str(data)
     known = {n: _quantity(law, n, v) for n, v in (at or {}).items()}
+    known |= _columns_of_parameters(law, source, table, known)
     for n in known:
         if n in unknown:
             raise BadInput(f"{n} is both given and unknown; leave it out of one of them")
     told = _settings(law, table)
+    given = dict(known)
     known = {n: v for n, v in told.items() if n not in unknown} | known
+    followed, notes = _following(law, source, told, given, known)
+    known |= followed
+    known = {n: v for n, v in known.items() if n not in law.beside}
     law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
+    origin = _origins(law, source, told, given, followed, unknown)
     for n, v in (start or {}).items():
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
@@ -165,7 +178,8 @@ def fit(
         free = _solve(
             law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
         )
-    return _judged(law, curve, unknown, tied, *free)
+    found = _judged(law, curve, unknown, tied, *free)
+    return replace(found, origin=origin, notes=notes, peaks=_peaks(found.law, curve))
 
 
 # ---- the curve ----------------------------------------------------------------------------------
@@ -181,9 +195,139 @@ def _settings(law: Block, table: Table | Mapping[str, Any]) -> dict[str, float]:
     }
 
 
+def _columns_of_parameters(
+    law: Block, source: str, table: Table | Mapping[str, Any], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Parameters that a column gives; refuses one that varies, and a second value of anything."""
+    names, units, values, _ = _columns(table)
+    found = {}
+    for n, u in zip(names, units, strict=True):
+        signals = {**law.inputs, **law.params, **law.beside}
+        if n not in signals:
+            continue
+        s = signals[n]
+        if u and not dimension_equal(u, s.unit):
+            continue  # told where the curve is read
+        x = values[n] * (factor(u, s.unit) if u else 1.0)
+        if n in given and not np.allclose(x, given[n], rtol=1e-9):
+            raise BadInput(f"{source} has a column {n}, and {n} = {given[n]:g} {s.unit} is given;"
+                           " leave out one of them")  # fmt: skip
+        if n in law.inputs:
+            continue
+        if np.ptp(x) > 1e-9 * abs(x[0]):
+            raise BadInput(
+                f"{source}: the column {n} goes from {x.min():g} to {x.max():g} {s.unit}, but"
+                f" {law.name} has one {n}; fit each by itself"
+            )
+        if n not in given:
+            found[n] = float(s.check(f"{source}: {law.name}.{n}", float(x[0])))
+    return found
+
+
+def _following(
+    law: Block, source: str, told: Mapping[str, float], given: Mapping[str, float],
+    known: Mapping[str, float],
+) -> tuple[dict[str, float], tuple[str, ...]]:  # fmt: skip
+    """Parameters that follow from what is known, and the line that tells it.
+
+    Args:
+        law: the law.
+        source: of the curve.
+        told: by the file.
+        given: by the person.
+        known: both.
+
+    Raises:
+        BadInput: some of those that follow are told and others not, or both they and what they
+            follow from, or those of the file belong to another load.
+    """
+    if law.follows is None:
+        return {}, ()
+    own = {n: float(s.value) for n, s in {**law.params, **law.beside}.items() if np.size(s.value)
+           and isinstance(s.value, int | float | np.floating)}  # fmt: skip
+    every = {**told, **known}
+    names = list(inspect.signature(law.follows).parameters)
+    found = dict(law.follows(**{n: every.get(n, own.get(n)) for n in names}))
+    words = ", ".join(found)
+    ways = f"give {words}, or {' and '.join(n for n in names if n in law.beside and n[0] == 'R')}"
+    here = [n for n in found if n in every]
+    changed = [n for n in names if n in given and n in told and given[n] != told[n]]
+    if here and len(here) < len(found):
+        lost = ", ".join(n for n in found if n not in here)
+        raise BadInput(f"{source}: {', '.join(here)} known without {lost}; {ways}")
+    if here:
+        both = [n for n in names if n in law.beside and n in every]
+        if both:
+            raise BadInput(f"{source}: {words} and {', '.join(both)} are both given; leave out one")
+        if changed and not any(n in given for n in found):
+            raise BadInput(
+                f"{source}: its {words} belong to {changed[0]} = {told[changed[0]]:g}, not"
+                f" {given[changed[0]]:g}; {ways} for that"
+            )
+        return {}, ()
+    if not any(n in every and every[n] != own.get(n) for n in names):
+        return {}, ()
+    signals = {**law.params, **law.beside}
+    of = ", ".join(
+        f"{n} = {every.get(n, own.get(n)):.5g} {signals[n].unit}".removesuffix(" 1")
+        + ("" if n in every else " (the law's own)")
+        for n in names
+    )
+    return found, (f"{words} follow from {of}",)
+
+
+def _origins(
+    law: Block, source: str, told: Mapping[str, float], given: Mapping[str, float],
+    followed: Mapping[str, float], unknown: Sequence[str],
+) -> dict[str, str]:  # fmt: skip
+    """Where each known input and parameter is from."""
+    found = {}
+    for n, s in {**law.inputs, **law.params}.items():
+        if n in unknown:
+            continue
+        if n in given:
+            found[n] = "given"
+        elif n in told:
+            found[n] = f"comment of {Path(source).name}"
+        elif n in followed:
+            found[n] = "follows by " + ("Hertz and Kalker" if law.beside else "the law")
+        elif n in law.params and s.derived:
+            found[n] = f"= {s.value}"
+        elif n in law.params:
+            found[n] = f"the law's own{', ' + s.source if s.source else ''}"
+    return found
+
+
+def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, float], ...]:
+    """Peak of the fitted law over its abscissa, at each set of the other inputs."""
+    along = curve.abscissa
+    others = [n for n in curve.inputs if n != along]
+    sets = sorted({tuple(float(curve.inputs[n][k]) for n in others)
+                   for k in range(curve.measured.size)})  # fmt: skip
+    x = curve.inputs[along]
+    grid = np.linspace(min(0.0, float(x.min())), float(x.max()), 2001)
+    found = []
+    for values in sets:
+        rest = dict(zip(others, values, strict=True))
+        inputs = np.array([grid if n == along else np.full(grid.size, rest[n])
+                           for n in law.inputs])  # fmt: skip
+        p = ca.DM(law.pack("param", law.param_values()))
+        f = law.f.map(grid.size)
+        y = np.array(f(ca.DM(0, grid.size), ca.DM(inputs), ca.repmat(p, 1, grid.size))[1].full())
+        height = y[list(law.outputs).index(curve.output)]
+        k = int(np.argmax(height))
+        if not 0 < k < grid.size - 1:
+            continue
+        a, b, c = height[k - 1 : k + 2]
+        shift = (a - c) / (2 * (a - 2 * b + c)) if a - 2 * b + c else 0.0
+        place = float(grid[k] + shift * (grid[1] - grid[0]))
+        found.append((rest, place, float(b - (a - c) * shift / 4)))
+    return tuple(found)
+
+
 def _quantity(law: Block, name: str, value: Any, where: str = "") -> float:
     """Value of an input or parameter, from a number in its unit or a text with a unit."""
-    signals = {**law.inputs, **law.params}
+    signals = {**law.beside, **law.inputs, **law.params}
     if name not in signals:
         raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
                        f"{nearest(name, signals)}")  # fmt: skip

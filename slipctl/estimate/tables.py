@@ -46,8 +46,15 @@ EXCEL = re.compile(r"\s*#(N/A|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!)", re.I)
 """What a spreadsheet writes for a number it has not; a row that begins so is no comment."""
 
 
+DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
+"""A number with a decimal comma, which a table with ``;`` between its columns may have."""
+
+
 def read_table(path: str | Path) -> Table:
     """Read a table: comments begin with ``#``, the first other line is its head.
+
+    Columns are parted by commas, or by semicolons if the head has one; then numbers may have a
+    decimal comma.
 
     Raises:
         BadInput: no such file, no text, no rows, or a row with a wrong number of columns.
@@ -62,7 +69,7 @@ def read_table(path: str | Path) -> Table:
         raise BadInput(f"{path} is no text; save it as CSV in UTF-8")
     names: list[str] = []
     units: list[str] = []
-    rows, settings = [], []
+    rows, settings, mark = [], [], ","
     for line, content in enumerate(text.splitlines(), 1):
         if content.lstrip().startswith("#") and not (names and EXCEL.match(content)):
             said = re.fullmatch(r"\s*#\s*set\s+(\w+)\s*=\s*(.+?)\s*", content)
@@ -70,7 +77,9 @@ def read_table(path: str | Path) -> Table:
                 settings.append((line, said[1], said[2]))
             continue
         try:
-            cells = [c.strip() for c in next(csv.reader([content]), [])]
+            if not names:
+                mark = ";" if ";" in content else ","
+            cells = [c.strip() for c in next(csv.reader([content], delimiter=mark), [])]
         except csv.Error as error:
             raise BadInput(f"{path}, line {line}: {error}") from None
         if not any(cells):
@@ -88,6 +97,8 @@ def read_table(path: str | Path) -> Table:
             if len(set(names)) < len(names):
                 raise BadInput(f"{path}, line {line}: two columns have one name")
             continue
+        if mark == ";":  # as spreadsheets write where the comma is the decimal mark
+            cells = [DECIMAL_COMMA.sub(r"\1.\2", c) for c in cells]
         if len(cells) != len(names):
             raise BadInput(
                 f"{path}, line {line} has {len(cells)} columns, its head {len(names)}:"

@@ -42,10 +42,10 @@ def against_optimum(
         every: ticks from one row of a log to the next.
     """
     sign = -1.0 if farthest else 1.0
-    rows: dict[str, list[Any]] = {k: [] for k in ("scenario", "loop", "way", "regret", "above")}
-    changes = []
-    for k, (name, loops) in enumerate(wanted.items()):
-        plant = plants[name]
+
+    def of(name: str) -> dict[str, Any]:
+        """Rows of a scenario, and what the last refinement of the mesh changes."""
+        loops, plant = wanted[name], plants[name]
         logs = {}
         for n in ("ideal", *loops):
             block, scenario = context.loop(name, n)
@@ -68,27 +68,31 @@ def against_optimum(
             bounds={control: (bounds[0] + inside, bounds[1] - inside)}, limits=limits,
             guesses=guesses[: 2 if context.quick else None],
         )  # fmt: skip
-        changes.append(abs(found.meshes[-1][1] - found.meshes[-2][1]))
         ways = {n: way(log, *(f"plant.{b}" for b in body)) for n, log in logs.items()}
         ordered = {"ideal": ways["ideal"], "optimum": found.value} | {n: ways[n] for n in loops}
-        for n, x in ordered.items():
-            lost = (sign * (x - found.value) + 0.0, sign * (x - ways["ideal"]) + 0.0)  # no -0
-            values = (name, n, x, *lost)
-            for key, value in zip(rows, values, strict=True):
-                rows[key].append(value)
-        context.progress((k + 1) / len(wanted))
+        rows = [
+            # no -0
+            [name, n, x, sign * (x - found.value) + 0.0, sign * (x - ways["ideal"]) + 0.0]
+            for n, x in ordered.items()
+        ]
+        return {"rows": rows, "change": abs(found.meshes[-1][1] - found.meshes[-2][1])}
+
+    parts = context.each("scenarios", list(wanted), of)
+    rows = [row for part in parts for row in part["rows"]]
+    scenarios, names, distances, regrets, above = (list(c) for c in zip(*rows, strict=True))
+    change = max(part["change"] for part in parts)
     return Table(
         "Regret against the clairvoyant optimum",
         {
-            "scenario": ("", rows["scenario"]),
-            "loop": ("", rows["loop"]),
-            "distance": ("m", rows["way"]),
-            "regret": ("m", rows["regret"]),
-            "below ideal" if farthest else "above ideal": ("m", rows["above"]),
+            "scenario": ("", scenarios),
+            "loop": ("", names),
+            "distance": ("m", distances),
+            "regret": ("m", regrets),
+            "below ideal" if farthest else "above ideal": ("m", above),
         },
         "The optimum knows the rail and keeps the limits and the lag of the actuator; ideal,"
         " adhesion at its peak from the start, keeps neither, and nothing reaches it. The last"
-        f" refinement of the mesh moves the optimum by {max(changes):.1g} m at most.",
+        f" refinement of the mesh moves the optimum by {change:.1g} m at most.",
     )
 
 

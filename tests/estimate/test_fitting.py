@@ -179,6 +179,93 @@ def test_same_bits_again():
     assert first.std == second.std
 
 
+# ---- another wheel ------------------------------------------------------------------------------
+
+BARE = "\n".join(line for line in CURVE.read_text().splitlines() if not line.startswith("# set"))
+"""The reference curve as a person has it, who sets nothing in the file."""
+
+
+@pytest.fixture
+def own(tmp_path):
+    file = tmp_path / "own.csv"
+    file.write_text(BARE)
+    return file
+
+
+def test_the_patch_follows_from_load_and_radii(own):
+    """With the radii of CONTACT's wheel the values of its own patch come out; they are listed."""
+    wheel = {"Q": "106.7 kN", "v": "10 m/s", "G": "82 GPa", "R_wheel": "0.625 m",
+             "R_rail": 1 / (2 * 0.2814), "nu_c11": 0.28}  # fmt: skip
+    found, whole = fit(polach, own, at=wheel), fit(polach, CURVE)
+    # B1 = 0.2814 1/m has four digits
+    assert found.values == pytest.approx(whole.values, rel=1e-3)
+    assert found.origin["a"] == "follows by Hertz and Kalker"
+    assert found.origin["Q"] == found.origin["G"] == "given"
+    assert whole.origin["a"] == f"comment of {CURVE.name}"
+    assert "R_wheel = 0.625 m" in found.notes[0]
+    assert not whole.notes
+
+
+def test_another_load_never_keeps_the_patch_of_the_laws_own(own):
+    """The patch is that of the load, with the law's own radii, and a line says so."""
+    found = fit(polach, own, at={"Q": 106.7e3, "v": 10.0})
+    p, there = found.law.param_values(), contact.patch(106.7e3)
+    assert [float(p[n]) for n in ("a", "b", "c11")] == [
+        pytest.approx(there[n], rel=1e-12) for n in ("a", "b", "c11")
+    ]
+    assert "R_wheel = 0.445 m (the law's own)" in found.notes[0]
+
+
+def test_peak_of_the_fit_is_its_argmax(own):
+    found = fit(polach, CURVE)
+    ((rest, place, height),) = found.peaks
+    best = contact.peak(10.0, {}, found.law)
+    assert rest == {"v": 10.0}
+    # a parabola through three of 2001 points of a curve with a sharp flank
+    assert (place, height) == pytest.approx((best.location, best.value), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        ({"a": 6e-3}, "a known without b, c11; give a, b, c11, or R_wheel and R_rail"),
+        ({"a": 6e-3, "b": 6e-3, "c11": 4, "R_wheel": 0.5}, "R_wheel are both given"),
+        ({"R_wheel": "0.5 kg"}, "cannot be '0.5 kg'"),
+        ({"R_rail": -1.0}, "out of range"),
+    ],
+)
+def test_a_patch_that_is_none_is_refused(own, at, words):
+    with pytest.raises(BadInput) as told:
+        fit(polach, own, at={"Q": 106.7e3, "v": 10.0} | at)
+    assert words in str(told.value)
+
+
+def test_a_load_that_varies_or_contradicts_is_refused(tmp_path):
+    rows = [(x, mu * q, q) for x, mu, q in zip((0.1, 0.2, 0.3), (0.1, 0.2, 0.2), (1e5, 1e5, 9e4),
+                                               strict=True)]  # fmt: skip
+    data = {
+        n: np.array(c)
+        for n, c in zip(("creep", "force", "Q"), zip(*rows, strict=True), strict=True)
+    }
+    with pytest.raises(
+        BadInput, match="column Q goes from 90000 to 100000 N, but polach has one Q"
+    ):
+        fit(polach, data, ["mu_0"], at={"v": 10.0})
+    data["Q"][:] = 1e5
+    with pytest.raises(BadInput, match="has a column Q, and Q = 50000 N is given"):
+        fit(polach, data, ["mu_0"], at={"v": 10.0, "Q": 5e4})
+
+
+def test_semicolons_and_decimal_commas(tmp_path):
+    file = tmp_path / "own.csv"
+    rows = [r for r in BARE.splitlines() if not r.startswith("#")]
+    file.write_text("\n".join(r.replace(",", ";").replace(".", ",") for r in rows))
+    at = {"Q": 106.7e3, "v": 10.0}
+    plain = tmp_path / "plain.csv"
+    plain.write_text("\n".join(rows))
+    assert fit(polach, file, at=at).values == fit(polach, plain, at=at).values
+
+
 # ---- refusals ------------------------------------------------------------------------------------
 
 LOW = np.linspace(1e-5, 1e-4, 20)
@@ -201,7 +288,7 @@ NOISY = 3e6 * LOW * (1 + 1e-3 * np.random.default_rng(3).normal(size=20))
             {"data": {"creep": LOW, "force": NOISY}, "at": {"v": 10.0}, "unknown": ["k_A", "k_S"]},
             "does not identify k_A, k_S: other values fit as well; fix one of them",
         ),
-        ({"at": {"Q": 20e3}}, "mu_0 runs to the end of its range, 1;"),
+        ({"at": {"Q": 20e3}}, "its a, b, c11 belong to Q = 106700, not 20000; give a, b, c11, or"),
         ({"data": {"creep": LOW}, "at": {"v": 10.0}}, "lacks mu; give a column mu [1], or force"),
         ({"data": {"creep": LOW[:5], "force": NOISY[:5]}, "at": {"v": 10.0}}, "has 5 points for 5"),
         ({"data": {"creep": LOW, "force": NOISY}}, "v_s is read as creep * v; give v"),
