@@ -233,7 +233,7 @@ def test_step_size_must_be_a_multiple_of_the_period(
 @pytest.mark.parametrize("version", VERSIONS)
 def test_guards_are_told(version: int, lags: Path, tmp_path: Path) -> None:
     f = opened(lags, version, tmp_path).begin()
-    for u, status, T in ((1.0, 0, 0.6), (np.nan, 1, 0.64), (200.0, 8, 0.672), (1.0, 0, 0.6976)):
+    for u, status, T in ((1.0, 0, 0.6), (np.nan, 1, 0.64), (200.0, 8, 0.676), (1.0, 0, 0.7084)):
         f.set(u=u)
         f.step(0.01)
         assert f.status() == status
