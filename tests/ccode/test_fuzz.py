@@ -61,7 +61,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "finding"),
     [
-        ("    limited |= limit(&now.y, -10.0, 10.0);\n", "", "deadly signal"),
+        ("    status |= limit(&now.y, -10.0, 10.0);\n", "", "deadly signal"),
         ("0.0 * next->x", "0.0", "deadly signal"),
         ("out->y = 0.5;", "", "deadly signal"),
         ("const double x_next =", "const int n = (int)in->u * 2147483647;\n"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import identifier_free, prototype
+from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.statements import conjunction, define, if_
 
@@ -83,13 +86,24 @@ def recover(plan: Plan) -> str:
     rule = guard.text(
         guard.patience(parts), ["state->guard.refused"], ["state->guard.refused", "part"]
     )
+    which = f"(part > {number(parts + 0.5)}) ? 0 : (int)part"
+    computed = [m for m in plan.layout.states if m.signal.derived]
+    if computed:  # parameters that init would refuse give no start: then it is that of the defaults
+        good = conjunction([within(plan, m, "state->") for m in computed])
+        reset = [
+            f"{n}_param safe = *param;",
+            if_(["!param_ok(param)"], f"{n}_default(&safe);"),
+            f"start(&safe, state, {which});",
+            if_([f"!({good})"], f"{n}_default(&safe);", f"start(&safe, state, {which});"),
+        ]
+    else:
+        reset = [f"start(param, state, {which});"]
     lines = [
         "double part = 0.0;",
         *rule,
-        if_(["part > 0.0"], f"start(param, state, (part > {number(parts + 0.5)}) ? 0 : (int)part);",
-            f"return (unsigned int){plan.layout.big}_RESET;"),
+        if_(["part > 0.0"], *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
         "return 0U;",
-    ]  # fmt: skip
+    ]
     order = ", ".join(p or "the state" for p in plan.parts)
     what = comment(
         f"One more tick is refused. After {guard.PATIENCE} in a row a part of the state is put to"
@@ -98,3 +112,20 @@ def recover(plan: Plan) -> str:
     signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
                           f"{n}_state *state")  # fmt: skip
     return f"{what}\n" + define(signature, lines)
+
+
+def _ends(plan: Plan, m: Member) -> tuple[str, str]:
+    """Least and greatest number of a signal, in C."""
+    lo, hi = plan.limits(m)
+    return (
+        number(lo) if math.isfinite(lo) else "-DBL_MAX",
+        number(hi) if math.isfinite(hi) else "DBL_MAX",
+    )
+
+
+def within(plan: Plan, m: Member, pointer: str) -> str:
+    """Condition: a finite number in the range of the signal."""
+    lo, hi = _ends(plan, m)
+    if m.scalar:
+        return f"within({pointer}{m.c}, {lo}, {hi})"
+    return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"

@@ -175,6 +175,11 @@ class Plan:
                     for v in here[1:]:
                         other = v > tightest if what == "lo" else v < tightest
                         tightest = ca.if_else(other, v, tightest)
+                    # a parameter that was refused must not turn the range round
+                    if what == "lo" and math.isfinite(m.signal.hi):
+                        tightest = ca.fmin(tightest, m.signal.hi)
+                    if what == "hi" and math.isfinite(m.signal.lo):
+                        tightest = ca.fmax(tightest, m.signal.lo)
                     keys.append((m.c, k, what))
                     results.append(ca.SX(tightest))
         if not keys:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -12,7 +11,7 @@ import casadi as ca
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.guarding import check_inputs, recover, states_within
+from slipctl.ccode.write.guarding import check_inputs, recover, states_within, within
 from slipctl.ccode.write.header import (
     head,
     identifier_free,
@@ -223,7 +222,12 @@ def _init(plan: Plan) -> str:
         )
     if computed:
         good = conjunction([within(plan, m, "state->") for m in computed])
-        lines.append(if_([f"!({good})"], f"status = {big}_BAD_PARAM;"))
+        again = [
+            f"{n}_default(&safe);",
+            f"(void){n}_tune(&safe, state);",
+            "start(&safe, state, 0);",
+        ]
+        lines.append(if_([f"!({good})"], f"status = {big}_BAD_PARAM;", *again))
     for m in lay.inputs:
         lines += _constant(m, "state->guard.last.", 0.0)
     if plan.n_in:
@@ -345,23 +349,6 @@ def _step(plan: Plan) -> str:
 
 
 # ---- small text ---------------------------------------------------------------------------------
-
-
-def _ends(plan: Plan, m: Member) -> tuple[str, str]:
-    """Least and greatest number of a signal, in C."""
-    lo, hi = plan.limits(m)
-    return (
-        number(lo) if math.isfinite(lo) else "-DBL_MAX",
-        number(hi) if math.isfinite(hi) else "DBL_MAX",
-    )
-
-
-def within(plan: Plan, m: Member, pointer: str) -> str:
-    """Condition: a finite number in the range of the signal."""
-    lo, hi = _ends(plan, m)
-    if m.scalar:
-        return f"within({pointer}{m.c}, {lo}, {hi})"
-    return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"
 
 
 _LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"

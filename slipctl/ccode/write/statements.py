@@ -12,8 +12,8 @@ def define(signature: str, lines: Iterable[str]) -> str:
 
 
 def if_(condition: list[str], *statements: str) -> str:
-    """A branch."""
-    body = "\n".join(f"        {s}" for s in statements)
+    """A branch, which may hold others."""
+    body = "\n".join("        " + s.replace("\n", "\n    ") for s in statements)
     return f"if ({condition[0]}) {{\n{body}\n    }}"
 
 
