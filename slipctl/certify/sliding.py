@@ -232,7 +232,7 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
 
 
 def last_swing(found: list[Turn], left: int, right: int) -> Any:
-    """Width between the turns at the ends of the two parts of the last period of ``turns``.
+    """Width between the turns at the ends of both parts of a period: of the last two the smaller.
 
     It is 0 if the run left the zone, or if the width still falls from a period to the next: what a
     start brings is not what v ends in.
@@ -245,4 +245,4 @@ def last_swing(found: list[Turn], left: int, right: int) -> Any:
         - min(t.x for t in found[end - right - 2 : end - right])
         for end in (len(found) - period, len(found))
     ]
-    return widths[1] if widths[1] >= widths[0] else 0
+    return widths[0] if widths[1] >= widths[0] else 0

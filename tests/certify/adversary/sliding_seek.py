@@ -156,7 +156,7 @@ def replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
 
 
 def _turning(n: Cases, run: dict[str, Any]) -> float:
-    """Width between the last turns of both parts of the third period; 0 if it still falls."""
+    """Width between the last turns of both parts of the second period; 0 if the third's is less."""
     from fractions import Fraction
 
     late, c = _late(n), n["curvature"] / 2
@@ -177,7 +177,7 @@ def _turning(n: Cases, run: dict[str, Any]) -> float:
         max(turns[end - 2 : end]) - min(turns[end - run["right"] - 2 : end - run["right"]])
         for end in (2 * period, 3 * period)
     )
-    return float(third) if third >= second * (1 - 1e-6) else 0.0
+    return float(second) if third >= second * (1 - 1e-6) else 0.0
 
 
 ADVERSARY = Adversary(
