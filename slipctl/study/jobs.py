@@ -8,6 +8,7 @@ are the same, because no job knows of another.
 
 from __future__ import annotations
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -217,6 +218,7 @@ def _stop(running: list[_Running]) -> None:
 
 def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
     """Do a job in its own process and send what it gives."""
+    gc.freeze()  # what the first process made is no garbage; looking at it would copy its pages
 
     def leave(number: int, frame: Any) -> None:
         raise KeyboardInterrupt
