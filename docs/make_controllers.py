@@ -26,6 +26,10 @@ HEAD = """\
 Made from [the evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
 when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
 `python -m slipctl.studies.c_targets` measures it again.
+
+The C of every controller has changed since these numbers were measured: inputs are guarded by
+ranges and states by resets ([fault concept](c_interface.md#fault-concept)). Sizes and instructions
+of today's modules differ; the `report.md` of each written folder has its own.
 """
 
 HOLDS = """\
