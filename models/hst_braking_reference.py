@@ -368,19 +368,17 @@ def caution(
 
 # ---- reference: shaping --------------------------------------------------------------------------
 
-
-@step(
-    lam_ref=Output(
-        "1",
-        "slip reference",
-        "printed searches run away",
-        positive="braking",
-        per="ratio",
-        lo=-5,
-        hi=5,
+SHAPED = {
+    "lam_ref": Output(
+        "1", "slip reference", "printed searches run away",
+        positive="braking", per="ratio", lo=-5, hi=5,
     ),
-    rate=Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
-)
+    "rate": Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
+}  # fmt: skip
+"""What the controller gets of a reference, shaped or as it was found."""
+
+
+@step(**SHAPED)
 def shaper(
     limited=State("1", "lam_ref_start", "reference behind the rate limit", lo=-5, hi=5),
     smooth=State("1", "lam_ref_start", "reference behind the filter", lo=-5, hi=5),
@@ -412,18 +410,7 @@ def shaper(
     return nxt, dict(lam_ref=smooth, rate=rate)
 
 
-@law(
-    lam_ref=Output(
-        "1",
-        "slip reference",
-        "printed searches run away",
-        positive="braking",
-        per="ratio",
-        lo=-5,
-        hi=5,
-    ),
-    rate=Output("1/s", "its rate", "printed searches run away", lo=-100, hi=100),
-)
+@law(**SHAPED)
 def unshaped(
     best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
 ):
