@@ -167,12 +167,11 @@ def _turning(n: dict[str, float], run: dict[str, Any]) -> bool:
     k, rho, T = plain["k"], plain["rho"], plain["T"]
     late, start = math.ceil(plain["dead_time"] / T), Fraction(run["start"])
     # x = start + j k T, and all values in units of 1/scale
-    scale = math.lcm(*(x.denominator for x in (
-        plain["curvature"] / 2 * start**2, plain["curvature"] * start * k * T,
-        plain["curvature"] / 2 * (k * T) ** 2, rho * T, plain["beta"] / 2, plain["noise"])))  # fmt: skip
-    still, lean, bend, fall, beta, noise = (int(x * scale) for x in (
-        plain["curvature"] / 2 * start**2, plain["curvature"] * start * k * T,
-        plain["curvature"] / 2 * (k * T) ** 2, rho * T, plain["beta"], plain["noise"]))  # fmt: skip
+    c = plain["curvature"] / 2
+    values = (c * start**2, 2 * c * start * k * T, c * (k * T) ** 2, rho * T, plain["beta"],
+              plain["noise"])  # fmt: skip
+    scale = 2 * math.lcm(*(x.denominator for x in values))
+    still, lean, bend, fall, beta, noise = (int(x * scale) for x in values)
     j, g, way = 0, still - beta // 2, 1
     places, turns, last = [0], [], None
     period = run["left"] + run["right"]
