@@ -188,7 +188,6 @@ def pieces(
     loop: Block, scenario: Scenario, ticks: int, h: float, rail: Mapping[str, list[float]]
 ) -> tuple[ca.Function, list[tuple[int, int, np.ndarray]]]:
     """Function to roll, and (first tick, last tick, parameter vector) of each piece."""
-
     free = {n: v for n, v in loop.param_values().items() if not loop.params[n].derived}
 
     def vector(**values: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A prepared run gives what ``with_params`` and ``simulate`` give: the same bits, the same words."""
+"""A prepared run gives what ``with_params`` and ``simulate`` give, bits and refusals."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl import BadInput, Block, RunFailed, Scenario, flow, prepare, sampled, simulate
-from slipctl import Param as P
-from slipctl import State as S
+from slipctl import (
+    BadInput,
+    Block,
+    Param,
+    RunFailed,
+    Scenario,
+    State,
+    flow,
+    prepare,
+    sampled,
+    simulate,
+)
 from slipctl.run.prepared import Prepared
 from slipctl.study import doors
 from tests.conftest import closed_loop, three_rails
@@ -82,7 +91,7 @@ def test_a_number_that_only_changes_a_value_makes_nothing_again(which, name, mon
 
 def test_a_step_too_long_for_the_new_number_is_refused_in_the_same_words() -> None:
     @flow()
-    def decay(x=S("m", 1.0), c=P("1/s", 1.0, lo=0.0)):
+    def decay(x=State("m", 1.0), c=Param("1/s", 1.0, lo=0.0)):
         return dict(x=-c * x), {}
 
     loop = sampled(decay, 1e-2, "rk4")
@@ -118,9 +127,9 @@ def test_a_seed_is_that_of_the_scenario() -> None:
 
 def test_what_is_refused_is_refused_when_it_is_prepared() -> None:
     loop, scenario, _ = loops()["plain"]
-    with pytest.raises(BadInput, match="no signal 'plant.wheel.w' to log"):
+    with pytest.raises(BadInput, match=r"no signal 'plant\.wheel\.w' to log"):
         prepare(loop, scenario, log=["plant.wheel.w"])
     with pytest.raises(BadInput, match="whole number"):
         prepare(loop, scenario, every=0)
-    with pytest.raises(BadInput, match="has no parameter 'ctl.law.k9'"):
+    with pytest.raises(BadInput, match=r"has no parameter 'ctl\.law\.k9'"):
         prepare(loop, scenario)({"ctl.law.k9": 1.0})
