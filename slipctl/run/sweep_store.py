@@ -120,7 +120,8 @@ def begin(folder: Path, about: Mapping[str, Any]) -> Store:
         if before:
             store.check_format(str(found.path), before.get("format"))
             _same(folder, before, {k: store.plain(v) for k, v in about.items()})
-        found.tell({"format": store.FORMAT, **about})
+        most = max(int(about["samples"]), int(before.get("samples", 0)))
+        found.tell({"format": store.FORMAT, **about, "samples": most})
     except sqlite3.DatabaseError as error:
         found.close()
         raise BadInput(_broken(found.path, error)) from None

@@ -22,7 +22,15 @@ from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.errors import BadInput, RunFailed, check_whole
 from slipctl.run import stopping, sweep_store
-from slipctl.run.metrics import AGAINST_IDEAL, METRICS, Run, measure, place, rail_changes, rail_names
+from slipctl.run.metrics import (
+    AGAINST_IDEAL,
+    METRICS,
+    Run,
+    measure,
+    place,
+    rail_changes,
+    rail_names,
+)
 from slipctl.run.prepared import Log, prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
@@ -93,9 +101,6 @@ def sweep(
     }  # fmt: skip
     kept = sweep_store.begin(Path(out), told)
     try:
-        before = kept.about()
-        if int(before["samples"]) > plan.samples:  # more are there than are asked for
-            kept.tell({"samples": before["samples"]})
         done = kept.done()
         missing = (k for k in range(plan.size) if k not in done)
         total = plan.size - sum(k < plan.size for k in done)
@@ -123,9 +128,7 @@ def _run_all(
         return None if stop.is_set() else run.ended(k, plan.numbers(k))
 
     pool = ThreadPoolExecutor(jobs)
-    waiting: set[Future[Ended | None]] = {
-        pool.submit(one, k) for k in islice(missing, 2 * jobs)
-    }
+    waiting: set[Future[Ended | None]] = {pool.submit(one, k) for k in islice(missing, 2 * jobs)}
     try:
         while waiting:
             finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -133,7 +136,9 @@ def _run_all(
             waiting |= {pool.submit(one, k) for k in islice(missing, len(finished))}
             if progress:
                 progress(ended / max(total, 1))
-    except BaseException:  # what was rolling is kept too
+    except BaseException as error:  # what was rolling is kept too
+        if isinstance(error, KeyboardInterrupt):
+            stopping.heard()
         stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
         _write(kept, {f for f in waiting if f.done() and not f.cancelled()})
@@ -214,10 +219,11 @@ class Measured:
     def metrics(self, log: Log) -> dict[str, Any]:
         """Metrics of a log."""
         seen: Any = _Seen(log, float(self.loop.period or 0.0))
-        where = None if self.scenario.rail is None else place(seen, self.scenario.rail, self.signals)
+        rail = self.scenario.rail
+        where = None if rail is None else place(seen, rail, self.signals)
         for name, known in self.known.items():
             whole: Any = log.dataset() if callable(known.values) else log
-            seen.add(name, known_column(known, self.scenario.rail, where, whole), known.unit)
+            seen.add(name, known_column(known, rail, where, whole), known.unit)
         changes = rail_changes(seen, self.scenario, self.signals)
         names = rail_names(self.scenario, changes)
         return measure(Run(seen, self.signals, changes, rails=names), MEASURED)
@@ -342,9 +348,11 @@ class Sweep:
         }
         coords |= {n: variables.pop(n) for n in list(variables) if n.endswith("_row")}
         coords |= {a.name: variables.pop(a.name) for a in plan.drawn}
-        attrs = {k: v if isinstance(v, (str, int, float)) else json.dumps(v)
-                 for k, v in self.about.items()}  # fmt: skip
-        return xarray.Dataset(variables, coords=coords, attrs=attrs)
+        about: dict[str, Any] = {
+            k: v if isinstance(v, (str, int, float)) else json.dumps(v)
+            for k, v in self.about.items()
+        }
+        return xarray.Dataset(variables, coords=coords, attrs=about)
 
     def save(self, file: str | Path) -> None:
         """Write :meth:`dataset` as netCDF, whole or not at all."""

@@ -101,7 +101,9 @@ def _meant(name: str, loop: Block, scenario: Scenario) -> list[str]:
         )
     for given in (*scenario.params, *scenario.start):
         if set(targets(loop, given, ("param", "state"))) & set(found):
-            raise BadInput(f"--vary {name}: scenario {scenario.name} sets {given}; it has no effect")
+            raise BadInput(
+                f"--vary {name}: scenario {scenario.name} sets {given}; it has no effect"
+            )
     return found
 
 
@@ -185,9 +187,9 @@ class Plan:
             return _sobol(many, self.seed, run // BATCH)[run % BATCH]
         if self.design == "lhs":
             return _latin(many, self.seed, self.size)[run]
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, run]))).random(
-            many
-        )
+        return np.random.Generator(
+            np.random.PCG64(np.random.SeedSequence([self.seed, run]))
+        ).random(many)
 
 
 @lru_cache(maxsize=4)
@@ -199,7 +201,8 @@ def _sobol(many: int, seed: int, batch: int) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         engine = qmc.Sobol(many, scramble=True, **_seeded(qmc.Sobol, seed))
-        engine.fast_forward(batch * BATCH)
+        if batch:
+            engine.fast_forward(batch * BATCH)
         return engine.random(BATCH)
 
 
