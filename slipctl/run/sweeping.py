@@ -168,32 +168,35 @@ class _Seen(Mapping[str, _Column]):
     """Arrays of a run as metrics see a log: values and attributes, no copies."""
 
     def __init__(self, log: Log, period: float) -> None:
-        self._log, self._more = log, dict[str, _Column]()
+        self._log, self._found = log, dict[str, _Column]()
+        self._names = dict.fromkeys(log)
         self.attrs = {"period_s": period}
 
     def add(self, name: str, values: np.ndarray, unit: str) -> None:
         """Add what no block computes."""
-        self._more[name] = _Column(values, {"units": unit})
+        self._names[name] = None
+        self._found[name] = _Column(values, {"units": unit})
 
     def __getitem__(self, name: str) -> _Column:
-        if name in self._more:
-            return self._more[name]
-        values = self._log[name]
+        if name not in self._found:
+            self._found[name] = _Column(self._log[name], self._attributes(name))
+        return self._found[name]
+
+    def _attributes(self, name: str) -> dict[str, Any]:
         if name == "time":
-            return _Column(values, {"units": "s"})
-        signal = next(s for s in self._log.loop.signals if s.name == name and s.role != "param")
-        attrs = {"units": signal.unit}
-        return _Column(values, attrs | ({"positive": signal.positive} if signal.positive else {}))
+            return {"units": "s"}
+        loop = self._log.loop
+        signal = next(r[name] for r in (loop.outputs, loop.states, loop.inputs) if name in r)
+        return {"units": signal.unit} | ({"positive": signal.positive} if signal.positive else {})
 
     def __contains__(self, name: object) -> bool:
-        return name in self._more or name in self._log
+        return name in self._names
 
     def __iter__(self) -> Iterator[str]:
-        yield from self._log
-        yield from self._more
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._log) + len(self._more)
+        return len(self._names)
 
 
 @dataclass
