@@ -26,6 +26,7 @@ _WHERE = {
     "run.rail": ["Section", "Rail", "Scenario"],
     "run.simulation": ["simulate"],
     "run.prepared": ["prepare", "Prepared"],
+    "run.sweeping": ["sweep", "open_sweep", "Sweep"],
     "estimate.least_squares": ["rls", "probe", "peak_bound", "opened"],
     "estimate.kalman.filters": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek.evolution": ["differential_evolution"],
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     from slipctl.run.results import Case, Known, Results, Table
     from slipctl.run.roles import Signals
     from slipctl.run.simulation import simulate
+    from slipctl.run.sweeping import Sweep, open_sweep, sweep
     from slipctl.seek.evolution import differential_evolution
     from slipctl.study.declaration import Claim, Context, Experiment, Figure, Gains, Study
 
