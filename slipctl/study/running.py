@@ -83,6 +83,8 @@ def run(
     cores = cores or Cores(1)
     for name in study.experiments if experiments else ():
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
+    if jobs:
+        _load_logs()
     try:
         for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
             _load(study)
@@ -102,6 +104,14 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
+
+
+def _load_logs() -> None:
+    """Import what makes and writes logs before the processes part, so that none does so itself."""
+    import netCDF4  # noqa: F401
+    import xarray
+
+    xarray.Dataset({"x": ("time", np.zeros(1))}, coords={"time": np.zeros(1)})
 
 
 def _load(study: Study) -> None:
