@@ -91,7 +91,7 @@ def _cells(column: np.ndarray) -> tuple[str, list[Any]]:
     begins = np.flatnonzero(np.diff(bits, prepend=bits[:1] + 1))
     if 2 * len(begins) > len(column):
         return "%.10g", column.tolist()
-    texts = np.array(["%.10g" % v for v in column[begins].tolist()], dtype=object)
+    texts = np.array([f"{v:.10g}" for v in column[begins].tolist()], dtype=object)
     return "%s", np.repeat(texts, np.diff(begins, append=len(column))).tolist()
 
 
