@@ -16,6 +16,7 @@ _WHERE = {
     "block.signals": ["Signal", "State", "Input", "Param", "Noise", "Output"],
     "block.block": ["Block", "make_block"],
     "block.declare": ["law", "flow", "step"],
+    "block.written": ["from_text"],
     "block.connection": ["connect"],
     "block.timing": ["sampled", "every", "gated", "unit_delay"],
     "block.replication": ["replicate"],
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.block.timing import every, gated, sampled, unit_delay
     from slipctl.block.units import one
+    from slipctl.block.written import from_text
     from slipctl.ccode.codegen import CModule, c_module
     from slipctl.errors import BadInput, RunFailed
     from slipctl.estimate.fitting import Fitted, fit

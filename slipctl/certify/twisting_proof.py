@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import twisting_late
+from slipctl.certify import polygon_steps, twisting_late
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
 from slipctl.certify.twisting_late import Kept, Late
@@ -59,25 +59,35 @@ def _find(n: Numbers) -> Entries | None:
     }
 
 
+def _levels(law: Law, entry: Entries) -> Levels:
+    """Polygon of an evidence."""
+    corners = []
+    for i, corner in enumerate(rows(entry["corners"], "evidence.corners", MOST_CORNERS)):
+        z, w = rows(corner, f"evidence.corners[{i}]", 2, 2)
+        corners.append((rational(z, "evidence.corners"), rational(w, "evidence.corners")))
+    level, fall = (rational(entry[k], f"evidence.{k}") for k in ("level", "fall"))
+    return Levels(law, tuple(corners), level, fall)
+
+
+def levels_step(n: Numbers, entry: Entries) -> list[str]:
+    """Every run comes into the polygon; the ticks of rows after that are no inequality."""
+    at = law(n)
+    return [] if at is None else list(polygon_steps.twisting(_levels(at[0], entry["evidence"])))
+
+
 def _check(n: Numbers, given: Entries) -> None:
     names = ("corners", "level", "fall", "ticks", "bound", "x2")
     entry = mapping(given, names, "evidence", True)
     at = law(n)
     if at is None:
         raise DoesNotHold("evidence: no bound is known at these numbers")
-    corners = []
-    for i, corner in enumerate(rows(entry["corners"], "evidence.corners", MOST_CORNERS)):
-        z, w = rows(corner, f"evidence.corners[{i}]", 2, 2)
-        corners.append((rational(z, "evidence.corners"), rational(w, "evidence.corners")))
     plan = []
     for step in rows(entry["ticks"], "evidence.ticks", 40):
         parts, ticks = rows(step, "evidence.ticks", 2, 2)
         plan.append((whole(parts, "evidence.ticks", 1, 10**6),
                      whole(ticks, "evidence.ticks", 1, MOST_TICKS)))  # fmt: skip
     limit, x2 = (rational(entry[k], f"evidence.{k}") for k in ("bound", "x2"))
-    level, fall = (rational(entry[k], f"evidence.{k}") for k in ("level", "fall"))
-    levels = Levels(at[0], tuple(corners), level, fall)
-    found = Bound(levels, tuple(plan), limit / at[1], x2 * n["T"] / at[1])
+    found = Bound(_levels(at[0], entry), tuple(plan), limit / at[1], x2 * n["T"] / at[1])
     if not found.holds():
         raise DoesNotHold("evidence: the polygon does not shrink, or its ticks do not come so far")
     if "band" in n and limit > n["band"]:

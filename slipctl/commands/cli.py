@@ -83,7 +83,8 @@ def _explain(error: BaseException, verbose: bool) -> int:
     try:
         blame(error)
     except BadInput as known:
-        _say(str(known))
+        for line in getattr(known, "lines", [str(known)]):
+            _say(line)
         return 2
     except RunFailed as known:
         _say(f"run failed: {known}")

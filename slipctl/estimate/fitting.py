@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from slipctl.block.block import Block
 from slipctl.block.signals import evaluate, names_in
 from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
+from slipctl.estimate.heads import read_heads, spelt
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
@@ -163,14 +164,19 @@ def fit(
     known = {n: v for n, v in told.items() if n not in unknown} | known
     followed, notes = _following(law, source, told, given, known)
     known |= followed
-    known = {n: v for n, v in known.items() if n not in law.beside}
+    notes += tuple(
+        f"{source}: its comment has {n} = {v:g} {_unit_of(law, n)}; {given[n]:g} is given and taken"
+        for n, v in told.items()
+        if n in given and given[n] != v
+    )
     law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
     origin = _origins(law, source, told, given, followed, unknown)
     for n, v in (start or {}).items():
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
         law = law.with_params(**{n: _quantity(law, n, v)})
-    curve = _curve(law, source, table, known, columns or {}, output, unknown)
+    expressions = {n: spelt(e) for n, e in (columns or {}).items()}
+    curve, said = _curve(law, source, table, known, expressions, output, unknown)
     free = _solve(law, curve, unknown)
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:
@@ -179,6 +185,8 @@ def fit(
             law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
         )
     found = _judged(law, curve, unknown, tied, *free)
+    of = {*followed, *(inspect.signature(law.follows).parameters if followed else ())}  # type: ignore[arg-type]
+    notes = (*said, *notes, *_untold(found.law, curve, origin, of))
     return replace(found, origin=origin, notes=notes, peaks=_peaks(found.law, curve))
 
 
@@ -298,6 +306,32 @@ def _origins(
     return found
 
 
+def _unit_of(law: Block, name: str) -> str:
+    return {**law.beside, **law.inputs, **law.params}[name].unit
+
+
+def _untold(
+    law: Block, curve: Curve, origin: Mapping[str, str], said: Collection[str]
+) -> tuple[str, ...]:
+    """The line on numbers that nobody told and that the fitted curve depends on."""
+    names = [n for n, o in origin.items() if o.startswith("the law's own") and n not in said]
+    if not names:
+        return ()
+    f = output_function(law, curve.output, names)
+    values = law.param_values()
+    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known_parameters(law, names))]))
+    J = f.map(curve.measured.size)(
+        ca.repmat(ca.DM([float(values[n]) for n in names]), 1, curve.measured.size),
+        ca.DM(np.array([curve.inputs[k] for k in law.inputs])),
+        ca.repmat(rest, 1, curve.measured.size),
+    )[1].full().reshape(len(names), -1, order="F")  # fmt: skip
+    moved = [n for n, row in zip(names, J, strict=True) if np.any(row)]
+    own = ", ".join(f"{n} = {float(values[n]):.5g} {law.params[n].unit}" for n in moved)
+    return (f"not told, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
+        moved
+    )
+
+
 def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, float], ...]:
     """Peak of the fitted law over its abscissa, at each set of the other inputs."""
     along = curve.abscissa
@@ -343,8 +377,8 @@ def _quantity(law: Block, name: str, value: Any, where: str = "") -> float:
 def _curve(
     law: Block, source: str, table: Table | Mapping[str, Any], known: Mapping[str, float],
     columns: Mapping[str, str], output: str, unknown: Sequence[str],
-) -> Curve:  # fmt: skip
-    """Columns of the file, made into inputs and output of the law."""
+) -> tuple[Curve, list[str]]:  # fmt: skip
+    """Columns of the file, made into inputs and output of the law, and lines on what was made."""
     names, units, values, lines = _columns(table)
     signals = {**law.inputs, output: law.outputs[output]}
     for n in columns:
@@ -352,12 +386,15 @@ def _curve(
             raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
     si = {n: values[n] * (unit(u).scale if u else 1.0) for n, u in zip(names, units, strict=True)}
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
-    given = {n: v for n, v in given.items() if n not in unknown}
+    given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
     given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known) | si
+    reads, notes = read_heads(
+        law, source, signals, dict(zip(names, units, strict=True)), columns, known,
+        si=not isinstance(table, Table),
+    )  # fmt: skip
     found, many = {}, len(next(iter(values.values())))
     for n, s in signals.items():
-        expression = columns.get(n) or ("" if n in si else law.readings.get(n, ""))
-        if expression and (n in columns or n not in known):
+        if expression := reads.get(n, ""):
             missing = [k for k in names_in(expression) if k not in given]
             lost = [k for k in missing if k in unknown]
             if lost:
@@ -381,10 +418,11 @@ def _curve(
     measured = found.pop(output)
     curve = Curve(source, found, measured, output)
     _check_sorted(curve, lines)
+    _check_sign(law, curve)
     if many <= len(unknown):
         raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
                        f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
-    return curve
+    return curve, notes
 
 
 def _columns(
@@ -393,9 +431,9 @@ def _columns(
     """Names, units, values and line numbers of the columns."""
     if isinstance(table, Table):
         rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
-        values = {n: rows[:, k] for k, n in enumerate(table.names)}
-        return table.names, table.units, values, [line for line, _ in table.rows]
-    values = {n: np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+        values = {spelt(n): rows[:, k] for k, n in enumerate(table.names)}
+        return list(values), table.units, values, [line for line, _ in table.rows]
+    values = {spelt(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
     if not values or len({v.size for v in values.values()}) != 1:
         raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
     for n, v in values.items():
@@ -427,6 +465,17 @@ def _lacking(
     return (
         f"{source} has the columns {', '.join(names)} and lacks {name}; give {', or '.join(ways)}"
     )
+
+
+def _check_sign(law: Block, curve: Curve) -> None:
+    """Refuse a curve that pushes against its creep, where both have the law's sense."""
+    along, y = law.inputs[curve.abscissa], law.outputs[curve.output]
+    sense = curve.inputs[curve.abscissa] * curve.measured
+    if along.positive and along.positive == y.positive and float(sense.sum()) < 0:
+        raise BadInput(
+            f"{curve.source}: {y.name} is negative where {along.name} is positive; both are"
+            f" positive in {y.positive}, so turn one round, such as --column {y.name}='-COLUMN'"
+        )
 
 
 def _check_sorted(curve: Curve, lines: Sequence[int]) -> None:

@@ -19,7 +19,14 @@ from slipctl.run.results import Case
 from slipctl.run.simulation import begun, rail_values, simulate
 from slipctl.run.starting import told_starts
 from slipctl.study.declaration import Study
-from slipctl.study.doors import blame, find_block, load_block, load_file
+from slipctl.study.doors import (
+    blame,
+    find_block,
+    is_written,
+    load_block,
+    load_file,
+    load_written,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -79,6 +86,9 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
             raise BadInput(
                 f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"
             )
+        if is_written(source):
+            swapped[name] = load_written(source)
+            continue
         file, colon, block = source.rpartition(":")
         swapped[name] = find_block(load_file(file), block, file) if colon else load_block(source)
     return swapped
