@@ -371,5 +371,5 @@ def test_tooth_wheel_and_search_are_the_defaults_and_run():
     np.testing.assert_allclose(
         log["wheel.omega_m"].values * 0.42,
         np.tile(log["plant.train.v"].values[:, None], 4),
-        atol=0.2,
+        atol=0.3,
     )  # edges 1.3 ms apart with a jitter of 2 us: 0.04 m/s standard deviation
