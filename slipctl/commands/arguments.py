@@ -10,11 +10,21 @@ from slipctl.errors import BadInput, nearest
 
 EPILOG = """\
 NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real for the form that
-it has in scenario real), a model (double_exponential, subway_braking.wheelset), or a block in a
-file (my_law.py:my_law).
+it has in scenario real), a model (double_exponential, subway_braking.wheelset), a block in a file
+(my_law.py:my_law, my_law.toml:law), or an equation ("mu = c*v_s where v_s [m/s], c = 0.1 s/m").
 
   slipctl run subway_braking --set m=8.2t --loop sta --scenario base
   slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
+  slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
+"""
+
+SWEEP = """\
+A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
+--samples extends what is there.
+
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
 """
 
 
@@ -71,7 +81,7 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument(
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study, adh=my.py:my_law",
+        help="replace a model of the study, adh=my.py:my_law or adh=my.toml:law",
     )  # fmt: skip
     p.add_argument(
         "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",
@@ -90,6 +100,35 @@ def parser() -> Parser:
     p.add_argument(
         "--quick", action="store_true", help="shorter and fewer runs, for tests of a study"
     )
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
+    p.epilog, p.formatter_class = SWEEP, argparse.RawDescriptionHelpFormatter
+    p.add_argument("name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument(
+        "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
+        help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
+    )  # fmt: skip
+    p.add_argument(
+        "--samples", metavar="N", type=int, default=1,
+        help="runs of each point of the grid, where something is drawn (1)",
+    )  # fmt: skip
+    p.add_argument("--seed", metavar="S", type=int, default=1, help="of the draws (1)")
+    p.add_argument(
+        "--design", choices=("random", "sobol", "lhs"), default="random",
+        help="how numbers are drawn; lhs cannot be extended",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
+    p.add_argument("--export", metavar="FILE.nc", help="write all runs as one labelled netCDF file")
+    p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value in every run",
+    )  # fmt: skip
+    p.add_argument(
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study",
+    )  # fmt: skip
+    p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
     Metric,
@@ -21,7 +19,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
+from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table, known_column
 from slipctl.run.simulation import simulate
 from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
 from slipctl.study.doors import reason
@@ -255,16 +253,7 @@ def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
     rail = case.scenario.rail
     where = None if rail is None else place(data, rail, study.signals)
     for name, known in case.known.items():
-        values: Any = known.values
-        if callable(values):
-            values = np.asarray(values(data), dtype=float)
-        elif isinstance(values, Sequence):
-            if rail is None or where is None:
-                values = values[0]
-            else:
-                section = np.searchsorted(rail.starts, where + 1e-9, side="right") - 1
-                values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
-        column = np.array(np.broadcast_to(values, data["time"].shape), dtype=float)
+        column = known_column(known, rail, where, data)
         attributes = {"units": known.unit, "long_name": known.doc or name}
         data = data.assign({name: ("time", column, attributes)})
     return data
