@@ -138,7 +138,7 @@ def test_a_bound_that_the_rate_does_not_lead_back_to_is_given_up_and_told():
     )  # fmt: skip
     tick, seen = Driver(block, compile=False), []
     for k in range(10):
-        seen.append(tick(0.0, 10.0 if k < 4 else 3.0, 50.0)[:2])
+        seen.append(tick(0.0, 50.0, 10.0 if k < 4 else 3.0)[:2])
     forces, statuses = zip(*seen, strict=True)
     assert forces == pytest.approx([2, 4, 6, 8, 6, 4, 3, 3, 3, 3])
     assert list(statuses) == [0, 0, 0, 0, 3, 3, 0, 0, 0, 0]
@@ -345,7 +345,7 @@ def test_a_plant_without_second_derivatives_is_refused():
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_generated_c_repeats_the_controller(real, tmp_path):
     """Over the change to ice, without heap, in double and in float."""
-    block = make(horizon=6)
+    block = make(horizon=4)
     rows = recorded(block)[40:90]
     given = {n: rows[:, k] for k, n in enumerate(block.inputs)}
     report = codegen.check(block, given, tmp_path, real=real)
