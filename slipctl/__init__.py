@@ -18,7 +18,7 @@ _WHERE = {
     "block.declare": ["law", "flow", "step"],
     "block.written": ["from_text"],
     "block.connection": ["connect"],
-    "block.timing": ["sampled", "every", "unit_delay"],
+    "block.timing": ["sampled", "every", "gated", "unit_delay"],
     "block.replication": ["replicate"],
     "block.ranges": ["ranged"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from slipctl.block.ranges import ranged
     from slipctl.block.replication import replicate
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
-    from slipctl.block.timing import every, sampled, unit_delay
+    from slipctl.block.timing import every, gated, sampled, unit_delay
     from slipctl.block.units import one
     from slipctl.block.written import from_text
     from slipctl.ccode.codegen import CModule, c_module
