@@ -75,7 +75,7 @@ def models() -> dict[str, tuple[str, dict[str, str]]]:
 
 
 @lru_cache(maxsize=1)  # of the files as they are: many models are looked up one after the other
-def _models(_: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, dict[str, str]]]:
+def _models(files: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, dict[str, str]]]:
     found = {}
     for name, _, tree in _sources("models"):
         blocks = {
