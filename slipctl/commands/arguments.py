@@ -135,6 +135,10 @@ def parser() -> Parser:
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
         help="replace a model of the study",
     )  # fmt: skip
+    p.add_argument(
+        "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
+        help="keep these signals over time, of every run",
+    )  # fmt: skip
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
