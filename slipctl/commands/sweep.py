@@ -38,7 +38,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         found = sweep(
             case.loops[loop], case.scenario, options.varied, options.out,
             samples=options.samples, seed=options.seed, design=options.design,
-            signals=study.signals, known=case.known, jobs=options.jobs,
+            signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
             about={"loop": f"{study.name}:{loop}", "set": options.settings,
                    "swapped": options.swaps, "command": command},
