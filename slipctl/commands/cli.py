@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run, sweep, fit, c, pil, certify and check.
+"""The command line: list, show, new, schema, copy, run, sweep, fit, c, pil, certify, check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
@@ -29,7 +29,20 @@ at Python's own pace takes a fifth of the time of a run."""
 
 ANSWERS = {
     name: f"slipctl.commands.{name if name != 'list' else 'listing'}"
-    for name in ("list", "show", "copy", "run", "sweep", "fit", "c", "pil", "certify", "check")
+    for name in (
+        "list",
+        "show",
+        "new",
+        "schema",
+        "copy",
+        "run",
+        "sweep",
+        "fit",
+        "c",
+        "pil",
+        "certify",
+        "check",
+    )
 }
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
