@@ -27,6 +27,13 @@ A run is kept as soon as it ends. The same line again goes on where it was stopp
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
 """
 
+REPLAY = """\
+  slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
+      --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
+  slipctl replay run7.csv --with "v = omega*r where omega [rad/s], r = 0.43 m" \\
+      --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
+"""
+
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that says what is wrong in one line."""
@@ -134,7 +141,42 @@ def parser() -> Parser:
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
         help="replace a model of the study",
     )  # fmt: skip
+    p.add_argument(
+        "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
+        help="keep these signals over time, of every run",
+    )  # fmt: skip
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("replay", "Run an estimator or a controller over a recorded log.")
+    p.epilog, p.formatter_class = REPLAY, argparse.RawDescriptionHelpFormatter
+    p.add_argument("log", metavar="LOG.csv", help="a head and a row per sample")
+    p.add_argument(
+        "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
+        help="what runs over it: a part of a loop, a model, FILE:BLOCK or an equation",
+    )  # fmt: skip
+    p.add_argument(
+        "--map", metavar="INPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        dest="mapped", help="column of each input; with arithmetic, omega='Speed[km/h] / r'",
+    )  # fmt: skip
+    p.add_argument(
+        "--beside", metavar="OUTPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        help="recorded column that an output is compared with",
+    )  # fmt: skip
+    p.add_argument(
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="inputs without a column, parameters and start values",
+    )  # fmt: skip
+    p.add_argument(
+        "--time", metavar="COLUMN[UNIT]", help="column of the times (time, t, the first)"
+    )
+    p.add_argument("--period", metavar="T", help="tick, 10ms (that of the block, else of the log)")
+    p.add_argument(
+        "--resample", choices=("hold", "linear"), default="hold",
+        help="how samples become values of ticks (hold: the last one before)",
+    )  # fmt: skip
+    p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")

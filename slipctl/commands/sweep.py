@@ -11,7 +11,7 @@ import numpy as np
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
 from slipctl.run.results import Case
-from slipctl.run.sweeping import Sweep, open_sweep, sweep
+from slipctl.run.sweeping import Sweep, sweep
 from slipctl.study import doors, preparing
 from slipctl.study.declaration import Study
 from slipctl.study.texts import number, wrapped
@@ -38,7 +38,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         found = sweep(
             case.loops[loop], case.scenario, options.varied, options.out,
             samples=options.samples, seed=options.seed, design=options.design,
-            signals=study.signals, known=case.known, jobs=options.jobs,
+            signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
             about={"loop": f"{study.name}:{loop}", "set": options.settings,
                    "swapped": options.swaps, "command": command},
@@ -103,6 +103,3 @@ def report(found: Sweep) -> str:
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
     return "\n".join([*head, "", wrapped(rows, widths), "", tail])
-
-
-__all__ = ["answer", "open_sweep", "report"]

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.block.units import scaled
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
@@ -203,20 +203,19 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     return fig
 
 
-def scaled(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a signal is drawn: forces in kN and torques in kN m."""
-    return (1e-3, f"k{unit}") if unit in ("N", "N m") else (1.0, unit)
-
-
 def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:
     """Fewer points that look the same: the smallest and the largest value of each column."""
     if len(t) <= 2 * columns:
         return t, y
     edges = np.linspace(0, len(t), columns + 1).astype(int)
-    keep = []
-    for a, b in pairwise(edges):
-        low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
-        keep += sorted({a, low, high, b - 1})
+    first, last = edges[:-1], edges[1:] - 1
+    parts = np.asarray(y)[
+        np.minimum(first[:, None] + np.arange(np.diff(edges).max()), last[:, None])
+    ]
+    keep = np.sort(
+        [first, first + parts.argmin(1), first + parts.argmax(1), last], axis=0
+    ).T.ravel()
+    keep = keep[np.diff(keep, prepend=-1) > 0]
     return t[keep], y[keep]
 
 
@@ -511,6 +510,10 @@ def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
         )  # fmt: skip
 
 
+PACKED = 3
+"""Compression of a PNG, 0 to 9."""
+
+
 # ---- files --------------------------------------------------------------------------------------
 
 
@@ -545,7 +548,10 @@ def png_bytes(fig: Figure, stamp: str = "") -> bytes:
         buffer = io.BytesIO()
         fig.set_dpi(STYLE["savefig.dpi"])
         metadata = {"Software": "slipctl", "Description": stamp}
-        FigureCanvasAgg(fig).print_png(buffer, metadata=metadata)
+        # the same picture; packing it closer takes as long as drawing it
+        FigureCanvasAgg(fig).print_png(
+            buffer, metadata=metadata, pil_kwargs={"compress_level": PACKED}
+        )
     return buffer.getvalue()
 
 
