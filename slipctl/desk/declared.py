@@ -92,7 +92,7 @@ class _Reader:
                 self.fault((*keys, k), f"there is no key {k!r}{nearest(k, known)}")
         if len(self.faults) > before:
             return None
-        made = object.__new__(kind)
+        made: Any = object.__new__(kind)
         for name, f in known.items():
             default = f.default_factory() if f.default_factory is not MISSING else f.default
             object.__setattr__(made, name, values.get(name, default))
@@ -109,11 +109,10 @@ class _Reader:
         if classes:
             return self.one_of(classes, given, keys)
         if many and isinstance(given, list):
-            inner = get_args(many[0])[0]
-            if len(many) > 1 or is_dataclass(inner):
-                inner = next(get_args(c)[0] for c in many)
-            if is_dataclass(inner):
-                return tuple(self.part(inner, g, (*keys, k)) for k, g in enumerate(given))
+            inner: Any = get_args(many[0])[0]
+            parts: Any = inner if is_dataclass(inner) else None
+            if parts is not None:
+                return tuple(self.part(parts, g, (*keys, k)) for k, g in enumerate(given))
             return tuple(self.value(inner, g, (*keys, k), f, beside) for k, g in enumerate(given))
         single = [c for c in choices if c not in many]
         if not single:

@@ -149,7 +149,7 @@ def line_of(text: str, keys: tuple[str | int, ...]) -> int:
             inside = range(len(content)) if isinstance(content, list) else content
             if not isinstance(content, Mapping | list) or key not in inside:
                 break
-            content, found = content[key], found + 1
+            content, found = content[key], found + 1  # type: ignore[index]
         if found > depth:
             statement = range(last_good, n)
             begin = next((k for k in statement if _says(lines[k])), n - 1)
