@@ -90,6 +90,16 @@ def fall(
     return (r**2 / J + 1 / m) * F + a_R
 
 
+@law(F=Output("N", "adhesion force", positive="braking"))
+def force(
+    mu=Input("1", "adhesion coefficient", positive="braking"),
+    m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
+    g=Param("m/s^2", 9.81, "gravity", ADDED),
+):
+    """F = mu W g."""
+    return mu * m_axle * g
+
+
 @law(T_eq=Output("N m", "torque that keeps the slip", positive="braking"))
 def keeping(
     D=Input("m/s^2", "what the slip falls by without torque", positive="braking"),
