@@ -281,7 +281,8 @@ def _signs(n: Numbers) -> str:
 
 def _plain(n: Numbers) -> dither.Loop:
     exact = _loop({k: Fraction(v) for k, v in n.items()})
-    return dither.Loop(*(float(v) for v in exact[:5]), int(exact.late), float(exact.lag))
+    q, l, h, W, noise = (float(v) for v in exact[:5])
+    return dither.Loop(q, l, h, W, noise, int(exact.late), float(exact.lag))
 
 
 def _replay_pushed(n: Numbers, run: Entries) -> str:
