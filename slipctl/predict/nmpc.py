@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
-from slipctl.block.signals import Input, Output, Param, Signal, State
+from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.horizon import Horizon, Soft
@@ -150,14 +151,18 @@ class _Controller:
         for n, w in self.weights.items():
             unit = self.h.model.outputs[f"cost.{n}"].unit
             found.append(
-                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12).named(f"weight_{n}")
+                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12).named(
+                    f"weight_{n}"
+                )
             )
         for c, (lo, hi) in self.limits.items():
             s, short = self.h.model.inputs[self.short[c]], self.short[c]
             for word, value in (("lo", lo), ("hi", hi)):
                 if not isinstance(value, str):
                     doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
-                    found.append(Param(s.unit, value, doc).named(f"{short}_{word}"))
+                    found.append(
+                        Param(s.unit, value, doc, lo=-1e12, hi=1e12).named(f"{short}_{word}")
+                    )
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
             found.append(
@@ -166,21 +171,34 @@ class _Controller:
                     r,
                     f"largest rate: {s.doc}",
                     lo=0,
+                    hi=1e12,
                 ).named(f"{self.short[c]}_rate")
             )
         for n, limit in self.softs.items():
             short = n.replace(".", "_")
             unit = self._signal(n).unit
             found += [
-                Param(unit, limit.lo, "soft limit below").named(f"{short}_min"),
-                Param(unit, limit.hi, "soft limit above").named(f"{short}_max"),
-                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12).named(f"{short}_weight"),
+                Param(unit, limit.lo, "soft limit below", lo=-1e12, hi=1e12).named(f"{short}_min"),
+                Param(unit, limit.hi, "soft limit above", lo=-1e12, hi=1e12).named(f"{short}_max"),
+                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12, hi=1e12).named(
+                    f"{short}_weight"
+                ),
             ]
         return found
 
     def _signal(self, name: str) -> Signal:
         model = self.h.model
         return (model.outputs | model.states)[f"plant.{name}"]
+
+    def _command(self, c: str) -> Signal:
+        """Control as an output, in the range of the bounds that are parameters."""
+        s = self.h.model.inputs[c].as_role("output", value=None).named(c)
+        given = [
+            (k, f"{self.short[c]}_{k}")
+            for k, v in zip(("lo", "hi"), self.limits[c], strict=True) if not isinstance(v, str)
+        ]  # fmt: skip
+        free = {k: -math.inf if k == "lo" else math.inf for k, _ in given}
+        return replace(s, **free, bounds=tuple(Bound(k, n) for k, n in given))
 
     # ---- the block ------------------------------------------------------------------------------
 
@@ -196,10 +214,10 @@ class _Controller:
             State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
             State("1", 0.0, "whether there is a plan").named("planned"),
         ]  # fmt: skip
-        outputs = [model.inputs[s].as_role("output", value=None).named(s) for s in self.h.controls]
+        outputs = [self._command(c) for c in self.h.controls]
         outputs += [
             Output("1", "0 solved, 1 not settled, 2 broken", lo=0, hi=2).named("status"),
-            Output("1", "passes of the active set", lo=0).named("passes"),
+            Output("1", "passes of the active set", lo=0, hi=1e6).named("passes"),
         ]
         return make_block(
             name, "step", self._body, states=states,
