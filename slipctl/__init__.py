@@ -16,6 +16,7 @@ _WHERE = {
     "block.signals": ["Signal", "State", "Input", "Param", "Noise", "Output"],
     "block.block": ["Block", "make_block"],
     "block.declare": ["law", "flow", "step"],
+    "block.written": ["from_text"],
     "block.connection": ["connect"],
     "block.timing": ["sampled", "every", "unit_delay"],
     "block.replication": ["replicate"],
@@ -24,6 +25,7 @@ _WHERE = {
     "block.units": ["one"],
     "run.rail": ["Section", "Rail", "Scenario"],
     "run.simulation": ["simulate"],
+    "run.prepared": ["prepare", "Prepared"],
     "estimate.least_squares": ["rls", "probe", "peak_bound", "opened"],
     "estimate.kalman.filters": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek.evolution": ["differential_evolution"],
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
     from slipctl.block.timing import every, sampled, unit_delay
     from slipctl.block.units import one
+    from slipctl.block.written import from_text
     from slipctl.ccode.codegen import CModule, c_module
     from slipctl.errors import BadInput, RunFailed
     from slipctl.estimate.fitting import Fitted, fit
@@ -74,6 +77,7 @@ if TYPE_CHECKING:
     from slipctl.predict.nmpc import nmpc
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility
+    from slipctl.run.prepared import Prepared, prepare
     from slipctl.run.rail import Rail, Scenario, Section
     from slipctl.run.results import Case, Known, Results, Table
     from slipctl.run.roles import Signals

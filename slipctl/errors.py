@@ -18,6 +18,22 @@ class BadInput(ValueError):
     """Something a person wrote cannot be used; the command line prints it and exits with 2."""
 
 
+class Faults(BadInput):
+    """Several things at once, a line each, that a person wrote and that cannot be used.
+
+    Attributes:
+        lines: the faults, in the order in which they stand.
+    """
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self.lines = tuple(dict.fromkeys(lines))
+        super().__init__("; ".join(self.lines))
+
+    def placed(self, where: str) -> "Faults":
+        """Return the same faults with where they stand in front."""
+        return Faults(f"{where}: {line}" for line in self.lines)
+
+
 class RunFailed(RuntimeError):
     """A run broke (NaN or infinity in a state); the command line exits with 1."""
 

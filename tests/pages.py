@@ -1,10 +1,11 @@
 """Run the code of a page of the docs in the current folder: ``python pages.py PAGE``.
 
 ``python`` blocks are executed one after the other in one namespace; one whose first line is a file
-name (``# my_law.py``) is written to that file. What a ``python`` block prints is compared with the
-``text`` block that follows it. In ``console`` blocks each line after ``$`` is run by the shell, and
-its output is compared with the lines below it; output that starts with ``slipctl:`` is an error and
-must exit with 2. ``...`` stands for anything. Other blocks are not run.
+name (``# my_law.py``) is written to that file, and so is a ``toml`` block. What a ``python`` block
+prints is compared with the ``text`` block that follows it. In ``console`` blocks each line after
+``$`` is run by the shell, and its output is compared with the lines below it; output that starts
+with ``slipctl:`` is an error and must exit with 2. ``...`` stands for anything. Other blocks are
+not run.
 """
 
 from __future__ import annotations
@@ -48,6 +49,10 @@ def run_page(text: str) -> list[str]:
                 return [*wrong, f"{body}\nends with\n{printed}"]
             if next_language == "text" and not matches(expected, printed):
                 wrong.append(f"{body}\nprints\n{printed}\nnot\n{expected}")
+        elif language == "toml":
+            file = re.match(r"# (\w+\.toml)\n", body)
+            if file:
+                Path(file[1]).write_text(body, encoding="utf-8")
         elif language == "console":
             wrong += run_console(body)
     return wrong

@@ -63,6 +63,8 @@ class Block:
         sharing: which places among the parts have one number, and its name.
         by_structure: whether, made again of parts with the same equations, it has the same
             equations too, whatever the numbers of the parts are.
+        guard: refuses numbers, by name, for which the block may not be made: a step that is too
+            long for them, say. What else its making refuses is no matter of numbers.
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class Block:
         own: Iterable[str] = (),
         sharing: Sharing = ALONE,
         by_structure: bool = False,
+        guard: Callable[[Mapping[str, Any]], None] | None = None,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -123,6 +126,7 @@ class Block:
         self.own = frozenset(own)
         self.sharing = sharing
         self.by_structure = by_structure
+        self.guard = guard
         self._body, self._rebuild = body, rebuild
         self._made: dict[Any, Any] = {}
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
@@ -278,8 +282,18 @@ class Block:
             if value is None:
                 raise BadInput(f"{self.name}.{n} has no value; set it, in {s.unit}")
             free[n] = s.check(f"{self.name}.{n}", value)
-        values = self.derive(free)
-        return {n: self.params[n].check(f"{self.name}.{n}", v) for n, v in values.items()}
+        return self.completed(free)
+
+    def completed(self, free: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Values of all parameters from those that are not derived, which are checked already.
+
+        Raises:
+            BadInput: a derived parameter off range.
+        """
+        return {
+            n: v if n in free else self.params[n].check(f"{self.name}.{n}", v)
+            for n, v in self.derive(free).items()
+        }
 
     def values_by_place(self) -> dict[str, np.ndarray]:
         """Values of all parameters, those of shared numbers by the name of each place too."""
@@ -493,6 +507,19 @@ class Block:
         block = self._copy(changed)
         return block if block.name == before.name else block.renamed(before.name)
 
+    def _numbered(self, values: Mapping[str, Any]) -> Block:
+        """Block whose signals alone have other numbers: its parts are those from before.
+
+        It has the Function, the start and the parameters of the block with these numbers, and is
+        no block to take parts of, or to make another one of. What is derived stays so.
+        """
+
+        def valued(s: Signal) -> Signal:
+            own = s.role in ("param", "state") and s.name in values and not s.derived
+            return s.valued(values[s.name]) if own else s
+
+        return self._copy(valued(s) for s in self.signals)
+
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""
         if name in self.own:
@@ -519,7 +546,7 @@ class Block:
             expects=self.expects, follows=self.follows, beside=self.beside,
             leaves_out=self.leaves_out,
             prefixed=self.prefixed, transparent=self.transparent, own=self.own,
-            sharing=self.sharing, by_structure=self.by_structure,
+            sharing=self.sharing, by_structure=self.by_structure, guard=self.guard,
         )  # fmt: skip
         block._made = self._made
         return block

@@ -37,7 +37,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
                     f"{name}: argument {k!r} needs a default State(...), Input(...) or Param(...)"
                 )
             declared.append(s.named(k))
-        _check_conditions(name, rest.get("conditions") or {}, {s.name: s for s in declared})
+        check_conditions(name, rest.get("conditions") or {}, {s.name: s for s in declared})
         declared += [s.named(k) for k, s in outputs.items()]
 
         def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -58,7 +58,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
     return make
 
 
-def _check_conditions(
+def check_conditions(
     name: str, conditions: Mapping[str, Mapping[str, float]], signals: Mapping[str, Signal]
 ) -> None:
     """Refuse a rail condition that sets what the law has not, or a number off range."""

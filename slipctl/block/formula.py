@@ -11,6 +11,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import CodeType, FrameType
@@ -85,14 +86,28 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
             if isinstance(value, ca.SX) and value.numel() and not name.startswith("_"):
                 found.setdefault(name, value)
 
-    if sys.getprofile() is not None:  # a profiler is at work; go without letters
-        yield found
-        return
-    sys.setprofile(watch)
+    token = _told.set(found)
+    profiled = sys.getprofile() is not None  # a profiler is at work; go without local variables
+    if not profiled:
+        sys.setprofile(watch)
     try:
         yield found
     finally:
-        sys.setprofile(None)
+        _told.reset(token)
+        if not profiled:
+            sys.setprofile(None)
+
+
+_told: ContextVar[dict[str, Any] | None] = ContextVar("_told", default=None)
+
+
+def tell(name: str, value: Any) -> None:
+    """Give an intermediate result its letter, where there is no local variable to have it."""
+    import casadi as ca
+
+    found = _told.get()
+    if found is not None and isinstance(value, ca.SX):
+        found.setdefault(name, value)
 
 
 @lru_cache(maxsize=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -11,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.errors import BadInput, check_number, check_whole, known, nearest
-
-FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan", "atan", "fmin", "fmax", "fabs")
-"""Functions that a value expression may use: CasADi's, so numbers and symbols both work."""
+from slipctl.block import expression
+from slipctl.errors import BadInput, Faults, check_number, check_whole, known, nearest
 
 
 @dataclass(frozen=True)
@@ -347,54 +344,44 @@ def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> 
     return np.array(found, dtype=float) if found else None
 
 
-def names_in(expression: str) -> list[str]:
+def names_in(text: str) -> list[str]:
     """Names that an expression of other signals uses, functions left out.
 
     Raises:
         BadInput: not an expression.
     """
-    return list(_names_in(expression))
+    return list(_names_in(text))
 
 
 @lru_cache(maxsize=4096)
-def _names_in(expression: str) -> tuple[str, ...]:
+def _names_in(text: str) -> tuple[str, ...]:
     try:
-        tree = ast.parse(expression, mode="eval")
-    except (SyntaxError, ValueError):
-        raise BadInput(f"{expression!r} is not an expression such as 'v / r'") from None
-    names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
-    return tuple(sorted(names - {*FUNCTIONS, "pi"}))
+        return tuple(sorted(expression.read(text).names))
+    except Faults as error:
+        raise BadInput(
+            f"{_cut(text)} is not an expression such as 'v / r': {error.lines[0]}"
+        ) from None
 
 
-def evaluate(expression: str, values: Mapping[str, Any], where: str) -> Any:
+def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
     """Evaluate an expression of other signals, ``"v / r"``, on numbers or CasADi symbols.
 
     Raises:
         BadInput: unknown name, or not an arithmetic expression.
     """
-    allowed = (
-        ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Load, ast.Constant,
-        ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.USub, ast.UAdd,
-    )  # fmt: skip
     try:
-        tree = ast.parse(expression, mode="eval")
-    except SyntaxError:
-        raise BadInput(f"{where}: {expression!r} is not an expression") from None
-    for node in ast.walk(tree):
-        if not isinstance(node, allowed):
-            raise BadInput(f"{where}: {expression!r} may use only arithmetic and {_KNOWN}")
-    unknown = [n for n in names_in(expression) if n not in values]
+        found = expression.read(text)
+    except Faults as error:
+        raise BadInput(f"{where}: {_cut(text)} is not an expression: {error.lines[0]}") from None
+    unknown = [n for n in found.names if n not in values]
     if unknown:
-        raise BadInput(f"{where}: {expression!r} uses {unknown[0]!r}{nearest(unknown[0], values)}")
-    import casadi
-
-    functions = {name: getattr(casadi, name) for name in FUNCTIONS} | {"pi": math.pi}
-    code = compile(tree, where, "eval")
+        raise BadInput(f"{where}: {_cut(text)} uses {unknown[0]!r}{nearest(unknown[0], values)}")
     try:
-        return eval(code, {"__builtins__": {}}, {**functions, **values})
+        return found.value(values)
     except Exception as error:  # CasADi and numpy raise many kinds
         reason = str(error).split("\n")[0]
-        raise BadInput(f"{where}: {expression!r} cannot be computed: {reason}") from None
+        raise BadInput(f"{where}: {_cut(text)} cannot be computed: {reason}") from None
 
 
-_KNOWN = ", ".join(FUNCTIONS)
+def _cut(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")

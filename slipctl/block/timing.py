@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -59,6 +59,10 @@ def sampled(
     dt = h / substeps
     if check:
         check_step(block, dt, method, substeps)
+
+    def guard(numbers: Mapping[str, Any]) -> None:
+        check_step(block._numbered(numbers), dt, method, substeps)
+
     one_step = block.of_equations(
         ("step", method, dt, newton), lambda: _one_step(block, dt, method, newton)
     )
@@ -84,6 +88,7 @@ def sampled(
         choices=block.choices | {"method": method, "h": h, "substeps": substeps},
         parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
         transparent=True, sharing=block.sharing.through(), by_structure=True,
+        guard=guard if check else None,
     )  # fmt: skip
 
 

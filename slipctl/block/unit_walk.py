@@ -72,6 +72,19 @@ def check(
     return lines
 
 
+def infer(equations: Mapping[str, Any], given: Mapping[str, str]) -> dict[str, str]:
+    """Units of equations without errors, ``{"mu": "1"}``; what fits every unit is a pure number.
+
+    Args:
+        equations, given: as of :func:`check`.
+    """
+    graph = formula.graph(equations)
+    walk = _Walk(graph, given, list(given.values()))
+    for n in graph.below([n for root in graph.roots.values() for n in root]):
+        walk.visit(n)
+    return {k: walk.say(root[0]) for k, root in graph.roots.items()}
+
+
 def _within(graph: formula.Graph, root: int, named: set[int]) -> list[int]:
     """Nodes of one formula, not those behind the letters of other formulas."""
     seen, waiting = {root}, [root]

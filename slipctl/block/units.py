@@ -349,7 +349,7 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
             f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'"
         )
     number, given = match[1], match[2].strip()
-    if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]", given):
+    if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]|1\s*/\s*[^\W\d]", given):
         hint = "; write a point for a comma" if given.startswith(",") else ""
         raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit{hint}")
     target = unit(wanted)
@@ -368,6 +368,28 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
             f" dimension; write for instance '{number} {wanted}'"
         )
     return float(Fraction(repr(value)) * _ratio(source, target))
+
+
+def split_quantity(text: str) -> tuple[str, str | None]:
+    """Split ``"8.2 t"`` into number and unit; the unit is None where there is none.
+
+    Raises:
+        BadInput: no number in front.
+    """
+    match = _QUANTITY.fullmatch(text.replace("−", "-"))
+    if match is None:
+        raise BadInput(f"{_cut(text)!r} is no number with a unit, such as '8.2 kg'")
+    return match[1], match[2].strip() or None
+
+
+def si_text(text: str) -> str:
+    """The SI unit of what a unit measures, ``"N"`` of kN; the unit itself where its scale is 1.
+
+    Raises:
+        BadInput: it cannot be read.
+    """
+    found = unit(text)
+    return text if math.isclose(found.scale, 1.0, rel_tol=1e-12) else str(Unit(1.0, found.dims))
 
 
 def _cut(text: str, limit: int = 40) -> str:

@@ -259,7 +259,7 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     N = [[N[i][j] * units[i] * units[j] * Ball.of(1.0).over(units[2]) for j in range(3)]
          for i in range(3)]  # fmt: skip
     nu = _dominated(P, N, degree)
-    spread, z_spread = (_dominated(P, _corner(zero, units[i] * units[i], i), degree)
+    spread, z_spread = (_dominated(P, _corner(zero, units[i] * units[i], i), degree, (-1.0,))
                         for i in (0, 1))  # fmt: skip
     if nu is None or spread is None or z_spread is None:
         return None
@@ -395,8 +395,13 @@ def _positive(F: list[list[Ball]], degree: int) -> bool:
     return least - drop * (1 + 1e-9) > 0 and _definite(F, least)
 
 
-def _dominated(P: list[list[Ball]], N: list[list[Ball]], degree: int) -> float | None:
-    """Number g with -g P <= N <= g P at all angles; N does not depend on the angle."""
+def _dominated(
+    P: list[list[Ball]], N: list[list[Ball]], degree: int, signs: Sequence[float] = (1.0, -1.0)
+) -> float | None:  # fmt: skip
+    """Number g with -g P <= N <= g P at all angles; N does not depend on the angle.
+
+    Of an N that is not negative, signs = (-1,): the other half needs no proof.
+    """
     array = np.array([[[A[i][j].mid for j in range(3)] for i in range(3)] for A in (P, N)])
     p, n = array.transpose(0, 3, 1, 2)
     inverse = np.linalg.inv(np.linalg.cholesky(p))
@@ -404,7 +409,7 @@ def _dominated(P: list[list[Ball]], N: list[list[Ball]], degree: int) -> float |
     for room in (1.003, 1.03, 1.2):
         g = float(abs(sizes).max()) * room
         both = ([[g * P[i][j] + s * N[i][j] for j in range(3)] for i in range(3)]
-                for s in (1.0, -1.0))  # fmt: skip
+                for s in signs)  # fmt: skip
         if all(_positive(F, degree) for F in both):
             return g
     return None

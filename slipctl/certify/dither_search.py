@@ -31,6 +31,16 @@ def find(loop: Loop, start: float, reach: float | None = None) -> Found | None:
         return None
 
 
+def swing(loop: Loop) -> float | None:
+    """Largest |x| of the periodic orbit, in amplitudes; None if none is found. Proves nothing."""
+    try:
+        with np.errstate(all="ignore"):
+            orbit = _orbit(Loop(*(float(v) for v in loop)))
+    except np.linalg.LinAlgError:
+        return None
+    return None if orbit is None else float(abs(orbit[0] @ basis_at(FINE, DEGREE)).max())
+
+
 def _find(loop: Loop, exact: Loop, start: float, reach: float | None) -> Found | None:
     orbit = _orbit(loop)
     if orbit is None:

@@ -38,6 +38,10 @@ from slipctl.errors import BadInput
 
 MOST_DITHER_TICKS = 60_000
 
+SOON, LATER = 8, 40
+"""How many of the averaged loop's time constants a run is followed, before and after a proof was
+looked for; there e^-8 and e^-40 of the start are left where it dies out."""
+
 
 def _loop(n: Numbers) -> dither.Loop:
     """The seeker without dimensions, of floats or as balls around rationals."""
@@ -81,8 +85,14 @@ PROOF = ("units", "rate", "orbit", "P")
 def _find_return(n: Numbers, target: str) -> Entries | None:
     if not n["k"] * n["curvature"] < 0 or not n["w"] * n["T"] < 3:
         return None
-    reach = float(n["reach"] / n["a"]) if target == "reach" and "reach" in n else None
     exact = _loop({k: Fraction(v) for k, v in n.items()})
+    swing = dither_search.swing(exact) if target == "rest" and "rest" in n else 0.0
+    if swing is None or not swing * n["a"] < n.get("rest", 1):
+        return None  # it swings farther by itself
+    blurred = exact.noise or exact.late or exact.lag  # else where it rests is that of the orbit
+    reach = None
+    if "reach" in n and (target == "reach" or not blurred):
+        reach = float(n["reach"] / n["a"])
     found = dither_search.find(exact, float(_from(n) / n["a"]), reach)
     if found is None:
         return None
@@ -169,17 +179,19 @@ def _return_claim(name: str) -> Any:
     return claim
 
 
-def _find_flight(n: Numbers) -> Entries | None:
+def _find_flight(n: Numbers, constants: float = LATER) -> Entries | None:
     """Run that leaves: from either end of the starts, with floats."""
     if n["w"] * n["T"] > 4 or _late(n) > dither_flight.OLDEST:
         return None
     limit = float(_farthest(n)) * (1 + 1e-9)
     plain = {k: float(v) for k, v in n.items()}
-    for side in (1, -1):
-        for against in dict.fromkeys((bool(n.get("noise")), False)):
+    poles = bounds.perturbation_poles(*(plain[k] for k in ("k", "w_l", "a", "curvature")))
+    slowest = max(min(abs(p.real) for p in poles) * plain["T"], 1 / MOST_DITHER_TICKS)
+    most = min(int(constants / slowest) + 100 * SOON, MOST_DITHER_TICKS)
+    for against in dict.fromkeys((bool(n.get("noise")), False)):
+        for side in (1, -1):
             run = dither_flight.ticks(plain, float(side * _from(n)), _late(n), against)
-            tick = next((i for i, th in enumerate(islice(run, MOST_DITHER_TICKS), 1)
-                         if not abs(th) <= limit), 0)  # fmt: skip
+            tick = next((i for i, th in enumerate(islice(run, most), 1) if not abs(th) <= limit), 0)
             if tick:
                 return sealed(n, {
                     "start": str(side * _from(n)), "ticks": tick,
@@ -217,6 +229,9 @@ def _find_swings_on(n: Numbers) -> Entries | None:
     if "rest" not in n:
         return None
     plain = _quiet(n)
+    swing = dither_search.swing(_loop({k: Fraction(v) for k, v in plain.items()}))
+    if swing is None or not swing * n["a"] > n["rest"]:
+        return None
     entries = _find_return(plain, "rest")
     if entries is None:
         return None
@@ -325,8 +340,9 @@ PERTURBATION_SEEK = register(System(
     },
     start=_start,
     refuters={
-        "reach": Refuter("reach", _find_flight, _replay_flight),
-        "rest": Refuter("rest", _find_swings_on, _replay_swings_on),
+        "reach": Refuter("reach", _find_flight, _replay_flight, partial(_find_flight,
+                                                                        constants=SOON)),
+        "rest": Refuter("rest", _find_swings_on, _replay_swings_on, _find_swings_on),
     },
     never=("a map that is no parabola",),
     values=_perturbation_values,

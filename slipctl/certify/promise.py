@@ -128,11 +128,13 @@ class Refuter:
 
             Raises: ``DoesNotHold`` if it does not leave, or uses a disturbance that is not
             allowed; ``BadInput`` if it is malformed.
+        quick: a search of little work for the same, which is tried before any proof.
     """
 
     target: str
     find: Callable[[Numbers], Entries | None]
     replay: Callable[[Numbers, Entries], str]
+    quick: Callable[[Numbers], Entries | None] | None = None
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ class Decision:
         promise: the promise.
         proofs: what the file holds of each criterion that proves a clause.
         counterexample: what the file holds of a counterexample, None if there is none.
-        open: clauses without a proof.
+        open: clauses without a proof, whether or not one was looked for.
         shows: what the counterexample does, in a line.
     """
 
@@ -59,6 +59,9 @@ class Decision:
 def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False) -> Decision:
     """Prove each clause that is asked, or find a counterexample.
 
+    A counterexample that takes little work to find is looked for before any proof, and every other
+    one as soon as a clause has no proof: what is false is not proved any further.
+
     Args:
         system: the system. numbers: as ``checked`` gives them.
         every: whether each criterion that proves a clause is kept, not only the first.
@@ -67,7 +70,11 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     criteria = system.asked(numbers)
     tried: dict[str, Entries | None] = {}
     first: dict[str, str] = {}
+    left: list[str] = []
+    against, shows = _run_that_refutes(system, numbers, tuple(clauses), quick=True)
     for clause in clauses:
+        if against is not None:
+            break
         for name, c in criteria.items():
             if clause in c.proves and inputs <= set(c.covers):
                 if name not in tried:
@@ -76,14 +83,16 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
                     first.setdefault(clause, name)
                     if not every:
                         break
+        if clause not in first:
+            left.append(clause)
+            against, shows = counterexample(system, numbers, (clause,))
     proofs = {k: v for k, v in tried.items() if v is not None}
-    left = tuple(k for k in clauses if k not in first)
+    if against is not None:
+        left = [k for k in clauses if k not in first]
     by = {} if left else {clause: proofs[name] for clause, name in first.items()}
     promise = system.promise(numbers, by)  # a bound that is proven stands in a whole promise only
-    if not left:
-        return Decision(CERTIFIED, promise, proofs)
-    against, shows = counterexample(system, numbers, left)
-    return Decision(REFUTED if against else UNDECIDED, promise, proofs, against, left, shows)
+    verdict = REFUTED if against else UNDECIDED if left else CERTIFIED
+    return Decision(verdict, promise, proofs, against, tuple(left), shows)
 
 
 def _try(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | None:
@@ -124,10 +133,18 @@ def counterexample(
             if _finite(sides) and any(s.holds() is False for s in sides):
                 entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
                 return entry, c.refutes
+    return _run_that_refutes(system, numbers, unproved)
+
+
+def _run_that_refutes(
+    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str], quick: bool = False
+) -> tuple[dict[str, Any] | None, str]:
+    """First run that is found and replays; ``quick`` for searches of little work alone."""
     for name, r in system.refuters.items():
-        if r.target in unproved:
+        search = r.quick if quick else r.find
+        if r.target in unproved and search is not None:
             try:
-                found = r.find(numbers)
+                found = search(numbers)
                 if found is None:
                     continue
                 shows = r.replay(numbers, found)

@@ -118,7 +118,7 @@ REACHING_LAW = register(System(
                           refutes="d = D or -D at every tick, see reaching_law.no_lag_band"),
         "polygon": Criterion("sampled, lag: a polygon that every run enters, then tick by tick",
                              proves=("ends", "band"), covers=("T", "D", "lag"),
-                             evidence=relay_proof.POLYGON),
+                             evidence=relay_proof.POLYGON, step=relay_proof.polygon_step),
     },
     {
         "ends": Target(relay_proof.claim, unless=("band",)),

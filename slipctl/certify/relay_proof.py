@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import relay_orbits, relay_sets
+from slipctl.certify import polygon_steps, relay_orbits, relay_sets
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
 from slipctl.certify.relay_sets import Absorbing, Relay, Ticker
@@ -74,17 +74,27 @@ def _in_vain(fall: Fraction, before: Fraction, now: Fraction, wanted: Fraction |
         now - 2 * fall * fall / (before - fall) - fall > wanted  # fmt: skip
 
 
-def _check(n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("corners", "ticks", "bound"), "evidence", True)
+def _polygon(n: Numbers, entry: Entries) -> Absorbing:
+    """Polygon of an evidence."""
     corners = []
     for corner in rows(entry["corners"], "evidence.corners", 200):
         s, a = rows(corner, "evidence.corners", 2, 2)
         corners.append((rational(s, "evidence.corners"), rational(a, "evidence.corners")))
+    return Absorbing(law(n), tuple(corners))
+
+
+def polygon_step(n: Numbers, entry: Entries) -> list[str]:
+    """Every run comes into the polygon; the ticks after that are no inequality."""
+    return list(polygon_steps.relay(_polygon(n, entry["evidence"])))
+
+
+def _check(n: Numbers, given: Entries) -> None:
+    entry = mapping(given, ("corners", "ticks", "bound"), "evidence", True)
     ticks = whole(entry["ticks"], "evidence.ticks", 1, MOST_WORK)
     bound = rational(entry["bound"], "evidence.bound")
     if not n["lag"]:
         raise DoesNotHold("evidence: it is for a lag")
-    start = Absorbing(law(n), tuple(corners))
+    start = _polygon(n, entry)
     if not start.holds():
         raise DoesNotHold("evidence: not every run comes into the polygon")
     ticker, work = Ticker(start), 0

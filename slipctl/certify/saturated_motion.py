@@ -30,6 +30,9 @@ from typing import Any
 STEPS = 300
 """Steps of a half turn over the distance s."""
 
+FINER = (30, 100, STEPS)
+"""Steps that are tried in turn: far from the boundary few are enough."""
+
 RUNGS = 60
 """Most turns of a ladder."""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.certify import saturated_motion as swing
 from slipctl.certify import smtlib
-from slipctl.certify.entries import DoesNotHold, mapping
+from slipctl.certify.entries import DoesNotHold, mapping, whole
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -130,22 +130,25 @@ def _ladder(n: Numbers) -> Sequence[Side]:
 
 
 def _find(n: Numbers) -> Entries | None:
-    out = _spare(n) <= 0 or n["F_low"] == n["F_high"]
-    if out or not swing.dies_out(_law(n), float(n["start"])):
+    if _spare(n) <= 0 or n["F_low"] == n["F_high"]:
         return None
-    try:
-        _check(n, {"steps": swing.STEPS})
-    except DoesNotHold:
-        return None
-    return {"steps": swing.STEPS}
+    for steps in swing.FINER:
+        if swing.dies_out(_law(n), float(n["start"]), steps):
+            try:
+                _check(n, {"steps": steps})
+            except DoesNotHold:
+                continue
+            return {"steps": steps}
+    return None
 
 
 def _check(n: Numbers, given: Entries) -> None:
-    if dict(given) != {"steps": swing.STEPS}:
-        raise DoesNotHold(f"proofs.ladder: it must hold steps = {swing.STEPS}")
+    steps = whole(mapping(given, ("steps",), "proofs.ladder", True)["steps"], "steps", 1, 10**6)
+    if steps not in swing.FINER:
+        raise DoesNotHold(f"proofs.ladder: steps must be one of {swing.FINER}")
     with localcontext(Context(prec=swing.DIGITS)):
         law, start = _exact(n)
-        if _spare(n) <= 0 or not (start == 0 or swing.dies_out(law, start)):
+        if _spare(n) <= 0 or not (start == 0 or swing.dies_out(law, start, steps)):
             raise DoesNotHold("proofs.ladder: the swings are not shown to die out")
 
 
@@ -154,7 +157,7 @@ def _worst(n: Numbers) -> Entries | None:
         return None
     law, start = _law(n), float(n["start"])
     for side, own in ((1, law), (-1, law.turned())):
-        if swing.comes_back(own, start):
+        if any(swing.comes_back(own, start, steps) for steps in swing.FINER):
             return {"e1": str(side * n["start"]), "need_while_e2_negative": str(n["F_high"]),
                     "need_while_e2_positive": str(n["F_low"])}  # fmt: skip
     return None
@@ -172,7 +175,8 @@ def _replay(n: Numbers, given: Entries) -> str:
         raise DoesNotHold(f"{where}: the need is out of reach; no swing is needed to see it")
     with localcontext(Context(prec=swing.DIGITS)):
         law, start = _exact(n)
-        if not swing.comes_back(law if side > 0 else law.turned(), start):
+        own = law if side > 0 else law.turned()
+        if not any(swing.comes_back(own, start, steps) for steps in swing.FINER):
             raise DoesNotHold(f"{where}: the error comes back nearer than it was")
     return f"from rest at e1 = {side * float(n['start']):g} m it comes to rest as far out, or more"
 
@@ -284,7 +288,7 @@ SATURATION = register(System(
     },
     start=lambda n: ("every |e1| <= " + spelled(n["start"], "m") if "start" in n
                      else "every e1") + ", at rest, on s = 0",
-    refuters={"worst_need": Refuter("dies_out", _worst, _replay)},
+    refuters={"worst_need": Refuter("dies_out", _worst, _replay, _worst)},
     never=("an error of the surface s", "a start with e2 other than 0",
            "the law computed once per period", "a lag of the actuator"),
     guard=guard,

@@ -42,15 +42,25 @@ def between(low: Fraction, x: str, high: Fraction) -> list[str]:
     return [term("<=", low, x), term("<=", x, high)]
 
 
-def problem(variables: Iterable[str], facts: Sequence[str], negated: str) -> str:
+def problem(
+    variables: Iterable[str],
+    facts: Sequence[str],
+    negated: str | Sequence[str],
+    logic: str = "QF_NRA",
+) -> str:
     """Problem that is ``unsat`` where the facts imply what is negated.
 
     Args:
-        variables: names of reals. facts: what holds. negated: the step that is claimed.
+        variables: names of reals. facts: what holds. negated: the step that is claimed; of several
+            each is asked by itself. logic: QF_LRA where all of it is linear.
     """
-    rows = ["(set-logic QF_NRA)", *(f"(declare-const {v} Real)" for v in variables)]
+    rows = [f"(set-logic {logic})", *(f"(declare-const {v} Real)" for v in variables)]
     rows += [f"(assert {f})" for f in facts]
-    return "\n".join([*rows, f"(assert (not {negated}))", "(check-sat)"]) + "\n"
+    asked = [f"(assert (not {claim}))\n(check-sat)"
+             for claim in ([negated] if isinstance(negated, str) else negated)]  # fmt: skip
+    if len(asked) > 1:
+        asked = [f"(push)\n{text}\n(pop)" for text in asked]
+    return "\n".join([*rows, *asked]) + "\n"
 
 
 RAYS = "(or (= x 1.0) (and (= x 0.0) (= y 1.0)))"

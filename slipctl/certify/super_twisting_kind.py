@@ -38,6 +38,7 @@ from slipctl.certify.twisting_proof import (
     SAMPLED_BOUND,
     WORST_RUN,
     claim,
+    levels_step,
     rests,
 )
 from slipctl.errors import BadInput
@@ -217,7 +218,7 @@ SUPER_TWISTING = register(System(
                            refutes="the constant d = L; x1 stays as large as it is"),
         "sampled": Criterion("explicit steps: a polygon that every run enters, then rows of states",
                              needs=("T",), proves=("ends", "band"), covers=("L", "T"),
-                             evidence=SAMPLED_BOUND),
+                             evidence=SAMPLED_BOUND, step=levels_step),
         "late": Criterion("explicit steps, late or with noise: rows of states that hold every run",
                           needs=("T",), proves=("ends", "band"),
                           covers=("L", "T", "noise", "lag", "dead"), evidence=LATE_BOUND),

@@ -68,7 +68,7 @@ class Levels:
         if not self._shaped() or not 0 < fall <= a or lam < b:
             return False
         q, z1 = -P[-1][1], P[1][0]
-        edges = list(self._edges())
+        edges = list(self.edges())
         quarter = k1 * k1 / 4
         for j, (n, m) in enumerate(edges):
             up, down = max(m, Fraction(0)), max(-m, Fraction(0))
@@ -138,7 +138,7 @@ class Levels:
         same = far * lam + 1 / (2 * far)
         root = math.isqrt(math.ceil(k1 * k1 / 4 + q * lam)) + 1
         found = lam
-        for n, m in self._edges():
+        for n, m in self.edges():
             up, down = max(m, Fraction(0)), max(-m, Fraction(0))
             found = max(found, n * same + up * lam + down * (q * lam + b),
                         n * root + up * (q * lam + b) + down * k1 * k1 / 4)  # fmt: skip
@@ -167,7 +167,7 @@ class Levels:
             raise OverflowError("y has too many units")
         return Rows(grid, ends)
 
-    def _edges(self) -> Iterator[Point]:
+    def edges(self) -> Iterator[Point]:
         """Give (n, m) with n z + m w = 1 along each edge."""
         for (z, w), (z2, w2) in pairwise(self.corners):
             size = z * w2 - w * z2
@@ -188,4 +188,4 @@ class Levels:
             return False
         if any(z * w2 - w * z2 >= 0 for (z, w), (z2, w2) in pairwise(P)):
             return False
-        return all(n >= 0 and all(n * z + m * w <= 1 for z, w in P) for n, m in self._edges())
+        return all(n >= 0 and all(n * z + m * w <= 1 for z, w in P) for n, m in self.edges())

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
-from slipctl.certify import twisting_late
+from slipctl.certify import polygon_steps, twisting_late
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
 from slipctl.certify.twisting_late import Kept, Late
 from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
 from slipctl.certify.twisting_rows import Law
-from slipctl.certify.twisting_sampled import Bound, bound, quick_run, replay_run, worst_run
+from slipctl.certify.twisting_sampled import (
+    MOST_WORK,
+    Bound,
+    Run,
+    bound,
+    quick_run,
+    replay_run,
+    worst_run,
+)
 
 MOST_TICKS = 20_000
 """Most ticks of a run or a plan that are gone through."""
@@ -43,9 +52,11 @@ def _find(n: Numbers) -> Entries | None:
     if at is None:
         return None
     wanted = n["band"] / at[1] if "band" in n else None
-    if wanted is not None and quick_run(at[0], wanted):
-        return None  # a bound would be in vain
-    found = bound(at[0], wanted)
+    found = bound(at[0], wanted, MOST_WORK if wanted is None else MOST_WORK / 10)
+    if wanted is not None and found is not None and found.y > wanted:
+        if worst_run(at[0], wanted):
+            return None  # a bound would be in vain
+        found = bound(at[0], wanted)
     if found is None or (wanted is not None and found.y > wanted):
         return None
     levels = found.levels
@@ -59,25 +70,35 @@ def _find(n: Numbers) -> Entries | None:
     }
 
 
+def _levels(law: Law, entry: Entries) -> Levels:
+    """Polygon of an evidence."""
+    corners = []
+    for i, corner in enumerate(rows(entry["corners"], "evidence.corners", MOST_CORNERS)):
+        z, w = rows(corner, f"evidence.corners[{i}]", 2, 2)
+        corners.append((rational(z, "evidence.corners"), rational(w, "evidence.corners")))
+    level, fall = (rational(entry[k], f"evidence.{k}") for k in ("level", "fall"))
+    return Levels(law, tuple(corners), level, fall)
+
+
+def levels_step(n: Numbers, entry: Entries) -> list[str]:
+    """Every run comes into the polygon; the ticks of rows after that are no inequality."""
+    at = law(n)
+    return [] if at is None else list(polygon_steps.twisting(_levels(at[0], entry["evidence"])))
+
+
 def _check(n: Numbers, given: Entries) -> None:
     names = ("corners", "level", "fall", "ticks", "bound", "x2")
     entry = mapping(given, names, "evidence", True)
     at = law(n)
     if at is None:
         raise DoesNotHold("evidence: no bound is known at these numbers")
-    corners = []
-    for i, corner in enumerate(rows(entry["corners"], "evidence.corners", MOST_CORNERS)):
-        z, w = rows(corner, f"evidence.corners[{i}]", 2, 2)
-        corners.append((rational(z, "evidence.corners"), rational(w, "evidence.corners")))
     plan = []
     for step in rows(entry["ticks"], "evidence.ticks", 40):
         parts, ticks = rows(step, "evidence.ticks", 2, 2)
         plan.append((whole(parts, "evidence.ticks", 1, 10**6),
                      whole(ticks, "evidence.ticks", 1, MOST_TICKS)))  # fmt: skip
     limit, x2 = (rational(entry[k], f"evidence.{k}") for k in ("bound", "x2"))
-    level, fall = (rational(entry[k], f"evidence.{k}") for k in ("level", "fall"))
-    levels = Levels(at[0], tuple(corners), level, fall)
-    found = Bound(levels, tuple(plan), limit / at[1], x2 * n["T"] / at[1])
+    found = Bound(_levels(at[0], entry), tuple(plan), limit / at[1], x2 * n["T"] / at[1])
     if not found.holds():
         raise DoesNotHold("evidence: the polygon does not shrink, or its ticks do not come so far")
     if "band" in n and limit > n["band"]:
@@ -95,11 +116,13 @@ def claim(n: Numbers, entry: Entries) -> str:
     )
 
 
-def _find_run(n: Numbers) -> Entries | None:
+def _find_run(
+    n: Numbers, search: Callable[[Law, Fraction], Run | None] = worst_run
+) -> Entries | None:  # fmt: skip
     at = None if rests(n) else law(n)
     if at is None:
         return None
-    found = worst_run(at[0], n["band"] / at[1])
+    found = search(at[0], n["band"] / at[1])
     if found is None:
         return None
     scale = at[1] / n["T"] ** 2
@@ -154,8 +177,6 @@ def _find_late(n: Numbers) -> Entries | None:
     if at is None:
         return None
     wanted = n["band"] / at[1] if "band" in n else None
-    if wanted is not None and twisting_late.search(at[0], wanted):
-        return None  # a bound would be in vain
     found = twisting_late.find(at[0], wanted)
     if found is None or ("band" in n and found.y * at[1] > n["band"]):
         return None
@@ -215,5 +236,5 @@ MOST_LATE_TICKS = 1000
 
 SAMPLED_BOUND = Evidence(_find, _check)
 LATE_BOUND = Evidence(_find_late, _check_late)
-WORST_RUN = Refuter("band", _find_run, _replay)
-LATE_RUN = Refuter("band", _find_late_run, _replay_late)
+WORST_RUN = Refuter("band", _find_run, _replay, partial(_find_run, search=quick_run))
+LATE_RUN = Refuter("band", _find_late_run, _replay_late, _find_late_run)

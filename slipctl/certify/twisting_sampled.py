@@ -84,7 +84,9 @@ def replay(levels: Levels, plan: Plan) -> Rows | None:
     return rows
 
 
-def bound(law: Law, wanted: Fraction | None = None) -> Bound | None:
+def bound(
+    law: Law, wanted: Fraction | None = None, most_work: float = MOST_WORK
+) -> Bound | None:  # fmt: skip
     """Bound of |y|, as near as it gets, or as soon as it is at most ``wanted``.
 
     Returns:
@@ -98,10 +100,10 @@ def bound(law: Law, wanted: Fraction | None = None) -> Bound | None:
     best, work = None, 0.0
     try:
         rows = levels.rows(Grid(law, parts, BITS))
-        while work < MOST_WORK:
+        while work < most_work:
             ticks, before, settled = 0, math.inf, False
             pause = max(32, int(rows.widest() / (law.k2 - law.L) / 8))
-            while not settled and work < MOST_WORK:
+            while not settled and work < most_work:
                 new = rows.tick()
                 work, ticks = work + _work(new), ticks + 1
                 settled = np.array_equal(new.ends, rows.ends)
@@ -142,6 +144,7 @@ class Run:
     y: Fraction
 
 
+@lru_cache(maxsize=8)
 def worst_run(law: Law, wanted: Fraction) -> Run | None:
     """Look for a run from the origin with |y| > ``wanted``; None if none is found."""
     found = quick_run(law, wanted)

@@ -10,11 +10,12 @@ from slipctl.errors import BadInput, nearest
 
 EPILOG = """\
 NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real for the form that
-it has in scenario real), a model (double_exponential, subway_braking.wheelset), or a block in a
-file (my_law.py:my_law).
+it has in scenario real), a model (double_exponential, subway_braking.wheelset), a block in a file
+(my_law.py:my_law, my_law.toml:law), or an equation ("mu = c*v_s where v_s [m/s], c = 0.1 s/m").
 
   slipctl run subway_braking --set m=8.2t --loop sta --scenario base
   slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
+  slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
 """
 
 
@@ -71,7 +72,7 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument(
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study, adh=my.py:my_law",
+        help="replace a model of the study, adh=my.py:my_law or adh=my.toml:law",
     )  # fmt: skip
     p.add_argument(
         "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",

@@ -25,7 +25,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
     left, colon, loop_name = name.rpartition(":")
     if name in doors.studies():
         raise doors.no_loop(name, doors.load_study(name))
-    is_loop = colon and (not left.endswith(".py") or doors.has_study(left))
+    is_loop = (
+        colon and not doors.is_written(name) and (not left.endswith(".py") or doors.has_study(left))
+    )
     block = None if is_loop else doors.load_block(name)
     if block is not None and options.part:
         raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")

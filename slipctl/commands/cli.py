@@ -39,6 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     verbose = "-v" in arguments or "--verbose" in arguments
     gc.set_threshold(*RARELY)
+    # matrices here are small: a second thread of numpy's would only wait; and so no sum depends on
+    # how many cores there are
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     closed = sys.stdout is None
     if closed:  # started with >&-
         sys.stdout = io.StringIO()
@@ -83,7 +86,8 @@ def _explain(error: BaseException, verbose: bool) -> int:
     try:
         blame(error)
     except BadInput as known:
-        _say(str(known))
+        for line in getattr(known, "lines", [str(known)]):
+            _say(line)
         return 2
     except RunFailed as known:
         _say(f"run failed: {known}")

@@ -14,6 +14,7 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block
+from slipctl.block.meanings import is_equation
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.estimate.fitting import Fitted, fit
@@ -119,8 +120,11 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
 def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
     """Source of a model file with the fitted law, as ``law``."""
     left, colon, right = name.rpartition(":")
-    if colon:
-        needed, origin = "slipctl.study.doors import load_block", f"{Path(left).resolve()}:{right}"
+    if is_equation(name):
+        needed, origin = "slipctl import from_text", f"from_text({name!r})"
+    elif colon or name.endswith(".toml"):
+        left, right = (left, f":{right}") if colon else (name, "")
+        needed, origin = "slipctl.study.doors import load_block", f"{Path(left).resolve()}{right}"
         origin = f"load_block({origin!r})"
     else:
         module, _, block = name.rpartition(".")

@@ -12,7 +12,9 @@ from slipctl.study import doors
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the name stands for."""
     name = options.name
-    whole = name in doors.studies() or (name.endswith(".py") and ":" not in name)
+    whole = not doors.is_written(name) and (
+        name in doors.studies() or (name.endswith(".py") and ":" not in name)
+    )
     if whole and not (options.latex or options.graph or options.against):
         print(_study_text(name))
         return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,16 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.signals import evaluate, names_in
-from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
+from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
+from slipctl.estimate.heads import spelt
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
     output_function,
     unknown_parameters,
 )
-from slipctl.estimate.tables import Table, read_table
+from slipctl.estimate.tables import read_table
 
 Numbers = Mapping[str, Any]
 
@@ -33,29 +33,6 @@ are followed: curves of adhesion have several local minima."""
 
 WEAKEST = 1e-8
 """Smallest singular value of the Jacobian, of the largest one, that is not taken for zero."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Measured points of a law.
-
-    Attributes:
-        source: where from.
-        inputs: of the law by name, one number per point.
-        measured: output of the law, one number per point.
-        output: its name.
-    """
-
-    source: str
-    inputs: dict[str, np.ndarray]
-    measured: np.ndarray
-    output: str
-
-    @property
-    def abscissa(self) -> str:
-        """First input that varies."""
-        varied = (n for n, x in self.inputs.items() if np.ptp(x) > 0)
-        return next(varied, next(iter(self.inputs)))
 
 
 @dataclass(frozen=True)
@@ -153,24 +130,29 @@ def fit(
     unknown = unknown_parameters(law, unknown)
     table = data if isinstance(data, Mapping) else read_table(data)
     source = "data" if isinstance(data, Mapping) else str(data)
-    known = {n: _quantity(law, n, v) for n, v in (at or {}).items()}
-    known |= _columns_of_parameters(law, source, table, known)
+    known = {n: quantity(law, n, v) for n, v in (at or {}).items()}
+    known |= parameters_of_columns(law, source, table, known)
     for n in known:
         if n in unknown:
             raise BadInput(f"{n} is both given and unknown; leave it out of one of them")
-    told = _settings(law, table)
+    told = settings(law, table)
     given = dict(known)
     known = {n: v for n, v in told.items() if n not in unknown} | known
     followed, notes = _following(law, source, told, given, known)
     known |= followed
-    known = {n: v for n, v in known.items() if n not in law.beside}
+    notes += tuple(
+        f"{source}: its comment has {n} = {v:g} {_unit_of(law, n)}; {given[n]:g} is given and taken"
+        for n, v in told.items()
+        if n in given and given[n] != v
+    )
     law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
     origin = _origins(law, source, told, given, followed, unknown)
     for n, v in (start or {}).items():
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
-        law = law.with_params(**{n: _quantity(law, n, v)})
-    curve = _curve(law, source, table, known, columns or {}, output, unknown)
+        law = law.with_params(**{n: quantity(law, n, v)})
+    expressions = {n: spelt(e) for n, e in (columns or {}).items()}
+    curve, said = points(law, source, table, known, expressions, output, unknown)
     free = _solve(law, curve, unknown)
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:
@@ -179,49 +161,12 @@ def fit(
             law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
         )
     found = _judged(law, curve, unknown, tied, *free)
+    of = {*followed, *(inspect.signature(law.follows).parameters if followed else ())}  # type: ignore[arg-type]
+    notes = (*said, *notes, *_untold(found.law, curve, origin, of))
     return replace(found, origin=origin, notes=notes, peaks=_peaks(found.law, curve))
 
 
-# ---- the curve ----------------------------------------------------------------------------------
-
-
-def _settings(law: Block, table: Table | Mapping[str, Any]) -> dict[str, float]:
-    """Values of inputs and parameters that the file itself tells."""
-    if not isinstance(table, Table):
-        return {}
-    return {
-        n: _quantity(law, n, text, f"{table.path}, line {line}: ")
-        for line, n, text in table.settings
-    }
-
-
-def _columns_of_parameters(
-    law: Block, source: str, table: Table | Mapping[str, Any], given: Mapping[str, float]
-) -> dict[str, float]:
-    """Parameters that a column gives; refuses one that varies, and a second value of anything."""
-    names, units, values, _ = _columns(table)
-    found = {}
-    for n, u in zip(names, units, strict=True):
-        signals = {**law.inputs, **law.params, **law.beside}
-        if n not in signals:
-            continue
-        s = signals[n]
-        if u and not dimension_equal(u, s.unit):
-            continue  # told where the curve is read
-        x = values[n] * (factor(u, s.unit) if u else 1.0)
-        if n in given and not np.allclose(x, given[n], rtol=1e-9):
-            raise BadInput(f"{source} has a column {n}, and {n} = {given[n]:g} {s.unit} is given;"
-                           " leave out one of them")  # fmt: skip
-        if n in law.inputs:
-            continue
-        if np.ptp(x) > 1e-9 * abs(x[0]):
-            raise BadInput(
-                f"{source}: the column {n} goes from {x.min():g} to {x.max():g} {s.unit}, but"
-                f" {law.name} has one {n}; fit each by itself"
-            )
-        if n not in given:
-            found[n] = float(s.check(f"{source}: {law.name}.{n}", float(x[0])))
-    return found
+# ---- what follows, what nobody told -------------------------------------------------------------
 
 
 def _following(
@@ -298,6 +243,32 @@ def _origins(
     return found
 
 
+def _unit_of(law: Block, name: str) -> str:
+    return {**law.beside, **law.inputs, **law.params}[name].unit
+
+
+def _untold(
+    law: Block, curve: Curve, origin: Mapping[str, str], said: Collection[str]
+) -> tuple[str, ...]:
+    """The line on numbers that nobody told and that the fitted curve depends on."""
+    names = [n for n, o in origin.items() if o.startswith("the law's own") and n not in said]
+    if not names:
+        return ()
+    f = output_function(law, curve.output, names)
+    values = law.param_values()
+    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known_parameters(law, names))]))
+    J = f.map(curve.measured.size)(
+        ca.repmat(ca.DM([float(values[n]) for n in names]), 1, curve.measured.size),
+        ca.DM(np.array([curve.inputs[k] for k in law.inputs])),
+        ca.repmat(rest, 1, curve.measured.size),
+    )[1].full().reshape(len(names), -1, order="F")  # fmt: skip
+    moved = [n for n, row in zip(names, J, strict=True) if np.any(row)]
+    own = ", ".join(f"{n} = {float(values[n]):.5g} {law.params[n].unit}" for n in moved)
+    return (f"not told, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
+        moved
+    )
+
+
 def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, float], ...]:
     """Peak of the fitted law over its abscissa, at each set of the other inputs."""
     along = curve.abscissa
@@ -323,122 +294,6 @@ def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, flo
         place = float(grid[k] + shift * (grid[1] - grid[0]))
         found.append((rest, place, float(b - (a - c) * shift / 4)))
     return tuple(found)
-
-
-def _quantity(law: Block, name: str, value: Any, where: str = "") -> float:
-    """Value of an input or parameter, from a number in its unit or a text with a unit."""
-    signals = {**law.beside, **law.inputs, **law.params}
-    if name not in signals:
-        raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
-                       f"{nearest(name, signals)}")  # fmt: skip
-    if name in law.params:
-        law._settable(name)
-    s = signals[name]
-    number = (
-        parse_quantity(value, s.unit, f"{law.name}.{name}") if isinstance(value, str) else value
-    )
-    return float(s.check(f"{where}{law.name}.{name}", number))
-
-
-def _curve(
-    law: Block, source: str, table: Table | Mapping[str, Any], known: Mapping[str, float],
-    columns: Mapping[str, str], output: str, unknown: Sequence[str],
-) -> Curve:  # fmt: skip
-    """Columns of the file, made into inputs and output of the law."""
-    names, units, values, lines = _columns(table)
-    signals = {**law.inputs, output: law.outputs[output]}
-    for n in columns:
-        if n not in signals:
-            raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
-    si = {n: values[n] * (unit(u).scale if u else 1.0) for n, u in zip(names, units, strict=True)}
-    given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
-    given = {n: v for n, v in given.items() if n not in unknown}
-    given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known) | si
-    found, many = {}, len(next(iter(values.values())))
-    for n, s in signals.items():
-        expression = columns.get(n) or ("" if n in si else law.readings.get(n, ""))
-        if expression and (n in columns or n not in known):
-            missing = [k for k in names_in(expression) if k not in given]
-            lost = [k for k in missing if k in unknown]
-            if lost:
-                raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
-            if missing:
-                raise BadInput(_lacking(law, source, n, names, expression, missing))
-            result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
-            found[n] = np.broadcast_to(result.ravel(), many)
-        elif n in si:
-            u = units[names.index(n)]
-            if u and not dimension_equal(u, s.unit):
-                raise BadInput(
-                    f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
-                    f" or a column of its own, columns={{{n!r}: '...'}}, --column {n}=EXPRESSION"
-                )
-            found[n] = values[n] * (factor(u, s.unit) if u else 1.0)
-        elif n in known or (n != output and s.value is not None):
-            found[n] = np.full(many, float(given[n]))
-        else:
-            raise BadInput(_lacking(law, source, n, names, law.readings.get(n, ""), [n]))
-    measured = found.pop(output)
-    curve = Curve(source, found, measured, output)
-    _check_sorted(curve, lines)
-    if many <= len(unknown):
-        raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
-                       f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
-    return curve
-
-
-def _columns(
-    table: Table | Mapping[str, Any],
-) -> tuple[list[str], list[str], dict[str, np.ndarray], list[int]]:
-    """Names, units, values and line numbers of the columns."""
-    if isinstance(table, Table):
-        rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
-        values = {n: rows[:, k] for k, n in enumerate(table.names)}
-        return table.names, table.units, values, [line for line, _ in table.rows]
-    values = {n: np.asarray(v, dtype=float).ravel() for n, v in table.items()}
-    if not values or len({v.size for v in values.values()}) != 1:
-        raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
-    for n, v in values.items():
-        if not np.isfinite(v).all():
-            raise BadInput(f"data: {n} is not finite everywhere")
-    many = next(iter(values.values())).size
-    return list(values), [""] * len(values), values, list(range(1, many + 1))
-
-
-def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
-    return {n: ca.DM(np.broadcast_to(v, many)) for n, v in given.items()}
-
-
-def _lacking(
-    law: Block, source: str, name: str, names: Sequence[str], reading: str, missing: Sequence[str]
-) -> str:
-    s = {**law.inputs, **law.outputs}[name]
-    if reading and set(missing) <= {*law.inputs, *law.params}:
-        what = ", ".join(missing)
-        return (
-            f"{source}: {name} is read as {reading}; give {what}, as a column or by"
-            f" --set {missing[0]}=VALUE"
-        )
-    ways = [f"a column {name} [{s.unit}]"]
-    if reading:
-        ways.append(f"{' and '.join(missing)} for {name} = {reading}")
-    if name in law.inputs:
-        ways.append(f"--set {name}=VALUE")
-    return (
-        f"{source} has the columns {', '.join(names)} and lacks {name}; give {', or '.join(ways)}"
-    )
-
-
-def _check_sorted(curve: Curve, lines: Sequence[int]) -> None:
-    """Refuse points that go back and forth; a change of another input begins a new curve."""
-    x = curve.inputs[curve.abscissa]
-    others = [v for n, v in curve.inputs.items() if n != curve.abscissa]
-    for k in range(1, x.size):
-        if x[k] < x[k - 1] and all(v[k] == v[k - 1] for v in others):
-            raise BadInput(
-                f"{curve.source} is not sorted: {curve.abscissa} falls from {x[k - 1]:g} to"
-                f" {x[k]:g} in row {lines[k]}; sort the rows"
-            )
 
 
 # ---- the search ---------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ from slipctl.errors import BadInput, RunFailed
 from slipctl.predict.horizon import expressions
 from slipctl.predict.tracks import between, elements, logged, rows_at
 from slipctl.run.build import column
+from slipctl.run.feeding import begun, rail_values
 from slipctl.run.rail import Scenario
-from slipctl.run.simulation import begun, rail_values
 
 if TYPE_CHECKING:
     import xarray

@@ -84,7 +84,10 @@ def cache_folder() -> Path:
 
 
 class Roller:
-    """A compiled Function (x, u, p) -> (n, y), called over many ticks at once."""
+    """A compiled Function (x, u, p) -> (n, y), called over many ticks at once.
+
+    It runs outside Python's lock, so that threads use all cores.
+    """
 
     def __init__(self, f: ca.Function, library: Path) -> None:
         self.f = f
@@ -94,10 +97,7 @@ class Roller:
         sizes = [ctypes.c_longlong() for _ in range(4)]
         lib[f"{f.name()}_work"](*[ctypes.byref(s) for s in sizes])
         arg, res, iw, w = (max(int(s.value), 1) for s in sizes)
-        self._arg = (ctypes.c_void_p * max(arg, 3))()
-        self._res = (ctypes.c_void_p * max(res, 2))()
-        self._iw = (ctypes.c_longlong * iw)()
-        self._w = np.zeros(w)
+        self._work = max(arg, 3), max(res, 2), iw, w
 
     def roll(
         self, x: np.ndarray, u: np.ndarray, p: np.ndarray, x_log: np.ndarray, y_log: np.ndarray
@@ -112,12 +112,14 @@ class Roller:
             raise ValueError(f"{self.f.name()} takes x, u, p, y of sizes {wanted}")
         if any(a.dtype != float or not a.flags.c_contiguous for a in (x, u, p, x_log, y_log)):
             raise ValueError(f"{self.f.name()} takes contiguous arrays of doubles")
-        following = np.zeros(max(x.size, 1))
+        arg, res, iw, w = self._work  # memory of this call alone: threads roll side by side
+        following, scratch = np.zeros(max(x.size, 1)), np.zeros(w)
         return int(
             self._roll(
                 *(ctypes.c_longlong(n) for n in (len(u), x.size, u.shape[1], y_log.shape[1])),
-                *(a.ctypes.data_as(ctypes.c_void_p) for a in (x, u, p, x_log, y_log, following)),
-                self._arg, self._res, self._iw, self._w.ctypes.data_as(ctypes.c_void_p),
+                *(ctypes.c_void_p(a.ctypes.data) for a in (x, u, p, x_log, y_log, following)),
+                (ctypes.c_void_p * arg)(), (ctypes.c_void_p * res)(), (ctypes.c_longlong * iw)(),
+                ctypes.c_void_p(scratch.ctypes.data),
             )
         )  # fmt: skip
 

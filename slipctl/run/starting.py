@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.errors import BadInput, RunFailed
+from slipctl.run.feeding import begun, rail_values
+from slipctl.run.prepared import prepare
 from slipctl.run.rail import Scenario
-from slipctl.run.simulation import begun, rail_values, simulate
-
-if TYPE_CHECKING:
-    import xarray
 
 ROUNDING = 1e-9
 """Share of the stated deviation by which a start may lie beyond it: roundings of both."""
 
 
-def told_starts(loop: Block, scenario: Scenario, log: xarray.Dataset | None = None) -> list[str]:
+def told_starts(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) -> list[str]:
     """Estimators that begin further off than the deviation that they state, one line each.
 
     An estimator's state says with ``truth`` what it estimates, in names of the rest of the loop:
@@ -29,7 +27,7 @@ def told_starts(loop: Block, scenario: Scenario, log: xarray.Dataset | None = No
 
     Args:
         loop, scenario: the run.
-        log: its log, or the beginning of it, if there is one.
+        log: its log by name, or the beginning of it, if there is one.
 
     Raises:
         BadInput: what the scenario's start or rail is refused for.
@@ -96,7 +94,7 @@ def _meant(loop: Block, name: str, own: set[str]) -> str | None:
 
 
 def _values(
-    loop: Block, scenario: Scenario, names: set[str], log: xarray.Dataset | None
+    loop: Block, scenario: Scenario, names: set[str], log: Mapping[Any, Any] | None
 ) -> dict[str, Any]:
     """Values at the start of the run, on the first section of its rail."""
     _, by_rail = rail_values(loop, scenario)
@@ -107,7 +105,7 @@ def _values(
         log = None
     if outputs and log is None and loop.period is not None:
         try:
-            log = simulate(loop, scenario.but(duration=loop.period), compile=False, log=outputs)
+            log = prepare(loop, scenario.but(duration=loop.period), compile=False, log=outputs)()
         except (BadInput, RunFailed):
             return found  # the run itself says why
-    return found | ({n: log[n].values[0] for n in outputs} if log is not None else {})
+    return found | ({n: np.asarray(log[n])[0] for n in outputs} if log is not None else {})

@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.study import equation_files
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -213,12 +214,35 @@ def _meant(name: str, known: Any, command: str) -> str:
     )
 
 
+def is_written(name: str) -> bool:
+    """Whether a name is a block written as text: an equation, or a table of a TOML file."""
+    from slipctl.block.meanings import is_equation
+
+    return is_equation(name) or equation_files.is_file(name.rpartition(":")[0] or name)
+
+
+def load_written(name: str) -> Block:
+    """Block of an equation, ``"mu = c*v_s where ..."``, or by ``file.toml:table``.
+
+    Raises:
+        BadInput: what is wrong with it.
+    """
+    from slipctl.block.meanings import is_equation
+    from slipctl.block.written import from_text
+
+    return from_text(name) if is_equation(name) else equation_files.load(name)
+
+
 def load_block(name: str) -> Block:
-    """Block by ``study:loop[@scenario]``, ``model``, ``module.model`` or ``file.py:block``.
+    """Block by ``study:loop[@scenario]``, ``model``, ``module.model``, ``file.py:block`` or text.
+
+    A text is an equation, ``"mu = c*v_s where ..."``, or a table of a file, ``file.toml:table``.
 
     Raises:
         BadInput: no such thing, with the nearest name; a function that needs arguments.
     """
+    if is_written(name):
+        return load_written(name)
     left, colon, right = name.rpartition(":")
     if colon and left.endswith(".py") and not has_study(left):
         return find_block(load_file(left), right, left)

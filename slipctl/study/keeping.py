@@ -25,6 +25,7 @@ from slipctl import __version__
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Table
+from slipctl.study import equation_files
 from slipctl.study.doors import FILE
 
 if TYPE_CHECKING:
@@ -189,4 +190,5 @@ def _own_files() -> str:
     named = ((n, getattr(m, "__file__", None) or "") for n, m in list(sys.modules.items()))
     places = {name: Path(file).resolve() for name, file in named if file.endswith(".py")}
     folders = {p.parent for n, p in places.items() if n.startswith(FILE)}
-    return _digest(sorted({p for p in places.values() if p.parent in folders and p.exists()}))
+    own = {p for p in places.values() if p.parent in folders and p.exists()}
+    return _digest(sorted(own | {p for p in equation_files.READ if p.exists()}))

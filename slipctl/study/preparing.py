@@ -6,7 +6,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.block import units
 from slipctl.block.block import Block
@@ -14,15 +14,20 @@ from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.block.timing import check_sample_times
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
+from slipctl.run.feeding import begun, rail_values
+from slipctl.run.prepared import Log, Prepared
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
-from slipctl.run.simulation import begun, rail_values, simulate
 from slipctl.run.starting import told_starts
 from slipctl.study.declaration import Study
-from slipctl.study.doors import blame, find_block, load_block, load_file
-
-if TYPE_CHECKING:
-    import xarray
+from slipctl.study.doors import (
+    blame,
+    find_block,
+    is_written,
+    load_block,
+    load_file,
+    load_written,
+)
 
 log = logging.getLogger("slipctl")
 
@@ -79,6 +84,9 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
             raise BadInput(
                 f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"
             )
+        if is_written(source):
+            swapped[name] = load_written(source)
+            continue
         file, colon, block = source.rpartition(":")
         swapped[name] = find_block(load_file(file), block, file) if colon else load_block(source)
     return swapped
@@ -146,12 +154,12 @@ def prepare(
     return cases, models
 
 
-def told(loop: Block, scenario: Scenario, log: xarray.Dataset | None = None) -> list[str]:
+def told(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) -> list[str]:
     """What a run says of its numbers: places set apart, estimators that begin far off.
 
     Args:
         loop, scenario: the run.
-        log: its log, or the beginning of it, if there is one.
+        log: its log by name, or the beginning of it, if there is one.
     """
     return [*told_apart(begun(loop, scenario)), *told_starts(loop, scenario, log)]
 
@@ -268,13 +276,13 @@ def _with(loop: Block, names: Sequence[str], s: Setting) -> Block:
     return loop.with_params(**values)
 
 
-def _try(case: Case, name: str, loop: Block) -> xarray.Dataset | None:
+def _try(case: Case, name: str, loop: Block) -> Log | None:
     """Run one tick: whatever is missing, unknown or out of range shows; None where it breaks."""
     scenario = case.scenario
     if loop.period is not None and round(scenario.duration / loop.period) > 1:
         scenario = scenario.but(duration=loop.period)
     try:
-        first = simulate(loop, scenario, compile=False)
+        first = Prepared(loop, scenario, compile=False)()
     except BadInput as error:
         raise BadInput(f"{case.scenario.name}/{name}: {error}") from None
     except RunFailed:

@@ -26,7 +26,7 @@ from slipctl.models import freight_traction as freight
 from slipctl.models import freight_traction_control as control
 from slipctl.models.freight_traction import TRAIN
 from slipctl.models.shared import GRADIENT, SHARED
-from slipctl.run.simulation import begun
+from slipctl.run.feeding import begun
 
 H = 2e-4
 """Tick of every loop in s (a guess; the printed shape needs less than 0.31 ms)."""

@@ -79,7 +79,8 @@ def operations(law: Block, condition: str = "dry") -> tuple[dict[str, float], st
     slope = ca.gradient(mu, v)
     one = ca.Function("mu", [v, p], [mu])
     step = ca.Function("step", [v, p], [v - slope / ca.gradient(slope, v), slope], {"cse": True})
-    x, at, count = 0.01, [law.conditions[condition][n] for n in names], 0
+    there = law.with_params(**law.conditions[condition]).param_values()
+    x, at, count = 0.01, [float(there[n]) for n in names], 0
     while count < 100:
         new, _ = (float(y) for y in step(x, at))
         count += 1
@@ -95,7 +96,10 @@ def operations(law: Block, condition: str = "dry") -> tuple[dict[str, float], st
 def stationary_points(law: Block, condition: str = "dry") -> int:
     """How often the slope of the curve changes its sign between 0.01 and 10 m/s."""
     v = ca.SX.sym("v")
-    slope = ca.gradient(law.expr({}, {"v_s": v}, law.derive(law.conditions[condition]))[1]["mu"], v)
+    there = law.with_params(**law.conditions[condition]).param_values()
+    slope = ca.gradient(
+        law.expr({}, {"v_s": v}, {n: ca.DM(p) for n, p in there.items()})[1]["mu"], v
+    )
     values = np.array(ca.Function("s", [v], [slope])(np.linspace(0.01, 10, 5000).reshape(1, -1)))
     return int(np.count_nonzero(np.diff(np.sign(values.ravel()))))
 

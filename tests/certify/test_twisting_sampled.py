@@ -129,7 +129,7 @@ def test_the_polygon_shrinks_for_points():
     """V of random states from ``level`` to far beyond falls by ``fall`` in every tick."""
     law = gains(1.5, 1.1)
     levels = twisting_sampled.bound(law).levels
-    edges = np.array([[float(x) for x in e] for e in levels._edges()])
+    edges = np.array([[float(x) for x in e] for e in levels.edges()])
 
     def size(y, w):
         z, side = np.sqrt(abs(y)), np.where(y >= 0, 1.0, -1.0)

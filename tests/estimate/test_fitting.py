@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from slipctl import BadInput, Input, Output, Param, fit, law
 from slipctl.commands import cli
 from slipctl.models import contact, hertz
 from slipctl.models.contact import polach
+from slipctl.models.contact_reference import carter
 from slipctl.study import doors
 
 CURVE = Path(__file__).parents[2] / "models" / "data" / "eurosprinter_creep_curve.csv"
@@ -266,10 +268,92 @@ def test_semicolons_and_decimal_commas(tmp_path):
     assert fit(polach, file, at=at).values == fit(polach, plain, at=at).values
 
 
+# ---- heads of strangers --------------------------------------------------------------------------
+
+POINTS = [tuple(map(float, r.split(","))) for r in BARE.splitlines() if r[0].isdigit()]
+WHEEL = {"Q": 106.7e3, "v": 10.0, "a": 6.3036e-3, "b": 12.6072e-3, "c11": 3.7335, "G": 82e9}
+
+
+def told(tmp_path, head, row, columns=None, law=polach, **at):
+    """Fit of the reference curve as a stranger has it; a row is made of creep and force."""
+    file = tmp_path / "stranger.csv"
+    rows = (",".join(f"{x:.12g}" for x in row(*point)) for point in POINTS)
+    file.write_text("\n".join([head, *rows]))
+    return fit(law, file, at=WHEEL | at, columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "columns", "line"),
+    [
+        ("creep [m/s],force [kN]", lambda c, F: (10 * c, F / 1e3), {}, "so it is v_s itself"),
+        ("creep [km/h],force [N]", lambda c, F: (36 * c, F), {}, "creep from km/h to m/s"),
+        ("creep [%],force [kN]", lambda c, F: (100 * c, F / 1e3), {}, "creep from % to 1, force"),
+        ("creep [permille],force [N]", lambda c, F: (1e3 * c, F), {}, "creep from permille to 1"),
+        ("creep,force", lambda c, F: (c, F), {}, "read creep as a number, force in N"),
+        ("v_s [km/h],mu [%]", lambda c, F: (36 * c, F / 1067), {}, "v_s from km/h to m/s, mu"),
+        ("creep [1],force [1]", lambda c, F: (c, F / 106.7e3), {}, "force is in 1, so it is mu"),
+        ("creep [1],v_s [m/s],force [N]", lambda c, F: (9 * c, 10 * c, F), {}, "not used: creep"),
+        ("slip [km/h],force [N]", lambda c, F: (36 * c, F), {"v_s": "slip"}, "slip from km/h"),
+        ("lambda [1],pull [N]", lambda c, F: (-c, -F),
+         {"v_s": "-lambda * v", "mu": "-pull / Q"}, ""),
+        ("omega [rad/s],torque [N m]", lambda c, F: (16 * (1 + c), F * 0.625),
+         {"v_s": "omega * 0.625 - v", "mu": "torque / 0.625 / Q"}, "only if its numbers"),
+    ],
+)  # fmt: skip
+def test_what_a_head_says_is_converted_with_a_line(tmp_path, head, row, columns, line):
+    """Whatever quantity and unit a curve has, the law is the same, and a line tells of it."""
+    found, plain = told(tmp_path, head, row, columns), fit(polach, CURVE)
+    # the file's a, b and c11 are rounded alike; twelve digits of the rows
+    assert found.values == pytest.approx(plain.values, rel=1e-6)
+    assert line in "\n".join(found.notes)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "columns", "words"),
+    [
+        ("creepage [1],force [N]", lambda c, F: (c, F), {}, "lacks v_s"),
+        ("omega [rad/s],v [m/s],force [N]", lambda c, F: (16 * c, 10, F), {}, "lacks v_s"),
+        ("creep [1],force [kN/m]", lambda c, F: (c, F), {}, "wants it in N, or mu itself in 1"),
+        ("creep [kg],force [N]", lambda c, F: (c, F), {}, "wants it in 1, or v_s itself in m/s"),
+        ("creep [1],force [N]", lambda c, F: (c, -F), {}, "mu is negative where v_s is positive"),
+        ("slip [m/s],force [N]", lambda c, F: (c, F), {"v_s": "slip * v"}, "not [m/s]"),
+    ],
+)
+def test_another_quantity_is_refused(tmp_path, head, row, columns, words):
+    with pytest.raises(BadInput) as error:
+        told(tmp_path, head, row, columns)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_numbers_that_nobody_told_are_named(tmp_path):
+    """The law's own load makes no adhesion of a force; its own radius and patch are told."""
+    file = tmp_path / "mine.csv"
+    file.write_text(BARE)
+    with pytest.raises(BadInput, match="mu is read as force / Q; give Q"):
+        fit(polach, file, at={"v": 10.0})
+    by_carter = fit(carter, file, at={"v": 10.0, "Q": 106.7e3}).notes[-1]
+    assert re.findall(r"\w+(?= =)", by_carter) == ["G", "nu", "R", "b"]  # not v_min: v is above it
+    assert "R = 0.445 m" in by_carter
+    one = fit(carter, file, at={"v": 10.0, "Q": 106.7e3, "R": 0.625, "G": 82e9, "nu": 0.28})
+    assert re.findall(r"\w+(?= =)", one.notes[-1]) == ["b"]
+    assert not fit(polach, CURVE).notes
+
+
+def test_a_load_that_the_file_contradicts_is_told(tmp_path):
+    file = tmp_path / "axle.csv"
+    file.write_text("# set Q = 213.4 kN\n" + BARE)
+    said = fit(polach, file, at={"Q": 106.7e3, "v": 10.0}).notes
+    assert any("its comment has Q = 213400 N; 106700 is given and taken" in n for n in said)
+
+
 # ---- refusals ------------------------------------------------------------------------------------
 
 LOW = np.linspace(1e-5, 1e-4, 20)
 NOISY = 3e6 * LOW * (1 + 1e-3 * np.random.default_rng(3).normal(size=20))
+
+
+HERE = {"v": 10.0, "Q": contact.WHEEL_LOAD}
 
 
 @pytest.mark.parametrize(
@@ -277,21 +361,24 @@ NOISY = 3e6 * LOW * (1 + 1e-3 * np.random.default_rng(3).normal(size=20))
     [
         ({"unknown": ["k_A", "k_S", "c11"]}, "does not identify k_A, k_S, c11"),
         (
-            {"data": {"creep": LOW, "force": NOISY}, "at": {"v": 10.0}},
+            {"data": {"creep": LOW, "force": NOISY}, "at": HERE},
             "identify k_A, k_S, A, B, mu_0",
         ),
         (
-            {"data": {"creep": LOW[::-1], "force": NOISY}, "at": {"v": 10.0}},
+            {"data": {"creep": LOW[::-1], "force": NOISY}, "at": HERE},
             "is not sorted: v_s falls",
         ),
         (
-            {"data": {"creep": LOW, "force": NOISY}, "at": {"v": 10.0}, "unknown": ["k_A", "k_S"]},
+            {"data": {"creep": LOW, "force": NOISY}, "at": HERE, "unknown": ["k_A", "k_S"]},
             "does not identify k_A, k_S: other values fit as well; fix one of them",
         ),
         ({"at": {"Q": 20e3}}, "its a, b, c11 belong to Q = 106700, not 20000; give a, b, c11, or"),
-        ({"data": {"creep": LOW}, "at": {"v": 10.0}}, "lacks mu; give a column mu [1], or force"),
-        ({"data": {"creep": LOW[:5], "force": NOISY[:5]}, "at": {"v": 10.0}}, "has 5 points for 5"),
-        ({"data": {"creep": LOW, "force": NOISY}}, "v_s is read as creep * v; give v"),
+        ({"data": {"creep": LOW}, "at": HERE}, "lacks mu; give a column mu [1], or force"),
+        ({"data": {"creep": LOW[:5], "force": NOISY[:5]}, "at": HERE}, "has 5 points for 5"),
+        (
+            {"data": {"creep": LOW, "force": NOISY}, "at": {"Q": 8e4}},
+            "v_s is read as creep * v; give v",
+        ),
         ({"data": {}}, "give columns of one length"),
         ({"data": {"creep": LOW, "force": NOISY * math.nan}, "at": {"v": 1.0}}, "not finite"),
         ({"unknown": ["k_A", "B"], "at": {"B": 0.5}}, "B is both given and unknown"),
@@ -338,7 +425,12 @@ def test_bad_file(tmp_path, text, words, capsys):
     file = tmp_path / "curve.csv"
     file.write_text(text)
     out = tmp_path / "out"
-    assert cli.main(["fit", str(file), "--law", "polach", "--set", "v=10", "--out", str(out)]) == 2
+    assert (
+        cli.main(
+            ["fit", str(file), "--law", "polach", "--set", "v=10", "Q=80kN", "--out", str(out)]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert words in said
     assert said.count("\n") == 1

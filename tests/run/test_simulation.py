@@ -49,9 +49,9 @@ def same(a, b) -> bool:
 
 @pytest.mark.parametrize("compile", [True, False])
 def test_every_nth_row_is_the_row_of_the_whole_run(compile, monkeypatch):
-    from slipctl.run import simulation
+    from slipctl.run import prepared
 
-    monkeypatch.setattr(simulation, "SCRATCH", 17)  # pieces that do not fit the rows
+    monkeypatch.setattr(prepared, "SCRATCH", 17)  # pieces that do not fit the rows
     block, scenario = closed_loop(), three_rails(0.3)
     whole = simulate(block, scenario, compile=compile)
     some = simulate(block, scenario, compile=compile, every=7, log=["plant.wheel.v", "ctl.T_b"])

@@ -23,7 +23,7 @@ from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput
-from slipctl.run import simulation
+from slipctl.run import feeding
 from slipctl.run.rail import Scenario
 
 Wrong = Callable[[float, float, float, float], float]
@@ -105,14 +105,14 @@ class InLoop:
     ) -> None:
         block = loop[part]
         rest = loop.swap(part, place_holder(block))
-        rest = simulation.begun(rest, scenario)
+        rest = feeding.begun(rest, scenario)
         if rest.period is None:
             raise BadInput(f"{loop.name} has no period")
         self.module, self.period, self.plan = module, rest.period, Plan(block)
         ticks = round(scenario.duration / rest.period)
-        rail_inputs, rail_params = simulation.rail_values(rest, scenario)
-        self.u = simulation._feed(rest, scenario, ticks, rest.period, rail_inputs)
-        f, self.pieces = simulation._pieces(rest, scenario, ticks, rest.period, rail_params)
+        rail_inputs, rail_params = feeding.rail_values(rest, scenario)
+        self.u = feeding.feeds(rest, scenario, ticks, rest.period, rail_inputs)
+        f, self.pieces = feeding.pieces(rest, scenario, ticks, rest.period, rail_params)
         self.calls = [_buffered(f, p) for _, _, p in self.pieces]
         self.x = np.array(ca.DM(rest.pack("state", rest.start())).full()).ravel()
         self.given = _places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])

@@ -14,7 +14,8 @@ from slipctl.ccode.check.expected import start_state
 from slipctl.ccode.check.rig import BROKEN, LATE, LOST
 from slipctl.ccode.write.precision import drawn, rounded
 from slipctl.errors import BadInput
-from slipctl.run import simulation
+from slipctl.run import feeding
+from slipctl.run.prepared import Log
 from slipctl.run.rail import Scenario
 
 if TYPE_CHECKING:
@@ -133,13 +134,13 @@ def run_in_loop(
     rest = loop.swap(part, place_holder(block))
     kept = {k: v for k, v in scenario.params.items() if any(
         n == k or n.endswith("." + k) for n in rest.params)}  # fmt: skip
-    rest = rest.with_params(**{simulation._find(rest, "param", k): v for k, v in kept.items()})
+    rest = rest.with_params(**{rest.find(k, "param"): v for k, v in kept.items()})
     assert rest.period is not None
     ticks = round(scenario.duration / rest.period)
-    rail_inputs, rail_params = simulation.rail_values(rest, scenario)
-    u = simulation._feed(rest, scenario, ticks, rest.period, rail_inputs)
-    f, pieces = simulation._pieces(rest, scenario, ticks, rest.period, rail_params)
-    start = {simulation._find(rest, "state", k): v for k, v in scenario.start.items()}
+    rail_inputs, rail_params = feeding.rail_values(rest, scenario)
+    u = feeding.feeds(rest, scenario, ticks, rest.period, rail_inputs)
+    f, pieces = feeding.pieces(rest, scenario, ticks, rest.period, rail_params)
+    start = {rest.find(k, "state"): v for k, v in scenario.start.items()}
     x = np.array(ca.DM(rest.pack("state", rest.start(**start))).full()).ravel()
 
     given = _places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])
@@ -175,7 +176,8 @@ def run_in_loop(
             x_log[k], y_log[k] = x, y_out[:, 0]
             x = x_out[:, 0].copy()
     time = np.arange(ticks) * rest.period
-    data = simulation._dataset(rest, scenario, time, x_log, u, y_log, None)
+    values = {"input": u, "output": y_log, "state": x_log}
+    data = Log(rest, scenario, time, values, None).dataset()
     unseen = [n for n in data if GIVEN in str(n) or SEEN in str(n)]
     return InLoop(data.drop_vars(unseen), status)
 

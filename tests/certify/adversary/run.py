@@ -9,12 +9,14 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # --jobs says how many cores are taken
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from adversary import common

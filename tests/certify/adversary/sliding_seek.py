@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -137,8 +139,6 @@ def replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
     run, clause = counterexample["run"], counterexample["clause"]
     beta = one["beta"][0]
     if clause == "climbs":
-        from fractions import Fraction
-
         one["slope"] = np.array([float(Fraction(run["slope"]))])
         if run["noise"] == "none":
             one["noise"] = np.zeros(1)
@@ -152,32 +152,48 @@ def replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
         if not ticks:
             return True
         return bool(_climb(one, np.array([0.999999]), ticks)[-1, 0] < n["gap"])
-    return _turning(one, run) > n["ripple"] * (1 - 1e-6)
+    return _turning(n, run)
 
 
-def _turning(n: Cases, run: dict[str, Any]) -> float:
-    """Width between the last turns of both parts of the second period; 0 if the third's is less."""
-    from fractions import Fraction
+def _turning(n: dict[str, float], run: dict[str, Any]) -> bool:
+    """Whether the second period's width exceeds the ripple, and the third's is no less.
 
-    late, c = _late(n), n["curvature"] / 2
-    x = np.array([float(Fraction(run["start"]))])
-    store, g, way, turns = [x], c * x * x - n["beta"] / 2, 1, []
+    The width is that between the last turns of both parts of a period. Whole numbers throughout, so
+    that nothing is left to a tolerance: a value on a plane counts to the cells of both sides. Where
+    the noise can say either, it says what the part wants, but does not turn twice at one plane.
+    """
+    plain = {k: Fraction(f"{n.get(k, 0):.10g}") for k in (
+        "k", "rho", "beta", "curvature", "T", "noise", "dead_time", "ripple")}  # fmt: skip
+    k, rho, T = plain["k"], plain["rho"], plain["T"]
+    late, start = math.ceil(plain["dead_time"] / T), Fraction(run["start"])
+    # x = start + j k T, and all values in units of 1/scale
+    c = plain["curvature"] / 2
+    values = (c * start**2, 2 * c * start * k * T, c * (k * T) ** 2, rho * T, plain["beta"],
+              plain["noise"])  # fmt: skip
+    scale = 2 * math.lcm(*(x.denominator for x in values))
+    still, lean, bend, fall, beta, noise = (int(x * scale) for x in values)
+    j, g, way = 0, still - beta // 2, 1
+    places, turns, last = [0], [], None
     period = run["left"] + run["right"]
     while len(turns) < 3 * period:
-        right = len(turns) % period >= run["left"]
-        seen = _delayed(store, late)
-        up = _plus(c * seen * seen - g, n, np.array([right]))
-        if (1 if up[0] else -1) != way:
-            way = -way
-            turns.append(x[0])
-        x = x + n["T"] * n["k"] * np.where(up, 1, -1)
-        g = g + n["T"] * n["rho"]
-        store = [*store[-12:], x]
-    second, third = (
+        wanted = 1 if len(turns) % period >= run["left"] else -1
+        old = places[max(len(places) - 1 - late, 0)]
+        value = still + lean * old + bend * old * old - g
+        delta, plane = value % (2 * beta), (2 * value + beta) // (2 * beta)
+        above = delta <= beta + noise or delta >= 2 * beta - noise
+        below = delta >= beta - noise or delta <= noise
+        either = way if plane == last else wanted
+        new = either if above and below else 1 if above else -1
+        if new != way:
+            way, last = new, plane
+            turns.append(j)
+        j, g = j + way, g + fall
+        places = [*places[-late:], j] if late else [j]
+    widths = [
         max(turns[end - 2 : end]) - min(turns[end - run["right"] - 2 : end - run["right"]])
         for end in (2 * period, 3 * period)
-    )
-    return float(second) if third >= second * (1 - 1e-6) else 0.0
+    ]
+    return widths[0] * k * T > plain["ripple"] and widths[1] >= widths[0]
 
 
 ADVERSARY = Adversary(

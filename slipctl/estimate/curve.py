@@ -1,0 +1,210 @@
+"""The points of a fit: columns and comments of a file as inputs and output of a law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import evaluate, names_in
+from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
+from slipctl.errors import BadInput, nearest
+from slipctl.estimate.heads import read_heads, spelt
+from slipctl.estimate.tables import Table
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Measured points of a law.
+
+    Attributes:
+        source: where from.
+        inputs: of the law by name, one number per point.
+        measured: output of the law, one number per point.
+        output: its name.
+    """
+
+    source: str
+    inputs: dict[str, np.ndarray]
+    measured: np.ndarray
+    output: str
+
+    @property
+    def abscissa(self) -> str:
+        """First input that varies."""
+        varied = (n for n, x in self.inputs.items() if np.ptp(x) > 0)
+        return next(varied, next(iter(self.inputs)))
+
+
+def settings(law: Block, table: Table | Mapping[str, Any]) -> dict[str, float]:
+    """Values of inputs and parameters that the file itself tells."""
+    if not isinstance(table, Table):
+        return {}
+    return {
+        n: quantity(law, n, text, f"{table.path}, line {line}: ")
+        for line, n, text in table.settings
+    }
+
+
+def parameters_of_columns(
+    law: Block, source: str, table: Table | Mapping[str, Any], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Parameters that a column gives; refuses one that varies, and a second value of anything."""
+    names, units, values, _ = _columns(table)
+    found = {}
+    for n, u in zip(names, units, strict=True):
+        signals = {**law.inputs, **law.params, **law.beside}
+        if n not in signals:
+            continue
+        s = signals[n]
+        if u and not dimension_equal(u, s.unit):
+            continue  # told where the curve is read
+        x = values[n] * (factor(u, s.unit) if u else 1.0)
+        if n in given and not np.allclose(x, given[n], rtol=1e-9):
+            raise BadInput(f"{source} has a column {n}, and {n} = {given[n]:g} {s.unit} is given;"
+                           " leave out one of them")  # fmt: skip
+        if n in law.inputs:
+            continue
+        if np.ptp(x) > 1e-9 * abs(x[0]):
+            raise BadInput(
+                f"{source}: the column {n} goes from {x.min():g} to {x.max():g} {s.unit}, but"
+                f" {law.name} has one {n}; fit each by itself"
+            )
+        if n not in given:
+            found[n] = float(s.check(f"{source}: {law.name}.{n}", float(x[0])))
+    return found
+
+
+def quantity(law: Block, name: str, value: Any, where: str = "") -> float:
+    """Value of an input or parameter, from a number in its unit or a text with a unit."""
+    signals = {**law.beside, **law.inputs, **law.params}
+    if name not in signals:
+        raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
+                       f"{nearest(name, signals)}")  # fmt: skip
+    if name in law.params:
+        law._settable(name)
+    s = signals[name]
+    number = (
+        parse_quantity(value, s.unit, f"{law.name}.{name}") if isinstance(value, str) else value
+    )
+    return float(s.check(f"{where}{law.name}.{name}", number))
+
+
+def points(
+    law: Block, source: str, table: Table | Mapping[str, Any], known: Mapping[str, float],
+    columns: Mapping[str, str], output: str, unknown: Sequence[str],
+) -> tuple[Curve, list[str]]:  # fmt: skip
+    """Columns of the file, made into inputs and output of the law, and lines on what was made."""
+    names, units, values, lines = _columns(table)
+    signals = {**law.inputs, output: law.outputs[output]}
+    for n in columns:
+        if n not in signals:
+            raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
+    si = {n: values[n] * (unit(u).scale if u else 1.0) for n, u in zip(names, units, strict=True)}
+    given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
+    given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
+    given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known) | si
+    reads, notes = read_heads(
+        law, source, signals, dict(zip(names, units, strict=True)), columns, known,
+        si=not isinstance(table, Table),
+    )  # fmt: skip
+    found, many = {}, len(next(iter(values.values())))
+    for n, s in signals.items():
+        if expression := reads.get(n, ""):
+            missing = [k for k in names_in(expression) if k not in given]
+            lost = [k for k in missing if k in unknown]
+            if lost:
+                raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
+            if missing:
+                raise BadInput(_lacking(law, source, n, names, expression, missing))
+            result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
+            found[n] = np.broadcast_to(result.ravel(), many)
+        elif n in si:
+            u = units[names.index(n)]
+            if u and not dimension_equal(u, s.unit):
+                raise BadInput(
+                    f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
+                    f" or a column of its own, columns={{{n!r}: '...'}}, --column {n}=EXPRESSION"
+                )
+            found[n] = values[n] * (factor(u, s.unit) if u else 1.0)
+        elif n in known or (n != output and s.value is not None):
+            found[n] = np.full(many, float(given[n]))
+        else:
+            raise BadInput(_lacking(law, source, n, names, law.readings.get(n, ""), [n]))
+    measured = found.pop(output)
+    curve = Curve(source, found, measured, output)
+    _check_sorted(curve, lines)
+    _check_sign(law, curve)
+    if many <= len(unknown):
+        raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
+                       f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
+    return curve, notes
+
+
+def _columns(
+    table: Table | Mapping[str, Any],
+) -> tuple[list[str], list[str], dict[str, np.ndarray], list[int]]:
+    """Names, units, values and line numbers of the columns."""
+    if isinstance(table, Table):
+        rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
+        values = {spelt(n): rows[:, k] for k, n in enumerate(table.names)}
+        return list(values), table.units, values, [line for line, _ in table.rows]
+    values = {spelt(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+    if not values or len({v.size for v in values.values()}) != 1:
+        raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
+    for n, v in values.items():
+        if not np.isfinite(v).all():
+            raise BadInput(f"data: {n} is not finite everywhere")
+    many = next(iter(values.values())).size
+    return list(values), [""] * len(values), values, list(range(1, many + 1))
+
+
+def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
+    return {n: ca.DM(np.broadcast_to(v, many)) for n, v in given.items()}
+
+
+def _lacking(
+    law: Block, source: str, name: str, names: Sequence[str], reading: str, missing: Sequence[str]
+) -> str:
+    s = {**law.inputs, **law.outputs}[name]
+    if reading and set(missing) <= {*law.inputs, *law.params}:
+        what = ", ".join(missing)
+        return (
+            f"{source}: {name} is read as {reading}; give {what}, as a column or by"
+            f" --set {missing[0]}=VALUE"
+        )
+    ways = [f"a column {name} [{s.unit}]"]
+    if reading:
+        ways.append(f"{' and '.join(missing)} for {name} = {reading}")
+    if name in law.inputs:
+        ways.append(f"--set {name}=VALUE")
+    return (
+        f"{source} has the columns {', '.join(names)} and lacks {name}; give {', or '.join(ways)}"
+    )
+
+
+def _check_sign(law: Block, curve: Curve) -> None:
+    """Refuse a curve that pushes against its creep, where both have the law's sense."""
+    along, y = law.inputs[curve.abscissa], law.outputs[curve.output]
+    sense = curve.inputs[curve.abscissa] * curve.measured
+    if along.positive and along.positive == y.positive and float(sense.sum()) < 0:
+        raise BadInput(
+            f"{curve.source}: {y.name} is negative where {along.name} is positive; both are"
+            f" positive in {y.positive}, so turn one round, such as --column {y.name}='-COLUMN'"
+        )
+
+
+def _check_sorted(curve: Curve, lines: Sequence[int]) -> None:
+    """Refuse points that go back and forth; a change of another input begins a new curve."""
+    x = curve.inputs[curve.abscissa]
+    others = [v for n, v in curve.inputs.items() if n != curve.abscissa]
+    for k in range(1, x.size):
+        if x[k] < x[k - 1] and all(v[k] == v[k - 1] for v in others):
+            raise BadInput(
+                f"{curve.source} is not sorted: {curve.abscissa} falls from {x[k - 1]:g} to"
+                f" {x[k]:g} in row {lines[k]}; sort the rows"
+            )

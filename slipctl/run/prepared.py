@@ -1,0 +1,312 @@
+"""A prepared run: a loop in its scenario, built once, rolled with other numbers again and again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block, as_block
+from slipctl.block.signals import Signal, total_size
+from slipctl.errors import BadInput, RunFailed, check_whole, nearest
+from slipctl.run import build
+from slipctl.run.feeding import begun, feeds, pieces, rail_values
+from slipctl.run.numbers import Template, template
+from slipctl.run.rail import Scenario
+
+if TYPE_CHECKING:
+    import xarray
+
+CHUNKS = 40
+"""Pieces a run is cut into, for progress and for stopping it."""
+
+LARGEST = 2**36
+"""Most bytes that a run may ask for, its inputs and the rows of its log."""
+
+SCRATCH = 20_000
+"""Most ticks that are held in memory at a time where only some rows are kept."""
+
+
+def prepare(
+    loop: Block,
+    scenario: Scenario,
+    *,
+    compile: bool = True,
+    log: Iterable[str] | None = None,
+    every: int = 1,
+) -> Prepared:
+    """Build all that a run needs once, to roll it with many sets of numbers.
+
+    ``run = prepare(loop, scenario)`` gives a run that is called with numbers: ``run({"ctl.law.k1":
+    12.0})`` gives, bit by bit, the signals of ``simulate(loop.with_params(...), scenario)``, in
+    little more than the time of the compiled roll. Threads may call it side by side: the roll runs
+    outside Python's lock.
+
+    Args:
+        loop: a step block with a period; every input must be fed by a wire, the scenario, noise
+            or its own default value.
+        scenario: what happens.
+        compile: compile the loop when a C compiler is there; the numbers are the same.
+        log: names to keep; by default every number, and every number per axle, that is no held
+            copy.
+        every: ticks from one row of the log to the next; 1 keeps each.
+
+    Returns:
+        The run, to be called with numbers.
+
+    Raises:
+        BadInput: unfed inputs, unknown names, a rail condition that the loop does not know, every
+            not a whole number.
+    """
+    return Prepared(loop, scenario, compile=compile, log=log, every=every)
+
+
+class Prepared:
+    """A loop in a scenario, ready to roll; see :func:`prepare`.
+
+    Attributes:
+        loop: as it was given.
+        scenario: what happens.
+    """
+
+    def __init__(
+        self, loop: Block, scenario: Scenario, *, compile: bool = True,
+        log: Iterable[str] | None = None, every: int = 1,
+    ) -> None:  # fmt: skip
+        self.loop, self.scenario, self._every = loop, scenario, every
+        self.ticks = _ticks(loop, scenario, every)
+        self._compile = compile
+        self._begun = begun(loop, scenario)
+        self._wanted = None if log is None else set(log)
+        _check_logged(self._begun, self._wanted)
+        self._templates: dict[tuple[str, ...], Template | None] = {}
+        self._roller: tuple[ca.Function, Callable[..., int]] | None = None
+        self._feed: tuple[Any, np.ndarray] | None = None
+        self._parts(self._begun, scenario)
+
+    def __call__(
+        self,
+        numbers: Mapping[str, Any] | None = None,
+        *,
+        seed: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Log:
+        """Roll with these numbers.
+
+        Args:
+            numbers: parameters and start values by name, as :meth:`Block.with_params` takes them:
+                a shared number reaches all its places. None rolls the loop as it is.
+            seed: of the noise; None is the scenario's.
+            progress: called with the share done, 0 to 1.
+
+        Returns:
+            Arrays by name, ``"time"`` in s and the signals, the tick's start value for states.
+
+        Raises:
+            BadInput: what ``with_params`` and ``simulate`` refuse, with the same words.
+            RunFailed: a state became NaN or infinite; says block, signal and time.
+        """
+        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
+        block = self._numbered(numbers) if numbers else self._begun
+        x = build.column(block.pack("state", block.start()))
+        u, roll, parts = self._parts(block, scenario)
+        h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
+        rows = np.arange(0, ticks, every)
+        x_log = np.empty((rows.size, x.size))
+        y_log = np.empty((rows.size, total_size(block.outputs.values())))
+        for first, last, p in parts:
+            size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
+            size = min(size, SCRATCH) if every > 1 else size
+            for k in range(first, last, size):
+                stop = min(k + size, last)
+                kept = slice(*np.searchsorted(rows, (k, stop)))
+                whole = every == 1
+                x_now = x_log[kept] if whole else np.empty((stop - k, x.size))
+                y_now = y_log[kept] if whole else np.empty((stop - k, y_log.shape[1]))
+                n = roll(x, u[k:stop], p, x_now, y_now)
+                if n < stop - k:
+                    raise RunFailed(_broken(block, x, (k + n + 1) * h))
+                if not whole:
+                    x_log[kept], y_log[kept] = x_now[rows[kept] - k], y_now[rows[kept] - k]
+                if progress:
+                    progress(stop / ticks)
+        u = u if every == 1 else u[rows]
+        return Log(block, scenario, rows * h, {"input": u, "output": y_log, "state": x_log},
+                   self._wanted, every)  # fmt: skip
+
+    def _numbered(self, numbers: Mapping[str, Any]) -> Block:
+        """Loop with these numbers, in the scenario; where only numbers differ, made from one."""
+        key = tuple(numbers)
+        if key not in self._templates:
+            with suppress(BadInput, TypeError, ValueError):  # told below, in the words of the loop
+                self._templates[key] = template(self.loop, self._begun, self.scenario, numbers)
+        known = self._templates.get(key)
+        block = known.with_numbers(numbers) if known is not None else None
+        return block or begun(self.loop.with_params(**numbers), self.scenario)
+
+    def _parts(
+        self, block: Block, scenario: Scenario
+    ) -> tuple[np.ndarray, Callable[..., int], list[tuple[int, int, np.ndarray]]]:
+        """Inputs tick by tick, what rolls, and (first tick, last tick, parameters) of each part."""
+        h = float(block.period or 0.0)
+        inputs, params = rail_values(block, scenario)
+        key = (scenario.seed, {n: [np.asarray(v).tolist() for v in vs] for n, vs in inputs.items()})
+        fed = self._feed
+        if fed is None or fed[0] != key:
+            fed = self._feed = (key, feeds(block, scenario, self.ticks, h, inputs))
+        f, parts = pieces(block, scenario, self.ticks, h, params)
+        roller = self._roller
+        if roller is None or roller[0] is not f:
+            roller = self._roller = (f, build.rolling(f, self._compile, self.ticks))
+        return fed[1], roller[1], parts
+
+
+def _ticks(loop: Block, scenario: Scenario, every: int) -> int:
+    """Ticks of a run; refuses what cannot be one."""
+    if as_block("simulate: the loop", loop).kind == "flow":
+        raise BadInput(f"{loop.name} is continuous; sampled({loop.name}, h, method) first")
+    if loop.period is None:
+        raise BadInput(f"{loop.name} has no period; one of its blocks must say it")
+    if not isinstance(scenario, Scenario):
+        raise BadInput(
+            f"simulate: {scenario!r} is no scenario; write Scenario(name, duration, ...)"
+        )
+    h = loop.period
+    ticks = round(scenario.duration / h)
+    if ticks < 1:
+        raise BadInput(
+            f"scenario {scenario.name}: duration {scenario.duration:g} s is shorter than one tick"
+            f" of {h:g} s"
+        )
+    check_whole("simulate: every", every)
+    read = total_size(loop.inputs.values())
+    logged = total_size([*loop.states.values(), *loop.outputs.values()])
+    room = 8 * ticks * (read + logged / every)
+    if room > LARGEST:
+        raise BadInput(
+            f"scenario {scenario.name}: {ticks:.3g} ticks of {h:g} s need {room / 2**30:.3g} GiB;"
+            " shorten the duration, or keep fewer rows with every="
+        )
+    return ticks
+
+
+def _check_logged(loop: Block, wanted: set[str] | None) -> None:
+    known = {s.name for s in loop.signals if s.role != "param"}
+    for n in wanted or ():
+        if n not in known:
+            raise BadInput(f"{loop.name} has no signal {n!r} to log{nearest(n, known)}")
+
+
+def _broken(loop: Block, x: np.ndarray, when: float) -> str:
+    at = 0
+    for n, s in loop.states.items():
+        values = x[at : at + s.size]
+        at += s.size
+        if not np.isfinite(values).all():
+            bad = values[~np.isfinite(values)][0]
+            return f"{loop.name}: {n} [{s.unit}] became {bad} at t = {when:.6g} s"
+    return f"{loop.name}: a state became NaN before t = {when:.6g} s"
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a logged signal stands: among which packed values, and from which column on."""
+
+    role: str
+    at: int
+    signal: Signal
+
+
+class Log(Mapping[str, np.ndarray]):
+    """What a run gave: arrays by name, each made when it is asked for; ``"time"`` in s first.
+
+    A signal of one number is an array of rows, one of a shape has the rows in front.
+
+    Attributes:
+        loop: the loop as it ran.
+        scenario: the scenario as it ran.
+    """
+
+    def __init__(
+        self, loop: Block, scenario: Scenario, time: np.ndarray, values: Mapping[str, np.ndarray],
+        wanted: set[str] | None, every: int = 1,
+    ) -> None:  # fmt: skip
+        self.loop, self.scenario, self._time, self._every = loop, scenario, time, every
+        self._columns: dict[str, _Column] = {}
+        self._values = values
+        for role in values:
+            at = 0
+            for n, s in loop._signals[role].items():
+                here, at = at, at + s.size
+                last = n.rpartition(".")[2]
+                shown = s.shape == () or (s.axis != "" and len(s.shape) == 1)
+                keep = shown and not last.startswith("held_") and last != "tick"
+                if not (keep if wanted is None else n in wanted):
+                    continue
+                if role != "output" and n in loop.outputs:
+                    continue  # a wire from this name carries the output too
+                self._columns[n] = _Column(role, here, s)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name == "time":
+            return self._time
+        if name not in self._columns:
+            raise KeyError(name)
+        c = self._columns[name]
+        s, rows = c.signal, len(self._time)
+        columns = self._values[c.role][:, c.at : c.at + s.size]
+        if len(s.shape) == 2:  # stored column by column
+            data = columns.reshape(rows, s.shape[1], s.shape[0]).transpose(0, 2, 1)
+        else:
+            data = columns.reshape(rows, *s.shape)
+        return np.ascontiguousarray(data)
+
+    def __iter__(self) -> Iterator[str]:
+        yield "time"
+        yield from self._columns
+
+    def __len__(self) -> int:
+        return 1 + len(self._columns)
+
+    def dataset(self) -> xarray.Dataset:
+        """The same as a Dataset, with units and provenance; see :func:`simulate`."""
+        import xarray
+
+        from slipctl import __version__
+
+        variables: dict[str, Any] = {}
+        sizes: dict[str, int] = {}
+        for n, c in self._columns.items():
+            s = c.signal
+            attributes = {"units": s.unit, "long_name": s.doc or n}
+            if s.positive:
+                attributes["positive"] = s.positive
+            dims = ["time", *(f"{n}.{i}" for i in range(len(s.shape)))]
+            if s.axis and sizes.setdefault(s.axis, s.shape[-1]) == s.shape[-1]:
+                dims[-1] = s.axis
+            variables[n] = (dims, self[n], attributes)
+        loop, scenario = self.loop, self.scenario
+        parameters = {
+            n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
+            for n, v in loop.param_values().items()
+        }
+        provenance: dict[str, Any] = {
+            "format": 1,
+            "slipctl_version": __version__,
+            "loop": loop.name,
+            "scenario": scenario.name,
+            "seed": scenario.seed,
+            "noise": scenario.noise,
+            "period_s": loop.period,
+            "rail_changes_s": scenario.changes,
+            "parameters": json.dumps(parameters),
+        }
+        if self._every > 1:
+            provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
+        coordinate = ("time", self._time, {"units": "s", "long_name": "time"})
+        return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)
