@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -78,6 +79,14 @@ def _row(there: Signal, ends: Row, source: str) -> Signal:
     what = dict(zip(("lo", "hi", "change"), ends, strict=False))
     if there.role != "input":
         what.pop("change", None)
-    numbers = {k: float(v) for k, v in what.items() if not isinstance(v, str)}
+    numbers = {"lo": -math.inf, "hi": math.inf, "change": math.inf}
+    numbers |= {k: float(v) for k, v in what.items() if not isinstance(v, str)}
     bounds = tuple(Bound(k, v) for k, v in what.items() if isinstance(v, str))
-    return replace(there, **numbers, bounds=bounds, source=there.source or source)
+    return replace(
+        there,
+        lo=numbers["lo"],
+        hi=numbers["hi"],
+        change=numbers["change"],
+        bounds=bounds,
+        source=there.source or source,
+    )

@@ -197,8 +197,9 @@ class _Controller:
             (k, f"{self.short[c]}_{k}")
             for k, v in zip(("lo", "hi"), self.limits[c], strict=True) if not isinstance(v, str)
         ]  # fmt: skip
-        free = {k: -math.inf if k == "lo" else math.inf for k, _ in given}
-        return replace(s, **free, bounds=tuple(Bound(k, n) for k, n in given))
+        own = {k for k, _ in given}
+        lo, hi = -math.inf if "lo" in own else s.lo, math.inf if "hi" in own else s.hi
+        return replace(s, lo=lo, hi=hi, bounds=tuple(Bound(k, n) for k, n in given))
 
     # ---- the block ------------------------------------------------------------------------------
 
