@@ -5,11 +5,12 @@ from casadi import fmax, fmin
 from slipctl import Block, Input, Output, Param, State, flow, law
 
 
-def brake(lag: bool = False) -> Block:
+def brake(lag: bool = False, rate: bool = False) -> Block:
     """Make a brake: it cannot drive, it has a largest torque, and with ``lag`` it takes its time.
 
     Args:
         lag: first-order lag of the cylinder; without it the torque follows at once.
+        rate: with a lag: the torque has a largest rate too.
     """
     if not lag:
 
@@ -22,6 +23,22 @@ def brake(lag: bool = False) -> Block:
             return fmin(T_max, fmax(0, T_cmd))
 
         return ideal
+
+    if rate:
+
+        @flow(name="brake", choices={"lag": True, "rate": True})
+        def limited(
+            T_b=State("N m", 0.0, "brake torque", lo=0, positive="braking"),
+            T_cmd=Input("N m", "commanded torque", positive="braking"),
+            T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+            tau=Param("s", 0.05, "time constant of the cylinder", "typical, guess", lo=1e-3, hi=5),
+            R_max=Param("N m/s", 1e5, "largest rate of the torque", "guess", lo=1),
+        ):
+            """Limits of a brake, a first-order lag and a largest rate."""
+            wanted = (fmin(T_max, fmax(0, T_cmd)) - T_b) / tau
+            return dict(T_b=fmax(-R_max, fmin(R_max, wanted))), {}
+
+        return limited
 
     @flow(name="brake", choices={"lag": True})
     def lagging(

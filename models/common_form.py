@@ -114,6 +114,18 @@ def fall(
 
 
 @law(
+    F=Output("N", "adhesion force", "adhesion of 2 under 50 t", positive="braking", lo=-1e6, hi=1e6)
+)
+def force(
+    mu=Input("1", "adhesion coefficient", positive="braking"),
+    m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
+    g=Param("m/s^2", 9.81, "gravity", ADDED),
+):
+    """F = mu W g."""
+    return mu * m_axle * g
+
+
+@law(
     T_eq=Output(
         "N m",
         "torque that keeps the slip",

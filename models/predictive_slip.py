@@ -20,6 +20,7 @@ from slipctl import (
     connect,
     every,
     flow,
+    gated,
     law,
     nmpc,
     opened,
@@ -190,6 +191,7 @@ def predictive(
     rate: float = 20.0,
     pole: float = 3.0,
     smooth: float = 0.3,
+    gate: bool = False,
 ) -> Callable[[Wheel], Block]:
     """Make the maker of a predictive slip law; see :mod:`slipctl.models.common_form`.
 
@@ -203,6 +205,7 @@ def predictive(
         rate: largest rate of the command, in largest torques per time constant of the actuator.
         pole: of the observer, over the reciprocal of that time constant.
         smooth: time constant of the reference's filter over that of the actuator.
+        gate: solve only while the further input ``on`` is 1; observer and filter run on.
 
     Returns:
         Function of a :class:`~slipctl.models.common_form.Wheel`. The law takes the parameters of
@@ -222,7 +225,7 @@ def predictive(
             "adh": opened(adhesion),
             "offset": offset.with_params(pole=pole / w.tau, m_axle=w.W, J=w.J, r=w.r, m=w.m, g=w.g),
             "smoothed": smoothed.with_params(tau_s=smooth * w.tau, x=w.v_best),
-            "nmpc": every(solver, ticks),
+            "nmpc": gated(every(solver, ticks)) if gate else every(solver, ticks),
         }
         wires = {
             "offset.mu": f"adh.{out}",
@@ -237,6 +240,8 @@ def predictive(
         } | _at_slip(adhesion, parts, "v_s")
         if "v" in solver.inputs:
             wires["nmpc.v"] = "v"
+        if gate:
+            wires["nmpc.on"] = "on"
         for n in unknown_parameters(adhesion, None):
             wires |= {f"adh.{n}": n, f"nmpc.{n}": n}
         share = SHARED | {

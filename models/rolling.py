@@ -30,6 +30,7 @@ from slipctl.analysis.rooting import bracketed_newton
 from slipctl.block.block import Exprs
 from slipctl.block.replication import widened, with_derived
 from slipctl.block.signals import Signal
+from slipctl.errors import known
 
 STAGES = ((0, 0), (0, 0), (3, 3, 3), (24, 24, 24, 24, 24, 24))
 """Newton updates of each axle in each sweep over the axles, beside the one between two sweeps. A
@@ -85,7 +86,13 @@ class Axles:
         return Axles(tuple(counts[d] for d in kinds), (0.0,) * len(kinds), tuple(kinds))
 
 
-def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = ()) -> Block:
+def rolling(
+    adhesion: Block,
+    axles: Axles,
+    h: float,
+    distinct: Sequence[str] = (),
+    apart: Sequence[str] = (),
+) -> Block:
     """Make the step of body, axles and contact.
 
     Inputs are the motor torque of each driven axle and the largest brake torque of each axle, held
@@ -96,14 +103,17 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         axles: see :class:`Axles`.
         h: step in s.
         distinct: further parameters of the law of which each axle has its own.
+        apart: of ``r`` and ``T_b`` those of which each axle has its own.
 
     Returns:
         Step with the law as its part ``adh``. Outputs: ``v_s`` is the creep at the start of the
         step, ``F``, ``mu`` and the powers hold over it; a power is that of all axles.
 
     Raises:
-        BadInput: a law with other inputs, or without ``mu``.
+        BadInput: a law with other inputs, or without ``mu``; an unknown name in ``apart``.
     """
+    for name in apart:
+        known("rolling", "apart", name, ("r", "T_b"))
     if set(adhesion.inputs) != {"v_s", "v"} or "mu" not in adhesion.outputs:
         raise BadInput(
             f"{adhesion.name} has the inputs {', '.join(adhesion.inputs)}; an adhesion law under a"
@@ -124,21 +134,23 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         each(State("rad/s", "v / r", "speed of an axle"), "omega"),
     ]
     traction, driven = {"positive": "traction"}, len(motors)
+    stopping = Input("N m", "largest brake torque of an axle", value=0.0, positive="braking")
     inputs = [
-        Input("N m", "largest brake torque of an axle", value=0.0, positive="braking").named("T_b"),
+        each(stopping, "T_b") if "T_b" in apart else stopping.named("T_b"),
         Input("N", "running resistance", value=0.0, positive="braking").named("F_d"),
     ]
     if motors:
         torque = Input("N m", "torque of a motor, at its axle", value=0.0, **traction)
         inputs.append(widened(torque.named("T"), driven, "driven"))
     source = "Wang 2025, Table 1"
+    radius = Param("m", 0.445, "wheel radius", source, lo=0.2, hi=1)
     params = [
         Param("kg", 500e3, "train", source, lo=1e3, hi=1e8).named("m"),
         each(Param("kg", 15625.0, "load of an axle", "W: M by 32 axles", lo=100, hi=5e4), "m_axle"),
         each(Param("kg m^2", 93.75, "inertia of an axle", source, lo=1, hi=1e4), "J"),
         each(Param("N m s", 0.01, "damping of an axle", source, lo=0, hi=1e3), "B_t"),
-        Param("m", 0.445, "wheel radius", source, lo=0.2, hi=1).named("r"),
-        Param("m/s^2", 9.8, "gravity", source, lo=-1e4, hi=1e4).named("g"),
+        each(radius, "r") if "r" in apart else radius.named("r"),
+        Param("m/s^2", 9.8, "gravity", source, lo=9, hi=10).named("g"),
         each(Param("1", 1.0, "share of the brake torque that it gets", lo=0, hi=2), "braked"),
         each(
             Param("1", doc="how many axles are alike", lo=-1e6, hi=1e6), "count", value=axles.count
@@ -198,7 +210,7 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
             a=acceleration,
             v_s_max=ca.mmax(v_s),
             v_s_min=ca.mmin(v_s),
-            F_rim=ca.dot(count, T - taken) / r,
+            F_rim=ca.dot(count, (T - taken) / r) if "r" in apart else ca.dot(count, T - taken) / r,
             P_drive=ca.dot(count, T * mean),
             P_brake=ca.dot(count, taken * mean),
             P_bearing=ca.dot(count, p["B_t"] * omega_next * mean),
@@ -211,7 +223,7 @@ def rolling(adhesion: Block, axles: Axles, h: float, distinct: Sequence[str] = (
         return dict(x=x["x"] + h * v_mean, v=v_next, omega=omega_next), outputs
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return rolling(parts["adh"], axles, h, distinct)
+        return rolling(parts["adh"], axles, h, distinct, apart)
 
     return make_block(
         "train", "step", body, states=states, inputs=inputs, params=[*params, *law_params],

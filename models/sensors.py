@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from casadi import floor, fmax, fmin, if_else, pi, vertcat
+from casadi import erf, floor, fmax, fmin, if_else, mmax, mmin, pi, sqrt, vertcat
 
 from slipctl import BadInput, Block, Input, Noise, Output, Param, State, law, step
 
@@ -74,6 +74,80 @@ def slip_sensor(
 ):
     """Slip speed from both speeds; Huang 2020 eq (9)."""
     return v - r * omega
+
+
+@step(phi=Output("rad", "wheel angle"))
+def turned(
+    angle=State("rad", "phi_start", "wheel angle at the last tick"),
+    omega_h=State("rad/s", 0.0, "wheel speed at the last tick"),
+    begun=State("1", 0.0, "0 at the first tick, then 1"),
+    omega=Input("rad/s", "wheel speed"),
+    T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
+    phi_start=Param("rad", 0.0, "wheel angle at the start"),
+):
+    """Angle of a wheel whose plant gives its speed alone, by trapezoids."""
+    now = angle + begun * T * (omega_h + omega) / 2
+    return dict(angle=now, omega_h=omega, begun=1), dict(phi=now)
+
+
+def reading(unit: str) -> Block:
+    """Make a sensor with noise, steps and lost samples.
+
+    Args:
+        unit: of what it measures.
+    """
+
+    @step(y=Output(unit, "measured value"), name="reading")
+    def sensor(
+        last=State(unit, "u_start", "value of the last tick"),
+        u=Input(unit, "true value"),
+        n=Noise(),
+        luck=Noise("1", "unit normal number: low ones lose the sample"),
+        sigma=Param(unit, 0.0, "standard deviation of the noise", "guess", lo=0),
+        q=Param(unit, 0.0, "step of the quantisation; 0 has none", "guess", lo=0),
+        lost=Param("1", 0.0, "share of samples that are lost", "guess", lo=0, hi=0.99),
+        u_start=Param(unit, 0.0, "value at the start"),
+    ):
+        """Noise first, then steps of q; a sample that is lost leaves the value of the last tick."""
+        value = u + sigma * n
+        stepped = if_else(q > 0, q * floor(value / fmax(q, 1e-300) + 0.5), value)
+        y = if_else((1 + erf(luck / sqrt(2))) / 2 < lost, last, stepped)
+        return dict(last=y), dict(y=y)
+
+    return sensor
+
+
+def speed_of_wheels(axles: int, driven: bool = False) -> Block:
+    """Make the speed of the vehicle from its wheels alone, as wheel slide protection forms it.
+
+    v[k] = max(max_i r omega_i, v[k-1] - a_max T) when braking, and mirrored when driving. While all
+    axles slip by more, it leaves the true speed by a_max less the true deceleration, each second.
+
+    Args:
+        axles: how many.
+        driven: for a driven vehicle.
+    """
+
+    @step(
+        v_m=Output("m/s", "vehicle speed, from the wheels"),
+        name="wheels", choices={"axles": axles, "driven": driven},
+    )  # fmt: skip
+    def wheels(
+        v_h=State("m/s", "v_start", "vehicle speed at the last tick"),
+        omega=Input("rad/s", "measured wheel speeds", shape=(axles,)),
+        a_max=Param("m/s^2", 1.5, "most that the vehicle can change its speed", "guess", lo=0.01),
+        r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
+        T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
+        v_start=Param("m/s", 20.0, "vehicle speed at the start"),
+    ):
+        """The axle that slips least, within the largest rate."""
+        if driven:
+            v = fmin(r * mmin(omega), v_h + a_max * T)
+        else:
+            v = fmax(r * mmax(omega), v_h - a_max * T)
+        return dict(v_h=v), dict(v_m=v)
+
+    return wheels
 
 
 def _shifted(window: Any, newest: Any) -> Any:

@@ -18,7 +18,7 @@ _WHERE = {
     "block.declare": ["law", "flow", "step"],
     "block.written": ["from_text"],
     "block.connection": ["connect"],
-    "block.timing": ["sampled", "every", "unit_delay"],
+    "block.timing": ["sampled", "every", "gated", "unit_delay"],
     "block.replication": ["replicate"],
     "block.ranges": ["ranged"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
@@ -26,6 +26,7 @@ _WHERE = {
     "run.rail": ["Section", "Rail", "Scenario"],
     "run.simulation": ["simulate"],
     "run.prepared": ["prepare", "Prepared"],
+    "run.sweeping": ["sweep", "open_sweep", "Sweep"],
     "estimate.least_squares": ["rls", "probe", "peak_bound", "opened"],
     "estimate.kalman.filters": ["ctukf", "ekf", "observability", "lipschitz"],
     "seek.evolution": ["differential_evolution"],
@@ -66,7 +67,7 @@ if TYPE_CHECKING:
     from slipctl.block.ranges import ranged
     from slipctl.block.replication import replicate
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
-    from slipctl.block.timing import every, sampled, unit_delay
+    from slipctl.block.timing import every, gated, sampled, unit_delay
     from slipctl.block.units import one
     from slipctl.block.written import from_text
     from slipctl.ccode.codegen import CModule, c_module
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     from slipctl.run.results import Case, Known, Results, Table
     from slipctl.run.roles import Signals
     from slipctl.run.simulation import simulate
+    from slipctl.run.sweeping import Sweep, open_sweep, sweep
     from slipctl.seek.evolution import differential_evolution
     from slipctl.study.declaration import Claim, Context, Experiment, Figure, Gains, Study
 

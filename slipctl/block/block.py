@@ -363,6 +363,33 @@ class Block:
                 raise BadInput(f"{self.name}.{n}: start value {e!r} cannot be computed")
         return {n: values[n] for n in self.states}
 
+    def symbolic_start(self, params: Mapping[str, Any]) -> Exprs:
+        """Start values of the states as expressions of the parameters."""
+        values: dict[str, Any] = {}
+        waiting: dict[str, str] = {}
+        for n, s in self.states.items():
+            if isinstance(s.value, str):
+                waiting[n] = s.value
+            else:
+                values[n] = ca.DM(s.check(f"{self.name}.{n}", s.value))
+        while waiting:
+            for n, e in list(waiting.items()):
+                needed = {k: self._sibling(n, k) for k in names_in(e)}
+                known = {**values, **params}
+                if all(full in known for full in needed.values()):
+                    local = {k: known[full] for k, full in needed.items()}
+                    values[n] = evaluate(e, local, f"{self.name}.{n}")
+                    del waiting[n]
+                    break
+            else:
+                n, e = next(iter(waiting.items()))
+                raise BadInput(f"{self.name}.{n}: start value {e!r} cannot be computed")
+        sizes = {n: s.size for n, s in self.states.items()}
+        return {
+            n: ca.repmat(v, sizes[n], 1) if v.numel() != sizes[n] else ca.vec(v)
+            for n, v in ((n, values[n]) for n in self.states)
+        }
+
     def _settable(self, name: str) -> Signal:
         if name in self.sharing.aliases and name not in self.params:
             shared = self.sharing.name(name)

@@ -23,19 +23,20 @@ def replicate(
 ) -> Block:
     """Run n copies of a block side by side.
 
-    A signal that each copy has for itself gets the shape (n,), or (k, n) where it had (k,): every
-    state and output, the inputs that are not ``shared``, and the parameters named ``distinct``. A
-    number given for it holds in every copy. The computation is a loop, in C too.
+    A signal that each copy has for itself gets the shape (n,), or (k, n) where it had (k,), or (k,
+    l n), the copies beside each other, where it had (k, l): every state and output, the inputs that
+    are not ``shared``, and the parameters named ``distinct``. A number given for it holds in every
+    copy. The computation is a loop, in C too.
 
     Args:
-        block: a law, flow or step without matrices among its signals.
+        block: a law, flow or step.
         n: how many copies.
         shared: inputs that all copies have in common.
         distinct: parameters of which each copy has its own; derived ones that use them follow.
         axis: what the copies are; the dimension in logs.
 
     Raises:
-        BadInput: n is no whole number from 1 on, an unknown name, or a matrix.
+        BadInput: n is no whole number from 1 on, or an unknown name.
     """
     check_whole(f"replicate({block.name}): n", n)
     n, shared, distinct = int(n), tuple(shared), tuple(distinct)
@@ -100,9 +101,11 @@ def with_derived(block: Block, names: Iterable[str]) -> list[str]:
 
 def widened(s: Signal, n: int, axis: str = "axle") -> Signal:
     """Signal of n copies, of which each has one."""
-    if len(s.shape) > 1:
-        raise BadInput(f"{s.name} is a matrix; only numbers and vectors can be replicated")
     value: Any = s.value
+    if len(s.shape) > 1:
+        if value is not None and not s.derived:
+            value = np.tile(np.broadcast_to(value, s.shape), (1, n))
+        return replace(s, shape=(s.shape[0], s.shape[1] * n), value=value, axis="")
     if s.shape and value is not None and not s.derived:
         value = np.repeat(np.broadcast_to(value, s.shape)[:, None], n, axis=1)
     return replace(s, shape=(*s.shape, n), value=value, axis=axis)

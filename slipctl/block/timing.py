@@ -273,6 +273,63 @@ def _run_or_hold(f: ca.Function) -> ca.Function:
     return ca.Function.if_else(f"{f.name()}_every", run, hold)
 
 
+def gated(block: Block, by: str = "on") -> Block:
+    """Run a step block while a signal is on; while it is off nothing is computed.
+
+    While it is off the outputs are zero, and the states wait at their start values, so that the
+    block begins anew each time that the signal comes on.
+
+    Args:
+        block: a step, or a law.
+        by: name of the further input; above 0.5 it is on.
+
+    Raises:
+        BadInput: the block is a flow, or has a signal of that name.
+    """
+    if block.kind == "flow":
+        raise BadInput(f"gated({block.name}): a flow has no ticks; sampled({block.name}, h) first")
+    if any(s.name == by for s in block.signals):
+        raise BadInput(f"gated({block.name}): it has a signal {by!r}; name the gate otherwise")
+    choose = block.of_equations("gated", lambda: _run_or_rest(block.f))
+    outputs = [
+        # zero while it is off, even where the range excludes zero
+        replace(s, lo=min(s.lo, 0.0), hi=max(s.hi, 0.0))
+        for s in block.outputs.values()
+    ]
+
+    def body(x: Exprs, us: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        u = {k: us[k] for k in block.inputs}
+        start = block.pack("state", block.symbolic_start(p))
+        nxt, y = choose(
+            us[by] > 0.5, block.pack("state", x), block.pack("input", u), block.pack("param", p),
+            start,
+        )  # fmt: skip
+        return block.unpack("state", nxt), block.unpack("output", y)
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return gated(parts[block.name], by)
+
+    gate = Input("1", "the block runs while this is 1", lo=0, hi=1).named(by)
+    return Block(
+        block.name, "step", body,
+        [*block.states.values(), *block.inputs.values(), gate, *block.params.values(), *outputs],
+        period=block.period, sx=False,
+        doc=f"{block.doc}\n\nRuns while {by} is 1, and begins anew each time.",
+        choices=block.choices | {"gated by": by}, parts={block.name: block}, rebuild=rebuild,
+        conditions=block.conditions, transparent=True, sharing=block.sharing.through(),
+        by_structure=True,
+    )  # fmt: skip
+
+
+def _run_or_rest(f: ca.Function) -> ca.Function:
+    """Function (on, x, u, p, start) -> (x, y): those of f where it is on, else start and zero."""
+    x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))
+    start = ca.MX.sym("s", f.size1_in(0))
+    run = ca.Function(f"{f.name()}_on", [x, u, p, start], [*f(x, u, p)])
+    rest = ca.Function(f"{f.name()}_off", [x, u, p, start], [start, ca.DM.zeros(f.size1_out(1))])
+    return ca.Function.if_else(f"{f.name()}_gated", run, rest)
+
+
 SAMPLE_TIMES = ("T", "T_o", "T_s")
 """Names of a sample time among the parameters of a step."""
 

@@ -18,6 +18,22 @@ it has in scenario real), a model (double_exponential, subway_braking.wheelset),
   slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
 """
 
+SWEEP = """\
+A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
+--samples extends what is there.
+
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
+"""
+
+REPLAY = """\
+  slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
+      --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
+  slipctl replay run7.csv --with "v = omega*r where omega [rad/s], r = 0.43 m" \\
+      --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
+"""
+
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that says what is wrong in one line."""
@@ -91,6 +107,70 @@ def parser() -> Parser:
     p.add_argument(
         "--quick", action="store_true", help="shorter and fewer runs, for tests of a study"
     )
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
+    p.epilog, p.formatter_class = SWEEP, argparse.RawDescriptionHelpFormatter
+    p.add_argument("name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument(
+        "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
+        help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
+    )  # fmt: skip
+    p.add_argument(
+        "--samples", metavar="N", type=int, default=1,
+        help="runs of each point of the grid, where something is drawn (1)",
+    )  # fmt: skip
+    p.add_argument("--seed", metavar="S", type=int, default=1, help="of the draws (1)")
+    p.add_argument(
+        "--design", choices=("random", "sobol", "lhs"), default="random",
+        help="how numbers are drawn; lhs cannot be extended",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
+    p.add_argument("--export", metavar="FILE.nc", help="write all runs as one labelled netCDF file")
+    p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value in every run",
+    )  # fmt: skip
+    p.add_argument(
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study",
+    )  # fmt: skip
+    p.add_argument(
+        "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
+        help="keep these signals over time, of every run",
+    )  # fmt: skip
+    p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("replay", "Run an estimator or a controller over a recorded log.")
+    p.epilog, p.formatter_class = REPLAY, argparse.RawDescriptionHelpFormatter
+    p.add_argument("log", metavar="LOG.csv", help="a head and a row per sample")
+    p.add_argument(
+        "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
+        help="what runs over it: a part of a loop, a model, FILE:BLOCK or an equation",
+    )  # fmt: skip
+    p.add_argument(
+        "--map", metavar="INPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        dest="mapped", help="column of each input; with arithmetic, omega='Speed[km/h] / r'",
+    )  # fmt: skip
+    p.add_argument(
+        "--beside", metavar="OUTPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        help="recorded column that an output is compared with",
+    )  # fmt: skip
+    p.add_argument(
+        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="inputs without a column, parameters and start values",
+    )  # fmt: skip
+    p.add_argument(
+        "--time", metavar="COLUMN[UNIT]", help="column of the times (time, t, the first)"
+    )
+    p.add_argument("--period", metavar="T", help="tick, 10ms (that of the block, else of the log)")
+    p.add_argument(
+        "--resample", choices=("hold", "linear"), default="hold",
+        help="how samples become values of ticks (hold: the last one before)",
+    )  # fmt: skip
+    p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")

@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run, fit, c, pil, certify and check.
+"""The command line: list, show, copy, run, sweep, replay, fit, c, pil, certify and check.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
@@ -27,10 +27,12 @@ RARELY = (100_000, 50, 100)
 """When garbage is collected: most objects of a command live to its end, and looking through them
 at Python's own pace takes a fifth of the time of a run."""
 
-ANSWERS = {
-    name: f"slipctl.commands.{name if name != 'list' else 'listing'}"
-    for name in ("list", "show", "copy", "run", "fit", "c", "pil", "certify", "check")
-}
+NAMES = (
+    "list", "show", "copy", "run", "sweep", "replay", "fit", "c", "pil", "certify", "check",
+)  # fmt: skip
+"""Commands in the order of the help."""
+
+ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in NAMES}
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 

@@ -8,6 +8,10 @@ passes a bound or a multiplier has the wrong sign, all at once: a primal-dual ac
 Hintermueller, Ito and Kunisch (2002). Nothing changes at the solution. The roll cuts every control
 at its bounds, so that what comes out is feasible after any number of passes.
 
+Statuses that change all at once may come back to where they were, which is found as soon as it has
+happened. From there, from the last pass, and where a hard row is exceeded,
+:mod:`slipctl.predict.interior` goes on.
+
 No loop depends on data but that over the passes, there is no heap, and memory is linear in the
 number of stages.
 """
@@ -15,7 +19,7 @@ number of stages.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -24,11 +28,42 @@ from slipctl.predict.horizon import Horizon, Layout, Stage
 FREE, HIGH, FASTER, TIED = 0.0, 1.0, 2.0, 3.0
 """Status of a control; -1 and -2 are the low bound and the fastest fall."""
 
+NONE = 9.0
+"""No status."""
+
 SMALL = 1e-6
 """Part of its size by which a multiplier or a control must be wrong before a status changes."""
 
+TINY = 1e-9
+"""Residual below which a change of status is one of names only: two limits meet."""
+
 LEAST = 1e-10
 """Curvature of each scaled control added to the cost, so that one without effect stays put."""
+
+
+class Found(NamedTuple):
+    """What a solver of the quadratic program gives.
+
+    Attributes:
+        X, U: steps of the states and of the controls.
+        S: statuses.
+        mark: statuses of an earlier pass, to see where they come back.
+        open: 0 where the conditions of Karush, Kuhn and Tucker hold, above 0 where they do not
+            yet, below where more passes bring nothing: the statuses come back to where they were,
+            or have settled with a hard row exceeded.
+        residual: by how much, over one and the size of the gradient.
+        over: largest excess of a hard row that had to be given up.
+        passes: made.
+    """
+
+    X: Any
+    U: Any
+    S: Any
+    mark: Any
+    open: Any
+    residual: Any
+    over: Any
+    passes: Any
 
 
 class ActiveSet:
@@ -40,14 +75,15 @@ class ActiveSet:
         tied: whether each stage's controls are tied to those of the stage before.
         rates: whether the controls have rate limits.
         passes: largest number of passes.
+        rescue: largest number of steps of the interior point method after them.
     """
 
     def __init__(
         self, horizon: Horizon, stage: Layout, end: Layout, tied: list[bool], rates: bool,
-        passes: int,
+        passes: int, rescue: int = 0,
     ) -> None:  # fmt: skip
         self.h, self.stage, self.end = horizon, stage, end
-        self.tied, self.rates, self.passes = tied, rates, passes
+        self.tied, self.rates, self.passes, self.rescue = tied, rates, passes, rescue
         self.memory = rates or any(tied)
         self.nz = horizon.nx + (horizon.nu if self.memory else 0)
         self.upper = ca.Sparsity.upper(self.nz)
@@ -81,7 +117,7 @@ class ActiveSet:
             done.append(ca.vertcat(kept, ca.reshape(column[nu:], self.h.nc, 1)))
         return ca.vertcat(*done, last)
 
-    def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Any:
+    def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Found:
         """Solve the QP around a guess.
 
         Args:
@@ -90,33 +126,46 @@ class ActiveSet:
             S: statuses to begin with.
             U: controls of the guess, scaled, stage by stage.
             before: control before the first stage, scaled.
-            bounds: (lo, hi, rate) of the controls, scaled.
+            bounds: (lo, hi, rate) of the controls, scaled, one column per stage.
             dx: measured state less the guess of it.
-
-        Returns:
-            Steps of the states and of the controls, statuses, how many statuses the last pass
-            changed, passes made.
         """
-        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        data = (D, E, U, before, bounds, dx)
+        none = ca.MX.ones(self.statuses) * NONE
+        z = ca.vertcat(ca.MX.zeros(self.sizes[0] + self.sizes[1]), S, none, 1, 0, 0, 0)
+        z = self.passed(z, self.passes, data)
+        if self.rescue:
+            from slipctl.predict.interior import Interior
+
+            z = Interior(self).solve(z, data)
+        return Found(*self.split(z))
+
+    @property
+    def sizes(self) -> list[int]:
+        """Sizes of the fields of :class:`Found`."""
+        h = self.h
+        return [h.nx * (h.stages + 1), h.nu * h.stages, self.statuses, self.statuses, 1, 1, 1, 1]
+
+    def split(self, z: Any) -> list[Any]:
+        """The fields of :class:`Found` in one column."""
+        edges = [sum(self.sizes[:k]) for k in range(len(self.sizes) + 1)]
+        return [z[a:b] for a, b in pairwise(edges)]
+
+    def passed(self, z: Any, passes: int, data: tuple[Any, ...]) -> Any:
+        """Make at most so many passes from a column of :class:`Found`."""
         once = self._one_pass()
-        zeros = (ca.MX.zeros(nx * (N + 1)), ca.MX.zeros(nu * N))
-        z = ca.vertcat(*zeros, S, 1, 0)
-        for _ in range(self.passes):
-            z = once(z[-2] > 0, z, D, E, U, before, bounds, dx)
-        sizes = [0, nx * (N + 1), nu * N, self.statuses, 1, 1]
-        edges = [sum(sizes[: k + 1]) for k in range(len(sizes))]
-        return tuple(z[a:b] for a, b in pairwise(edges))
+        for _ in range(passes):
+            z = once(z[-4] > 0, z, *data)
+        return z
 
     def _one_pass(self) -> ca.Function:
-        """Function (go on?, z, data) -> z, z the five results of :meth:`solve` in one column."""
+        """Function (go on?, z, data) -> z, z the fields of :class:`Found` in one column."""
         nx, nu, nc, N = self.h.nx, self.h.nu, self.h.nc, self.h.stages
         m = nu + nc
-        D, E = ca.MX.sym("D", self.stage.size, N), ca.MX.sym("E", self.end.size)
-        U, before = ca.MX.sym("U", nu * N), ca.MX.sym("before", nu)
-        bounds, dx = ca.MX.sym("bounds", 3 * nu), ca.MX.sym("dx", nx)
-        z = ca.MX.sym("z", nx * (N + 1) + nu * N + self.statuses + 2)
-        S = z[nx * (N + 1) + nu * N : -2]
-        columns = ca.horzsplit(D)
+        data = self.data()
+        D, E, U, before, bounds, dx = data
+        z = ca.MX.sym("z", sum(self.sizes))
+        S, mark = self.split(z)[2:4]
+        columns, b = ca.horzsplit(D), ca.horzsplit(bounds)
         s = ca.vertsplit(S, [*range(0, m * N + 1, m), *([m * N + nc] if nc else [])])
         last = s[N] if nc else ca.MX(0, 1)
         u = ca.vertsplit(U, nu)
@@ -124,31 +173,52 @@ class ActiveSet:
         gains: list[Any] = [None] * N
         for k in reversed(range(N)):
             earlier = u[k - 1] if k else before
-            P, p, gains[k] = self._backward(P, p, columns[k], s[k], u[k], earlier, bounds)
+            P, p, gains[k] = self._backward(P, p, columns[k], s[k], u[k], earlier, b[k])
         step = ca.vertcat(dx, ca.MX.zeros(self.nz - nx))
-        X, V, statuses = [dx], [], []
+        X, V, statuses, wrong, beyond = [dx], [], [], [], []
         for k in range(N):
             earlier = u[k - 1] if k else before
-            step, dv, status = self._forward(
-                step, gains[k], columns[k], s[k], u[k], earlier, bounds
+            step, dv, status, off, excess = self._forward(
+                step, gains[k], columns[k], s[k], u[k], earlier, b[k]
             )
             X.append(step[:nx])
             V.append(dv)
             statuses.append(status)
+            wrong.append(off)
+            beyond.append(excess)
         if nc:
-            statuses.append(self._last_statuses()(X[-1], E))
+            status, off, excess = self._last_statuses()(X[-1], E, last)
+            statuses.append(status)
+            wrong.append(off)
+            beyond.append(excess)
         found = ca.vertcat(*statuses)
-        after = ca.vertcat(*X, *V, found, ca.sumsqr(found - S), z[-1] + 1)
-        data = [D, E, U, before, bounds, dx]
+        residual = ca.mmax(ca.vertcat(*wrong))
+        over = ca.mmax(ca.vertcat(*beyond)) if self.h.capped else ca.MX(0)
+        changed = ca.sumsqr(found - S) > 0
+        made = z[-1] + 1
+        again = ca.logic_and(ca.sumsqr(found - mark) == 0, changed)
+        open_ = ca.if_else(ca.logic_and(changed, residual > TINY), 1 - 2 * again, -(over > SMALL))
+        due = sum(made == 2**i for i in range(8))  # Brent (1980): a mark at powers of two
+        mark = ca.if_else(due, found, mark)
+        after = ca.vertcat(*X, *V, found, mark, open_, ca.fmax(residual, over), 0, made)
         go = ca.Function("qp_pass", [z, *data], [after])
         stay = ca.Function("qp_done", [z, *data], [z])
         return ca.Function.if_else("qp_maybe", go, stay)
 
+    def data(self) -> tuple[Any, ...]:
+        """Symbols of (D, E, U, before, bounds, dx)."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        return (
+            ca.MX.sym("D", self.stage.size, N), ca.MX.sym("E", self.end.size),
+            ca.MX.sym("U", nu * N), ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu, N),
+            ca.MX.sym("dx", nx),
+        )  # fmt: skip
+
     # ---- one stage ----------------------------------------------------------------------------
 
     def _unpack(self, column: Any) -> Stage:
-        A, B, b, H, g, c, C = self.stage.unpack(column)
-        return Stage(A, B, b, ca.triu2symm(H), g, c, C)
+        A, B, b, H, *rows = self.stage.unpack(column)
+        return Stage(A, B, b, ca.triu2symm(H), *rows)
 
     def _symbols(self) -> tuple[Any, ...]:
         nu = self.h.nu
@@ -175,7 +245,7 @@ class ActiveSet:
         """Function (column of the last stage, its statuses) -> (P, p)."""
         nx, nc = self.h.nx, self.h.nc
         e, s = ca.SX.sym("e", self.end.size), ca.SX.sym("s", nc)
-        H, g, c, C = self.end.unpack(e)
+        H, g, c, C, _ = self.end.unpack(e)
         P, p = ca.SX(self.nz, self.nz), ca.SX.zeros(self.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(s) @ C
         p[:nx] = g + C.T @ (s * c)
@@ -186,37 +256,56 @@ class ActiveSet:
         return ca.vertcat(*[P[i, j] for j in range(self.nz) for i in range(j + 1)])
 
     def _last_statuses(self) -> ca.Function:
+        """Function (x, column, statuses) -> (statuses, residual, excess) of the last stage."""
         x, e = ca.SX.sym("x", self.h.nx), ca.SX.sym("e", self.end.size)
-        _, _, c, C = self.end.unpack(e)
-        return ca.Function("qp_last", [x, e], [ca.densify((c + C @ x) > 0)])
+        s = ca.SX.sym("s", self.h.nc)
+        _, g, c, C, _ = self.end.unpack(e)
+        return ca.Function("qp_last", [x, e, s], list(self._count(c + C @ x, C, s, g)))
 
-    def _quadratic(self, P: Any, p: Any, column: Any, s: Any) -> tuple[Any, ...]:
-        """Cost to go over (z, v): Qzz, Qvz, Qvv, qz, qv."""
-        nx, nu = self.h.nx, self.h.nu
-        t = self._unpack(column)
-        sigma = ca.reshape(s[nu:], self.h.nc, 1)
-        H = t.H + t.C.T @ ca.diag(sigma) @ t.C
-        g = t.g + t.C.T @ (sigma * t.c)
-        A, B, b = ca.SX(self.nz, self.nz), ca.SX(self.nz, nu), ca.SX(self.nz, 1)
+    def _count(self, r: Any, C: Any, s: Any, g: Any) -> tuple[Any, Any, Any]:
+        """Statuses of the rows with excess r and slope C, residual, and excess of hard rows."""
+        counts, slope, over = ca.densify(r > 0), ca.SX.zeros(C.shape[1]), ca.SX(0)
+        for i in range(self.h.nc):
+            if i in self.h.capped:
+                counts[i] = 0
+                over = ca.fmax(over, r[i])
+            else:
+                slope += ca.fabs(ca.if_else(counts[i] == s[i], 0, r[i]) * C[i, :].T)
+        size = ca.fabs(ca.reshape(g, slope.shape))
+        return counts, _most(slope / (1 + size)), over
+
+    def _quadratic(self, P: Any, p: Any, t: Stage) -> tuple[Any, ...]:
+        """Cost to go over (z, v) of a stage: Qzz, Qvz, Qvv, qz, qv."""
+        n = self.nz
+        A, B, b, H, g = self.augmented(t)
+        PA, PB, pb = P @ A, P @ B, P @ b + p
+        Qzz, Qvz, qz = H[:n, :n] + A.T @ PA, H[n:, :n] + B.T @ PA, g[:n] + A.T @ pb
+        return Qzz, Qvz, H[n:, n:] + B.T @ PB, qz, g[n:] + B.T @ pb
+
+    def augmented(self, t: Stage) -> tuple[Any, ...]:
+        """A, B, b, H, g over (z, v): with the controls of the stage before, where they matter."""
+        nx, nu, n = self.h.nx, self.h.nu, self.nz
+        A, B, b = ca.SX(n, n), ca.SX(n, nu), ca.SX(n, 1)
         A[:nx, :nx], B[:nx, :], b[:nx] = t.A, t.B, t.b
         if self.memory:
             B[nx:, :] = ca.SX.eye(nu)
-        PA, PB, pb = P @ A, P @ B, P @ b + p
-        Qzz, Qvz, qz = A.T @ PA, B.T @ PA, A.T @ pb
-        Qzz[:nx, :nx] += H[:nx, :nx]
-        Qvz[:, :nx] += H[nx:, :nx]
-        qz[:nx] += g[:nx]
-        Qvv = H[nx:, nx:] + B.T @ PB + LEAST * ca.SX.eye(nu)
-        return Qzz, Qvz, Qvv, qz, g[nx:] + B.T @ pb
+        H, g = ca.SX(n + nu, n + nu), ca.SX(n + nu, 1)
+        both = [*range(nx), *range(n, n + nu)]
+        H[both, both], g[both] = t.H, t.g
+        H[n:, n:] += LEAST * ca.SX.eye(nu)
+        return A, B, b, H, g
 
     def _make_backward(self) -> tuple[ca.Function, int]:
         """Function (P, p, column, statuses, u, earlier, bounds) -> (P, p, gains)."""
         nu = self.h.nu
         column, s, u, earlier, bounds = self._symbols()
         triangle, p = ca.SX.sym("P", self.upper.nnz()), ca.SX.sym("p", self.nz)
-        Qzz, Qvz, Qvv, qz, qv = self._quadratic(
-            ca.triu2symm(ca.SX(self.upper, triangle)), p, column, s
-        )
+        t = self._unpack(column)
+        sigma = ca.reshape(s[nu:], self.h.nc, 1)
+        H = t.H + t.C.T @ ca.diag(sigma) @ t.C
+        g = t.g + t.C.T @ (sigma * t.c)
+        P = ca.triu2symm(ca.SX(self.upper, triangle))
+        Qzz, Qvz, Qvv, qz, qv = self._quadratic(P, p, t._replace(H=H, g=g))
         a, E = self._held(s, u, earlier, bounds)
         free = s[:nu] == FREE
         F, held = ca.diag(free), ca.diag(1 - free)
@@ -236,7 +325,11 @@ class ActiveSet:
         return f, gains.numel()
 
     def _make_forward(self) -> ca.Function:
-        """Function (z, gains, column, statuses, u, earlier, bounds) -> (z after, dv, statuses)."""
+        """Function of one stage of the roll.
+
+        From (z, gains, column, statuses, u, earlier, bounds) to (z after, dv, statuses, residual,
+        excess of hard rows).
+        """
         nx, nu, nz = self.h.nx, self.h.nu, self.nz
         column, s, u, earlier, bounds = self._symbols()
         z, G = ca.SX.sym("z", nz), ca.SX.sym("G", self._gains)
@@ -244,7 +337,7 @@ class ActiveSet:
         K, k, Qvz, Qvv, qv = ca.vertsplit(G, [sum(sizes[:i]) for i in range(6)])
         K, Qvz = ca.reshape(K, nu, nz), ca.reshape(Qvz, nu, nz)
         wanted = u + K @ z + k
-        dv, hi_rate, lo_rate = ca.SX.zeros(nu), [], []
+        dv, hi_rate, lo_rate, room = ca.SX.zeros(nu), [], [], []
         for i in range(nu):
             lo, hi = bounds[i], bounds[nu + i]
             if self.rates:
@@ -256,14 +349,22 @@ class ActiveSet:
             else:
                 hi_rate.append(ca.SX(0))
                 lo_rate.append(ca.SX(0))
-            dv[i] = ca.fmin(hi, ca.fmax(lo, wanted[i])) - u[i]
+            cut = ca.fmin(hi, ca.fmax(lo, wanted[i]))
+            dv[i] = cut - u[i]
+            room.append((cut < hi - SMALL, cut > lo + SMALL))
         slope = qv + Qvz @ z + ca.reshape(Qvv, nu, nu) @ dv
-        status = ca.SX.zeros(nu)
+        status, wrong = ca.SX.zeros(nu), ca.SX.zeros(nu)
         for i in range(nu):
             high = ca.if_else(hi_rate[i], FASTER, HIGH)
             low = -ca.if_else(lo_rate[i], FASTER, HIGH)
             beyond = wanted[i] - u[i] - dv[i]
             much = SMALL * (1 + ca.fabs(qv[i]))
+            push = ca.if_else(room[i][0], ca.fmax(-slope[i], 0), 0)
+            pull = ca.if_else(room[i][1], ca.fmax(slope[i], 0), 0)
+            bent = ca.if_else(ca.fabs(beyond) > SMALL, ca.fabs(Qvv[i * nu + i] * beyond), 0)
+            wrong[i] = ca.if_else(
+                s[i] == TIED, 0, (bent + ca.fmax(push, pull)) / (1 + ca.fabs(qv[i]))
+            )
             outside = ca.if_else(beyond > SMALL, high, ca.if_else(beyond < -SMALL, low, FREE))
             above = ca.if_else(slope[i] > much, FREE, high)
             below = ca.if_else(slope[i] < -much, FREE, low)
@@ -273,9 +374,21 @@ class ActiveSet:
             )  # fmt: skip
         t = self._unpack(column)
         x = t.A @ z[:nx] + t.B @ dv + t.b
-        counts = (t.c + t.C @ ca.vertcat(z[:nx], dv)) > 0
+        zv = ca.vertcat(z[:nx], dv)
+        counts, flipped, over = self._count(t.c + t.C @ zv, t.C, s[nu:], t.g)
         after = ca.vertcat(x, dv) if self.memory else x
         return ca.Function(
             "qp_forward", [z, G, column, s, u, earlier, bounds],
-            [ca.densify(after), dv, ca.densify(ca.vertcat(status, counts))], {"cse": True},
+            [
+                ca.densify(after), dv, ca.densify(ca.vertcat(status, counts)),
+                ca.fmax(_most(wrong), flipped), over,
+            ], {"cse": True},
         )  # fmt: skip
+
+
+def _most(values: Any) -> Any:
+    """Largest of some numbers that are not negative."""
+    found = ca.SX(0)
+    for v in ca.vertsplit(ca.densify(values)):
+        found = ca.fmax(found, v)
+    return found

@@ -48,6 +48,7 @@ class Stage(NamedTuple):
     g: Any
     c: Any
     C: Any
+    w: Any
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,21 @@ class Horizon:
         return 2 * len(self.soft)
 
     @property
+    def capped(self) -> tuple[int, ...]:
+        """Rows whose multiplier has a largest value."""
+        return ()
+
+    @property
+    def square(self) -> tuple[bool, ...]:
+        """Whether the excess of each capped row is squared too."""
+        return ()
+
+    @property
+    def hard(self) -> tuple[int, ...]:
+        """Capped rows that are hard."""
+        return ()
+
+    @property
     def nq(self) -> int:
         """Number of constants: parameters, weights, and (lo, hi, weight) of each soft limit."""
         return self.np_ + len(self.residuals) + 3 * len(self.soft)
@@ -193,7 +209,7 @@ class Horizon:
         excess = ca.sumsqr(ca.fmax(0, self._soft_rows(y, q)))
         stage = (ca.sumsqr(self._rows(y, self.residuals, q)) + excess) / 2
         end, layout = self.end()
-        _, _, c, _ = layout.unpack(end(x, d, q))
+        _, _, c, _, _ = layout.unpack(end(x, d, q))
         last = (ca.sumsqr(self._rows(y, self.last, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
         return (
             ca.Function("stage_cost", [x, u, d, q], [stage], {"cse": True}),
@@ -217,7 +233,10 @@ class Horizon:
         r, c = self._rows(y, self.residuals, q), self._soft_rows(y, q)
         slope, J, C = ca.jacobian(n, z), ca.jacobian(r, z), ca.jacobian(c, z)
         H, g = ca.triu(J.T @ J), ca.densify(J.T @ r)
-        pieces = [slope[:, : self.nx], slope[:, self.nx :], ca.densify(n - following), H, g, c, C]
+        pieces = [
+            slope[:, : self.nx], slope[:, self.nx :], ca.densify(n - following), H, g, c, C,
+            ca.SX(0, 1),
+        ]  # fmt: skip
         layout = Layout.of(pieces)
         f = ca.Function(
             "stage", [x, u, d, q, following],
@@ -244,7 +263,7 @@ class Horizon:
             if n not in soft:
                 c[2 * k], c[2 * k + 1] = -1, -1
         J, C = ca.jacobian(r, x), ca.jacobian(c, x)
-        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C]
+        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, ca.SX(0, 1)]
         layout = Layout.of(pieces)
         return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
 
@@ -264,6 +283,11 @@ class Layout:
     def size(self) -> int:
         """Number of nonzeros."""
         return sum(s.nnz() for s in self.sparsity)
+
+    @property
+    def gradient(self) -> tuple[int, int]:
+        """Place and length of the gradient in a stage's column."""
+        return sum(s.nnz() for s in self.sparsity[:4]), self.sparsity[4].nnz()
 
     def pack(self, pieces: Sequence[Any]) -> Any:
         """Stack the nonzeros to a column."""

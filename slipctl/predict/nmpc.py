@@ -12,11 +12,14 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
-from slipctl.predict.active_set import ActiveSet
+from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.horizon import Horizon, Soft
-from slipctl.predict.reference import Sparse, available, nonlinear
+from slipctl.predict.reference import DEVIATION, Sparse, available, nonlinear
 
 SOLVERS = ("riccati", "osqp", "qrqp", "ipopt", "fatrop")
+
+STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
+"""What the output ``status`` says, in words."""
 
 Limit = float | str
 
@@ -36,6 +39,7 @@ def nmpc(
     moves: Sequence[int] | None = None,
     iterations: int = 1,
     passes: int = 20,
+    rescue: int = 30,
     method: str = "rk4",
     substeps: int = 1,
     solver: str = "riccati",
@@ -68,6 +72,8 @@ def nmpc(
         moves: number of stages over which each free control is held; their sum is the horizon.
         iterations: real-time iterations per tick.
         passes: largest number of passes of the active set in each.
+        rescue: largest number of steps of the interior point method where they have not sufficed
+            or went in a circle; 0 for none, where the time of a tick has to be short.
         method, substeps: integration over a stage, as of :func:`sampled`.
         solver: ``"riccati"`` (:mod:`slipctl.predict.active_set`; generated as C, float
             included). For comparison: the same iterations by ``"osqp"`` or ``"qrqp"``, and each
@@ -75,10 +81,12 @@ def nmpc(
         name: name of the block.
 
     Returns:
-        A step block with period h. Outputs: the controls, ``status`` (0 solved; 1 the active set
-        had not settled, so the controls are feasible but not optimal; 2 the problem broke, the
-        next control of the last good plan is applied and the next tick starts afresh), and
-        ``passes`` made.
+        A step block with period h. Outputs: the controls, ``status`` (in words: :data:`STATUS`; 0
+        solved; 1 not settled, so the controls are feasible but not optimal; 2 the problem broke,
+        the next control of the last good plan is applied and the next tick starts afresh; 3 the
+        limits contradict each other, what is told last was given up: a bound where a rate does
+        not lead back to it), ``passes`` made, and ``residual``, by how much the conditions of
+        Karush, Kuhn and Tucker are left, over one and the size of the gradient.
 
     Raises:
         BadInput: unknown names, bounds that leave nothing, a weight that is not positive, a
@@ -87,7 +95,7 @@ def nmpc(
     where = f"nmpc({as_block('nmpc: the plant', plant).name})"
     as_block(f"{where}: the cost", cost)
     controls = [control] if isinstance(control, str) else list(control)
-    _check_numbers(where, h, horizon, iterations, passes, solver)
+    _check_numbers(where, h, horizon, iterations, passes, rescue, solver)
     if not controls:
         raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
     full = {c: plant.find(c, "input") for c in controls}
@@ -101,8 +109,8 @@ def nmpc(
     )
     weigh = _weights(where, cost, _by_name(where, "weights", weights))
     return _Controller(
-        where, problem, controls, limits, rate, softs, weigh, tied, int(iterations), int(passes),
-        solver,
+        where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
+        (int(passes), int(rescue)), solver,
     ).block(name, h, plant, cost)  # fmt: skip
 
 
@@ -112,7 +120,8 @@ class _Controller:
     def __init__(
         self, where: str, problem: Horizon, controls: list[str],
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
-        weights: dict[str, float], tied: list[bool], iterations: int, passes: int, solver: str,
+        weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
+        solver: str,
     ) -> None:  # fmt: skip
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
@@ -120,7 +129,8 @@ class _Controller:
         self.step = problem.step()
         self.stage, layout = problem.stage(where)
         self.end, last = problem.end()
-        layouts = (problem, layout, last, tied, bool(rate), passes)
+        layouts = (problem, layout, last, tied, bool(rate), *most)
+        self.tied = tied
         self.qp = Sparse(solver, *layouts) if solver in ("osqp", "qrqp") else ActiveSet(*layouts)
         self.whole = None
         if solver in ("ipopt", "fatrop"):
@@ -215,10 +225,20 @@ class _Controller:
             State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
             State("1", 0.0, "whether there is a plan").named("planned"),
         ]  # fmt: skip
+        if self.solver != "riccati":
+            doc = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
+            states.insert(0, State("1", 0.0, doc).named(f"answer_of_{self.solver}"))
         outputs = [self._command(c) for c in self.h.controls]
         outputs += [
-            Output("1", "0 solved, 1 not settled, 2 broken", lo=0, hi=2).named("status"),
-            Output("1", "passes of the active set", lo=0, hi=1e6).named("passes"),
+            Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
+                "status"
+            ),
+            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
+                "passes"
+            ),
+            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
+                "residual"
+            ),
         ]
         return make_block(
             name, "step", self._body, states=states,
@@ -271,19 +291,21 @@ class _Controller:
         V = ca.if_else(begun, ca.vertcat(V[nu:], V[-nu:]), ca.repmat(start, N, 1))
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first())
         plan = V[:nu]
-        open_, made = ca.MX(0), ca.MX(0)
+        bounds, contradict = self.reachable(bounds, before)
+        open_, made, over = ca.MX(0), ca.MX(0), ca.MX(0)
         if self.whole is not None:
-            X, V = self.whole(x0, d, q, before, bounds, X, V)
+            X, V, residual = self.whole(x0, d, q, before, bounds, X, V)
         else:
             for _ in range(self.iterations):
-                X, V, S, open_, passes = self.iterate(X, V, S, x0, d, q, before, bounds)
-                made = made + passes
+                found = self.iterate(X, V, S, x0, d, q, before, bounds)
+                X, V, S, open_, over = X + found.X, V + found.U, found.S, found.open, found.over
+                made, residual = made + found.passes, found.residual
 
         size = ca.sumsqr(X) + ca.sumsqr(V)
         sound = size < 1e30  # false for NaN as well
         first = ca.fmin(hi, ca.fmax(lo, ca.if_else(sound, V[:nu], plan)))
         if self.rate:
-            rate = bounds[2 * nu :]
+            rate = bounds[2 * nu :, 0]
             first = ca.fmin(before + rate, ca.fmax(before - rate, first))
         zero = ca.MX.zeros
         nxt = {
@@ -291,9 +313,28 @@ class _Controller:
             "U": ca.if_else(sound, V, zero(V.shape[0])),
             "S": ca.if_else(sound, S, zero(S.shape[0])), "applied": first, "planned": sound,
         }  # fmt: skip
-        status = ca.if_else(sound, open_ > 0, 2)
+        given_up = ca.logic_or(contradict, over > SMALL)
+        solved = ca.if_else(open_ != 0, 1, ca.if_else(given_up, 3, 0))
+        status = ca.if_else(sound, solved, 2)
+        if self.solver != "riccati":
+            good = ca.if_else(ca.logic_and(sound, residual < DEVIATION), 1, math.nan)
+            nxt[f"answer_of_{self.solver}"], first = good, first * good
         values = dict(zip(self.h.controls, ca.vertsplit(first * self.scale), strict=True))
-        return nxt, values | {"status": status, "passes": made}
+        return nxt, values | {"status": status, "passes": made, "residual": residual}
+
+    def reachable(self, bounds: Any, before: Any) -> tuple[Any, Any]:
+        """Bounds of each stage, opened where the rate does not lead back to them; whether so."""
+        nu, N = self.h.nu, self.h.stages
+        lo, hi, rate = bounds[:nu], bounds[nu : 2 * nu], bounds[2 * nu :]
+        if not self.rate:
+            return ca.repmat(bounds, 1, N), ca.MX(0)
+        columns, changes = [], 0
+        for k in range(N):
+            changes += not self.tied[k]
+            low, high = before - changes * rate, before + changes * rate
+            columns.append(ca.vertcat(ca.fmin(lo, high), ca.fmax(hi, low), rate))
+        outside = ca.fmax(before - rate - hi, lo - before - rate)
+        return ca.horzcat(*columns), ca.mmax(outside) > SMALL
 
     def _start(self, name: str) -> float:
         """Control of the first guess: the value of the input, else 0."""
@@ -303,25 +344,25 @@ class _Controller:
 
     def iterate(
         self, X: Any, V: Any, S: Any, x0: Any, d: Any, q: Any, before: Any, bounds: Any
-    ) -> tuple[Any, Any, Any, Any, Any]:
-        """One real-time iteration on (X, V, S): linearise, solve the QP, take the whole step."""
+    ) -> Found:
+        """One real-time iteration on (X, V, S): linearise and solve the QP; its step."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
         D = self.stage.map(N)(
             states[:, :-1], v, ca.repmat(d, 1, N), ca.repmat(q, 1, N), states[:, 1:]
         )
         E = self.end(states[:, -1], d, q)
-        dX, dV, S, open_, made = self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
-        return X + dX, V + dV, S, open_, made
+        return self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
 
 
 # ---- what is asked for ------------------------------------------------------------------------
 
 
 def _check_numbers(
-    where: str, h: float, horizon: int, iterations: int, passes: int, solver: str
+    where: str, h: float, horizon: int, iterations: int, passes: int, rescue: int, solver: str
 ) -> None:
     check_positive(f"{where}: h", h, "s")
+    check_whole(f"{where}: rescue", rescue, 0)
     for word, count in (("horizon", horizon), ("iterations", iterations), ("passes", passes)):
         check_whole(f"{where}: {word}", count)
     if solver not in SOLVERS:

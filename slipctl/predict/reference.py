@@ -11,13 +11,16 @@ from typing import Any
 import casadi as ca
 
 from slipctl.errors import BadInput
-from slipctl.predict.active_set import LEAST, ActiveSet
+from slipctl.predict.active_set import LEAST, ActiveSet, Found
 from slipctl.predict.horizon import Horizon
 
 OSQP: dict[str, Any] = {
     "osqp": {"verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polish": True},
     "error_on_fail": False,
 }
+DEVIATION = 1e-6
+"""Residual of the conditions of optimality at which an answer is refused."""
+
 QRQP: dict[str, Any] = {
     "print_iter": False,
     "print_header": False,
@@ -45,7 +48,7 @@ class Sparse(ActiveSet):
         super().__init__(*args)
         self.solver = solver
 
-    def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Any:
+    def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Found:
         """As of :class:`ActiveSet`; the statuses are left as they are."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         build = self._matrices()
@@ -54,16 +57,23 @@ class Sparse(ActiveSet):
         qp = ca.conic(
             "qp", self.solver, {"h": build.sparsity_out(0), "a": build.sparsity_out(2)}, options
         )
-        z = qp(h=H, g=g, a=A, lba=lba, uba=uba, lbx=lbx, ubx=ubx)["x"]
+        done = qp(h=H, g=g, a=A, lba=lba, uba=uba, lbx=lbx, ubx=ubx)
+        z = done["x"]
+        slope = H @ z + g + A.T @ done["lam_a"] + done["lam_x"]
+        held = ca.vertcat(A @ z, z)
+        left = remains(
+            slope, g, held, ca.vertcat(lba, lbx), ca.vertcat(uba, ubx),
+            ca.vertcat(done["lam_a"], done["lam_x"]),
+        )  # fmt: skip
         X, V = z[: nx * (N + 1)], z[nx * (N + 1) : nx * (N + 1) + nu * N]
-        return X, V, S, ca.MX(0), ca.MX(1)
+        return Found(X, V, S, S, ca.MX(0), left, ca.MX(0), ca.MX(1))
 
     def _matrices(self) -> ca.Function:
         """Function (D, E, U, before, bounds, dx) -> (H, g, A, lba, uba, lbx, ubx)."""
         nx, nu, N, nc = self.h.nx, self.h.nu, self.h.stages, self.h.nc
         D, E = ca.SX.sym("D", self.stage.size, N), ca.SX.sym("E", self.end.size)
         U, before = ca.SX.sym("U", nu * N), ca.SX.sym("before", nu)
-        bounds, dx = ca.SX.sym("bounds", 3 * nu), ca.SX.sym("dx", nx)
+        bounds, dx = ca.SX.sym("bounds", 3 * nu, N), ca.SX.sym("dx", nx)
         n = nx * (N + 1) + nu * N + nc * (N + 1)
         x = [range(nx * k, nx * (k + 1)) for k in range(N + 1)]
         v = [range(nx * (N + 1) + nu * k, nx * (N + 1) + nu * (k + 1)) for k in range(N)]
@@ -71,7 +81,7 @@ class Sparse(ActiveSet):
         t = [range(first + nc * k, first + nc * (k + 1)) for k in range(N + 1)]
         H, g = ca.SX(n, n), ca.SX.zeros(n)
         rows: list[tuple[Any, Any, Any]] = [(_at(n, x[0], ca.SX.eye(nx)), dx, dx)]
-        inf = ca.SX.ones(nc) * 1e20
+        inf = ca.SX.ones(nc) * ca.inf
         for k in range(N):
             stage = self._unpack(D[:, k])
             z = [*x[k], *v[k]]
@@ -82,22 +92,22 @@ class Sparse(ActiveSet):
             if nc:
                 rows.append((_at(n, z, stage.C) + _at(n, t[k], -ca.SX.eye(nc)), -inf, -stage.c))
             earlier = U[nu * (k - 1) : nu * k] if k else before
-            now, rate = U[nu * k : nu * (k + 1)], bounds[2 * nu :]
+            now, rate = U[nu * k : nu * (k + 1)], bounds[2 * nu :, k]
             if self.rates or self.tied[k]:
                 A = _at(n, v[k], ca.SX.eye(nu))
                 A += _at(n, v[k - 1], -ca.SX.eye(nu)) if k else 0
                 room = ca.SX.zeros(nu) if self.tied[k] else rate
                 rows.append((A, earlier - now - room, earlier - now + room))
-        Hx, gx, c, C = self.end.unpack(E)
+        Hx, gx, c, C, _ = self.end.unpack(E)
         H[x[N], x[N]] = ca.triu2symm(Hx)
         g[x[N]] = gx
         if nc:
             rows.append((_at(n, x[N], C) + _at(n, t[N], -ca.SX.eye(nc)), -inf, -c))
             every = [i for r in t for i in r]
             H[every, every] = ca.SX.eye(nc * (N + 1))
-        low, high = -ca.SX.ones(n) * 1e20, ca.SX.ones(n) * 1e20
-        low[first - nu * N : first] = ca.repmat(bounds[:nu], N, 1) - U
-        high[first - nu * N : first] = ca.repmat(bounds[nu : 2 * nu], N, 1) - U
+        low, high = -ca.SX.ones(n) * ca.inf, ca.SX.ones(n) * ca.inf
+        low[first - nu * N : first] = ca.vec(bounds[:nu, :]) - U
+        high[first - nu * N : first] = ca.vec(bounds[nu : 2 * nu, :]) - U
         A, lba, uba = (ca.vertcat(*[r[i] for r in rows]) for i in range(3))
         return ca.Function(
             "matrices", [D, E, U, before, bounds, dx],
@@ -117,7 +127,7 @@ def _regular(nx: int, nu: int) -> Any:
 
 
 def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates: bool) -> Any:
-    """Function (x0, d, q, before, bounds, guess X, guess V) -> (X, V, whether it converged).
+    """Function (x0, d, q, before, bounds, guess X, guess V) -> (X, V, residual).
 
     Raises:
         BadInput: FATROP with rate limits or tied moves, which couple controls of two stages.
@@ -127,7 +137,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     nx, nu, N = problem.nx, problem.nu, problem.stages
     scale = ca.DM(problem.scale)
     x0, d, q = ca.MX.sym("x0", nx), ca.MX.sym("d", problem.nd), ca.MX.sym("q", problem.nq)
-    before, bounds = ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu)
+    before, bounds = ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu, N)
     X = [ca.MX.sym(f"X{k}", nx) for k in range(N + 1)]
     V = [ca.MX.sym(f"V{k}", nu) for k in range(N)]
     step, cost, last = problem.step(), *problem.costs()
@@ -146,7 +156,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         if rates or tied[k]:
             g.append(V[k] - (V[k - 1] if k else before))
             equal += [False] * nu
-            room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :])
+            room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k])
     z.append(X[N])
     f += last(X[N], d, q)
     options: dict[str, Any] = dict(QUIET)
@@ -160,12 +170,17 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
             "ipopt.mu_init": 1e-4,
         }
     unlimited = ca.MX.ones(nx) * ca.inf
-    lbx = ca.vertcat(*[m for _ in range(N) for m in (-unlimited, bounds[:nu])], -unlimited)
-    ubx = ca.vertcat(*[m for _ in range(N) for m in (unlimited, bounds[nu : 2 * nu])], unlimited)
+    lbx = ca.vertcat(*[m for k in range(N) for m in (-unlimited, bounds[:nu, k])], -unlimited)
+    ubx = ca.vertcat(*[m for k in range(N) for m in (unlimited, bounds[nu : 2 * nu, k])], unlimited)
+    every = ca.vertcat(x0, d, q, before, ca.vec(bounds))
+    variables, rows = ca.vertcat(*z), ca.vertcat(*g)
     nlp = ca.nlpsol(
-        "nlp", solver,
-        {"x": ca.vertcat(*z), "f": f, "g": ca.vertcat(*g),
-         "p": ca.vertcat(x0, d, q, before, bounds)}, options,
+        "nlp", solver, {"x": variables, "f": f, "g": rows, "p": every}, options,
+    )  # fmt: skip
+    lam = ca.MX.sym("lam", rows.numel())
+    slopes = ca.Function(
+        "slopes", [variables, every, lam],
+        [ca.gradient(f, variables), ca.jtimes(rows, variables, lam, True), rows],
     )  # fmt: skip
     guess_x, guess_v = ca.MX.sym("GX", nx * (N + 1)), ca.MX.sym("GV", nu * N)
     start = ca.vertcat(
@@ -177,14 +192,37 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         guess_x[-nx:],
     )
     limits = ca.vertcat(*room)
-    done = nlp(
-        x0=start, p=ca.vertcat(x0, d, q, before, bounds), lbx=lbx, ubx=ubx, lbg=-limits, ubg=limits
-    )["x"]
-    pieces = ca.vertsplit(done, [*_edges(nx, nu, N)])
+    done = nlp(x0=start, p=every, lbx=lbx, ubx=ubx, lbg=-limits, ubg=limits)
+    pieces = ca.vertsplit(done["x"], [*_edges(nx, nu, N)])
+    down, back, held = slopes(done["x"], every, done["lam_g"])
+    left = remains(
+        down + back + done["lam_x"], down, ca.vertcat(held, done["x"]),
+        ca.vertcat(-limits, lbx), ca.vertcat(limits, ubx),
+        ca.vertcat(done["lam_g"], done["lam_x"]),
+    )  # fmt: skip
     return ca.Function(
         "to_the_end", [x0, d, q, before, bounds, guess_x, guess_v],
-        [ca.vertcat(*pieces[0::2]), ca.vertcat(*pieces[1::2])],
+        [ca.vertcat(*pieces[0::2]), ca.vertcat(*pieces[1::2]), left],
     )  # fmt: skip
+
+
+def remains(slope: Any, gradient: Any, held: Any, lo: Any, hi: Any, multipliers: Any) -> Any:
+    """What is left of the conditions of Karush, Kuhn and Tucker at an answer.
+
+    Args:
+        slope: of the Lagrangian. gradient: of the cost.
+        held: what is limited, between lo and hi. multipliers: of it, positive at hi.
+
+    Returns:
+        The largest of slope and multiplier times room, over one and the size of the gradient, and
+        of the excess of a limit.
+    """
+    size = 1 + ca.mmax(ca.fabs(gradient))
+    above = ca.fmax(multipliers, 0) * ca.fmin(ca.fabs(hi - held), 1)
+    below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fabs(held - lo), 1)
+    steep = ca.mmax(ca.fabs(slope)) / size
+    idle = ca.mmax(ca.vertcat(above, below)) / size
+    return ca.fmax(ca.fmax(steep, idle), ca.mmax(ca.vertcat(held - hi, lo - held, 0)))
 
 
 def _edges(nx: int, nu: int, N: int) -> list[int]:

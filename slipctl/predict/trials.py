@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.timing import sampled
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import build
 
 ROUNDING = 1e-9
@@ -56,7 +56,10 @@ class Driver:
         """Outputs of the next tick."""
         u = np.array([inputs], dtype=float)
         x_log, y = np.empty((1, self.x.size)), np.empty((1, self.block.f.size1_out(1)))
-        self._roll(self.x, u, self.p, x_log, y)
+        if self._roll(self.x, u, self.p, x_log, y) < 1:
+            lost = [n for n, v in self.block.unpack("state", ca.DM(self.x)).items()
+                    if not np.isfinite(np.array(v, dtype=float)).all()]  # fmt: skip
+            raise RunFailed(f"{self.block.name}: {lost[0]} became NaN")
         return y[0]
 
 
@@ -102,7 +105,7 @@ def feasibility(
     tick = Driver(controller)
     rest = tick.x.copy()
     plant_p = build.column(plant.pack("param", plant.param_values()))
-    names = [n for n in controller.outputs if n not in ("status", "passes")]
+    names = [n for n in controller.outputs if n not in ("status", "passes", "residual")]
     short = {n: n.rpartition(".")[2] for n in plant.inputs}
     rng = np.random.default_rng(seed)
     excess: tuple[float, str] = (0.0, "")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from slipctl.block.block import Block
     from slipctl.run.metrics import Metric
-    from slipctl.run.rail import Scenario
+    from slipctl.run.rail import Rail, Scenario
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,27 @@ class Known:
 
     def __post_init__(self) -> None:
         check_kinds("Known", Known, vars(self))
+
+
+def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.ndarray:
+    """Values over time of what a study knows beside its loops.
+
+    Args:
+        known: the quantity.
+        rail: of the scenario.
+        where: time or position of each tick, as the rail counts.
+        log: of the run.
+    """
+    values: Any = known.values
+    if callable(values):
+        values = np.asarray(values(log), dtype=float)
+    elif isinstance(values, Sequence):
+        if rail is None or where is None:
+            values = values[0]
+        else:
+            section = np.searchsorted(rail.starts, where + 1e-9, side="right") - 1
+            values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
+    return np.array(np.broadcast_to(values, log["time"].shape), dtype=float)
 
 
 class Loops(Mapping[str, "Block"]):

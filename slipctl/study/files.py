@@ -77,9 +77,22 @@ def csv_text(data: xarray.Dataset) -> str:
         columns += list(flat.T)
     head = io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(names)
-    row = ",".join(["%.10g"] * len(columns))
-    rows = np.column_stack(columns).tolist()
-    return head.getvalue() + "".join([row % tuple(r) + "\n" for r in rows])
+    cells = [_cells(c) for c in columns]
+    row = ",".join(form for form, _ in cells) + "\n"
+    rows = zip(*(values for _, values in cells), strict=True)
+    return head.getvalue() + "".join([row % r for r in rows])
+
+
+def _cells(column: np.ndarray) -> tuple[str, list[Any]]:
+    """Format of the cells of a column, and its values; what stands still is written once."""
+    if column.dtype != np.float64:
+        return "%.10g", column.tolist()
+    bits = np.ascontiguousarray(column).view(np.int64)
+    begins = np.flatnonzero(np.diff(bits, prepend=bits[:1] + 1))
+    if 2 * len(begins) > len(column):
+        return "%.10g", column.tolist()
+    texts = np.array([f"{v:.10g}" for v in column[begins].tolist()], dtype=object)
+    return "%s", np.repeat(texts, np.diff(begins, append=len(column))).tolist()
 
 
 def read_log(path: Path) -> xarray.Dataset:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
     Metric,
@@ -21,7 +19,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
+from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table, known_column
 from slipctl.run.simulation import simulate
 from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
 from slipctl.study.doors import reason
@@ -74,15 +72,19 @@ def run(
     """
     results = new_results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
-    jobs: dict[str, Job[Any]] = {}
+    cores = cores or Cores(1)
+    jobs: dict[str, Job[Any]] = {
+        # they take longest: a core that is free at the end takes the runs, which are short
+        name: _experiment_job(study, name, cases, given, quick, compile, keep, cores)
+        for name in (study.experiments if experiments else ())
+    }
     for case in cases:
         for name in sorted(case.loops, key=lambda n: n != "ideal"):  # the bound first
             what = f"{case.scenario.name}/{name}"
             jobs[what] = _loop_job(results, case, name, compile, keep, command)
     runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}
-    cores = cores or Cores(1)
-    for name in study.experiments if experiments else ():
-        jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
+    if jobs:
+        _load_logs()
     try:
         for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
             _load(study)
@@ -102,6 +104,14 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
+
+
+def _load_logs() -> None:
+    """Import what makes and writes logs before the processes part, so that none does so itself."""
+    import netCDF4  # noqa: F401
+    import xarray
+
+    xarray.Dataset({"x": ("time", [0.0])}, coords={"time": [0.0]})  # imports what it needs itself
 
 
 def _load(study: Study) -> None:
@@ -255,16 +265,7 @@ def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
     rail = case.scenario.rail
     where = None if rail is None else place(data, rail, study.signals)
     for name, known in case.known.items():
-        values: Any = known.values
-        if callable(values):
-            values = np.asarray(values(data), dtype=float)
-        elif isinstance(values, Sequence):
-            if rail is None or where is None:
-                values = values[0]
-            else:
-                section = np.searchsorted(rail.starts, where + 1e-9, side="right") - 1
-                values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
-        column = np.array(np.broadcast_to(values, data["time"].shape), dtype=float)
+        column = known_column(known, rail, where, data)
         attributes = {"units": known.unit, "long_name": known.doc or name}
         data = data.assign({name: ("time", column, attributes)})
     return data

@@ -31,8 +31,6 @@ from slipctl import (
     law,
     luenberger,
     mirror,
-    opened,
-    probe,
     ratio_to_speed,
     rls,
     sampled,
@@ -44,6 +42,7 @@ from slipctl.models import hst_braking as hst
 from slipctl.models import hst_braking_control as zhang
 from slipctl.models import sensors
 from slipctl.models import subway_braking as subway
+from slipctl.models.best_slip import searched
 from slipctl.models.brakes import brake
 from slipctl.models.common_form import Wheel
 from slipctl.models.ep_valve import air_brake
@@ -59,48 +58,8 @@ GEAR = 6.294
 FREIGHT = Wheel(40.0 * GEAR**2, 0.625, 30e3, 750e3, 9.8, 12e3 * GEAR, 0.02, 1.21, 5.0)
 
 
-# ---- the estimator of the two vehicles whose law is a difference of exponentials -----------------
-
 CURVE = subway.double_exponential
-START = {"c": 0.3, "a": 0.5, "b": 1.3}
-TICKS = 16
-
-
-def estimator_parts(noise: float) -> tuple[dict[str, Block], dict[str, str]]:
-    """Windowed fit, search of its peak and probe, as ``subway_braking`` has them with sensors.
-
-    Args:
-        noise: of the measured adhesion, as the fit is told.
-    """
-    fit = rls(CURVE, form="window", start=START).with_params(
-        noise=noise, spread=0.5, gate=4.0, settling=1.0
-    )
-    seek = argmax_block(CURVE, "v_s", lo=0.01, hi=10.0)
-    sure = probe(CURVE, "v_s", within=(0.1, 6.0), depth=0.4)
-    parts = {
-        "estimator": every(fit, TICKS), "search": every(seek, TICKS), "probe": every(sure, TICKS),
-        "curve": opened(CURVE),
-    }  # fmt: skip
-    wires = {
-        "probe.best": "search.best",
-        "probe.covariance": "estimator.covariance",
-        "probe.changed": "estimator.changed",
-        "v_best": "probe.reference",
-    }
-    for n in ("c", "a", "b"):
-        wires |= {f"{b}.{n}": f"estimator.{n}" for b in ("search", "probe", "curve")}
-        wires[n] = f"estimator.{n}"
-    return parts, wires
-
-
-@law(F=Output("N", "adhesion force", positive="braking"))
-def force(
-    mu=Input("1", "adhesion coefficient", positive="braking"),
-    m_axle=Param("kg", 8000.0, "load on the rail", form.ADDED, lo=1e3, hi=5e4),
-    g=Param("m/s^2", 9.81, "gravity", form.ADDED),
-):
-    """F = mu W g."""
-    return mu * m_axle * g
+"""Law that the estimators of subway and freight train fit."""
 
 
 def falling(w: Wheel) -> Block:
@@ -113,7 +72,7 @@ def falling(w: Wheel) -> Block:
 
 def subway_world() -> Block:
     """Subway wheelset: 50 ms of lag, tooth wheel, noisy speed, adhesion from the wheel."""
-    fit, wires = estimator_parts(1e-2)
+    fit, wires = searched(CURVE, noise=1e-2)
     plant = sampled(subway.plant(CURVE, brake(lag=True)), H, "rk4", substeps=10)
     wires |= {
         "plant.T_cmd": "T_cmd",
@@ -141,7 +100,7 @@ def subway_world() -> Block:
     return connect(
         "world", wires, share=SUBWAY_SHARES, plant=plant, tooth=sensors.tooth_wheel,
         speed=sensors.speed_sensor.with_params(sigma=0.01), slip=sensors.slip_sensor,
-        meter=sensors.adhesion_meter(window=16, torque="sampled"), force=force,
+        meter=sensors.adhesion_meter(window=16, torque="sampled"), force=form.force,
         fall=falling(SUBWAY), **fit,
     )  # fmt: skip
 
@@ -230,7 +189,7 @@ def mirrored_resistance(
 
 def freight_world() -> Block:
     """Driven freight train in the mirror: 20 ms of lag, noisy motor speed, load observer."""
-    fit, wires = estimator_parts(3e-3)
+    fit, wires = searched(CURVE, noise=3e-3)
     plant = sampled(freight.plant(freight.adhesion, freight.motor(lag=True)), H, "rk4", substeps=4)
     observer = luenberger(freight.shaft, [-400.0, -400.0], measured="omega_m")
     wires |= {
@@ -273,7 +232,7 @@ def freight_world() -> Block:
         creep=cheng.creep, slip=mirror(*speed), grip=mirror("1", "braking"),
         resistance=freight.resistance, mirrored=mirrored_resistance, gear_in=to_motor,
         gear_out=to_wheel, command=mirror("N m", "traction"), torque=mirror("N m", "braking"),
-        true_slip=mirror(*speed), force=force.with_params(m_axle=FREIGHT.W, g=FREIGHT.g),
+        true_slip=mirror(*speed), force=form.force.with_params(m_axle=FREIGHT.W, g=FREIGHT.g),
         fall=falling(FREIGHT), **fit,
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from slipctl.ccode.check import endurance, fuzz
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write.plan import Plan
 
-SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "15"))
+SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "4"))
 
 try:
     fuzz.tool()

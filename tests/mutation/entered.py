@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -17,6 +18,12 @@ from typing import Any
 import pytest
 
 tests: dict[str, Any] = {}
+LONG = 40
+"""s of CPU: a longer test is not asked. (Twice what it takes unobserved, or more.)"""
+
+
+def too_long(number: int, frame: FrameType | None) -> None:
+    pytest.fail("too long to be asked of each change")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -28,11 +35,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
         if event == "call":
             codes[id(frame.f_code)] = frame.f_code
 
+    signal.signal(signal.SIGPROF, too_long)
+    signal.setitimer(signal.ITIMER_PROF, LONG)
     sys.setprofile(note)
     try:
         result = yield
     finally:
         sys.setprofile(None)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     own = [c for c in codes.values() if "slipctl" in c.co_filename]
     seen = sorted({f"{c.co_filename}:{c.co_qualname.replace('.<locals>', '')}" for c in own})
     tests.setdefault(item.nodeid, {}).update(entered=seen, seconds=time.process_time() - start)

@@ -3,29 +3,32 @@
 ``python tests/mutation/run.py --mutations 400 --seed 1 --out mutations.json`` draws changes by seed
 (operators, comparisons, signs, constants, conditions, results and arguments left out) and runs, in
 a copy of the tree, the tests of the same room that enter the changed function, the quickest first.
-What is in the file already is not done again, so that a run that was stopped goes on.
+What is in the file already is not done again, so that a run that was stopped goes on. Tests beyond
+``--longest`` seconds are not asked: a change that only they would notice counts as one that lives.
 
 An own tool, because those that exist run one command of the whole suite for each change: here that
-is 8 minutes against seconds, and hours against days for 400. Linux and macOS only (links).
+is 8 minutes against seconds, and hours against days for 400. This process has imported what the
+package and pytest depend on, and forks for each change. Linux and macOS only (links, forks).
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
+import multiprocessing
 import os
 import random
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
-import threading
+import time
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pytest
 from sites import Site, sites
 
 ROOT = Path(__file__).parents[2]
@@ -59,25 +62,41 @@ class Tree:
             (package / path.name).symlink_to(path)
         for name in ("models", "studies"):
             (package / name).symlink_to(self.root / name)
-        self.environment = os.environ | {
+        self.environment = {
             "PYTHONPATH": os.pathsep.join([str(self.site), str(Path(__file__).parent)]),
             "SLIPCTL_CACHE": str(cache), "PYTHONDONTWRITEBYTECODE": "1",
         }  # fmt: skip
 
     def pytest(self, words: list[str], limit: float, **more: str) -> tuple[int | None, str]:
         """Exit code, None where it takes longer than the limit, and what is printed."""
-        command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *words]
-        process = subprocess.Popen(
-            command, cwd=self.root, env=self.environment | more, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, errors="replace", start_new_session=True,
-        )  # fmt: skip
+        said, end = self.root / "said.txt", time.monotonic() + limit
+        child = os.fork()
+        if not child:
+            self.test(["-n", "0", "-p", "no:cacheprovider", *words], said, more)
+        while not (done := os.waitpid(child, os.WNOHANG))[0]:
+            if time.monotonic() > end:
+                os.killpg(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+                return None, ""
+            time.sleep(0.02)
+        return os.waitstatus_to_exitcode(done[1]), said.read_text("utf-8", errors="replace")
+
+    def test(self, words: list[str], said: Path, more: dict[str, str]) -> None:
+        """What the child does: pytest in this tree, as a process of its own would."""
+        code = 70
         try:
-            said, _ = process.communicate(timeout=limit)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            process.communicate()
-            return None, ""
-        return process.returncode, said
+            os.setsid()
+            os.chdir(self.root)
+            os.environ.update(self.environment | more)
+            sys.dont_write_bytecode = not more  # the run without a change leaves it for all others
+            sys.path[:0] = self.environment["PYTHONPATH"].split(os.pathsep)
+            target = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(target, 1)
+            os.dup2(target, 2)
+            code = int(pytest.main(words))
+            sys.stdout.flush()
+        finally:
+            os._exit(code)
 
     def entered(self, room: str, limit: float) -> dict[str, Any]:
         """The room's passing tests: what each enters, and how long it takes."""
@@ -93,23 +112,44 @@ class Tree:
         return found
 
 
-def asked(site: Site, tests: dict[str, Any]) -> list[str]:
-    """Tests that enter the function; where none does (it ran before them), the file; all then."""
-    inside = site.file.removeprefix("slipctl/")
-    enters = [t for t, e in tests.items() if f"{inside}:{site.function}" in e["entered"]]
-    reads = [t for t, e in tests.items() if any(f"{inside}:" in k for k in e["entered"])]
-    known = set(enters)
-    return [*sorted(enters, key=lambda t: tests[t]["seconds"]),
-            *sorted((t for t in reads if t not in known), key=lambda t: tests[t]["seconds"])] or [
-            *sorted(tests, key=lambda t: tests[t]["seconds"])]  # fmt: skip
+def asked(site: Site, tests: dict[str, Any], longest: float) -> list[str]:
+    """Tests that enter the function, then the file, then (no test of it: it ran before) all.
+
+    The quickest first; of all, those first whose file names the changed one.
+    """
+    inside, stem = site.file.removeprefix("slipctl/"), Path(site.file).stem
+    naming = {f for f in {t.split("::")[0] for t in tests}
+              if stem in (ROOT / f).read_text(encoding="utf-8")}  # fmt: skip
+
+    def nearness(test: str) -> int:
+        entered = tests[test]["entered"]
+        if f"{inside}:{site.function}" in entered:
+            return 0
+        return 1 if any(e.startswith(f"{inside}:") for e in entered) else 2
+
+    near = {t: nearness(t) for t in tests}
+    if site.function == "<module>" or min(near.values()) == 2:  # seen by whoever imports it
+        chosen = sorted(tests, key=lambda t: (t.split("::")[0] not in naming, tests[t]["seconds"]))
+    else:
+        chosen = sorted((t for t in tests if near[t] < 2),
+                        key=lambda t: (near[t], tests[t]["seconds"]))  # fmt: skip
+    spent, inside_time = 0.0, []
+    for test in chosen:
+        spent += tests[test]["seconds"]
+        if spent > longest and inside_time:
+            break
+        inside_time.append(test)
+    return inside_time
 
 
-def judged(tree: Tree, site: Site, tests: dict[str, Any]) -> dict[str, Any]:
+def judged(tree: Tree, site: Site, tests: dict[str, Any], longest: float) -> dict[str, Any]:
     """How a change ends: the test that notices it, or that none does."""
     target = tree.root / site.file
     text = target.read_text(encoding="utf-8")
-    names = asked(site, tests)
+    names = asked(site, tests, longest)
     told = {"kind": site.kind, "line": site.line, "tests": len(names)}
+    for stale in (target.parent / "__pycache__").glob(f"{target.stem}.*"):
+        stale.unlink()  # its time does not tell the change from the original
     try:
         target.write_text(site.applied(text), encoding="utf-8")
         for part in (names[:FIRST], names[FIRST:]):
@@ -117,16 +157,27 @@ def judged(tree: Tree, site: Site, tests: dict[str, Any]) -> dict[str, Any]:
                 continue
             listed = tree.root / "asked.txt"
             listed.write_text("\n".join(part), encoding="utf-8")
-            limit = 120 + 10 * sum(tests[t]["seconds"] for t in part)
+            limit = 240 + 10 * sum(tests[t]["seconds"] for t in part)
             code, said = tree.pytest(["-x", "--tb=no", f"@{listed}"], limit)
             if code is None:
                 return told | {"caught": "takes too long"}
+            if code == pytest.ExitCode.USAGE_ERROR and "ERROR: not found" in said:
+                raise SystemExit(f"a test is gone; a new --out finds them anew\n{said[-500:]}")
             if code:
                 failed = [k for k in said.splitlines() if k.startswith(("FAILED", "ERROR"))]
                 return told | {"caught": failed[0][:160] if failed else said.strip()[-160:]}
     finally:
         target.write_text(text, encoding="utf-8")
     return told | {"caught": None}
+
+
+def warm() -> None:
+    """Import what tests import of others, once; nothing of the package, which changes."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # threads do not live on in a child
+    for name in ("numpy", "scipy.optimize", "scipy.linalg", "scipy.signal", "casadi", "xarray",
+                 "netCDF4", "matplotlib.pyplot", "pint", "hypothesis", "control", "osqp",
+                 "_pytest.assertion.rewrite", "xdist.plugin"):  # fmt: skip
+        importlib.import_module(name)
 
 
 def drawn(number: int, seed: int, rooms: list[str]) -> list[tuple[str, Site]]:
@@ -149,12 +200,27 @@ def summary(found: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+TREE: Tree
+"""The worker's own."""
+
+
+def begin(trees: multiprocessing.Queue[Tree]) -> None:
+    global TREE
+    TREE = trees.get()
+
+
+def do(task: tuple[Site, dict[str, Any], float]) -> tuple[str, dict[str, Any]]:
+    site, tests, longest = task
+    return site.name, judged(TREE, site, tests, longest)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--mutations", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS))
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--longest", type=float, default=60, help="s of tests for each change")
     parser.add_argument("--match", default="", help="only changes whose name has this text")
     parser.add_argument("--out", type=Path, default=Path("mutations.json"))
     chosen = parser.parse_args()
@@ -165,7 +231,6 @@ def main() -> int:
     found: dict[str, Any] = kept.get("found", {})
     tests: dict[str, Any] = kept.get("tests", {})
     todo = [w for w in wanted if w[1].name not in found]
-    lock = threading.Lock()
 
     def keep() -> None:
         names = {w[1].name for w in wanted}
@@ -175,29 +240,28 @@ def main() -> int:
         part.write_text(text, encoding="utf-8")
         part.replace(chosen.out)
 
+    warm()
     with tempfile.TemporaryDirectory(prefix="mutation") as scratch:
         cache = Path(scratch, "cache")
-        trees = [Tree(Path(scratch, str(k)), cache) for k in range(chosen.jobs)]
-        for room in dict.fromkeys(w[0] for w in todo):
-            if room not in tests:
+        trees: multiprocessing.Queue[Tree] = multiprocessing.Queue()
+        made = [Tree(Path(scratch, str(k)), cache) for k in range(chosen.jobs)]
+        for tree in made:
+            trees.put(tree)
+        known = [w for w in todo if w[0] in tests]  # in the order drawn; then room by room
+        others = dict.fromkeys(w[0] for w in todo if w[0] not in tests)
+        for batch in (known, *([w for w in todo if w[0] == room] for room in others)):
+            for room in {w[0] for w in batch} - set(tests):
                 print(f"{room}: which test enters what", flush=True)
-                tests[room] = trees[0].entered(room, 7200)
+                tests[room] = made[0].entered(room, 7200)
                 keep()
-        free = list(trees)
-
-        def do(tests: dict[str, Any], item: tuple[str, Site]) -> None:
-            room, site = item
-            with lock:
-                tree = free.pop()
-            result = judged(tree, site, tests[room])
-            with lock:
-                free.append(tree)
-                found[site.name] = result
-                keep()
-                print(f"{result['caught'] or 'SURVIVES'}\n    {site.name}"[:300], flush=True)
-
-        with ThreadPoolExecutor(chosen.jobs) as pool:
-            list(pool.map(partial(do, tests), todo))
+            with multiprocessing.get_context("fork").Pool(chosen.jobs, begin, (trees,)) as pool:
+                tasks = [(site, tests[room], chosen.longest) for room, site in batch]
+                for name, result in pool.imap_unordered(do, tasks):
+                    found[name] = result
+                    keep()
+                    print(f"{result['caught'] or 'SURVIVES'}\n    {name}"[:300], flush=True)
+            for tree in made:
+                trees.put(tree)
     keep()
     print(json.dumps(json.loads(chosen.out.read_text("utf-8"))["summary"], indent=1))
     return 0

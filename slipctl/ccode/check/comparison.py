@@ -79,7 +79,7 @@ def compare(
                 "bytes": cc.sizes(product),
                 "symbols": found,
                 "double_functions": doubles,
-                "stack": cc.stack(compiler, Path(scratch) / f"{plan.name}.c"),
+                "stack": cc.stack(product),
                 "faults": faults,
                 "own_test": said,
             })  # fmt: skip

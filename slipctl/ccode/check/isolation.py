@@ -14,6 +14,9 @@ from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import RunFailed
 
+QUICK = "-O0"
+"""What is only linked or watched needs no better code: the sanitizers see more without it."""
+
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 _TWO = """#include "{n}.h"
@@ -49,7 +52,7 @@ def sanitized(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
     n, program = plan.name, folder / f"sanitized_{plan.name}"
     flags = [f for f in cc.FLAGS if f not in ("-Werror", "-O2")]
     made = subprocess.run(
-        [compiler, *flags, "-O1", *SANITIZERS, f"{n}.c", f"test_{n}.c", "-o", str(program),
+        [compiler, *flags, QUICK, *SANITIZERS, f"{n}.c", f"test_{n}.c", "-o", str(program),
          "-lm"],
         cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
@@ -74,7 +77,7 @@ def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool
     calls.write_text(_TWO.format(n=n), encoding="utf-8")
     renamed = [f"-D{n}_{f}={n}_twin_{f}" for f in ("default", "init", "step", "tune")]
     try:
-        cc.compile_object(compiler, folder / f"{n}.c", twin, *renamed)
+        cc.compile_object(compiler, folder / f"{n}.c", twin, *renamed, QUICK)
         cc.compile_object(compiler, calls, calls.with_suffix(".o"))
         cc.link(compiler, [product, twin, calls.with_suffix(".o")], program)
     except RunFailed:

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +17,8 @@ from slipctl.ccode.write.precision import MATH
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (*WARNINGS.split(), "-Werror", *OPTIMISE.split())
+TOLD = "-fstack-usage"
+"""Writes what :func:`stack` reads beside the object file."""
 
 
 @lru_cache(maxsize=1)
@@ -113,19 +114,17 @@ def in_double(names: Iterable[str]) -> list[str]:
     return [n for n in names if n in MATH or _HELPER.fullmatch(n)]
 
 
-def stack(compiler: str, source: Path, *flags: str) -> dict[str, int] | None:
-    """Bytes of stack of each function, the C library's not among them; None if not told.
+def stack(target: Path) -> dict[str, int] | None:
+    """Bytes of stack of each function of an object made with ``TOLD``; None if not told.
 
-    A function that is inlined has none of its own; ``worst`` is that of the deepest chain if no
-    function called another one twice: the sum of all, which is never too small.
+    The C library's are not among them. A function that is inlined has none of its own; ``worst``
+    is that of the deepest chain if no function called another one twice: the sum of all, which is
+    never too small.
     """
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        target = Path(scratch) / "sized.o"
-        try:
-            compile_object(compiler, source, target, "-fstack-usage", *flags)
-            text = target.with_suffix(".su").read_text(encoding="utf-8")
-        except (OSError, RunFailed):
-            return None
+    try:
+        text = target.with_suffix(".su").read_text(encoding="utf-8")
+    except OSError:
+        return None
     found = {}
     for line in text.splitlines():
         place, bytes_, kind = line.split("\t")

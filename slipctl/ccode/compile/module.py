@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.compile.compilers import compile_object, compilers, link
+from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, matrix, packed
 from slipctl.ccode.write.precision import size
@@ -90,7 +90,10 @@ class CModule:
         scratch = Path(self._scratch.name)
         (scratch / "bind.c").write_text(self.binding, encoding="utf-8")
         objects = [self.object_file, scratch / "bind.o"]
-        compile_object(cc, source, objects[0], "-fPIC")
+        try:
+            compile_object(cc, source, objects[0], "-fPIC", TOLD)
+        except RunFailed:  # of the source, or a compiler that cannot tell
+            compile_object(cc, source, objects[0], "-fPIC")
         compile_object(cc, scratch / "bind.c", objects[1], "-fPIC", f"-I{self.folder.resolve()}")
         link(cc, objects, scratch / f"{self.name}.so", "-shared")
         return self

@@ -198,7 +198,7 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
         (folder / "calls.c").write_text(_MAIN.format(n=n), encoding="utf-8")
         objects = [folder / f"{n}.o", folder / "calls.o"]
         for o in objects:
-            cc.compile_object(compiler, o.with_suffix(".c"), o, *flags)
+            cc.compile_object(compiler, o.with_suffix(".c"), o, cc.TOLD, *flags)
         program = folder / "calls.elf"
         # the C library's start code is left out: it is no part of the module
         cc.link(
@@ -214,7 +214,7 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
             "flags": " ".join([*cc.FLAGS, *flags]),
             "bytes": cc.sizes(objects[0], TOOLS),
             "linked_bytes": cc.sizes(program, TOOLS),
-            "stack": cc.stack(compiler, folder / f"{n}.c", *flags),
+            "stack": cc.stack(objects[0]),
             "needed": (cc.symbols(objects[0], TOOLS) or {}).get("needed"),
             "double_helpers": helpers,
             "passed": plan.real == "double" or not helpers,

@@ -76,7 +76,7 @@ def closed_loop(
     x, total, rows = np.array([10, 10.05, 1.0, 0.0]), 0.0, []
     for k in range(ticks):
         known = 1.15 * PEAKS[max(k - 10, 0)] if mismatch else PEAKS[k]
-        u, status, passes = tick(*x, known, 0.02)
+        u, status, passes, _ = tick(*x, known, 0.02)
         x = np.array(plant(x, [u, PEAKS[k], 0.02], p)[0]).ravel()
         slip = (x[1] - x[0]) / math.sqrt(x[0] ** 2 + 0.25)
         total += (100 * (slip - 0.02)) ** 2 + (5 * x[3]) ** 2 + (0.05 * (u - x[2])) ** 2
@@ -108,7 +108,7 @@ def bench(pairs: int = 9) -> dict[str, Any]:
     roller = build.compiled(block.f)
     assert roller is not None
     driver = Driver(block)
-    x_log, y_log = np.empty((len(inputs), driver.x.size)), np.empty((len(inputs), 3))
+    x_log, y_log = np.empty((len(inputs), driver.x.size)), np.empty((len(inputs), 4))
 
     def ours() -> None:
         roller.roll(driver.x.copy(), inputs, driver.p, x_log, y_log)
@@ -161,7 +161,7 @@ def osqp(inputs: np.ndarray) -> Any:
     Xs, Vs = ca.horzcat(X[:, 1:], following), ca.horzcat(V[:, 1:], V[:, -1])
     D = stage.map(20)(Xs[:, :-1], Vs, ca.repmat(d, 1, 20), ca.repmat(q, 1, 20), Xs[:, 1:])
     H, g, A, lba, uba, lbx, ubx = matrices(
-        D, end(Xs[:, -1], d, q), ca.vec(Vs), 0, ca.DM([0, 1, 1e9]), x0 - Xs[:, 0]
+        D, end(Xs[:, -1], d, q), ca.vec(Vs), 0, ca.repmat(ca.DM([0, 1, 1e9]), 1, 20), x0 - Xs[:, 0]
     )
     upper = ca.triu(H)
     whole = ca.vertcat(A, ca.MX.eye(g.numel()))

@@ -1,0 +1,30 @@
+"""A vehicle of one's own, put together from parts: numbers in, closed loops out."""
+
+from slipctl.models.vehicle.parts import (
+    Constant,
+    Davis,
+    DemandAlone,
+    Exact,
+    Lag,
+    Most,
+    NoisySpeed,
+    NoisyWheel,
+    OwnLaw,
+    Predictive,
+    Profile,
+    Searched,
+    Sensors,
+    SlipControl,
+    SlipLaw,
+    SlipRatio,
+    SlipSpeed,
+    Slope,
+    Stretch,
+    ToothWheel,
+    Track,
+    Trip,
+    Valve,
+    Vehicle,
+    WheelsOnly,
+)
+from slipctl.models.vehicle.trip import case, loop, scenario

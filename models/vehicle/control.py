@@ -1,0 +1,386 @@
+"""Slip control of one axle, from what it measures to the command of its actuator.
+
+    slip -> meter -> [estimator, search, probe] -> best slip -> law -> watch, apply -> T_cmd
+
+A slip law of models/common_form asks for the slip, the slip to go to, the adhesion force and what
+the slip falls by; what comes before it is the same for all. The demand rules until an axle slips:
+then its law begins anew, and it gives back when the demand has ruled for a while. So no integral
+winds up while there is nothing to control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from casadi import fabs, fmax, fmin, if_else, logic_and
+
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    argmax,
+    connect,
+    gated,
+    law,
+    make_block,
+    step,
+)
+from slipctl.block.units import parse_quantity
+from slipctl.errors import nearest
+from slipctl.estimate.model import unknown_parameters
+from slipctl.models import best_slip, sensors
+from slipctl.models import common_form as form
+from slipctl.models.common_form import ADDED, T_S, Wheel
+from slipctl.models.predictive_slip import predictive
+from slipctl.models.vehicle.parts import (
+    Controller,
+    DemandAlone,
+    OwnLaw,
+    Predictive,
+    Reference,
+    Searched,
+    SlipControl,
+    SlipLaw,
+    SlipSpeed,
+    Trip,
+)
+from slipctl.study.doors import load_block
+
+WINDOW = 16
+"""Ticks over which the adhesion is measured."""
+
+
+def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
+    """Wheel of the vehicle, as a controller knows it."""
+    vehicle, act = trip.vehicle, trip.actuator
+    share = len(vehicle.worked)
+    lag = act.lag if hasattr(act, "lag") else (act.fill + act.vent) / 2
+    return Wheel(
+        J=vehicle.wheel_inertia, r=vehicle.wheel_radius, W=vehicle.total / vehicle.axles,
+        m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=lag,
+        v_best=typical_slip(reference or trip.reference, vehicle.speed), v=max(vehicle.speed, 1.0),
+    )  # fmt: skip
+
+
+def typical_slip(reference: Reference, speed: float) -> float:
+    """Best slip in m/s for which a law is scaled: of the fitted curve, or the fixed one."""
+    if isinstance(reference, Searched):
+        curve, begin = fitted(reference)
+        return argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
+    if isinstance(reference, SlipSpeed):
+        return reference.slip
+    return max(reference.slip * max(speed, 1.0), reference.least)
+
+
+def fitted(part: Searched) -> tuple[Block, dict[str, float]]:
+    """Law that a search fits, and the first guess of its parameters.
+
+    Raises:
+        BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
+    """
+    curve = load_block(part.law)
+    if set(curve.inputs) != {"v_s"} or curve.inputs["v_s"].positive != "braking":
+        raise BadInput(
+            f"{part.law} cannot be fitted: it has the inputs {', '.join(curve.inputs)}; a law that"
+            " is goes from v_s alone, braking positive, as double_exponential does"
+        )
+    names = unknown_parameters(curve, None)
+    if part.start:
+        begin = numbers_of(curve, part.start, "start")
+    elif set(best_slip.START) == set(names):
+        begin = dict(best_slip.START)
+    else:
+        begin = {n: float(curve.params[n].value) for n in names}
+    return curve, {n: begin.get(n, float(curve.params[n].value)) for n in names}
+
+
+def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> dict[str, float]:
+    """Numbers of a block's parameters, with their units where they are texts.
+
+    Raises:
+        BadInput: an unknown or derived parameter, another dimension, a value off range.
+    """
+    found = {}
+    for name, value in given.items():
+        hits = [k for k in block.params if k == name or k.endswith(f".{name}")]
+        if len(hits) != 1:
+            free = [k for k, s in block.params.items() if not s.derived]
+            why = f" could be {' or '.join(hits)}" if hits else f" is unknown{nearest(name, free)}"
+            raise BadInput(f"{where}.{name}:{why}")
+        signal = block._settable(hits[0])
+        number = value
+        if isinstance(value, str):
+            number = parse_quantity(value, signal.unit, f"{where}.{name}")
+        signal.check(f"{where}.{name}", number)
+        found[hits[0]] = float(number)
+    return found
+
+
+# ---- what comes before and after a law -----------------------------------------------------------
+
+
+def seen(driven: bool) -> Block:
+    """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
+
+    Args:
+        driven: the wheel is seen in the mirror, in which its slip is its creep.
+    """
+    turn = -1 if driven else 1
+
+    @law(
+        v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"),
+        omega_s=Output("rad/s", "wheel speed, seen as that of a braked wheel"),
+        name="slip", choices={"driven": driven},
+    )  # fmt: skip
+    def slip(
+        v=Input("m/s", "measured vehicle speed"),
+        omega=Input("rad/s", "measured wheel speed"),
+        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+    ):
+        """v_s = v - r omega; of a driven wheel r omega - v."""
+        return dict(v_s=turn * (v - r * omega), omega_s=turn * omega)
+
+    return slip
+
+
+def fixed(part: Reference) -> Block:
+    """Make a reference that nothing searches: a slip speed, or a share of the vehicle's speed."""
+    if isinstance(part, SlipSpeed):
+
+        @law(
+            v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
+            name="reference",
+        )
+        def speed(
+            slip=Param("m/s", part.slip, "slip to hold", "of the trip", lo=0.01, hi=20),
+            v=Input("m/s", "measured vehicle speed"),
+        ):
+            """A fixed slip speed, which cannot be above the speed of the vehicle."""
+            return fmin(slip, fmax(fabs(v), 0.01))
+
+        return speed
+    share, bottom = part.slip, part.least  # type: ignore[union-attr]
+
+    @law(
+        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
+        name="reference",
+    )
+    def ratio(
+        slip=Param("1", share, "slip over speed", "of the trip", lo=1e-3, hi=0.9),
+        least=Param("m/s", bottom, "slip that it does not fall below", "of the trip", lo=0.01),
+        v=Input("m/s", "measured vehicle speed"),
+    ):
+        """A fixed share of the vehicle's speed."""
+        return fmax(slip * fabs(v), least)
+
+    return ratio
+
+
+def watch(always: bool) -> Block:
+    """Make what says when slip control rules.
+
+    Args:
+        always: from the start, not only when an axle slips.
+    """
+
+    @step(on=Output("1", "1 while slip control rules, else 0"), name="watch",
+          choices={"always": always})  # fmt: skip
+    def watching(
+        ruling=State("1", 1.0 if always else 0.0, "1 while slip control rules"),
+        idle=State("s", 0.0, "how long the demand has been the smaller one"),
+        v=Input("m/s", "measured vehicle speed"),
+        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
+        v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
+        T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
+        T_demand=Input("N m", "torque that is demanded", positive="braking"),
+        wake=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
+        rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0),
+        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0),
+        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+    ):
+        """On from the first large slip until the demand has been the smaller torque for a while."""
+        fast = v >= v_off
+        slips = v_s > wake * v_best
+        on = if_else(fast, 1 if always else fmax(ruling, slips), 0)
+        calm = logic_and(logic_and(on > 0.5, T_wanted >= T_demand), v_s <= wake * v_best)
+        waited = if_else(calm, idle + T, 0)
+        stay = on if always else if_else(waited >= rest, 0, on)
+        return dict(ruling=stay, idle=waited), dict(on=on)
+
+    return watching
+
+
+@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"))
+def applied(
+    T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
+    T_demand=Input("N m", "torque that is demanded", positive="braking"),
+    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
+    on=Input("1", "1 while slip control rules"),
+    v=Input("m/s", "measured vehicle speed"),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
+    v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0),
+    low=Param("1", 1.0, "share of the largest torque that is applied below", ADDED, lo=0, hi=1),
+):
+    """The demand, or what slip control wants where that is less; see ``common_form.limits``."""
+    top = fmin(fmax(T_demand, 0), T_max * if_else(v >= v_off, 1, low))
+    led = T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)
+    return if_else(on > 0.5, fmin(top, fmax(0, led)), top)
+
+
+@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"), name="applied")
+def demand_alone(
+    T_demand=Input("N m", "torque that is demanded", positive="braking"),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+):
+    """The demand as it is, within the limits."""
+    return fmin(fmax(T_demand, 0), T_max)
+
+
+# ---- all of one axle -----------------------------------------------------------------------------
+
+
+def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
+    """Slip law of a controller, and whether it is gated inside (else it has to be outside).
+
+    Raises:
+        BadInput: an unknown gain or block, or a block that is no slip law.
+    """
+    driven = trip.vehicle.mode == "drive"
+    if isinstance(part, Predictive):
+        reference = part.reference or trip.reference
+        searching = reference if isinstance(reference, Searched) else Searched()
+        names = ("ticks", "horizon", "slip", "change", "beyond", "rate", "pole", "smooth")
+        settings = {n: getattr(part, n) for n in names}
+        settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
+        return predictive(fitted(searching)[0], **settings, gate=True)(w), True
+    if isinstance(part, SlipLaw):
+        block = form.laws(driven)[part.kind](w)
+    else:
+        assert isinstance(part, OwnLaw)
+        block = load_block(part.block)
+        has = ("v", "v_s", "v_best", "F", "D", "T", "T_top")
+        other = [n for n, s in block.inputs.items() if n not in has and s.value is None]
+        if other or "T_wanted" not in block.outputs or block.kind == "flow":
+            raise BadInput(
+                f"{part.block} is no slip law: "
+                + (f"it needs {other[0]}; a law may ask for {', '.join(has)}" if other else
+                   "it is a flow; sampled(law, 1e-3, 'euler') first" if block.kind == "flow" else
+                   f"it gives {', '.join(block.outputs) or 'nothing'}, not T_wanted")
+            )  # fmt: skip
+        own = {"J": w.J, "r": w.r, "m": w.m, "g": w.g, "tau": w.tau, "T_max": w.T_max}
+        fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived}
+        block = block.with_params(**fits)
+    return block.with_params(**numbers_of(block, part.gains, "gains")), False
+
+
+def axle_control(trip: Trip, part: Controller) -> Block:
+    """Slip control of one axle.
+
+    Args:
+        trip: the trip.
+        part: the controller.
+
+    Returns:
+        Step from ``omega``, ``v``, ``T`` (torque of the actuator) and ``T_demand`` to ``T_cmd``.
+    """
+    w = wheel(trip, getattr(part, "reference", None))
+    if isinstance(part, DemandAlone):
+        wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
+        return connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
+    reference = part.reference or trip.reference
+    settings: SlipControl = trip.control
+    law_block, gated_inside = slip_law(trip, part, w)
+    always = type(trip.demand).__name__ == "Most"
+    parts: dict[str, Block] = {
+        "slip": seen(trip.vehicle.mode == "drive"),
+        "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
+        "force": form.force,
+        "fall": form.fall,
+        "law": law_block if gated_inside else gated(law_block),
+        "watch": watch(always).with_params(
+            wake=settings.wake, rest=settings.rest, v_off=settings.off
+        ),
+        "apply": applied.with_params(
+            lead=getattr(part, "lead", 1.0), v_off=settings.off, low=settings.low
+        ),
+    }
+    wires = {
+        "slip.v": "v",
+        "slip.omega": "omega",
+        "meter.omega": "slip.omega_s",
+        "meter.v_s": "slip.v_s",
+        "meter.T_b": "T",
+        "fall.F": "force.F",
+        "watch.v": "v",
+        "watch.v_s": "slip.v_s",
+        "watch.T_demand": "T_demand",
+        "watch.T_wanted": "law.T_wanted",
+        "law.on": "watch.on",
+        "apply.on": "watch.on",
+        "apply.T_wanted": "law.T_wanted",
+        "apply.T_demand": "T_demand",
+        "apply.T": "T",
+        "apply.v": "v",
+        "T_cmd": "apply.T_cmd",
+    }
+    ports = {"v": "v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "T",
+             "T_top": "T_demand"}  # fmt: skip
+    if isinstance(reference, Searched):
+        curve, begin = fitted(reference)
+        found, inner = best_slip.searched(curve, begin, reference.noise)
+        ports["v_best"] = inner.pop("v_best")
+        ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
+        parts |= found
+        wires |= inner | {
+            "estimator.mu": "meter.mu_m",
+            "estimator.v_s": "meter.v_s_m",
+            "curve.v_s": "slip.v_s",
+            "force.mu": "curve.mu",
+        }
+    else:
+        parts["reference"] = fixed(reference)
+        wires |= {"reference.v": "v", "force.mu": "meter.mu_m"}
+        ports["v_best"] = "reference.v_best"
+        if isinstance(part, Predictive):
+            parts["curve"], ports_of_curve = known_curve()
+            ports |= ports_of_curve
+    wires["watch.v_best"] = ports["v_best"]
+    wires |= {f"law.{n}": ports[n] for n in law_block.inputs if n in ports}
+    wires |= {f"law.{n}": ports[n.rpartition(".")[2]] for n in law_block.inputs
+              if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip
+    block = connect("ctl", wires, **parts)
+    return block.with_params(**_numbers(block, w))
+
+
+def known_curve() -> tuple[Block, dict[str, str]]:
+    """Curve of a law that nobody estimates, for a predictive controller: its own numbers."""
+    curve, begin = fitted(Searched())
+    block = make_block(
+        "curve", "law", lambda x, u, p: ({}, {n: p[f"{n}_0"] for n in begin}),
+        params=[Param(curve.params[n].unit, v, curve.params[n].doc, "assumed").named(f"{n}_0")
+                for n, v in begin.items()],
+        outputs=[Output(curve.params[n].unit, curve.params[n].doc).named(n) for n in begin],
+        doc="Adhesion curve that the controller assumes.",
+    )  # fmt: skip
+    return block, {n: f"curve.{n}" for n in begin}
+
+
+def _numbers(block: Block, w: Wheel) -> dict[str, float]:
+    """Numbers of the wheel at every place of the controller that has them."""
+    of = {"J": w.J, "r": w.r, "g": w.g, "tau": w.tau, "T_max": w.T_max, "m_axle": w.W}
+    found = {}
+    for name, s in block.params.items():
+        part, _, last = name.rpartition(".")
+        if s.derived or name in ("law.law.lead",):
+            continue
+        if last == "m" and part == "meter":
+            found[name] = w.W
+        elif last == "m" and part in ("law", "fall"):
+            found[name] = w.m
+        elif last in of and part.partition(".")[0] != "estimator":
+            found[name] = of[last]
+    return found

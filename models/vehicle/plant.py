@@ -1,0 +1,186 @@
+"""The plant of a trip: axles on the rail, what turns or brakes them, resistance and gradient.
+
+    x' = v,   M v' = sum_i F_i - F_R(v) - M g slope
+    J omega_i' = T_i - T_b,i sign(omega_i) - r_i F_i
+    F_i = mu(v_s,i) N_i,   v_s,i = r_i omega_i - v
+
+The wheels' step is in models/rolling.py. Between the parts torque and slip are those of a braked
+wheel; a driven one is seen in the mirror, see models/common_form.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from casadi import fabs, fmax, if_else
+
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    connect,
+    flip_sign,
+    law,
+    make_block,
+    mirror,
+    replicate,
+    sampled,
+)
+from slipctl.models.brakes import brake
+from slipctl.models.common_form import T_S
+from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
+from slipctl.models.hst_braking import davis
+from slipctl.models.rolling import Axles, rolling
+from slipctl.models.shared import SLOPE
+from slipctl.models.vehicle.parts import Lag, Valve, Vehicle
+
+ADDED = "of the vehicle"
+
+
+def on_train(adhesion: Block) -> Block:
+    """Law as a train takes it: from creep and train speed to mu, odd in the creep.
+
+    Args:
+        adhesion: law from ``v_s`` (with ``v`` or without) or ``lam``, for either sign convention.
+            One that takes ``v_s`` and ``v`` in traction is such a law already.
+
+    Raises:
+        BadInput: a law with other inputs or outputs.
+    """
+    inputs = adhesion.inputs
+    slip = "lam" if "lam" in inputs else "v_s"
+    if slip not in inputs or not set(inputs) <= {slip, "v"} or "mu" not in adhesion.outputs:
+        raise BadInput(
+            f"{adhesion.name} has the inputs {', '.join(inputs)}; an adhesion law has v_s or lam,"
+            " and v where it needs the speed, and gives mu"
+        )
+    if set(inputs) == {"v_s", "v"} and inputs["v_s"].positive == "traction":
+        return adhesion
+    source = adhesion
+    turn = 1 if inputs[slip].positive == source.outputs["mu"].positive else -1
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        s, speed = fabs(u["v_s"]), fabs(u["v"])
+        if slip == "lam":
+            s = s / fmax(speed, p["v_least"])
+        given = {slip: s} | ({"v": speed} if "v" in inputs else {})
+        own = {k: p[k] for k in source.params}
+        height = turn * source.expr({}, given, own)[1]["mu"]
+        return {}, {"mu": if_else(u["v_s"] >= 0, height, -height)}
+
+    params = list(source.params.values())
+    if slip == "lam":
+        least = Param("m/s", 1.0, "the ratio is not formed below this speed", ADDED, lo=1e-3)
+        params.append(least.named("v_least"))
+    return make_block(
+        source.name, "law", body,
+        inputs=[
+            Input("m/s", "creep, rim minus train", positive="traction", per="speed").named("v_s"),
+            Input("m/s", "train speed").named("v"),
+        ],
+        params=params,
+        outputs=[Output("1", "adhesion coefficient", positive="traction").named("mu")],
+        conditions=source.conditions, sx=source.sx, choices=source.choices,
+        doc=f"{source.doc}\n\nOdd in the creep, traction positive.",
+    )  # fmt: skip
+
+
+@law(F_d=Output("N", "running resistance and gradient", positive="braking"))
+def with_gradient(
+    F_R=Input("N", "running resistance"),
+    m=Param("kg", 40e3, "vehicle", ADDED, lo=100, hi=1e8),
+    g=Param("m/s^2", 9.81, "gravity", ADDED),
+    slope=SLOPE,
+):
+    """F_d = F_R + m g slope."""
+    return F_R + m * g * slope
+
+
+def valve_brake() -> Block:
+    """Air brake behind its valve, from ``T_cmd`` to ``T_b``, both braking positive."""
+    wires = {
+        "turn.u": "T_cmd",
+        "valve.T_cmd": "turn.y",
+        "valve.T_b": "cylinder.T_b",
+        "cylinder.position": "valve.position",
+        "back.u": "cylinder.T_b",
+        "T_b": "back.y",
+    }
+    return connect(
+        "act", wires, share={"theta": "*.theta", "P_max": "*.P_max"},
+        turn=flip_sign("N m", "traction"), valve=ep_valve,
+        cylinder=sampled(air_brake("valve"), T_S, "rk4"), back=flip_sign("N m", "braking"),
+    )  # fmt: skip
+
+
+def actuator(part: Lag | Valve) -> Block:
+    """Actuator of one axle, from ``T_cmd`` to ``T_b``, with the numbers of the part."""
+    if isinstance(part, Valve):
+        P_max = 600e3
+        block = valve_brake().with_params(
+            **{"theta": -part.torque / P_max, "P_max": P_max, "valve.band": part.band * P_max,
+               "cylinder.tau_f": part.fill, "cylinder.tau_v": part.vent}
+        )  # fmt: skip
+    else:
+        numbers = {"T_max": part.torque, "tau": part.lag}
+        if part.rate is not None:
+            numbers["R_max"] = part.rate
+        block = sampled(brake(lag=True, rate=part.rate is not None), T_S, "rk4")
+        block = block.with_params(**numbers)
+    ticks = round(part.dead_time / T_S)
+    if not ticks:
+        return block
+    wires = {"wait.u": "T_cmd", "act.T_cmd": "wait.y", "T_b": "act.T_b"}
+    waiting = dead_time(ticks, "N m", "braking")
+    names = [k for k in ("T_max", "tau", "R_max", "theta", "P_max") if k in block.params]
+    inner = {k: f"act.{k}" for k in names}
+    return connect("act", wires, share=inner, wait=waiting, act=block)
+
+
+def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
+    """Connect actuators, axles, resistance and contact.
+
+    Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one. It
+    gives ``T``, the torque of each of them, and ``omega``, their speeds.
+
+    Args:
+        vehicle: numbers of the vehicle.
+        part: actuator of an axle.
+        adhesion: law of the rail.
+    """
+    worked, driven = vehicle.worked, vehicle.mode == "drive"
+    n, many = vehicle.axles, len(worked)
+    apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
+    axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
+    r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
+    train = rolling(on_train(adhesion), axles, T_S, apart=apart).with_params(
+        m=vehicle.total, m_axle=vehicle.total / n, J=vehicle.wheel_inertia, r=r,
+        g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
+    )  # fmt: skip
+    one = actuator(part)
+    parts = {
+        "act": replicate(one, many),
+        "res": davis.with_params(
+            c0=vehicle.resistance.a, c1=vehicle.resistance.b, c2=vehicle.resistance.c
+        ),
+        "grade": with_gradient.with_params(m=vehicle.total, g=vehicle.gravity),
+        "train": train,
+    }
+    torque = "act.T_b"
+    wires = {
+        "act.T_cmd": "T_cmd",
+        "res.v": "train.v",
+        "grade.F_R": "res.F_R",
+        "train.F_d": "grade.F_d",
+        "T": torque,
+        "omega": "train.omega_d" if driven else "train.omega",
+    }
+    if driven:
+        parts["motor"] = replicate(mirror("N m", "traction"), many)
+        wires |= {"motor.u": torque, "train.T": "motor.y"}
+    else:
+        wires["train.T_b"] = torque
+    return connect("plant", wires, share={"m": "*.m", "g": "*.g"}, **parts)

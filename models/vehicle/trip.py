@@ -1,0 +1,339 @@
+"""A trip as a closed loop in a scenario, ready to run: what its parts are put together to.
+
+    plant -> sensors -> ctl (an axle's slip control, as often as there are axles) -> plant
+                demand ----^
+
+Every number stands once: mass, radius, inertia, gravity, largest torque and lag, sample time, the
+speed at the start. What controllers and sensors hold of them follows the vehicle.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from functools import partial
+from typing import Any
+
+import numpy as np
+from casadi import fabs, if_else
+
+from slipctl import (
+    BadInput,
+    Block,
+    Case,
+    Input,
+    Known,
+    Output,
+    Param,
+    Rail,
+    Scenario,
+    Section,
+    State,
+    argmax,
+    connect,
+    flip_sign,
+    law,
+    mirror,
+    replicate,
+    step,
+)
+from slipctl.models import sensors
+from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle.control import axle_control, numbers_of
+from slipctl.models.vehicle.parts import (
+    Controller,
+    Exact,
+    Lag,
+    Most,
+    NoisySpeed,
+    NoisyWheel,
+    Profile,
+    ToothWheel,
+    Trip,
+)
+from slipctl.models.vehicle.plant import on_train, plant
+from slipctl.run.results import Loops
+from slipctl.study.doors import load_block
+
+# ---- rail ----------------------------------------------------------------------------------------
+
+
+def rail_law(trip: Trip) -> Block:
+    """Adhesion law of the rail with its own conditions and those of the trip.
+
+    Raises:
+        BadInput: no such law, or a parameter that it has not.
+    """
+    track = trip.rail
+    block = load_block(track.law)
+    on_train(block)  # says what is wrong with it
+    own = {
+        name: numbers_of(block, values, f"rail.conditions.{name}")
+        for name, values in track.conditions.items()
+    }
+    known = {k: dict(v) for k, v in block.conditions.items()} | own
+    for k, stretch in enumerate(track.sections):
+        if stretch.condition not in known:
+            from slipctl.errors import nearest
+
+            raise BadInput(
+                f"rail.sections.{k}.condition: the rail has no condition {stretch.condition!r}"
+                f"{nearest(stretch.condition, known)}"
+            )
+    used = dict.fromkeys(s.condition for s in track.sections)
+    # what one condition sets is set in all, so that none keeps what the one before left
+    names = {n for c in used for n in known[c]}
+    whole = {n: float(block.params[n].value) for n in names}
+    return block.with_conditions(**{c: whole | known[c] for c in used})
+
+
+def rail(trip: Trip) -> Rail:
+    """Rail of the trip: conditions and gradient, each from where it begins."""
+    track = trip.rail
+    if not track.placed:
+        return Rail([Section(s.time or 0.0, s.condition) for s in track.sections])
+    slopes = track.gradient if isinstance(track.gradient, tuple) else ()
+    starts = sorted({s.place or 0.0 for s in track.sections} | {s.place for s in slopes})
+    at = [s.place or 0.0 for s in track.sections]
+    rises = [s.place for s in slopes]
+    found = []
+    for x in starts:
+        condition = track.sections[bisect.bisect_right(at, x) - 1].condition
+        values = {"slope": slopes[bisect.bisect_right(rises, x) - 1].gradient} if slopes else {}
+        found.append(Section(x, condition, values))
+    return Rail(found, by="plant.train.x")
+
+
+# ---- demand --------------------------------------------------------------------------------------
+
+
+def demand(trip: Trip) -> Block:
+    """Make the demand: from time, speed and place to the torque of each axle.
+
+    A deceleration a is the torque of a wheel that rolls, r m a + J a/r with the mass m per axle,
+    on level track and without resistance.
+    """
+    part, axles = trip.demand, len(trip.vehicle.worked)
+    clock = State("s", 0.0, "time since the start")
+    v = Input("m/s", "measured vehicle speed")
+    x = Input("m", "place of the first axle")
+    T_max = Param("N m", trip.actuator.torque, "largest torque", ADDED, lo=1)
+    T_ = Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1)
+    r = Param("m", trip.vehicle.wheel_radius, "wheel radius", ADDED, lo=0.2, hi=1)
+    J = Param("kg m^2", trip.vehicle.wheel_inertia, "inertia of a wheelset", ADDED, lo=0.1, hi=1e5)
+    m = Param("kg", trip.vehicle.total, "vehicle", ADDED, lo=100, hi=1e8)
+    torque = Output("N m", "torque that is demanded of each axle", positive="braking")
+    if isinstance(part, Most):
+
+        @law(T_demand=torque, name="demand")
+        def most(v=v, x=x, T_max=T_max):
+            """As much as the actuator gives: what is applied is up to slip control."""
+            return T_max
+
+        return most
+    force = part.force is not None
+    unit = "N" if force else "m/s^2"
+    given = part.force if force else part.deceleration
+    given = part.acceleration if given is None else given
+    table = isinstance(part, Profile)
+    k = len(given) if table else 1
+    values = np.array(given if table else [given], dtype=float)
+    at = np.array(part.at if table else [0.0], dtype=float)
+    over = part.over if table else "time"
+    on = {"time": "s", "speed": "m/s", "position": "m"}[over]
+
+    @step(
+        T_demand=torque, wanted=Output(unit, "what is demanded"), name="demand",
+        choices={"over": over, "points": k},
+    )  # fmt: skip
+    def wanted(
+        t=clock, v=v, x=x, m=m, r=r, J=J, T=T_,
+        level=Param(unit, values if table else float(values[0]), "demand", "of the trip",
+                    shape=(k,) if table else ()),
+        at=Param(on, at if table else 0.0, "where each begins", "of the trip",
+                 shape=(k,) if table else ()),
+    ):  # fmt: skip
+        """Demand at this time, speed or place, as torque of an axle."""
+        now = level if not table else level[0]
+        where = {"time": t, "speed": fabs(v), "position": x}[over]
+        for j in range(1, k):
+            if over == "speed":
+                share = (where - at[j - 1]) / (at[j] - at[j - 1])
+                line = level[j - 1] + share * (level[j] - level[j - 1])
+                now = if_else(where >= at[j], level[j], if_else(where >= at[j - 1], line, now))
+            else:
+                now = if_else(where >= at[j], level[j], now)
+        torque_ = r * now / axles if force else r * m / axles * now + J * now / r
+        return dict(t=t + T), dict(T_demand=torque_, wanted=now)
+
+    return wanted
+
+
+# ---- the loop ------------------------------------------------------------------------------------
+
+
+def loop(trip: Trip, controller: Controller | str) -> Block:
+    """Closed loop of a trip with one of its controllers.
+
+    Args:
+        trip: the trip.
+        controller: a controller, or the name of one of the trip's.
+
+    Returns:
+        Step with the parts ``plant``, ``demand``, ``ctl``, ``slip`` (the true slip of each axle,
+        seen as that of a braked one) and the sensors ``angle``, ``wheel``, ``speed``.
+    """
+    part = trip.controllers[controller] if isinstance(controller, str) else controller
+    vehicle, n = trip.vehicle, len(trip.vehicle.worked)
+    driven = vehicle.mode == "drive"
+    ctl = axle_control(trip, part)
+    common = [k for k in ctl.inputs if k in ("v", "T_demand", "fall.a_R", "probe.limit")]
+    parts: dict[str, Block] = {
+        "plant": plant(vehicle, trip.actuator, rail_law(trip)),
+        "demand": demand(trip),
+        "ctl": replicate(ctl, n, common),
+        "slip": replicate(
+            mirror("m/s", "braking", "speed") if driven else flip_sign("m/s", "braking"),
+            vehicle.axles,
+        ),
+    }
+    wires = {
+        "demand.x": "plant.train.x",
+        "ctl.T_demand": "demand.T_demand",
+        "plant.T_cmd": "ctl.T_cmd",
+        "slip.u": "plant.train.v_s",
+    }
+    if "omega" in ctl.inputs:
+        wires |= {"ctl.T": "plant.T"} | _wheel_speed(trip, parts)
+        v = _vehicle_speed(trip, parts, wires)
+        wires |= {"ctl.v": v}
+    else:
+        v = "plant.train.v"
+    wires["demand.v"] = v
+    return connect("loop", wires, share=_shares(trip, parts), **parts)
+
+
+def _wheel_speed(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
+    """Add the sensors of the wheels; gives their wires."""
+    part, n = trip.sensors.wheel_speed, len(trip.vehicle.worked)
+    if isinstance(part, Exact):
+        return {"ctl.omega": "plant.omega"}
+    if isinstance(part, NoisyWheel):
+        sensor = sensors.reading("rad/s").with_params(
+            sigma=part.deviation, q=part.step, lost=part.dropout
+        )
+        parts["wheel"] = replicate(sensor, n)
+        return {"wheel.u": "plant.omega", "ctl.omega": "wheel.y"}
+    assert isinstance(part, ToothWheel)
+    parts["angle"] = replicate(sensors.turned, n)
+    parts["wheel"] = replicate(
+        sensors.tooth_wheel.with_params(N=part.teeth, clock=part.clock, sigma=part.jitter), n
+    )
+    return {
+        "angle.omega": "plant.omega", "wheel.phi": "angle.phi", "ctl.omega": "wheel.omega_m",
+    }  # fmt: skip
+
+
+def _vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> str:
+    """Add the sensor of the vehicle's speed; gives where it is read."""
+    part = trip.sensors.vehicle_speed
+    if isinstance(part, Exact):
+        return "plant.train.v"
+    if isinstance(part, NoisySpeed):
+        parts["speed"] = sensors.reading("m/s").with_params(
+            sigma=part.deviation, q=part.step, lost=part.dropout
+        )
+        wires["speed.u"] = "plant.train.v"
+        return "speed.y"
+    block = sensors.speed_of_wheels(len(trip.vehicle.worked), trip.vehicle.mode == "drive")
+    parts["speed"] = block.with_params(a_max=part.rate)
+    wires["speed.omega"] = wires["ctl.omega"]
+    return "speed.v_m"
+
+
+def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
+    """Numbers that the parts have in common; those of one wheel follow the vehicle."""
+    names = [
+        f"{b}.{n}" for b, block in parts.items() for n, s in block.params.items() if not s.derived
+    ]
+    axles, worked = trip.vehicle.axles, len(trip.vehicle.worked)
+
+    def places(*patterns: str) -> list[str]:
+        hits = [n for p in patterns for n in names if fnmatchcase(n, p)]
+        return [n for n in dict.fromkeys(hits) if not n.startswith("ctl.estimator.")]
+
+    apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
+    own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
+    shared: dict[str, list[str]] = {
+        "m": places("plant.m", "demand.m"),
+        f"m_axle = m / {axles}": places("plant.train.m_axle", "ctl.meter.m", "*.m_axle"),
+        f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m")],
+        "J": places("plant.train.J", "*.J"),
+        "r": places("ctl*.r", "demand.r", "speed.r") if apart else places("plant.train.r", "*.r"),
+        "g": places("plant.g", "*.g"),
+        "T": places("*.T", "*.T_s"),
+        "slope": places("plant.grade.slope"),
+    }
+    if isinstance(trip.actuator, Lag):
+        shared["T_max"] = places("plant.act.T_max", "*.T_max")
+        shared["tau"] = places("plant.act.tau", "*.tau")
+    else:
+        shared["T_max"] = places("*.T_max")
+        shared["tau"] = places("*.tau")
+    shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start")]
+    turn = "-1 * " if trip.vehicle.mode == "drive" else ""
+    shared["omega_start = v_start / r"] = places(
+        "angle.omega_start", "wheel.omega_start", "wheel.u_start"
+    )
+    shared[f"omega_seen = {turn}v_start / r"] = places("ctl.meter.omega_start")
+    found: dict[str, Any] = {k: v for k, v in shared.items() if v}
+    if "r" not in found:
+        found = {k.replace("v_start / r", f"v_start / {trip.vehicle.wheel_radius!r}"): v
+                 for k, v in found.items()}  # fmt: skip
+    return found
+
+
+# ---- scenario and case ---------------------------------------------------------------------------
+
+
+def scenario(trip: Trip, name: str = "trip") -> Scenario:
+    """Scenario of a trip."""
+    gradient = trip.rail.gradient
+    level = isinstance(gradient, tuple) or not gradient
+    return Scenario(
+        name, trip.duration, rail(trip), seed=trip.seed, noise=trip.noise, doc=trip.title,
+        params={} if level else {"plant.grade.slope": gradient},
+    )  # fmt: skip
+
+
+def best(block: Block, condition: str) -> tuple[float, float]:
+    """Best slip of a rail condition, speed or ratio as the law has it, and adhesion there."""
+    slip = "lam" if "lam" in block.inputs else "v_s"
+    at = dict(block.conditions[condition])
+    if "v" in block.inputs:
+        at["v"] = 10.0
+    if block.inputs[slip].positive != block.outputs["mu"].positive:
+        from slipctl.models.hst_braking import grip
+
+        block = grip(block)
+    found = argmax(block, slip, lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
+    return found.location, abs(found.value)
+
+
+def known(trip: Trip) -> dict[str, Known]:
+    """Best slip and adhesion of the rail under the first axle, for the log."""
+    block = rail_law(trip)
+    found = [best(block, s.condition or "") for s in rail(trip).sections]
+    if "lam" in block.inputs:
+        return {"rail.best_adhesion": Known("1", [b for _, b in found], "peak of the rail")}
+    return {
+        "rail.best_slip": Known("m/s", [a for a, _ in found], "best slip, as the rail has it"),
+        "rail.best_adhesion": Known("1", [b for _, b in found], "peak of the rail"),
+    }
+
+
+def case(trip: Trip, name: str = "trip") -> Case:
+    """The trip with each of its controllers."""
+    loops = Loops({k: partial(loop, trip, c) for k, c in trip.controllers.items()})
+    return Case(scenario(trip, name), loops, known(trip))

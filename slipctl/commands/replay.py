@@ -1,0 +1,186 @@
+"""``slipctl replay``: a recorded log through an estimator or a controller, and a report of it."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from slipctl import __version__
+from slipctl.block.block import Block
+from slipctl.block.units import parse_quantity
+from slipctl.draw import plots
+from slipctl.errors import BadInput
+from slipctl.run import store
+from slipctl.run.recording import csv_of, read_recording
+from slipctl.run.replaying import Replayed, part_of, replay
+from slipctl.study import doors
+from slipctl.study.report import STYLE, image, table
+from slipctl.study.texts import number, wrapped
+
+log = logging.getLogger("slipctl")
+
+FIGURES = 8
+"""Most outputs that are drawn without being asked for."""
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Run, write and print."""
+    out = Path(options.out)
+    if not options.out:
+        raise BadInput("--out names no folder; write one")
+    store.check_folder(out)
+    block = load_part(options.block)
+    gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
+    period = parse_quantity(options.period, "s", "--period") if options.period else None
+    recording = read_recording(options.log, options.time or "", gap)
+    found = replay(
+        block, recording, _pairs("--map", options.mapped),
+        settings=_pairs("--set", options.settings), beside=_pairs("--beside", options.beside),
+        period=period, rule=options.resample,
+        compile=not options.no_compile,
+    )  # fmt: skip
+    for note in found.notes:
+        log.warning("%s", note)
+    rows = statistics(found)
+    figures = {n: plots.svg_text(f, command) for n, f in drawn(found).items()}
+    store.write_json(out / "replay.json", {
+        "log": options.log, "block": options.block, "slipctl_version": __version__,
+        "command": command, "notes": found.notes, "gaps_s": found.gaps,
+        "statistics": [dict(zip(HEAD, r, strict=True)) for r in rows],
+    })  # fmt: skip
+    store.write_text(out / "replay.csv", csv_of(columns(found)))
+    store.write_text(out / "report.html", page(found, rows, figures, options, command))
+    print(text(found, rows, options))
+    print(f"\n{out / 'replay.csv'}\n{out / 'report.html'}")
+    return 0
+
+
+def load_part(name: str) -> Block:
+    """Block by ``STUDY:LOOP.PART``, or as every command takes one.
+
+    Raises:
+        BadInput: no such block, or a whole loop.
+    """
+    left, colon, right = name.rpartition(":")
+    if doors.is_written(name) or not colon or (left.endswith(".py") and not doors.has_study(left)):
+        return doors.load_block(name)
+    loop_name, dot, path = right.partition(".")
+    loop, _ = doors.find_loop(doors.load_study(left), loop_name)
+    if not dot:
+        parts = ", ".join(f"{name}.{n}" for n in loop.parts)
+        raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
+    return part_of(loop, path)
+
+
+def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text_ in texts:
+        name, equals, value = (part.strip() for part in text_.partition("="))
+        if not equals or not name or not value:
+            example = "omega=WheelSpeed_1[km/h]" if option != "--set" else "T_b=0"
+            raise BadInput(f"{option} {text_!r}: write NAME=..., such as {example}")
+        if name in found:
+            raise BadInput(f"{option} names {name} twice; write it once")
+        found[name] = value
+    return found
+
+
+HEAD = ("signal", "unit", "mean", "rms", "largest")
+
+
+def statistics(found: Replayed) -> list[list[str]]:
+    """Residuals and innovations outside the gaps: mean, rms and largest."""
+    keep = found.outside_gaps()
+    rows = []
+    signals = [(f"{c.output}: recorded minus computed", c.unit, c.residual) for c in found.compared]
+    signals += [(n, found.block.outputs[n].unit, found.data[n].values) for n in found.innovations]
+    for name, unit, values in signals:
+        x = values[keep & np.isfinite(values)]
+        three = (x.mean(), np.sqrt(np.mean(x**2)), np.abs(x).max()) if x.size else (None,) * 3
+        rows.append([name, unit, *(number(None if v is None else float(v)) for v in three)])
+    return rows
+
+
+def drawn(found: Replayed) -> dict[str, plots.Figure]:
+    """Outputs beside the recording with their residuals, innovations, other outputs."""
+    time = found.data["time"].values
+    figures = {}
+    for c in found.compared:
+        fig, axes = plots.panels(2, sharex=True)
+        plots.lines({"recorded": (time, c.recorded), "computed": (time, c.computed)},
+                    ("", ""), (c.output, c.unit), axis=axes[0, 0])  # fmt: skip
+        plots.lines({"residual": (time, c.residual)}, ("time", "s"),
+                    ("recorded - computed", c.unit), axis=axes[1, 0], legend=False)  # fmt: skip
+        figures[f"{c.output} beside the recording"] = fig
+    rest = [n for n in found.block.outputs
+            if n in found.data and n not in {c.output for c in found.compared}]  # fmt: skip
+    rest.sort(key=lambda n: n not in found.innovations)
+    for n in rest[:FIGURES]:
+        s = found.block.outputs[n]
+        figures[n] = plots.lines({n: (time, found.data[n].values)}, ("time", "s"),
+                                 (s.doc or n, s.unit), legend=False)  # fmt: skip
+    return figures
+
+
+def columns(found: Replayed) -> dict[str, np.ndarray]:
+    """What ``replay.csv`` holds: all signals, and the recording beside them."""
+    time = found.data["time"].values
+    cells = {"time [s]": time + found.data.attrs["log_start_s"]}
+    for n, v in found.data.data_vars.items():
+        if v.ndim == 1:
+            cells[f"{n} [{v.attrs.get('units', '1')}]"] = v.values
+    for c in found.compared:
+        cells[f"{c.output} recorded [{c.unit}]"] = c.recorded
+        cells[f"{c.output} residual [{c.unit}]"] = c.residual
+    return cells
+
+
+def text(found: Replayed, rows: Sequence[Sequence[str]], options: argparse.Namespace) -> str:
+    """What a person reads on the terminal."""
+    time = found.data["time"].values
+    held = sum(b - a for a, b in found.gaps)
+    head = (
+        f"{found.block.name} over {options.log}: {time.size} ticks of {found.block.period:g} s,"
+        f" {len(found.gaps)} gaps ({held:.3g} s)"
+    )
+    if not rows:
+        return f"{head}\nnothing is compared; --beside OUTPUT=COLUMN does"
+    every = [list(HEAD), *rows]
+    widths = [max(len(r[k]) for r in every) for k in range(len(HEAD))]
+    return f"{head}\n\n{wrapped(every, widths)}"
+
+
+def page(
+    found: Replayed, rows: Sequence[Sequence[str]], figures: Mapping[str, str],
+    options: argparse.Namespace, command: str,
+) -> str:  # fmt: skip
+    """The report as one HTML file."""
+    title = f"{found.block.name} over {Path(options.log).name}"
+    notes = "".join(f"<li>{escape(n)}</li>" for n in found.notes) or "<li>nothing</li>"
+    gaps = table(
+        ("gap from [s]", "to [s]"), [(number(a), number(b)) for a, b in found.gaps], (0, 1)
+    )
+    pictures = "".join(
+        f"<figure>{image(svg, n)}<figcaption>{escape(n)}</figcaption></figure>"
+        for n, svg in figures.items()
+    )
+    compared = table(HEAD, rows, (2, 3, 4)) if rows else "<p>Nothing is compared.</p>"
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style></head>
+<body>
+<h1>{escape(title)}</h1>
+<p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
+<h2>Figures</h2>{pictures}
+<h2>Residuals and innovations</h2>{compared}
+<h2>What was put in order</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
+<h2>Provenance</h2><pre>{escape(command)}
+slipctl {__version__}</pre>
+</body>
+</html>
+"""

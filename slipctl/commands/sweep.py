@@ -1,0 +1,105 @@
+"""``slipctl sweep``: a loop with many sets of numbers, kept as they end, resumed and extended."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+
+import numpy as np
+
+from slipctl.commands.progress import Progress
+from slipctl.errors import BadInput
+from slipctl.run.results import Case
+from slipctl.run.sweeping import Sweep, sweep
+from slipctl.study import doors, preparing
+from slipctl.study.declaration import Study
+from slipctl.study.texts import number, wrapped
+
+log = logging.getLogger("slipctl")
+
+SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)
+"""Shares of the runs below the numbers of the table."""
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Run what is missing, and print how the metrics are spread."""
+    if options.export and not options.export.endswith(".nc"):
+        raise BadInput(f"--export {options.export}: write a file that ends in .nc")
+    if options.name is None or not options.varied:
+        if options.name is not None:
+            raise BadInput("a sweep needs something to vary; write --vary P=lo:hi:n or P=lo:hi")
+        raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
+    if not options.out:
+        raise BadInput("--out names no folder; write one")
+    study, case, loop = _case(options)
+    progress = Progress(1, sys.stderr, options.quiet)
+    try:
+        found = sweep(
+            case.loops[loop], case.scenario, options.varied, options.out,
+            samples=options.samples, seed=options.seed, design=options.design,
+            signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
+            compile=not options.no_compile, progress=lambda share: progress("sweep", share),
+            about={"loop": f"{study.name}:{loop}", "set": options.settings,
+                   "swapped": options.swaps, "command": command},
+        )  # fmt: skip
+    finally:
+        progress.end()
+    print(report(found))
+    if options.export:
+        found.save(options.export)
+        print(f"\n{options.export}")
+    failed = found.failed
+    if failed:
+        run, why = next(iter(failed.items()))
+        log.error("%d of %d runs failed; run %d: %s", len(failed), len(found.runs), run, why)
+    return 1 if failed else 0
+
+
+def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
+    """Study, case and loop that a name stands for, with what was set and swapped."""
+    left, colon, right = options.name.rpartition(":")
+    if not colon:
+        if options.name in doors.studies() or options.name.endswith(".py"):
+            raise doors.no_loop(options.name, doors.load_study(options.name))
+        doors.load_block(options.name)  # says what it is not
+        raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
+    study = doors.load_study(left)
+    loop, _, scenario = right.partition("@")
+    scenario = scenario or doors.find_loop(study, right)[1].scenario.name
+    cases, _ = preparing.prepare(
+        study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
+    )
+    return study, cases[0], loop
+
+
+def report(found: Sweep) -> str:
+    """How the metrics are spread over the runs, as a table."""
+    about, plan = found.about, found.plan
+    many, failed = len(found.runs), len(found.failed)
+    varied = ", ".join(
+        f"{a.name} = {number(a.lo)} .. {number(a.hi)} {'' if a.unit == '1' else a.unit}".rstrip()
+        + (f" ({a.points} values)" if a.points else " (drawn)")
+        for a in plan.axes
+    )
+    head = [
+        f"{about.get('loop', found.folder)}@{about['scenario']}: {many} runs"
+        + (f", {failed} failed" if failed else "")
+        + (f", {found.missing} missing" if found.missing else ""),
+        f"varied: {varied}",
+    ]
+    if plan.drawn:
+        head.append(f"design {plan.design}, seed {plan.seed}")
+    rows = [["metric", "unit", "least", "5 %", "median", "95 %", "largest"]]
+    for name, (unit, labels) in found.units.items():
+        count = found.rows(name)
+        for k in range(count or 1):
+            values = found.column(name, None if count is None else k)
+            values = values[np.isfinite(values)]
+            label = f", {labels[k]}" if count is not None and len(labels) == count else (
+                f", {k + 1}" if count is not None and count > 1 else "")  # fmt: skip
+            spread = np.quantile(values, SHARES) if values.size else [None] * len(SHARES)
+            rows.append([name + label, unit, *(number(v) for v in spread)])
+    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
+    return "\n".join([*head, "", wrapped(rows, widths), "", tail])

@@ -1,0 +1,439 @@
+"""Quadratic programs of an optimal control problem by an interior point and Riccati's recursion.
+
+Where the statuses of :mod:`slipctl.predict.active_set` come back to where they were, and where rows
+are hard. Every limit is a row r(y) = e + R y <= 0 of a stage, y = (z, v), with the cost
+
+    firm (bounds, rates):  none, kept always
+    soft:                  1/2 max(0, r)^2
+    capped:                w t + q/2 t^2,  t >= max(0, r): multiplier l <= w + q t; q is 0 or 1
+
+and a slack s > 0 and a multiplier l > 0: r + s = 0, l or t. Each step solves, for s l = m and
+t n = m with n = w + q t - l, Newton's linear equations, those of one recursion: row by row
+
+    t+ = t0 + d l+,  t0 = (t n + m - t w)/(q t + n),  d = t/(q t + n)       (soft: t0 = 0, d = 1)
+    l+ = (s l + m + l (r+ - t0))/(s + d l),  s+ = t+ - r+                   (firm: t0 = d = 0)
+
+so that a row adds R' W R and R' (W (e - t0) + (s l + m)/(s + d l)), W = l/(s + d l), to the cost.
+Two solutions a step, after Mehrotra (1992): one for m = 0, whose success chooses m, one with its
+product of steps taken off. Nothing can cycle: m falls. At the end the statuses are read off and the
+active set makes its passes from them, which gives the solution to the last digits.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+
+from slipctl.predict.active_set import FASTER, FREE, HIGH, NONE, SMALL, TIED, ActiveSet
+
+FIRM, SOFT, CAPPED = "firm", "soft", "capped"
+
+POLISH = 4
+"""Passes of the active set from the statuses that were found."""
+
+END = 1e-13
+"""Mean product of slack and multiplier, over the largest multiplier, at which it is solved."""
+
+WIDE = 1e3
+"""Distance, in sizes of a control, at which a bound is none."""
+
+
+class Interior:
+    """Interior point steps on the problem of an active set."""
+
+    def __init__(self, of: ActiveSet) -> None:
+        self.of, self.h = of, of.h
+        h = self.h
+        user = [CAPPED if i in h.capped else SOFT for i in range(h.nc)]
+        self.rated = list(range(h.nu)) if of.rates else []
+        self.kinds = [FIRM] * (2 * h.nu + 2 * len(self.rated)) + user
+        self.last_kinds = user
+        self.m, self.mc = len(self.kinds), len(h.capped)
+        self._backward, self._gains = self._make_backward()
+        self._forward = self._make_forward()
+        self._start, self._end = self._make_ends()
+
+    # ---- the rows of one stage ------------------------------------------------------------------
+
+    def _rows(self, t: Any, u: Any, earlier: Any, bounds: Any) -> tuple[Any, Any]:
+        """(e, R) of the rows of a stage, over (z, v)."""
+        h, nz = self.h, self.of.nz
+        e, R = [], []
+        for i in range(h.nu):
+            unit = ca.SX(1, nz + h.nu)
+            unit[nz + i] = 1
+            e += [ca.fmax(u[i] - bounds[h.nu + i], -WIDE), ca.fmax(bounds[i] - u[i], -WIDE)]
+            R += [unit, -unit]
+        for i in self.rated:
+            unit = ca.SX(1, nz + h.nu)
+            unit[nz + i], unit[h.nx + i] = 1, -1
+            moved, rate = u[i] - earlier[i], ca.fmin(bounds[2 * h.nu + i], WIDE)
+            e += [moved - rate, -moved - rate]
+            R += [unit, -unit]
+        wide = ca.SX(h.nc, nz + h.nu)
+        wide[:, : h.nx], wide[:, nz:] = t.C[:, : h.nx], t.C[:, h.nx :]
+        return ca.vertcat(*e, t.c), ca.vertcat(*R, wide)
+
+    def _eliminated(self, kinds: list[str], w: Any, a: Any, target: Any) -> tuple[Any, ...]:
+        """(d, t0, W, f) of each row at a = (l, s, t, n, corrections); f = (s l + m)/(s + d l)."""
+        l, s, t, n, c1, c2 = a
+        d, t0, at = ca.SX.zeros(len(kinds)), ca.SX.zeros(len(kinds)), 0
+        for i, kind in enumerate(kinds):
+            if kind == SOFT:
+                d[i] = 1
+            if kind == CAPPED:
+                q = self.h.square[at]
+                over = q * t[at] + n[at]
+                d[i] = t[at] / over
+                t0[i] = (t[at] * n[at] + target - c2[at] - t[at] * w[at]) / over
+                at += 1
+        below = s + d * l
+        return d, t0, l / below, (s * l + target - c1) / below
+
+    def _symbols(self, m: int) -> tuple[Any, tuple[Any, ...]]:
+        """Symbol of the packed (l, s, t, n, corrections), and its pieces."""
+        sizes = [m, m, self.mc, self.mc, m, self.mc]
+        a = ca.SX.sym("a", sum(sizes))
+        edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
+        return a, tuple(a[i:j] for i, j in pairwise(edges))
+
+    def _after(self, kinds: list[str], w: Any, r: Any, a: Any, target: Any) -> Any:
+        """(l, s, t, n) of the whole step, where the rows become r."""
+        d, t0, W, f = self._eliminated(kinds, w, a, target)
+        l = W * (r - t0) + f
+        t = t0 + d * l
+        rows = [i for i, kind in enumerate(kinds) if kind == CAPPED]
+        q = ca.DM(list(self.h.square))
+        return ca.densify(ca.vertcat(l, t - r, t[rows], w + q * t[rows] - l[rows]))
+
+    def _make_backward(self) -> tuple[ca.Function, int]:
+        """Function (P, p, column, tied, u, earlier, bounds, a, target) -> (P, p, gains)."""
+        of, nu, nz = self.of, self.h.nu, self.of.nz
+        column, _, u, earlier, bounds = of._symbols()
+        tied, target = ca.SX.sym("tied"), ca.SX.sym("target")
+        triangle, p = ca.SX.sym("P", of.upper.nnz()), ca.SX.sym("p", nz)
+        a, pieces = self._symbols(self.m)
+        t = of._unpack(column)
+        P = ca.triu2symm(ca.SX(of.upper, triangle))
+        e, R = self._rows(t, u, earlier, bounds)
+        _, t0, W, f = self._eliminated(self.kinds, t.w, pieces, target)
+        _, Qvz, Qvv, _, qv = of._quadratic(P, p, t)
+        Rz, Rv = R[:, :nz], R[:, nz:]
+        Qvz, Qvv = Qvz + Rv.T @ ca.diag(W) @ Rz, Qvv + Rv.T @ ca.diag(W) @ Rv
+        qv += Rv.T @ (W * (e - t0) + f)
+        if any(of.tied):
+            held, E = tied * ca.SX.eye(nu), ca.SX(nu, nz)
+            E[:, self.h.nx :] = ca.SX.eye(nu)
+            free, fixed = ca.SX.eye(nu) - held, earlier - u
+            M = free @ Qvv @ free + held
+            K = held @ E - free @ ca.solve(M, free @ (Qvz + Qvv @ held @ E))
+            k = held @ fixed - free @ ca.solve(M, free @ (qv + Qvv @ held @ fixed))
+        else:
+            K, k = -ca.solve(Qvv, Qvz), -ca.solve(Qvv, qv)
+        # W grows without bound: only sums of squares keep their digits
+        A, B, b, H, g = of.augmented(t)
+        closed, on = A + B @ K, ca.vertcat(ca.SX.eye(nz), K)
+        G, still = Rz + Rv @ K, ca.vertcat(ca.SX.zeros(nz), k)
+        following = closed.T @ P @ closed + on.T @ H @ on + G.T @ ca.diag(W) @ G
+        ahead = closed.T @ (P @ (B @ k + b) + p) + on.T @ (H @ still + g)
+        ahead += G.T @ (W * (e + Rv @ k - t0) + f)
+        gains = ca.densify(ca.vertcat(ca.vec(K), k))
+        f_ = ca.Function(
+            "ip_backward", [triangle, p, column, tied, u, earlier, bounds, a, target],
+            [of._triangle(following), ca.densify(ahead), gains], {"cse": True},
+        )  # fmt: skip
+        return f_, gains.numel()
+
+    def _make_forward(self) -> ca.Function:
+        """Function (z, gains, column, u, earlier, bounds, a, target) -> (z, dv, rows' next, r)."""
+        of, nu, nx, nz = self.of, self.h.nu, self.h.nx, self.of.nz
+        column, _, u, earlier, bounds = of._symbols()
+        z, G, target = ca.SX.sym("z", nz), ca.SX.sym("G", self._gains), ca.SX.sym("target")
+        a, pieces = self._symbols(self.m)
+        t = of._unpack(column)
+        dv = ca.reshape(G[: nu * nz], nu, nz) @ z + G[nu * nz :]
+        e, R = self._rows(t, u, earlier, bounds)
+        r = e + R @ ca.vertcat(z, dv)
+        x = t.A @ z[:nx] + t.B @ dv + t.b
+        after = ca.vertcat(x, dv) if of.memory else x
+        return ca.Function(
+            "ip_forward", [z, G, column, u, earlier, bounds, a, target],
+            [ca.densify(after), dv, self._after(self.kinds, t.w, r, pieces, target)],
+            {"cse": True},
+        )  # fmt: skip
+
+    def _make_ends(self) -> tuple[ca.Function, ca.Function]:
+        """Functions (column, a, target) -> (P, p) and (x, column, a, target) -> rows' next."""
+        of, nx = self.of, self.h.nx
+        e, x, target = ca.SX.sym("e", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target")
+        a, pieces = self._symbols(self.h.nc)
+        H, g, c, C, w = of.end.unpack(e)
+        _, t0, W, f = self._eliminated(self.last_kinds, w, pieces, target)
+        P, p = ca.SX(of.nz, of.nz), ca.SX.zeros(of.nz)
+        P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(W) @ C
+        p[:nx] = g + C.T @ (W * (c - t0) + f)
+        start = ca.Function("ip_end", [e, a, target], [of._triangle(P), p], {"cse": True})
+        after = self._after(self.last_kinds, w, c + C @ x, pieces, target)
+        return start, ca.Function("ip_last", [x, e, a, target], [after], {"cse": True})
+
+    # ---- the whole ------------------------------------------------------------------------------
+
+    @property
+    def _lengths(self) -> list[int]:
+        """Number of (l, s, t, n) of all stages."""
+        N, nc = self.h.stages, self.h.nc
+        rows, capped = self.m * N + nc, self.mc * (N + 1)
+        return [rows, rows, capped, capped]
+
+    def _by_stage(self, pieces: list[Any]) -> list[Any]:
+        """Columns of (l, s, t, n, corrections), one per stage, the last one's too."""
+        N, found = self.h.stages, []
+        for k in range(N + 1):
+            size = self.m if k < N else self.h.nc
+            found.append(
+                ca.vertcat(
+                    *[
+                        v[self.m * k : self.m * k + size]
+                        if j in (0, 1, 4)
+                        else v[self.mc * k : self.mc * (k + 1)]
+                        for j, v in enumerate(pieces)
+                    ]
+                )
+            )
+        return found
+
+    def _together(self, columns: list[Any]) -> list[Any]:
+        """(l, s, t, n) of all stages from those of each."""
+        N = self.h.stages
+        found: list[list[Any]] = [[], [], [], []]
+        for k, column in enumerate(columns):
+            m = self.m if k < N else self.h.nc
+            edges = [0, m, 2 * m, 2 * m + self.mc, 2 * m + 2 * self.mc]
+            for j, (i, e) in enumerate(pairwise(edges)):
+                found[j].append(column[i:e])
+        return [ca.vertcat(*v) for v in found]
+
+    def _solution(self) -> ca.Function:
+        """Function (a of all stages, target, data) -> (X, V, (l, s, t, n) of the whole step)."""
+        of, nx, nu, N = self.of, self.h.nx, self.h.nu, self.h.stages
+        D, E, U, before, bounds, dx = data = of.data()
+        sizes = [*self._lengths, self._lengths[0], self._lengths[2]]
+        pieces = [ca.MX.sym(f"a{i}", n) for i, n in enumerate(sizes)]
+        target = ca.MX.sym("target")
+        a = self._by_stage(pieces)
+        columns, u, b = ca.horzsplit(D), ca.vertsplit(U, nu), ca.horzsplit(bounds)
+        P, p = self._start(E, a[N], target)
+        gains: list[Any] = [None] * N
+        for k in reversed(range(N)):
+            earlier = u[k - 1] if k else before
+            P, p, gains[k] = self._backward(
+                P, p, columns[k], float(of.tied[k]), u[k], earlier, b[k], a[k], target
+            )
+        z, X, V, after = ca.vertcat(dx, ca.MX.zeros(of.nz - nx)), [dx], [], []
+        for k in range(N):
+            earlier = u[k - 1] if k else before
+            z, dv, rows = self._forward(z, gains[k], columns[k], u[k], earlier, b[k], a[k], target)
+            X.append(z[:nx])
+            V.append(dv)
+            after.append(rows)
+        after.append(self._end(X[N], E, a[N], target))
+        found = self._together(after)
+        return ca.Function(
+            "ip_solution", [*pieces, target, *data], [ca.vertcat(*X), ca.vertcat(*V), *found]
+        )
+
+    def _step(self) -> ca.Function:
+        """Function (go on?, state, data) -> state: one step of Mehrotra's method.
+
+        The state is (X, V, l, s, t, n, mean product, open, residual, steps).
+        """
+        data = self.of.data()
+        sizes = [*self.of.sizes[:2], *self._lengths, 1, 1, 1, 1]
+        edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
+        state = ca.MX.sym("state", edges[-1])
+        X, V, *rest = [state[i:j] for i, j in pairwise(edges)]
+        now, (mean, _, _, steps) = rest[:4], rest[4:]
+        solve = self._solution()
+        zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
+        whole = solve(*now, *zero, 0, *data)[2:]
+        ahead = [b - a for a, b in zip(now, whole, strict=True)]
+        reach = _reach(now, ahead, 1.0)
+        tried = _mean([v + reach * d for v, d in zip(now, ahead, strict=True)])
+        target = mean * (tried / mean) ** 3
+        turn = [ahead[0] * ahead[1], ahead[2] * ahead[3]]
+        found = solve(*now, *turn, target, *data)
+        ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
+        part = _reach(now, ahead, 0.995)
+        nxt = [v + part * d for v, d in zip(now, ahead, strict=True)]
+        Xn, Vn = X + part * (found[0] - X), V + part * (found[1] - V)
+        left = _mean(nxt)
+        moved = ca.mmax(ca.fabs(ca.vertcat(found[0] - X, found[1] - V)))
+        sound = ca.sumsqr(ca.vertcat(*nxt, Xn, Vn)) < 1e30
+        scale = 1 + ca.mmax(nxt[0])
+        residual, short = left / scale, (1 - part) * moved
+        # no more digits come, as in float
+        still = ca.logic_and(ca.logic_and(residual < SMALL, left > mean / 2), moved < 10 * SMALL)
+        solved = ca.logic_or(residual < END, still)
+        open_ = 1 - ca.logic_and(solved, short < SMALL)
+        good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, steps + 1)
+        bad = ca.vertcat(state[:-3], -2, 1, steps + 1)
+        after = ca.if_else(sound, good, bad)
+        go = ca.Function("ip_step", [state, *data], [after])
+        stay = ca.Function("ip_done", [state, *data], [state])
+        return ca.Function.if_else("ip_maybe", go, stay)
+
+    def _make_begin(self, kinds: list[str], stage: bool) -> ca.Function:
+        """Function of a stage's point and a mean product -> (l, s, t, n) to begin with."""
+        of, nx, nz = self.of, self.h.nx, self.of.nz
+        mean = ca.SX.sym("mean")
+        if stage:
+            column, _, u, earlier, bounds = of._symbols()
+            z, dv = ca.SX.sym("z", nz), ca.SX.sym("dv", self.h.nu)
+            t_ = of._unpack(column)
+            e, R = self._rows(t_, u, earlier, bounds)
+            r, w, given = e + R @ ca.vertcat(z, dv), t_.w, [z, dv, column, u, earlier, bounds]
+        else:
+            x, column = ca.SX.sym("x", nx), ca.SX.sym("e", of.end.size)
+            _, _, c, C, w = of.end.unpack(column)
+            r, given = c + C @ x, [x, column]
+        l, s, t, n, at = [], [], [], [], 0
+        for i, kind in enumerate(kinds):
+            if kind == SOFT:
+                root = ca.sqrt(r[i] ** 2 + 4 * mean)
+                l.append((r[i] + root) / 2)
+                s.append((root - r[i]) / 2)
+            elif kind == FIRM:
+                s.append(ca.fmax(-r[i], NEAR))
+                l.append(mean / s[-1])
+            else:
+                t.append(ca.fmax(r[i], 0) + NEAR)
+                s.append(ca.fmax(t[-1] - r[i], NEAR))
+                l.append(ca.fmin(mean / s[-1], w[at] / 2))
+                n.append(w[at] + self.h.square[at] * t[-1] - l[-1])
+                at += 1
+        name = "ip_begin" if stage else "ip_begin_end"
+        found = ca.densify(ca.vertcat(*l, *s, *t, *n))
+        return ca.Function(name, [*given, mean], [found], {"cse": True})
+
+    def _make_excess(self) -> ca.Function:
+        """Function (x, dv, column) -> largest excess of a soft row, 0 without any."""
+        column, x, dv = self.of._symbols()[0], ca.SX.sym("x", self.h.nx), ca.SX.sym("v", self.h.nu)
+        t = self.of._unpack(column)
+        r = t.c + t.C @ ca.vertcat(x, dv)
+        rows = [r[i] for i, kind in enumerate(self.last_kinds) if kind == SOFT]
+        most = ca.SX(0)
+        for row in rows:
+            most = ca.fmax(most, row)
+        return ca.Function("ip_excess", [x, dv, column], [most], {"cse": True})
+
+    def _statuses(self, columns: list[Any]) -> Any:
+        """Statuses as the multipliers tell them, all stages in one column."""
+        a = ca.SX.sym("a", 2 * self.m + 2 * self.mc)
+        l, s = a[: self.m], a[self.m : 2 * self.m]
+        on = [ca.if_else(l[i] > s[i], l[i], 0) for i in range(self.m)]
+        nu, found = self.h.nu, []
+        for i in range(nu):
+            high, low = on[2 * i], on[2 * i + 1]
+            status = ca.if_else(high > low, HIGH, ca.if_else(low > 0, -HIGH, FREE))
+            if self.rated:
+                up, down = on[2 * nu + 2 * i], on[2 * nu + 2 * i + 1]
+                bound, rate = ca.fmax(high, low), ca.fmax(up, down)
+                status = ca.if_else(rate > bound, ca.if_else(up > down, FASTER, -FASTER), status)
+            found.append(status)
+        first = self.m - self.h.nc
+        rows = [
+            0 if kind == CAPPED else on[first + j] > 0 for j, kind in enumerate(self.last_kinds)
+        ]
+        read = ca.Function("ip_statuses", [a], [ca.densify(ca.vertcat(*found, *rows))])
+        done = []
+        for k, column in enumerate(columns[:-1]):
+            told: Any = read(column)
+            if self.of.tied[k]:
+                kept = ca.reshape(told[nu:], self.h.nc, 1)
+                told = ca.vertcat(ca.MX.ones(nu) * TIED, kept)
+            done.append(told)
+        nc, last = self.h.nc, columns[-1]
+        marks = ca.DM([kind != CAPPED for kind in self.last_kinds])
+        return ca.vertcat(*done, (last[:nc] > last[nc : 2 * nc]) * marks)
+
+    def _begun(self, X: Any, V: Any, data: tuple[Any, ...]) -> Any:
+        """State of :meth:`_step` to begin with."""
+        of, nx, nu, N = self.of, self.h.nx, self.h.nu, self.h.stages
+        D, E, U, before, bounds, _ = data
+        begin = self._make_begin(self.kinds, True)
+        at, size = of.stage.gradient
+        mean = ca.fmax(1, ca.mmax(ca.fabs(ca.vec(D[at : at + size, :]))))
+        x, v, u = ca.vertsplit(X, nx), ca.vertsplit(V, nu), ca.vertsplit(U, nu)
+        columns, packed = ca.horzsplit(D), []
+        excess = self._make_excess()
+        for k in range(N):
+            mean = ca.fmax(mean, excess(x[k], v[k], columns[k]))
+        for k in range(N):
+            z = x[k]
+            if of.memory:
+                z = ca.vertcat(z, v[k - 1] if k else ca.MX.zeros(nu))
+            earlier = u[k - 1] if k else before
+            packed.append(begin(z, v[k], columns[k], u[k], earlier, bounds[:, k], mean))
+        packed.append(self._make_begin(self.last_kinds, False)(x[N], E, mean))
+        now = self._together(packed)
+        return ca.vertcat(X, V, *now, _mean(now), 1, 1, 0)
+
+    def _rescue(self) -> ca.Function:
+        """Function (z, data) -> z, z a column of :class:`~slipctl.predict.active_set.Found`."""
+        of, data = self.of, self.of.data()
+        z = ca.MX.sym("z", sum(of.sizes))
+        X0, V0, S0, M0, _, residual0, _, passes0 = of.split(z)
+        state, once = self._begun(X0, V0, data), self._step()
+        for _ in range(of.rescue):
+            state = once(state[-3] > 0, state, *data)
+        sizes = [*of.sizes[:2], *self._lengths, 1, 1, 1, 1]
+        edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
+        X, V, l, s, t, n, _, open_, residual, steps = (state[i:j] for i, j in pairwise(edges))
+        S = self._statuses(self._by_stage([l, s, t, n]))
+        over = self._given_up(s, t)
+        sound = open_ >= 0
+        inner = ca.vertcat(X, V, S, M0, open_, residual, over, passes0 + steps)
+        broken = ca.vertcat(X0, V0, S0, M0, 1, residual0, 0, passes0 + steps)
+        begun = ca.vertcat(
+            ca.MX.zeros(sum(of.sizes[:2])), S, S * 0 + NONE, sound, 0, 0, passes0 + steps
+        )
+        exact = of.passed(begun, POLISH, data)
+        done = ca.logic_and(sound, exact[-4] == 0)
+        after = ca.if_else(done, exact, ca.if_else(sound, inner, broken))
+        return ca.Function("qp_go_on", [z, *data], [after])
+
+    def _given_up(self, s: Any, t: Any) -> Any:
+        """Largest excess of the hard rows."""
+        h, N = self.h, self.h.stages
+        rows = []
+        for k in range(N + 1):
+            first = self.m * k + (self.m - h.nc if k < N else 0)
+            for j, i in enumerate(h.capped):
+                if i in h.hard:
+                    rows.append(t[self.mc * k + j] - s[first + i])
+        return ca.mmax(ca.vertcat(0, *rows)) if rows else ca.MX(0)
+
+    def solve(self, z: Any, data: tuple[Any, ...]) -> Any:
+        """Go on from a column of :class:`~slipctl.predict.active_set.Found`, where it is open."""
+        symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
+        stay = ca.Function("qp_settled", symbols, [symbols[0]])
+        maybe = ca.Function.if_else("qp_rescue", self._rescue(), stay)
+        return maybe(self.of.split(z)[4] != 0, z, *data)
+
+
+NEAR = 0.1
+"""Smallest slack to begin with."""
+
+
+def _reach(values: list[Any], steps: list[Any], part: float) -> Any:
+    """Longest share of a step, at most 1, that leaves (1 - part) of each value."""
+    v, d = ca.vertcat(*values), ca.vertcat(*steps)
+    return ca.fmin(1, part * ca.mmin(ca.if_else(d < 0, -v / d, 1 / part)))
+
+
+def _mean(values: list[Any]) -> Any:
+    """Mean of s l and t n."""
+    l, s, t, n = values
+    return (ca.dot(l, s) + ca.dot(t, n)) / (l.numel() + t.numel())

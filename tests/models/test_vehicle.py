@@ -1,0 +1,375 @@
+"""A vehicle from parts: its physics against closed forms and another integrator, its parts."""
+
+from dataclasses import replace
+from math import atan, exp, sqrt
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+from slipctl import BadInput, connect, gated, replicate, sampled, simulate
+from slipctl.models.brakes import brake
+from slipctl.models.subway_braking import double_exponential
+from slipctl.models.subway_braking import plant as subway_plant
+from slipctl.models.vehicle import (
+    Constant,
+    Davis,
+    DemandAlone,
+    Exact,
+    Lag,
+    Most,
+    NoisySpeed,
+    NoisyWheel,
+    Predictive,
+    Profile,
+    Sensors,
+    SlipLaw,
+    SlipRatio,
+    SlipSpeed,
+    Slope,
+    Stretch,
+    ToothWheel,
+    Track,
+    Trip,
+    Valve,
+    Vehicle,
+    WheelsOnly,
+    case,
+    loop,
+    scenario,
+)
+from slipctl.models.vehicle.parts import SLIP_LAWS
+from slipctl.models.vehicle.plant import on_train
+
+DRY = Track(sections=(Stretch(place=0.0, condition="dry"),))
+CAR = Vehicle(mass=38e3, inertia=110.0, speed=20.0)
+M_EFF = 38e3 + 4 * 110.0 / 0.42**2
+
+
+def trip(**changes):
+    given = dict(
+        duration=10.0, vehicle=CAR, actuator=Lag(torque=8e3), rail=DRY,
+        demand=Constant(deceleration=1.0), controllers={"none": DemandAlone()},
+        sensors=Sensors(wheel_speed=Exact()), reference=SlipSpeed(slip=1.2),
+    )  # fmt: skip
+    return Trip(**given | changes)
+
+
+def run(made, name="none", **how):
+    found = case(made)
+    return simulate(found.loops[name], found.scenario, compile=False, **how)
+
+
+# ---- physics -------------------------------------------------------------------------------------
+
+
+def test_a_coasting_vehicle_follows_the_closed_form():
+    # (M + sum J/r^2) v' = -c v^2 has v = v0/(1 + c v0 t/M_eff); and with a constant part the arctan
+    quadratic = replace(CAR, resistance=Davis(c=30.0))
+    log = run(trip(vehicle=quadratic, demand=Constant(deceleration=0.0), duration=2.0))
+    t, v = log["time"].values, log["plant.train.v"].values
+    # the closed form has no creep: that which slows the wheels is 3.5 mm/s, of 6 % of the mass
+    np.testing.assert_allclose(v, 20 / (1 + 30 * 20 * t / M_EFF), atol=3e-4)
+    both = replace(CAR, resistance=Davis(a=2e3, c=30.0))
+    log = run(trip(vehicle=both, demand=Constant(deceleration=0.0), duration=2.0))
+    ratio = sqrt(2e3 / 30)
+    wanted = ratio * np.tan(atan(20 / ratio) - sqrt(2e3 * 30) * t / M_EFF)
+    np.testing.assert_allclose(log["plant.train.v"].values, wanted, atol=3e-4)
+
+
+def test_stopping_distance_is_that_of_lag_and_dead_time():
+    # a (1 - exp(-(t - t_d)/tau)) integrated twice, until the speed is zero. The demand is a torque,
+    # r M a/4 + J a/r; what the rims slip is braked from them and not from the vehicle
+    act = Lag(torque=9e3, lag=0.1, dead_time=0.2)
+    log = run(trip(duration=5.0, actuator=act, vehicle=replace(CAR, speed=4.0)))
+    v, x = log["plant.train.v"].values, log["plant.train.x"].values
+    slip = brentq(lambda s: exp(-0.54 * s) - exp(-1.2 * s) - 1.0 / 9.81, 0, 1)
+    v_0 = 4.0 + slip * (1 - 38e3 / M_EFF)
+    stop = v_0 + 0.2 + 0.1
+    s = stop - 0.2
+    wanted = v_0 * stop - (s**2 / 2 - 0.1 * s + 0.1**2 * (1 - exp(-s / 0.1)))
+    # below the slip speed the rims stand, and the contact gives less and less
+    creep = quad(lambda u: u / (9.81 * (exp(-0.54 * u) - exp(-1.2 * u))), 1e-9, slip)[0]
+    wanted += creep - slip**2 / 2
+    plain = 4.0**2 / 2
+    assert wanted - plain > 1.2  # lag and dead time matter
+    assert abs(x[-1] - wanted) < 5e-3  # a tick of the start speed is 4 mm
+    assert abs(v[-1]) < 0.01
+
+
+def test_energy_goes_where_the_powers_say():
+    leaves = Track(
+        conditions={"leaves": {"c": 0.18}},
+        sections=(Stretch(place=0.0, condition="dry"), Stretch(place=30.0, condition="leaves")),
+    )
+    made = trip(
+        duration=3.5, rail=leaves, vehicle=replace(CAR, resistance=Davis(a=1e3, b=10.0)),
+        demand=Constant(deceleration=1.2),
+    )  # fmt: skip
+    log = run(made)
+    v, omega = log["plant.train.v"].values, log["plant.train.omega"].values
+    energy = 38e3 * v**2 / 2 + 110.0 * (omega**2).sum(axis=1) / 2
+    names = ("P_brake", "P_bearing", "P_slip", "P_d")
+    power = sum(log[f"plant.train.{n}"].values for n in names) - log["plant.train.P_drive"].values
+    spent = 1e-3 * power[:-1].sum()
+    assert omega[-1].max() < 1  # the wheels lock, so that every path was taken
+    # the step keeps the energy as an identity, up to what Newton's method leaves of the force
+    assert abs(energy[0] - energy[-1] - spent) < 1e-6 * energy[0]
+
+
+def test_a_quarter_of_a_car_by_another_integrator():
+    # one axle with a quarter of the mass, braked into a slide; Radau of scipy on the same equations
+    car = Vehicle(mass=9.5e3, axles=1, inertia=110.0, speed=15.0)
+    wet = Track(sections=(Stretch(time=0.0, condition="ice"),))
+    made = trip(duration=1.0, vehicle=car, rail=wet, demand=Constant(deceleration=0.4),
+                actuator=Lag(torque=8e3, lag=0.05))  # fmt: skip
+    log = run(made)
+
+    def rate(t, y):
+        v, omega, T = y
+        s = v - 0.42 * omega
+        F = 0.1 * (exp(-0.54 * s) - exp(-1.2 * s)) * 9.5e3 * 9.81
+        wanted = 0.42 * 9.5e3 * 0.4 + 110.0 * 0.4 / 0.42
+        return [-F / 9.5e3, (0.42 * F - T) / 110.0, (wanted - T) / 0.05]
+
+    times = log["time"].values[::100]
+    true = solve_ivp(rate, (0, 1), [15.0, 15.0 / 0.42, 0.0], "Radau", times, rtol=1e-10, atol=1e-10)
+    found = log["plant.train.omega"].values[::100, 0]
+    assert true.y[1][-1] * 0.42 < 14.6  # it slips
+    # first order in the tick: 1 ms of the largest acceleration of the wheel, 8 rad/s^2
+    np.testing.assert_allclose(found, true.y[1], atol=8e-3)
+
+
+def test_the_subway_wheelset_is_the_one_of_its_study():
+    # same wheel, brake and law, the plant of subway_braking by RK4 in 10 substeps. The train's step
+    # is backward Euler with 1 ms and holds the torque over it: half a tick of 2 m/s^2 is 1 mm/s
+    wheel = Vehicle(mass=8e3, axles=1, radius=0.5, inertia=240.0, speed=20.0)
+    made = trip(
+        duration=1.0, vehicle=wheel, actuator=Lag(torque=20e3, lag=0.05),
+        demand=Constant(deceleration=2.0),
+    )  # fmt: skip
+    ours = run(made)
+    theirs = sampled(subway_plant(double_exponential, brake(lag=True)), 1e-3, "rk4", substeps=10)
+    silent = {"air.k0": 0.0, "air.k1": 0.0, "air.k2": 0.0}
+    torque = float(ours["demand.T_demand"].values[0])
+    log = simulate(
+        connect("loop", {"plant.T_cmd": "T_cmd"}, plant=theirs.with_params(**silent)),
+        scenario(made).but(rail=None, inputs={"T_cmd": torque}), compile=False,
+    )  # fmt: skip
+    for a, b in (("plant.train.v", "plant.wheel.v"), ("plant.act.T_b", "plant.brake.T_b")):
+        np.testing.assert_allclose(
+            ours[a].values.ravel(), log[b].values, atol=2e-3 if a.endswith("v") else 1e-6
+        )
+    np.testing.assert_allclose(
+        ours["slip.y"].values[:, 0], log["plant.wheel.v_s"].values, atol=5e-3
+    )
+
+
+def test_an_axle_slips_when_it_gets_there():
+    patch = Track(
+        conditions={"oil": {"c": 0.05}},
+        sections=(Stretch(place=0.0, condition="dry"), Stretch(place=30.0, condition="oil")),
+    )
+    log = run(trip(duration=3.0, rail=patch))
+    slips = log["slip.y"].values > 1.0
+    first = log["plant.train.x"].values[slips.argmax(axis=0)]
+    # the slide needs the same way after each axle's own place: 0, 2.1, 11, 13.1 m behind the first
+    np.testing.assert_allclose(first - first[0], CAR.behind, atol=0.1)
+
+
+def test_a_gradient_pulls_up_and_down_along_the_track():
+    hill = replace(
+        DRY, gradient=(Slope(place=0.0, gradient=0.02), Slope(place=40.0, gradient=-0.01))
+    )
+    log = run(trip(duration=4.0, rail=hill, demand=Constant(deceleration=0.0)))
+    t, v, x = (log[n].values for n in ("time", "plant.train.v", "plant.train.x"))
+    share = 38e3 / M_EFF  # rotating mass has inertia and no weight
+    up, down = x < 39, x > 41
+    rise, fall = (np.polyfit(t[s], v[s], 1)[0] for s in (up, down))
+    np.testing.assert_allclose([rise, fall], [-9.81 * 0.02 * share, 9.81 * 0.01 * share], rtol=1e-3)
+
+
+def test_a_driven_vehicle_is_driven():
+    car = replace(CAR, mode="drive", driven=(1, 2), speed=5.0)
+    log = run(trip(vehicle=car, demand=Constant(acceleration=0.5), duration=3.0))
+    v = log["plant.train.v"].values
+    lag = 0.05  # after it the force of both driven axles gives 0.5 m/s^2 to mass and their inertia
+    wanted = 5.0 + 0.5 * (38e3 + 2 * 110.0 / 0.42**2) / M_EFF * (3.0 - lag)
+    assert abs(v[-1] - wanted) < 0.01  # the creep, 0.2 m/s, of 3 % of the mass
+    assert log["slip.y"].values[-1, 0] > 0  # a driven wheel is seen in the mirror
+
+
+# ---- parts ---------------------------------------------------------------------------------------
+
+
+def test_demand_over_time_speed_and_place():
+    steps = Profile(over="time", at=(0.0, 1.0), deceleration=(0.0, 1.0))
+    log = run(trip(duration=2.0, demand=steps))
+    assert list(log["demand.wanted"].values[[0, 999, 1000, 1999]]) == [0, 0, 1, 1]
+    line = Profile(over="speed", at=(0.0, 20.0), force=(0.0, 20e3))
+    log = run(trip(duration=1.0, demand=line))
+    np.testing.assert_allclose(
+        log["demand.wanted"].values, 1e3 * log["plant.train.v"].values, rtol=1e-12
+    )
+    place = Profile(over="position", at=(0.0, 10.0), deceleration=(0.2, 1.0))
+    log = run(trip(duration=1.0, demand=place))
+    beyond = log["plant.train.x"].values >= 10
+    assert set(log["demand.wanted"].values[beyond]) == {1.0}
+    assert set(log["demand.wanted"].values[~beyond]) == {0.2}
+
+
+def test_a_valve_holds_the_torque_within_its_band():
+    air = Valve(torque=8e3, fill=0.2, vent=0.1, band=0.02, dead_time=0.01)
+    log = run(trip(duration=3.0, actuator=air))
+    T = log["plant.T"].values[-500:]
+    wanted = float(log["demand.T_demand"].values[-1])
+    # the band, and what a tick fills: 8 kN m/0.2 s 1 ms; the dead time lets it run on for ten
+    assert np.abs(T - wanted).max() < 0.02 * 8e3 + 11 * 8e3 / 0.1 * 1e-3
+
+
+def test_sensors_lose_round_and_hold():
+    noisy = Sensors(
+        wheel_speed=NoisyWheel(deviation=0.1, step=0.01, dropout=0.3),
+        vehicle_speed=NoisySpeed(deviation=0.1),
+    )
+    made = trip(duration=1.0, sensors=noisy, controllers={"pid": SlipLaw(kind="pid")})
+    log = run(made, "pid")
+    y = log["wheel.y"].values
+    np.testing.assert_allclose(y / 0.01, np.round(y / 0.01), atol=1e-9)
+    off = log["speed.y"].values - log["plant.train.v"].values
+    assert 0.09 < off[1:].std() < 0.11  # 1000 samples: the deviation is known to 2.2 %
+    same = (y[1:] == y[:-1]).mean()
+    assert 0.3 < same < 0.36  # lost ones, and those that are equal by chance, 2 %
+
+
+def test_speed_of_wheels_leaves_the_truth_by_its_rate():
+    # all axles lock: v_m falls by a_max, the vehicle by what ice gives
+    ice = Track(sections=(Stretch(place=0.0, condition="ice"),))
+    made = trip(
+        duration=4.0, rail=ice, demand=Constant(deceleration=2.0),
+        sensors=Sensors(wheel_speed=Exact(), vehicle_speed=WheelsOnly(rate=1.5)),
+        controllers={"pid": SlipLaw(kind="pid")},
+    )  # fmt: skip
+    pid = loop(made, "pid").with_params(**{"ctl.watch.v_off": 100.0})  # slip control is off
+    log = simulate(pid, scenario(made), compile=False)
+    v = log["speed.v_m"].values
+    slope = np.polyfit(log["time"].values[-1000:], v[-1000:], 1)[0]
+    assert abs(slope + 1.5) < 1e-6
+
+
+@pytest.mark.parametrize("name", [*SLIP_LAWS, "nmpc"])
+@pytest.mark.parametrize("mode", ["brake", "drive"])
+def test_every_slip_law_controls_every_vehicle(name, mode):
+    # one axle held at the best slip, two with a demand; on a rail that bears neither demand
+    part = Predictive() if name == "nmpc" else SlipLaw(kind=name)
+    slippery = Track(sections=(Stretch(place=0.0, condition="ice"),))
+    for axles, demand in ((1, Most()), (2, None))[: 1 if name == "nmpc" else 2]:
+        wanted = "deceleration" if mode == "brake" else "acceleration"
+        car = Vehicle(mass=9.5e3 * axles, axles=axles, inertia=110.0, speed=12.0, mode=mode)
+        length = 0.4 if name == "nmpc" else 1.0
+        made = trip(
+            duration=length, vehicle=car, rail=slippery, controllers={"law": part},
+            demand=demand or Constant(**{wanted: 1.2}), reference=SlipSpeed(slip=1.2),
+        )  # fmt: skip
+        slip = run(made, "law")["slip.y"].values[round(600 * length) :]
+        assert 0.5 < slip.mean() < 2.0, (axles, slip.mean())  # about its reference, 1.2 m/s
+        assert slip.max() < 4.0
+
+
+def test_thirty_two_axles_each_with_its_own_control():
+    train = Vehicle(mass=32 * 10e3, axles=32, inertia=100.0, speed=15.0)
+    assert train.behind[-1] == 7 * 18.0 + 13.1
+    made = trip(
+        duration=0.05, vehicle=train, controllers={"sta": SlipLaw(kind="sta")},
+        reference=SlipRatio(slip=0.05),
+    )  # fmt: skip
+    log = run(made, "sta")
+    assert log["ctl.T_cmd"].shape == (50, 32)
+
+
+def test_axles_with_radii_of_their_own_turn_as_they_must():
+    radii = (0.42, 0.41, 0.42, 0.43)
+    log = run(trip(vehicle=replace(CAR, radius=radii), demand=Constant(deceleration=0.0)))
+    omega, v = log["plant.train.omega"].values[-1], log["plant.train.v"].values[-1]
+    np.testing.assert_allclose(omega * np.array(radii), v, rtol=1e-6)
+
+
+def test_one_number_changes_everywhere():
+    made = loop(trip(controllers={"pid": SlipLaw(kind="pid")}), "pid")
+    heavier = made.with_params(m=40e3, r=0.4).values_by_place()
+    assert float(heavier["ctl.meter.m"]) == float(heavier["ctl.force.m_axle"]) == 10e3
+    assert np.ravel(heavier["plant.train.m_axle"])[0] == 10e3
+    assert {float(v) for n, v in heavier.items() if n.endswith(".r")} == {0.4}
+
+
+def test_a_gated_block_begins_anew():
+    from slipctl import Input, Output, State, step
+
+    @step(y=Output("1", "count"))
+    def counter(k=State("1", 3.0, "count"), by=Input("1", "step")):
+        """Counts."""
+        return dict(k=k + by), dict(y=k)
+
+    block, x = gated(counter), gated(counter).start()
+    seen = []
+    for on in (1, 1, 0, 1):
+        x, y = block(by=1.0, on=on, **x)
+        seen.append(float(y["y"]))
+    assert seen == [3, 4, 0, 3]
+
+
+def test_copies_of_a_matrix_stand_beside_each_other():
+    from slipctl import Input, Output, State, step
+
+    @step(y=Output("1", "trace"))
+    def turning(P=State("1", [[1.0, 2.0], [3.0, 4.0]], "matrix", shape=(2, 2)), u=Input("1", "u")):
+        """Scales a matrix."""
+        return dict(P=u * P), dict(y=P[0, 0] + P[1, 1])
+
+    x, y = replicate(turning, 2)(u=[1.0, 10.0])
+    assert np.asarray(x["P"]).tolist() == [[1, 2, 10, 20], [3, 4, 30, 40]]
+    assert np.ravel(y["y"]).tolist() == [5, 5]
+
+
+def test_a_law_on_the_train_is_odd_and_the_same_where_it_is_positive():
+    on = on_train(double_exponential)
+    for s in (0.1, 1.2, 5.0):
+        here = float(double_exponential(v_s=s)["mu"])
+        assert float(on(v_s=-s, v=10.0)["mu"]) == -here
+        assert float(on(v_s=s, v=10.0)["mu"]) == here
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda: Vehicle(speed=20.0, inertia=1.0), "neither mass nor tare"),
+        (lambda: replace(CAR, rotating_mass=0.08), "both of inertia"),
+        (lambda: replace(CAR, radius=(0.4, 0.4)), "2 values for 4 axles"),
+        (lambda: replace(CAR, driven=(1,)), "driven vehicle"),
+        (lambda: replace(CAR, mass=-1.0), "outside"),
+        (lambda: Track(sections=(Stretch(place=1.0, condition="dry"),)), "begin at 0 m"),
+        (lambda: trip(demand=Constant(acceleration=1.0)), "write deceleration"),
+        (lambda: Constant(), "none is given"),
+        (lambda: trip(controllers={}), "no controller"),
+        (lambda: loop(trip(rail=replace(DRY, law="burckhard")), "none"), "burckhardt"),
+        (lambda: loop(trip(controllers={"a": SlipLaw(gains={"K9": 1.0})}), "a"), "gains.K9"),
+    ],
+)
+def test_what_does_not_fit_is_told(change, told):
+    with pytest.raises(BadInput, match=told):
+        change()
+
+
+def test_tooth_wheel_and_search_are_the_defaults_and_run():
+    made = Trip(
+        duration=0.1, vehicle=CAR, actuator=Lag(torque=8e3), rail=DRY,
+        demand=Constant(deceleration=1.0), controllers={"sta": SlipLaw(kind="sta")},
+    )  # fmt: skip
+    assert isinstance(made.sensors.wheel_speed, ToothWheel)
+    log = run(made, "sta")
+    np.testing.assert_allclose(
+        log["wheel.omega_m"].values * 0.42,
+        np.tile(log["plant.train.v"].values[:, None], 4),
+        atol=0.3,
+    )  # edges 1.3 ms apart with a jitter of 2 us: 0.04 m/s standard deviation

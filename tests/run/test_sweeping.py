@@ -1,0 +1,271 @@
+"""Sweeps: each run is the single run, by its number alone; what ended is kept, nothing is mixed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+from conftest import closed_loop, three_rails
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slipctl import BadInput, Block, RunFailed, Scenario, Signals, open_sweep, simulate, sweep
+from slipctl.commands.cli import main
+from slipctl.run import sweeping
+from slipctl.run.metrics import Run, measure, rail_changes, rail_names
+from slipctl.run.sweeping import Measured
+from slipctl.run.varying import Axis, Plan
+
+SIGNALS = Signals(speed="plant.wheel.v", slip="plant.wheel.v_s", torque="plant.brake.T_b",
+                  reference="v_opt", adhesion="plant.adh.mu")  # fmt: skip
+VARY = {"ctl.law.k1": (5, 20, 3), "plant.wheel.m": (6e3, 9e3)}
+
+
+@cache
+def world() -> tuple[Block, Scenario]:
+    """Braked wheelset on three rails, 25 ticks."""
+    return closed_loop(lag=True), three_rails(0.025)
+
+
+def swept(out: Path, **changes: Any) -> Any:
+    loop, scenario = world()
+    options: dict[str, Any] = {"samples": 3, "signals": SIGNALS, "compile": False, "jobs": 2}
+    vary = changes.pop("vary", VARY)
+    return sweep(changes.pop("loop", loop), scenario, vary, out, **(options | changes))
+
+
+@given(st.sampled_from(["random", "sobol"]), st.integers(0, 2**32), st.integers(1, 40))
+def test_a_run_does_not_know_how_many_there_are(design: str, seed: int, samples: int) -> None:
+    """Numbers follow from the number of the run; they lie in their range, the grid goes first."""
+    axes = (Axis("a", 0.0, 4.0, 3, "1"), Axis("b", 2.0, 3.0, None, "1"))
+    few, many = (Plan(axes, n, seed, design) for n in (samples, samples + 7))
+    assert few.size == 3 * samples
+    for run in range(few.size):
+        numbers = few.numbers(run)
+        assert numbers == many.numbers(run)
+        assert 2.0 <= numbers["b"] <= 3.0
+        assert numbers["a"] == 2.0 * (run % 3)
+        assert few.place(run) == (run % 3, run // 3)
+
+
+def test_designs_fill_the_range() -> None:
+    """A Latin hypercube has one draw in each stratum, a Sobol sequence of 2^k points too."""
+    for design in ("lhs", "sobol"):
+        plan = Plan((Axis("a", 0.0, 1.0, None, "1"), Axis("b", 0.0, 1.0, None, "1")), 64, 3, design)
+        drawn = np.array([list(plan.numbers(k).values()) for k in range(64)])
+        for column in drawn.T:
+            assert sorted(np.floor(64 * column)) == list(range(64))
+
+
+def test_runs_are_single_runs(tmp_path: Path) -> None:
+    """Metrics of each run have the bits of those of the loop with its numbers, simulated alone."""
+    loop, scenario = world()
+    found = swept(tmp_path)
+    assert len(found.runs) == 9
+    for run, numbers, metrics, failed in found.runs:
+        assert not failed
+        assert numbers == found.plan.numbers(run)
+        log = simulate(loop.with_params(**numbers), scenario, compile=False)
+        changes = rail_changes(log, scenario, SIGNALS)
+        own = measure(Run(log, SIGNALS, changes, rails=rail_names(scenario, changes)))
+        assert metrics == {n: m.value for n, m in own.items()}
+        assert {n: (m.unit, m.rows) for n, m in own.items()} == dict(found.units)
+
+
+def test_resumed_and_extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same again does nothing, more samples do the new ones only, on any number of threads."""
+    begun: list[int] = []
+    real = Measured.ended
+    monkeypatch.setattr(Measured, "ended", lambda m, k, n: begun.append(k) or real(m, k, n))
+    swept(tmp_path / "a", samples=1)
+    assert sorted(begun) == [0, 1, 2]
+    swept(tmp_path / "a", samples=1)
+    grown = swept(tmp_path / "a", samples=3)
+    assert sorted(begun) == list(range(9))
+    assert swept(tmp_path / "a", samples=2).plan.samples == 3  # what is there stays
+    alone = swept(tmp_path / "b", jobs=1)
+    xarray.testing.assert_identical(grown.dataset().drop_attrs(), alone.dataset().drop_attrs())
+
+
+def test_stopped(tmp_path: Path) -> None:
+    """Ctrl-C keeps what has ended, and the same line again does the rest."""
+
+    def stop(share: float) -> None:
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(tmp_path, progress=stop)
+    half = open_sweep(tmp_path)
+    assert 0 < len(half.runs) < 9
+    assert half.missing == 9 - len(half.runs)
+    assert swept(tmp_path).missing == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_killed(tmp_path: Path) -> None:
+    """SIGKILL loses no run that was told as ended."""
+    told, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+
+        def kill(share: float) -> None:
+            os.write(tell, b".")
+            if share > 0.5:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        swept(tmp_path, progress=kill, jobs=1)
+        os._exit(0)
+    os.close(tell)
+    _, status = os.waitpid(child, 0)
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    ended = len(os.read(told, 100))
+    os.close(told)
+    assert ended == len(open_sweep(tmp_path).runs) == 5
+    assert swept(tmp_path).missing == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"seed": 2}, r"its seed differs \(1 there, 2 now\)"),
+        ({"design": "sobol"}, "its design differs"),
+        ({"vary": {"ctl.law.k1": (5, 20, 3)}}, "its vary differs"),
+        ({"loop": "other"}, "its numbers differ;"),
+    ],
+)
+def test_never_mixed(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    """A folder of another sweep is refused, by what differs; it stays as it was."""
+    swept(tmp_path, samples=1)
+    if "loop" in changes:
+        changes = {"loop": world()[0].with_params(**{"plant.wheel.J": 300.0})}
+    with pytest.raises(BadInput, match=said):
+        swept(tmp_path, samples=1, **changes)
+    assert open_sweep(tmp_path).missing == 0
+
+
+def test_a_latin_hypercube_is_not_extended(tmp_path: Path) -> None:
+    """Its strata follow from the number of samples."""
+    swept(tmp_path, design="lhs", samples=2)
+    with pytest.raises(BadInput, match="cannot be extended to 3"):
+        swept(tmp_path, design="lhs", samples=3)
+
+
+def test_what_is_no_store(tmp_path: Path) -> None:
+    """Another file, a newer format, an empty folder: one line."""
+    with pytest.raises(BadInput, match="there is no sweep"):
+        open_sweep(tmp_path)
+    (tmp_path / "sweep.sqlite").write_bytes(b"no database at all, but long enough to be one" * 99)
+    for use in (open_sweep, swept):
+        with pytest.raises(BadInput, match="cannot be used as the store"):
+            use(tmp_path)
+    swept(tmp_path / "new", samples=1)
+    with sqlite3.connect(tmp_path / "new" / "sweep.sqlite") as db:
+        db.execute("update about set value = '99' where key = 'format'")
+    with pytest.raises(BadInput, match="format 99"):
+        open_sweep(tmp_path / "new")
+
+
+def test_failed_runs_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that breaks says why, the others go on; its metrics are no numbers."""
+    real = sweeping.Measured.metrics
+    count = iter(range(100))
+
+    def broken(self: Measured, log: Any) -> Any:
+        if next(count) == 1:
+            raise RunFailed("v became nan at t = 1 s")
+        return real(self, log)
+
+    monkeypatch.setattr(sweeping.Measured, "metrics", broken)
+    found = swept(tmp_path, jobs=1, samples=1)
+    assert found.failed == {1: "v became nan at t = 1 s"}
+    assert list(np.isnan(found.dataset()["distance"].values.ravel())) == [False, True, False]
+
+
+def test_labelled(tmp_path: Path) -> None:
+    """Axes of the grid and samples are dimensions, with units; netCDF gives the same."""
+    found = swept(tmp_path)
+    data = found.dataset()
+    assert dict(data["distance"].sizes) == {"ctl.law.k1": 3, "sample": 3}
+    assert list(data["ctl.law.k1"].values) == [5.0, 12.5, 20.0]
+    assert data["plant.wheel.m"].attrs["units"] == "kg"
+    assert list(data["tracking_time_row"].values) == ["dry", "wet", "ice"]
+    run, numbers, metrics, _ = found.runs[5]
+    k, sample = found.plan.place(run)
+    one = data.isel({"ctl.law.k1": k, "sample": sample})
+    assert float(one["distance"]) == metrics["distance"]
+    assert float(one["plant.wheel.m"]) == numbers["plant.wheel.m"]
+    found.save(tmp_path / "all.nc")
+    with xarray.open_dataset(tmp_path / "all.nc") as again:
+        xarray.testing.assert_equal(again.load(), data)
+
+
+def test_logs_on_demand(tmp_path: Path) -> None:
+    """Signals that are asked for are kept over time, bit for bit, and belong to the sweep."""
+    loop, scenario = world()
+    found = swept(tmp_path, logs=["plant.wheel.v", "ctl.T_b"])
+    log = simulate(loop.with_params(**found.plan.numbers(4)), scenario, compile=False)
+    kept = found.log(4)
+    for name in ("time", "plant.wheel.v", "ctl.T_b"):
+        assert (kept[name].values == log[name].values).all()
+        assert kept[name].attrs["units"] == log[name].attrs["units"]
+    with pytest.raises(BadInput, match="its logs differ"):
+        swept(tmp_path)
+    with pytest.raises(BadInput, match="has no signal"):
+        swept(tmp_path / "new", logs=["ctl.T"])
+    with pytest.raises(BadInput, match="without --log"):
+        swept(tmp_path / "new").log(0)
+
+
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ([], "something to vary"),
+        (["ctl.law.k1"], "write P=lo:hi:n"),
+        (["ctl.law.k1=1:2:3:4"], "write P=lo:hi:n"),
+        (["ctl.law.k1=2:1"], "is no range"),
+        (["ctl.law.k1=1:2:x"], "is no number of values"),
+        (["ctl.law.k1=1:2:1"], "is no number of values"),
+        (["ctl.law.k1=a:2"], "is no number with a unit"),
+        (["ctl.law.k1=1kg:2kg"], "another dimension"),
+        (["ctl.law.kay=1:2"], "has no parameter 'ctl.law.kay'; did you mean"),
+        (["plant.wheel.r=1m:200m"], "out of range"),
+        (["plant.adh.c=0.1:0.2"], "the rail sets plant.adh.c"),
+        (["ctl.law.k1=1:2", "ctl.law.k1=3:4"], "twice"),
+        (["ctl.law.k1=1:2:9999", "plant.wheel.m=7t:8t:99999"], "at most"),
+        ({"ctl.law.k1": 3}, r"give \(lo, hi\)"),
+    ],
+)
+def test_bad_axes(vary: Any, said: str, tmp_path: Path) -> None:
+    """What can be mistyped is told, and leaves no folder behind."""
+    with pytest.raises(BadInput, match=said):
+        swept(tmp_path / "out", vary=vary)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("subway_braking:sta", "something to vary"),
+        ("subway_braking --vary ctl.law.k1=1:2", "write which loop"),
+        ("subway_braking:star --vary ctl.law.k1=1:2", "did you mean 'sta'"),
+        ("subway_braking:sta --vary ctl.law.k1=1:2 --samples 0", "--samples = 0"),
+        ("subway_braking:sta --vary ctl.law.k1=1:2 --export x.csv", "ends in .nc"),
+        ("subway_braking:sta --vary ctl.law.k1=1:2 --design x", "there is no --design 'x'"),
+    ],
+)
+def test_bad_lines(line: str, said: str, tmp_path: Path, capsys: Any) -> None:
+    """What can be mistyped is one line, and leaves no folder behind."""
+    out = tmp_path / "out"
+    assert main(["sweep", *line.split(), "--out", str(out)]) == 2
+    told = [x for x in capsys.readouterr().err.splitlines() if x]
+    assert len(told) == 1
+    assert said in told[0]
+    assert not out.exists()
