@@ -34,6 +34,12 @@ REPLAY = """\
       --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
 """
 
+COMPARE = """\
+  slipctl run hst_braking --loop eppfc --out out/a
+  slipctl run hst_braking --loop eppfc --set ctl.law.K1=50 --out out/b
+  slipctl compare out/a out/b
+"""
+
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that says what is wrong in one line."""
@@ -172,6 +178,11 @@ def parser() -> Parser:
     p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
+    p.epilog, p.formatter_class = COMPARE, argparse.RawDescriptionHelpFormatter
+    p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
+    p.add_argument("--json", action="store_true", help="answer as JSON")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")
     p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")

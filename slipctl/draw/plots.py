@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.block.units import scaled
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
@@ -200,11 +201,6 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
         for axis in axes[:, 0]:
             axis.legend()
     return fig
-
-
-def scaled(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a signal is drawn: forces in kN and torques in kN m."""
-    return (1e-3, f"k{unit}") if unit in ("N", "N m") else (1.0, unit)
 
 
 def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:

@@ -140,6 +140,7 @@ def begin(folder: Path, about: Mapping[str, Any]) -> Store:
     try:
         found._db.executescript(_TABLES)
         found._db.execute("pragma journal_mode=wal")
+        found._db.execute("pragma synchronous=normal")  # a killed process loses nothing
         before = found.about()
         if before:
             store.check_format(str(found.path), before.get("format"))

@@ -14,6 +14,7 @@ import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -69,6 +70,12 @@ def _assigns(tree: ast.Module) -> bool:
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:
     """First line of each model module, and of each block in it, read without importing it."""
+    files = folder("models").glob("*.py")
+    return _models(tuple(sorted((str(f), f.stat().st_mtime_ns) for f in files)))
+
+
+@lru_cache(maxsize=1)  # of the files as they are: many models are looked up one after the other
+def _models(files: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, dict[str, str]]]:
     found = {}
     for name, _, tree in _sources("models"):
         blocks = {
