@@ -353,7 +353,7 @@ def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
 
 
 @law(
-    e1=Output("m", "none: a slip has no position", source="a slip has no position", lo=0, hi=0),
+    e1=Output("m", "none: a slip has no position", source="a slip has no position", lo=-1, hi=1),
     e2=Output("m/s", "creep less reference", source="a wheel that spins free", lo=-500, hi=500),
 )
 def slip_error(
@@ -387,8 +387,8 @@ SCALE = dict(
 
 
 @law(F_hi=Output("N", "largest force", positive="traction", lo=0, hi='m * r / J * T_max'),
-     F_lo=Output("N", "smallest force", positive="traction", source='a brake does not drive', lo=0,
-                 hi=0))  # fmt: skip
+     F_lo=Output("N", "smallest force", positive="traction", source='a brake does not drive', lo=-1,
+                 hi=1))  # fmt: skip
 def force_limits(
     m=SCALE["m"], J=SCALE["J"], r=SCALE["r"],
     T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),

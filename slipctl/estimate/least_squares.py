@@ -130,7 +130,7 @@ def _recursive(model: Model, period: float) -> Block:
             spread_param(n, 1.0),
             Param(unit, 0.02, "residual that re-opens P", "chosen", lo=0, hi=1e12).named("jump"),
             Param("1", 1.0, "largest trace of P over that of its start", lo=1e-3,
-                  hi=1000).named("cap"),
+                  hi=1e12).named("cap"),
             *model.known(),
         ],
         outputs=model.outputs(), period=period, sx=False,

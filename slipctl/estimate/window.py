@@ -152,7 +152,7 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
                   hi=1e12).named("noise"),
             spread_param(n, 2.0),
             Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
-                  hi=1e4).named(
+                  hi=1e12).named(
                 "gate"
             ),
             Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
