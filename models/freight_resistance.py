@@ -117,7 +117,7 @@ def balance(period: float) -> Block:
         m=Param("kg", 6e6, "train, as the controller knows it", f"{TABLE_2}, M", lo=1e4, hi=3e7),
         m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
         n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
-        g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=-1e4, hi=1e4),
+        g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
     ):
         """Regression for the running resistance, both sides of (14) filtered by Tustin's rule.
 

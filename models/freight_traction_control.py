@@ -90,7 +90,7 @@ def disturbance(
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=9, hi=10),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """D = r^2/(J R_g^2) F_a + (n_d F_a - F_Z)/M; Cheng 2022 eq (39) with its signs turned."""
     F_a = mu_hat * m_axle * g

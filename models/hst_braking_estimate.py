@@ -99,7 +99,7 @@ def accelerometer(
     bias=Param("m/s^2", 0.0, "bias", "guess", lo=-1, hi=1),
     sigma=Param("m/s^2", 0.0, "standard deviation of the noise per sample", "guess", lo=0, hi=5),
     slope=SLOPE,
-    g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=-1e6, hi=1e6),
+    g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Acceleration along the train as an accelerometer sees it: a gradient looks like a bias."""
     return a + g * slope + bias + sigma * n

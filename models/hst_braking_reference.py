@@ -294,7 +294,7 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-        g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=-1e6, hi=1e6),
+        g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
         omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start", lo=-1e6, hi=1e6),
         T_b_start=Param(
             "N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6, hi=1e6

@@ -123,7 +123,7 @@ def adhesion_observer(
         r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
         B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
         m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=9, hi=10),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
         T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
         omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
         T_start=Param("N m", 0.0, "torque at the start", positive="traction", lo=-1e5, hi=1e5),
@@ -209,7 +209,7 @@ def linear_observer(
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
     B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
     m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=9, hi=10),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
     T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
     omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
 ):
@@ -459,7 +459,7 @@ def antislip_limit(axles: int) -> Block:
         n_m=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
         n_b=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
         m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=9, hi=10),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
     ):
         """F_hi = min(n_m mu W g, F(v)), F_lo = -min(n_b mu W g, F_brake).
 

@@ -47,7 +47,7 @@ def axle(
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
-    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=-1e4, hi=1e4),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
     tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
 ):
     """Slip of a wheel behind its actuator, at a speed of the vehicle that is held."""
@@ -133,7 +133,7 @@ def offset(
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
-    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=-1e4, hi=1e4),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
     v_s_start=Param(
         "m/s", 0.0, "slip speed at the start", positive="braking", per="speed", lo=-1e6, hi=1e6
     ),

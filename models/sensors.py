@@ -188,7 +188,7 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         m=Param("kg", 8000.0, "load, as the controller knows it", "Huang 2020", lo=1000, hi=40000),
         J=Param("kg m^2", 240.0, "wheel inertia", "Huang 2020, Table 3", lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=-1e4, hi=1e4),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
         T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
         omega_start=Param("rad/s", 40.0, "wheel speed at the start", lo=-1e5, hi=1e5),
         T_b_start=Param(

@@ -77,7 +77,7 @@ def equivalent_torque(
     m=Param("kg", 8000.0, "load, as the controller knows it", TABLE_3, lo=1000, hi=40000),
     J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
     r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
-    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=9, hi=10),
+    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Torque for s' = 0, -(J/r) Phi; Huang 2020 eq (39)."""
     F = mu_hat * m * g
