@@ -81,6 +81,12 @@ def parser() -> Parser:
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
 
+    p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
+    p.add_argument("kind", metavar="KIND", help="metro: a metro car of 38 t and a patch of leaves")
+    p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
+
+    command("schema", "Print the JSON schema of the files that describe a vehicle.")
+
     p = command("copy", "Copy the source of a model to a file of your own, to edit it.")
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")

@@ -60,7 +60,7 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
     """Study, case and loop that a name stands for, with what was set and swapped."""
     left, colon, right = options.name.rpartition(":")
     if not colon:
-        if options.name in doors.studies() or options.name.endswith(".py"):
+        if options.name in doors.studies() or options.name.endswith((".py", ".toml")):
             raise doors.no_loop(options.name, doors.load_study(options.name))
         doors.load_block(options.name)  # says what it is not
         raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
