@@ -101,7 +101,7 @@ def resistance(
     a2=Param("N s/(kN m)", 0.04, "linear part", TABLE_2, lo=0, hi=1),
     a3=Param("N s^2/(kN m^2)", 0.0026, "quadratic part", TABLE_2, lo=0, hi=0.1),
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
     slope=SLOPE,
 ):
@@ -136,7 +136,7 @@ def train(
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Driven train with one equivalent motor; Cheng 2022 eqs (1), (2), (5), (6), (8).
 
@@ -214,7 +214,7 @@ def best_train(
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
     m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Train whose wheels have no inertia, for a bound; Cheng 2022 eqs (1), (5)."""
     a_t = (n_d * mu * m_axle * g - F_Z) / m
@@ -266,7 +266,7 @@ def adhesion_of_load(
     m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g)."""
     return R_g * T_L_hat / (r * m_axle * g)

@@ -180,8 +180,8 @@ def davis(
     a=Output("m/s^2", "acceleration of the train", positive="traction"),
 )
 def wheel(
-    x=State("m", 0.0, "position"),
-    v=State("m/s", 50.0, "train speed", SECTION_5),
+    x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+    v=State("m/s", 50.0, "train speed", SECTION_5, lo=-1, hi=200),
     omega=State("rad/s", "v / r", "wheel speed", SECTION_5),
     T_b=Input("N m", "brake torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
@@ -190,7 +190,7 @@ def wheel(
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-    g=Param("m/s^2", G, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
     omega_0=Param("rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3),
     slope=SLOPE,
@@ -255,14 +255,14 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
         name="wheel",
     )
     def held(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 50.0, "train speed", SECTION_5),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 50.0, "train speed", SECTION_5, lo=-1, hi=200),
         mu=Input("1", "adhesion coefficient", positive="traction"),
         lam_held=Input("1", "slip ratio held", positive="braking", per="ratio"),
         F_R=Input("N", "resistance to motion", value=0.0),
         m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        g=Param("m/s^2", G, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
         v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3),
         slope=SLOPE,
     ):

@@ -114,7 +114,7 @@ def wheelset(
     J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=1e4),
     B_t=Param("N m s", 0.01, "damping of the axle", TABLE_1, lo=0, hi=1e3),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
 ):
     """One axle; Wang 2025 eqs (3), (5), (8) with the sign of (8) turned (docs/errata.md)."""
     F_mu = mu * m_axle * g
@@ -131,7 +131,7 @@ def resistance(
     m=Param("kg", 500e3, "train", f"{TABLE_1}, M", lo=1e3, hi=1e8),
     v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
     slope=SLOPE,
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
 ):
     """Running resistance; Wang 2025 eq (4) read in N/t and km/h (docs/errata.md).
 

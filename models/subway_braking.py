@@ -102,7 +102,7 @@ def curve_resistance(form: str = "consistent") -> Block:
         l_t=Param("m", 136.0, "length of the train", TABLE_3, lo=1),
         k=Param("m", 0.6, "600 N/kN times 1 m", "Huang 2020 eq (10)", lo=0),
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
     ):
         """Resistance of a curve on the share of the train that is in it; Huang 2020 eq (10)."""
         if printed:
@@ -129,8 +129,8 @@ def wheelset(form: str = "consistent") -> Block:
         name="wheel", choices={"form": form},
     )  # fmt: skip
     def wheel(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper"),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper", lo=-1, hi=200),
         omega=State("rad/s", "v / r", "wheel speed"),
         phi=State("rad", 0.0, "wheel angle"),
         T_b=Input("N m", "brake torque", positive="braking"),
@@ -140,7 +140,7 @@ def wheelset(form: str = "consistent") -> Block:
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
         J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
         omega_0=Param("rad/s", 0.1, "speed below which the brake torque fades", "added", lo=1e-3),
         slope=SLOPE,
     ):
@@ -206,14 +206,14 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         name="wheel",
     )
     def wheel(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper"),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper", lo=-1, hi=200),
         mu=Input("1", "adhesion coefficient", positive="braking"),
         v_opt=Input("m/s", "best slip speed", positive="braking", per="speed"),
         f=Input("N", "air resistance", value=0.0),
         W=Input("N", "curve resistance", value=0.0),
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
         slope=SLOPE,
     ):
         """M v' = -(mu m g + f + W) - M g slope, mu at its peak: no controller can brake harder."""

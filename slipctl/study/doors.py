@@ -255,6 +255,10 @@ def load_block(name: str) -> Block:
     """
     if is_written(name):
         return load_written(name)
+    if "=" in name and ".py" not in name:
+        raise BadInput(
+            f"{name[:60]!r} is no equation; write name = expression where x [unit], p = value"
+        )
     left, colon, right = name.rpartition(":")
     if colon and left.endswith(".py") and not has_study(left):
         return find_block(load_file(left), right, left)
