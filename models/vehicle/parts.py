@@ -503,7 +503,6 @@ class Trip(Part):
     controllers: Mapping[str, Controller] = told(MISSING, "controllers by a name of one's own")
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
-    limits: Mapping[str, float | str] = told({}, "largest value of a metric; more is marked")
 
     def misfits(self) -> Iterator[Fault]:
         """What of one part does not fit another."""
