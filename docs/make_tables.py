@@ -15,7 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from slipctl.study.texts import number
+from slipctl.block.units import scaled
+from slipctl.run.metrics import Metric
+from slipctl.study.texts import at_once, left_out, number, times
 
 DOCS = Path(__file__).resolve().parent
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
@@ -63,35 +65,48 @@ def metrics(results: Path, words: list[str]) -> str:
     """A row per loop of a scenario, a column per metric."""
     scenario, *names = words
     loops = read(results, "metrics.json")["scenarios"][scenario]
-    units = {n: m[n]["unit"] for m in loops.values() for n in names if n in m}
-    rails = {n: " / ".join(m[n].get("rows", ())) for m in loops.values() for n in names if n in m}
+    units = {n: scaled(m[n]["unit"]) for m in loops.values() for n in names if n in m}
+    every = {
+        loop: {n: Metric(m["value"], m["unit"], tuple(m.get("rows", ()))) for n, m in f.items()}
+        for loop, f in loops.items()
+    }
+    still = {n: at_once(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
+             for n in names}  # fmt: skip
+    rails = {n: " / ".join(r for k, r in enumerate(m[n].rows) if k not in still[n])
+             for m in every.values() for n in names if n in m}  # fmt: skip
+    names = [n for n in names if n not in units or not still[n] or rails[n]]
     head = ["loop"]
     for n in names:
-        unit = f" [{units[n]}]" if units[n] != "1" else ""
+        unit = f" [{units[n][1]}]" if n in units and units[n][1] != "1" else ""
         head.append(n + unit + (f", {rails[n]}" if rails.get(n) else ""))
     rows = []
     for loop, found in loops.items():
         cells = []
         for n in names:
-            cells.append(shown(found[n]["value"], units[n]) if n in found else "")
+            cells.append("" if n not in found else shown(found[n]["value"], *units[n], still[n]))
         rows.append([f"`{loop}`", *cells])
-    return rows_to_text(head, rows)
+    asked = {k: {n: m for n, m in f.items() if n in words} for k, f in every.items()}
+    return rows_to_text(head, rows) + "".join(f"{text}.\n\n" for text in left_out(asked))
 
 
-def shown(value: Any, unit: str) -> str:
-    """Value of a metric: ways to the centimetre, large numbers by their power of ten."""
+def shown(value: Any, factor: float, unit: str, still: list[int]) -> str:
+    """Value of a metric: ways to the centimetre, of a list the rails that tell loops apart."""
     if unit == "m":
         return f"{value:.2f}"
-    return f"{value:.2e}" if isinstance(value, float) and value >= 1e5 else number(value, 3)
+    cells = [v for k, v in enumerate(times(value, factor)) if k not in still]
+    return " / ".join(number(v, 3) for v in cells)
 
 
 def experiment(results: Path, words: list[str]) -> str:
     """Table of an experiment."""
     name, table = words
     columns = read(results, "tables.json")["experiments"][name][table]["columns"]
-    head = [c if v["unit"] in ("", "1") else f"{c} [{v['unit']}]" for c, v in columns.items()]
-    values = zip(*(v["values"] for v in columns.values()), strict=True)
-    return rows_to_text(head, [[number(v) for v in row] for row in values])
+    units = [scaled(v["unit"]) for v in columns.values()]
+    head = [c if u in ("", "1") else f"{c} [{u}]"
+            for c, (_, u) in zip(columns, units, strict=True)]  # fmt: skip
+    cells = [times(v["values"], f)
+             for v, (f, _) in zip(columns.values(), units, strict=True)]  # fmt: skip
+    return rows_to_text(head, [[number(v) for v in row] for row in zip(*cells, strict=True)])
 
 
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment}

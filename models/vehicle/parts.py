@@ -492,8 +492,7 @@ class Trip(Part):
     """A vehicle on its way: what it is, what it runs on, what is wanted, and who controls it."""
 
     title: str = told("A vehicle of one's own", "a line for report and figures")
-    duration: float = number("s", 30.0, "longest time", lo=0.01, hi=1e4)
-    until: Literal["standstill", "time"] = told("standstill", "what ends the run")
+    duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
     vehicle: Vehicle = told(MISSING, "the vehicle")
     actuator: Lag | Valve = told(MISSING, "what turns or brakes each axle")
     rail: Track = told(MISSING, "the rail")

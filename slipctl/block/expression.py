@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -66,6 +67,13 @@ _REFUSED: dict[type[ast.AST], str] = {
     ast.List: "a list has its place in interp(x, [x1, x2], [y1, y2]) only",
     ast.JoinedStr: "a text has no place here",
 }
+_PASTED = {
+    "\u2212": "write -", "\u2013": "write -", "\u00b7": "write *", "\u22c5": "write *",
+    "\u00d7": "write *", "\u00f7": "write /", "\u00b2": "write **2", "\u00b3": "write **3",
+    "\u2264": "write <=", "\u2265": "write >=", "\u2260": "write !=", "\u2019": "write '",
+}  # fmt: skip
+"""What is pasted from a paper, and how it is written here."""
+
 _ALLOWED = "numbers, names, + - * / **, comparisons, and, or, not, a if c else b and functions"
 
 
@@ -115,7 +123,7 @@ def read(text: str, calls: frozenset[str] = frozenset()) -> Expression:
     strange = next((k for k, c in enumerate(text) if not (c.isascii() and c.isprintable())), None)
     if strange is not None:
         told = f"column {strange + 1}: {text[strange]!a} is no letter of a name or a number here"
-        raise Faults([f"{told}; write names in a..z, A..Z, 0..9 and _"])
+        raise Faults([f"{told}; {_PASTED.get(text[strange], 'write names in a..z, 0..9 and _')}"])
     lead = len(text) - len(text.lstrip())
     try:
         with warnings.catch_warnings():
@@ -143,6 +151,8 @@ def _syntax(text: str, error: SyntaxError, lead: int) -> str:
     if not text.strip():
         return "there is no expression"
     here = text[column - 1 : column + 11].strip()
+    if re.search(r"[\w)]\s*$", text[: column - 1]) and re.match(r"[\w(]", here):
+        said = "write * for a product"
     return f"column {column}: {said}" + (f", at {here!r}" if here else ", at its end")
 
 

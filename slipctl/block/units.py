@@ -327,6 +327,11 @@ def _ratio(a: Unit, b: Unit) -> Fraction:
     return Fraction(ratio)
 
 
+def scaled(unit: str) -> tuple[float, str]:
+    """Factor and unit in which a quantity is shown: forces in kN and torques in kN m."""
+    return (1e-3, f"k{unit}") if unit in ("N", "N m", "N m/s", "N/s") else (1.0, unit)
+
+
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.DOTALL)
 
 

@@ -22,7 +22,7 @@ from slipctl.block.declare import check_conditions
 from slipctl.block.expression import Expression
 from slipctl.block.meanings import EQUATION, MOST, Item, Meaning, Meanings, Table, bare
 from slipctl.block.signals import Signal
-from slipctl.block.units import parse_quantity, unit
+from slipctl.block.units import parse_quantity, si_text, unit
 from slipctl.errors import BadInput, Faults, nearest
 
 PLACES = 200
@@ -310,12 +310,20 @@ class _Reader(Meanings):
                 for column, line in places or [(e.expression.tree.col_offset, lines[0])]:
                     said = re.sub(r"^in .*?: (?=\S)", "", line, count=1)
                     said = said.replace("as a Param or by one('...')", "as a parameter")
+                    said += self.si_hint(e)
                     self.wrong(e.keys, f"{e.place}column {column + e.offset + 1}: {said}")
         if self.faults:
             return list(signals)
         results = {e.name: values[e] for e in equations.order if not e.mark}
         units = unit_walk.infer(results, given) if results else {}
         return [self.with_unit(s, units) for s in signals]
+
+    def si_hint(self, e: _Equation) -> str:
+        """What to write where a result was told in a unit with a factor, kN say."""
+        told = self.meanings[e.name].unit if e.name in self.meanings else None
+        if told is None or si_text(told) == told:
+            return ""
+        return f"; numbers are kept in SI, say {e.name} [{si_text(told)}]"
 
     def with_unit(self, s: Signal, units: Mapping[str, str]) -> Signal:
         if s.role != "output" or s.name in self.meanings:

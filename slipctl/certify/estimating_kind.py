@@ -151,7 +151,7 @@ def _replay_growth(n: Numbers, run: Entries) -> str:
     if most is not None and still > most:
         raise DoesNotHold("run: it is quiet for longer than was asked")
     if n["forgetting"] >= 1:
-        if windows or not n["P"] > n["limit"]:
+        if windows or still or not n["P"] > n["limit"]:
             raise DoesNotHold("run: P does not exceed the limit")
         return "P exceeds the limit from the start"
     found = forgetting.covariance_after(n, windows, still)

@@ -40,8 +40,8 @@ class Path:
 
     errors: Sequence[Any]
     noise: Sequence[int]
-    stepped: int = -1
-    step: Any = 0
+    stepped: int
+    step: Any
 
 
 @dataclass(frozen=True)

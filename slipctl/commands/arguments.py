@@ -34,6 +34,12 @@ REPLAY = """\
       --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
 """
 
+COMPARE = """\
+  slipctl run hst_braking --loop eppfc --out out/a
+  slipctl run hst_braking --loop eppfc --set ctl.law.K1=50 --out out/b
+  slipctl compare out/a out/b
+"""
+
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that says what is wrong in one line."""
@@ -74,6 +80,12 @@ def parser() -> Parser:
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
+
+    p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
+    p.add_argument("kind", metavar="KIND", help="metro: a metro car of 38 t and a patch of leaves")
+    p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
+
+    command("schema", "Print the JSON schema of the files that describe a vehicle.")
 
     p = command("copy", "Copy the source of a model to a file of your own, to edit it.")
     p.add_argument("model", metavar="MODEL")
@@ -135,6 +147,10 @@ def parser() -> Parser:
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
         help="replace a model of the study",
     )  # fmt: skip
+    p.add_argument(
+        "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
+        help="keep these signals over time, of every run",
+    )  # fmt: skip
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
@@ -168,6 +184,11 @@ def parser() -> Parser:
     p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+    p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
+    p.epilog, p.formatter_class = COMPARE, argparse.RawDescriptionHelpFormatter
+    p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
+    p.add_argument("--json", action="store_true", help="answer as JSON")
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")
     p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")

@@ -41,8 +41,13 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    from slipctl.study import doors
+    from slipctl.study import doors, trip_files
 
+    if trip_files.is_trip(re.sub(r":[^/:]*$", "", system)):
+        raise BadInput(
+            f"{system} describes a vehicle, which certify does not take yet; certify its gains by"
+            " their system, slipctl certify super_twisting --set k1=20 ..., see docs/certify.md"
+        )
     if system.endswith(".py") or (system in doors.studies() and system not in catalogue.SYSTEMS):
         if settings or out is not None:
             raise BadInput(f"{system} is a study; certify it without --set and --out")

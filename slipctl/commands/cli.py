@@ -1,4 +1,4 @@
-"""The command line: list, show, copy, run, sweep, replay, fit, c, pil, certify and check.
+"""The command line: list, show, new, schema, copy, run, sweep, replay, compare, fit, c, ...
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
@@ -28,7 +28,8 @@ RARELY = (100_000, 50, 100)
 at Python's own pace takes a fifth of the time of a run."""
 
 NAMES = (
-    "list", "show", "copy", "run", "sweep", "replay", "fit", "c", "pil", "certify", "check",
+    "list", "show", "new", "schema", "copy", "run", "sweep", "replay", "compare", "fit", "c", "pil",
+    "certify", "check",
 )  # fmt: skip
 """Commands in the order of the help."""
 

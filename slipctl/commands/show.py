@@ -6,14 +6,16 @@ import argparse
 import textwrap
 
 from slipctl.errors import BadInput
-from slipctl.study import doors
+from slipctl.study import doors, trip_files
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the name stands for."""
     name = options.name
     whole = not doors.is_written(name) and (
-        name in doors.studies() or (name.endswith(".py") and ":" not in name)
+        name in doors.studies()
+        or (name.endswith(".py") and ":" not in name)
+        or trip_files.is_trip(name)
     )
     if whole and not (options.latex or options.graph or options.against):
         print(_study_text(name))

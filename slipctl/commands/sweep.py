@@ -38,7 +38,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         found = sweep(
             case.loops[loop], case.scenario, options.varied, options.out,
             samples=options.samples, seed=options.seed, design=options.design,
-            signals=study.signals, known=case.known, jobs=options.jobs,
+            signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
             about={"loop": f"{study.name}:{loop}", "set": options.settings,
                    "swapped": options.swaps, "command": command},
@@ -60,7 +60,7 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
     """Study, case and loop that a name stands for, with what was set and swapped."""
     left, colon, right = options.name.rpartition(":")
     if not colon:
-        if options.name in doors.studies() or options.name.endswith(".py"):
+        if options.name in doors.studies() or options.name.endswith((".py", ".toml")):
             raise doors.no_loop(options.name, doors.load_study(options.name))
         doors.load_block(options.name)  # says what it is not
         raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
@@ -34,7 +35,7 @@ COLOURS = {
     "robust": SKY,
     "fixed": PURPLE,
     "eppfc": BLUE,
-    "efc": ORANGE,
+    "efc": SKY,
     "nmpc": GREEN,
     "smes": ORANGE,
     "improved": BLUE,
@@ -209,3 +210,20 @@ def legends_aside(fig: Figure) -> None:
             rows = -(-letters // 105)  # a row holds about so many letters
             fig.legend(entries.values(), entries.keys(), ncols=-(-len(entries) // rows),
                        loc="outside upper center")  # fmt: skip
+
+
+def names_below(groups: Mapping[str, Any]) -> list[str]:
+    """Names below an axis; of many, a long one goes over two lines and touches no other."""
+    many = len(groups) > 6
+    return [n.replace("_", "_\n", 1) if many and len(n) > 9 else n for n in groups]
+
+
+def logarithmic(axis: Axes) -> None:
+    """Logarithmic heights, marked 1, 2, 5 and in plain numbers, so that no mark is on another."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    axis.set_yscale("log")
+    axis.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    plain = FuncFormatter(lambda x, _: f"{x:g}")
+    axis.yaxis.set_major_formatter(plain)
+    axis.yaxis.set_minor_formatter(plain)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.block.units import scaled
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
@@ -29,6 +30,8 @@ from slipctl.draw.looks import (
     dash,
     label,
     legends_aside,
+    logarithmic,
+    names_below,
     panels,
     style,
 )
@@ -200,11 +203,6 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
         for axis in axes[:, 0]:
             axis.legend()
     return fig
-
-
-def scaled(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a signal is drawn: forces in kN and torques in kN m."""
-    return (1e-3, f"k{unit}") if unit in ("N", "N m") else (1.0, unit)
 
 
 def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:
@@ -436,10 +434,10 @@ def bars(
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip
         _limit(axis, limit)
-        axis.set_xticks(range(len(groups)), list(groups))
+        axis.set_xticks(range(len(groups)), names_below(groups))
         axis.grid(visible=False, axis="x")
         if log:
-            axis.set_yscale("log")
+            logarithmic(axis)
         axis.set_ylabel(label(*y))
         axis.set_title(title)
         if len(members) > 1:
@@ -494,9 +492,9 @@ def spread(
             axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
             axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
         if log:
-            axis.set_yscale("log")
+            logarithmic(axis)
         _limit(axis, limit)
-        axis.set_xticks(range(len(groups)), list(groups))
+        axis.set_xticks(range(len(groups)), names_below(groups))
         axis.set_xlim(-0.6, len(groups) - 0.4)
         axis.grid(visible=False, axis="x")
         axis.set_ylabel(label(*y))

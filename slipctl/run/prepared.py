@@ -273,6 +273,15 @@ class Log(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         return 1 + len(self._columns)
 
+    def told(self) -> list[str]:
+        """What to know before the numbers are believed: estimators that begin far off."""
+        from slipctl.run.starting import told_starts
+
+        first = {role: values[:1] for role, values in self._values.items()}
+        every = {s.name for s in self.loop.signals if s.role != "param"}
+        begin = Log(self.loop, self.scenario, self._time[:1], first, every)
+        return told_starts(self.loop, self.scenario.but(params={}, start={}), begin)
+
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""
         import xarray
@@ -308,5 +317,7 @@ class Log(Mapping[str, np.ndarray]):
         }
         if self._every > 1:
             provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
+        if lines := self.told():
+            provenance["told"] = "\n".join(lines)
         coordinate = ("time", self._time, {"units": "s", "long_name": "time"})
         return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)

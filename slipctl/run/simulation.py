@@ -38,7 +38,8 @@ def simulate(
         Dataset with dimension ``time`` [s], and ``axle`` or another of ``replicate`` where there
         are copies, and one variable per signal (``"plant.v"``), attributes
         ``units``, ``long_name``, ``positive``; the tick's start value for states. Its attributes
-        hold version, scenario, seed and parameters with units.
+        hold version, scenario, seed and parameters with units, and in ``told``, where there is
+        something to tell, which estimators begin further off than the deviation they state.
 
     Raises:
         BadInput: unfed inputs, unknown names, a rail condition that the loop does not know, every

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from slipctl.errors import BadInput
 from slipctl.run import store
@@ -25,6 +28,8 @@ create table if not exists about (key text primary key, value text not null);
 create table if not exists metrics (name text primary key, unit text not null, rows text not null);
 create table if not exists runs (run integer primary key, numbers text not null,
     metrics text not null, failed text);
+create table if not exists logs (run integer, name text, shape text not null, data blob not null,
+    primary key (run, name));
 """
 
 GROWS = ("samples", "command")
@@ -40,12 +45,14 @@ class Ended:
         numbers: what it ran with.
         metrics: what it gave.
         failed: why it gave nothing; empty where it did.
+        logs: signals over time that are kept.
     """
 
     run: int
     numbers: Mapping[str, float]
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     failed: str = ""
+    logs: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 class Store:
@@ -77,6 +84,16 @@ class Store:
         for run, numbers, metrics, failed in rows:
             yield int(run), json.loads(numbers), json.loads(metrics), failed or ""
 
+    def log(self, run: int) -> dict[str, np.ndarray]:
+        """Signals over time that were kept of a run."""
+        rows = self._db.execute(
+            "select name, shape, data from logs where run = ? order by rowid", (run,)
+        )
+        return {
+            name: np.frombuffer(zlib.decompress(data), dtype="<f8").reshape(json.loads(shape))
+            for name, shape, data in rows
+        }
+
     def tell(self, about: Mapping[str, Any]) -> None:
         """Keep what the sweep is."""
         with self._db:
@@ -93,6 +110,13 @@ class Store:
                 self._db.executemany(
                     "insert or ignore into metrics values (?, ?, ?)",
                     [(n, m.unit, json.dumps(m.rows)) for n, m in e.metrics.items()],
+                )
+                self._db.executemany(
+                    "insert or ignore into logs values (?, ?, ?, ?)",
+                    [
+                        (e.run, n, json.dumps(v.shape), zlib.compress(v.astype("<f8").tobytes(), 1))
+                        for n, v in e.logs.items()
+                    ],
                 )
                 self._db.execute(
                     "insert or ignore into runs values (?, ?, ?, ?)",
@@ -116,6 +140,7 @@ def begin(folder: Path, about: Mapping[str, Any]) -> Store:
     try:
         found._db.executescript(_TABLES)
         found._db.execute("pragma journal_mode=wal")
+        found._db.execute("pragma synchronous=normal")  # a killed process loses nothing
         before = found.about()
         if before:
             store.check_format(str(found.path), before.get("format"))
@@ -176,7 +201,8 @@ def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> No
         )
     shown = {n: (v if len(str(v)) <= 60 else "other") for n, v in ((0, before[k]), (1, now[k]))}
     said = f" ({shown[0]} there, {shown[1]} now)" if "other" not in shown.values() else ""
+    verb = "differ" if k.endswith("s") else "differs"
     raise BadInput(
-        f"{folder} holds another sweep: its {k.replace('_', ' ')} differs{said};"
+        f"{folder} holds another sweep: its {k.replace('_', ' ')} {verb}{said};"
         " choose another --out"
     )

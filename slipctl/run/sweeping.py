@@ -20,7 +20,7 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block, as_block
-from slipctl.errors import BadInput, RunFailed, check_whole
+from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import stopping, sweep_store
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
@@ -56,6 +56,7 @@ def sweep(
     design: str = "random",
     signals: Signals | None = None,
     known: Mapping[str, Known] | None = None,
+    logs: Sequence[str] = (),
     jobs: int | None = None,
     compile: bool = True,
     progress: Callable[[float], None] | None = None,
@@ -75,6 +76,7 @@ def sweep(
         design: ``"random"``, ``"sobol"``, or ``"lhs"``, which cannot be extended.
         signals: what the metrics speak of.
         known: quantities that no block computes, as of a :class:`Case`.
+        logs: signals of which each run keeps every tick, :meth:`Sweep.log`.
         jobs: runs at once; by default one for each core.
         compile: compile the loop when a C compiler is there.
         progress: called with the share done.
@@ -90,14 +92,15 @@ def sweep(
     plan = plan_of(loop, scenario, vary, samples, seed, design)
     if jobs is not None:
         check_whole("--jobs", jobs, 1)
-    run = Measured(loop, scenario, signals or Signals(), dict(known or {}), compile)
+    run = Measured(loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile)
     told = {
         **(about or {}),
         "scenario": scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
-        "seed": seed, "samples": plan.samples, "slipctl": __version__,
+        "seed": seed, "logs": list(logs), "samples": plan.samples, "slipctl": __version__,
         "casadi": ca.CasadiMeta.version(), "numpy": np.__version__, "machine": platform.machine(),
         "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
-        "numbers": run.fingerprint(),
+        "numbers": run.fingerprint(), "period_s": loop.period,
+        "log_units": {s.name: s.unit for s in loop.signals if s.name in logs},
     }  # fmt: skip
     kept = sweep_store.begin(Path(out), told)
     try:
@@ -207,15 +210,31 @@ class Measured:
     scenario: Scenario
     signals: Signals
     known: Mapping[str, Known] = field(default_factory=dict)
+    logs: Sequence[str] = ()
     compile: bool = True
 
     def __post_init__(self) -> None:
         self._run = prepare(self.loop, self.scenario, compile=self.compile)
+        last = {s.name: s.name.rpartition(".")[2] for s in self.loop.signals}
+        there = {
+            s.name: s
+            for s in self.loop.signals
+            if s.role != "param" and last[s.name] != "tick" and not last[s.name].startswith("held_")
+        }
+        for name in self.logs:
+            if name not in there:
+                raise BadInput(
+                    f"{self.loop.name} has no signal {name!r} to log{nearest(name, there)}"
+                )
+            if there[name].shape:
+                raise BadInput(f"{name} has shape {there[name].shape}; --log keeps single numbers")
 
     def ended(self, run: int, numbers: Mapping[str, float]) -> Ended:
         """Roll and measure; a run that breaks says why."""
         try:
-            return Ended(run, numbers, self.metrics(self._run(numbers)))
+            log = self._run(numbers)
+            kept = {n: np.array(log[n]) for n in self.logs}
+            return Ended(run, numbers, self.metrics(log), logs=kept)
         except (BadInput, RunFailed) as error:
             return Ended(run, numbers, failed=str(error))
 
@@ -356,6 +375,28 @@ class Sweep:
             for k, v in self.about.items()
         }
         return xarray.Dataset(variables, coords=coords, attrs=about)
+
+    def log(self, run: int) -> xarray.Dataset:
+        """Signals over time that a run kept.
+
+        Raises:
+            BadInput: the sweep keeps none, or the run has not ended.
+        """
+        import xarray
+
+        found = sweep_store.find(self.folder)
+        try:
+            arrays = found.log(run)
+        finally:
+            found.close()
+        if not arrays:
+            kept = self.about.get("logs")
+            why = f"run {run} has not ended" if kept else "it was made without --log"
+            raise BadInput(f"{self.folder} keeps no log of run {run}: {why}")
+        units = self.about.get("log_units", {})
+        time = np.arange(len(next(iter(arrays.values())))) * float(self.about["period_s"])
+        variables = {n: ("time", v, {"units": units.get(n, "1")}) for n, v in arrays.items()}
+        return xarray.Dataset(variables, coords={"time": ("time", time, {"units": "s"})})
 
     def save(self, file: str | Path) -> None:
         """Write :meth:`dataset` as netCDF, whole or not at all."""

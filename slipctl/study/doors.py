@@ -14,12 +14,13 @@ import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from slipctl.errors import BadInput, RunFailed, nearest
-from slipctl.study import equation_files
+from slipctl.study import equation_files, trip_files
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -69,6 +70,12 @@ def _assigns(tree: ast.Module) -> bool:
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:
     """First line of each model module, and of each block in it, read without importing it."""
+    files = folder("models").glob("*.py")
+    return _models(tuple(sorted((str(f), f.stat().st_mtime_ns) for f in files)))
+
+
+@lru_cache(maxsize=1)  # of the files as they are: many models are looked up one after the other
+def _models(files: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, dict[str, str]]]:
     found = {}
     for name, _, tree in _sources("models"):
         blocks = {
@@ -180,13 +187,17 @@ def _short(file: str) -> str:
 
 
 def load_study(name: str) -> Study:
-    """Study by its name, or the one in a file ``my_study.py``.
+    """Study by its name, the one in a file ``my_study.py``, or a vehicle in ``my.toml``.
 
     Raises:
         BadInput: no such study.
     """
     from slipctl.study.declaration import Study
 
+    if name.endswith(".toml"):
+        if not Path(name).is_file():
+            raise BadInput(f"there is no file {name}; slipctl new metro {name} writes one")
+        return trip_files.load(name)
     if name.endswith(".py"):
         module = load_file(name)
     else:
@@ -218,7 +229,8 @@ def is_written(name: str) -> bool:
     """Whether a name is a block written as text: an equation, or a table of a TOML file."""
     from slipctl.block.meanings import is_equation
 
-    return is_equation(name) or equation_files.is_file(name.rpartition(":")[0] or name)
+    file = name.rpartition(":")[0] or name
+    return is_equation(name) or (equation_files.is_file(file) and not trip_files.is_trip(file))
 
 
 def load_written(name: str) -> Block:
@@ -243,12 +255,16 @@ def load_block(name: str) -> Block:
     """
     if is_written(name):
         return load_written(name)
+    if "=" in name and ".py" not in name:
+        raise BadInput(
+            f"{name[:60]!r} is no equation; write name = expression where x [unit], p = value"
+        )
     left, colon, right = name.rpartition(":")
     if colon and left.endswith(".py") and not has_study(left):
         return find_block(load_file(left), right, left)
     if colon:
         return find_loop(load_study(left), right)[0]
-    if name.endswith(".py"):
+    if name.endswith((".py", ".toml")):
         raise BadInput(f"{name}: write which block of it, {name}:block")
     known = models()
     if "." in name:

@@ -130,7 +130,7 @@ def _place(path: str, text: str, keys: tuple[str, ...]) -> str:
     return f"{path}, line {line_of(text, shown)}: {'.'.join(shown)}"
 
 
-def line_of(text: str, keys: tuple[str, ...]) -> int:
+def line_of(text: str, keys: tuple[str | int, ...]) -> int:
     """Line of a TOML text at which a key stands, or the last of its parents that does.
 
     A beginning of a TOML text that ends with a statement is a TOML text too: the first that has
@@ -146,9 +146,10 @@ def line_of(text: str, keys: tuple[str, ...]) -> int:
             continue
         found = 0
         for key in keys:
-            if not isinstance(content, Mapping) or key not in content:
+            inside = range(len(content)) if isinstance(content, list) else content
+            if not isinstance(content, Mapping | list) or key not in inside:
                 break
-            content, found = content[key], found + 1
+            content, found = content[key], found + 1  # type: ignore[index]
         if found > depth:
             statement = range(last_good, n)
             begin = next((k for k in statement if _says(lines[k])), n - 1)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
+from slipctl.block.units import scaled
 from slipctl.draw import mathml
 from slipctl.draw.plots import pretty
 from slipctl.run import store
@@ -29,9 +30,11 @@ from slipctl.study.texts import (
     changes,
     count,
     judged,
+    left_out,
     left_to_full,
     metric_rows,
     number,
+    times,
     tolerance_text,
 )
 
@@ -228,6 +231,8 @@ def _metrics(results: Results) -> str:
             group = [0, *range(first, min(first + LOOPS, len(head)))]
             shown = [[r[k] for k in group] for r in rows if any(r[k] for k in group[1:])]
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
+        out += [f'<p class="soft">{escape(text)}.</p>' for text in
+                left_out(results.metrics[scenario])]  # fmt: skip
     meanings = [(n, doc) for n, (_, doc) in METRICS.items()]
     used = {n for loops in results.metrics.values() for m in loops.values() for n in m}
     out.append("<details><summary>What the metrics mean</summary>")
@@ -261,8 +266,9 @@ def _experiments(results: Results) -> str:
         experiment = results.study.experiments[key]
         out.append(f"<h3>{escape(experiment.title)}</h3>{_paragraphs(experiment.doc)}")
         for t in tables.values():
-            head = [f"{n} [{u}]" if u not in ("1", "") else n for n, (u, _) in t.columns.items()]
-            columns = [list(v) for _, v in t.columns.values()]
+            units = {n: scaled(u)[1] for n, (u, _) in t.columns.items()}
+            head = [f"{n} [{u}]" if u not in ("1", "") else n for n, u in units.items()]
+            columns = [times(list(v), scaled(u)[0]) for u, v in t.columns.values()]
             rows = [[number(v) for v in row] for row in zip(*columns, strict=True)]
             right = [k for k, c in enumerate(columns) if not any(isinstance(v, str) for v in c)]
             more = f'<p class="soft">{len(rows) - ROWS} more rows are in tables.json.</p>'

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.run.metrics import METRICS
+from slipctl.block.units import scaled
+from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.results import Results
 from slipctl.study.declaration import (
     CHANGED,
@@ -157,18 +158,48 @@ def metric_rows(results: Results, scenario: str) -> list[list[str]]:
         found = {loop: m[name] for loop, m in loops.items() if name in m}
         if not found:
             continue
-        unit = next(iter(found.values())).unit
+        factor, unit = scaled(next(iter(found.values())).unit)
         digits = 6 if unit == "m" else 4  # ways differ in their centimetres
-        lists = {k: m.value if isinstance(m.value, list) else [m.value] for k, m in found.items()}
+        lists = {k: times(m.value, factor) for k, m in found.items()}
         label = name if unit == "1" else f"{name} [{unit}]"
         named = max((m.rows for m in found.values()), key=len)
-        for k in range(max(map(len, lists.values()))):  # a list goes down, an entry per row
+        still = at_once(name, list(lists.values()))
+        shown = [k for k in range(max(map(len, lists.values()))) if k not in still]
+        for k in shown:  # a list goes down, an entry per row
             cells = [
                 number(v[k], digits) if k < len(v := lists.get(loop, [])) else "" for loop in loops
             ]
             rail = f", {named[k]}" if k < len(named) else ""
-            rows.append([f"{label}{rail}" if k == 0 or rail else "", *cells])
+            rows.append([f"{label}{rail}" if k == shown[0] or rail else "", *cells])
     return rows
+
+
+def times(value: Any, factor: float) -> list[Any]:
+    """Numbers of a metric as a list, each times ``factor``."""
+    found = value if isinstance(value, list) else [value]
+    return [v if v is None or factor == 1.0 else factor * v for v in found]
+
+
+def at_once(name: str, lists: Sequence[Sequence[Any]]) -> list[int]:
+    """Rails on which a settling time is 0 for every loop, so that it tells none from another."""
+    if name not in ("settling_time", "tracking_time"):
+        return []
+    many = max(map(len, lists), default=0)
+    return [k for k in range(many) if all(v[k] == 0 for v in lists if k < len(v))]
+
+
+def left_out(loops: Mapping[str, Mapping[str, Metric]]) -> list[str]:
+    """A line for each settling time that is not shown, with the reason."""
+    lines = []
+    for name in ("settling_time", "tracking_time"):
+        found = [m[name] for m in loops.values() if name in m]
+        if not (still := at_once(name, [times(m.value, 1.0) for m in found])):
+            continue
+        named = max((m.rows for m in found), key=len)
+        where = ", ".join(named[k] if k < len(named) else f"rail {k + 1}" for k in still)
+        lines.append(f"{name} on {where}: 0 for every loop, none leaves the band, so it is not"
+                     " shown")  # fmt: skip
+    return lines
 
 
 def metric_table(results: Results, scenario: str, width: int = 132) -> str:
@@ -182,6 +213,9 @@ def metric_table(results: Results, scenario: str, width: int = 132) -> str:
             cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
             lines.append("  " + "  ".join(cells).rstrip())
         lines.append("")
+    for text in left_out(results.metrics[scenario]):
+        lines[-1:] = [*textwrap.wrap(text, width - 2, initial_indent="  ",
+                                     subsequent_indent="  "), ""]  # fmt: skip
     return "\n".join(lines[:-1])
 
 

@@ -63,9 +63,10 @@ def regret_spread(r: Results) -> Any:
     for axis, (vehicle, rail) in zip(axes[:, 0], pairs, strict=True):
         at = [k for k, p in enumerate(zip(t["vehicle"], t["rail"], strict=True))
               if p == (vehicle, rail)]  # fmt: skip
-        groups = {n: [max(t[n][k], 1e-4) for k in at] for n in NAMES}
+        groups = {n: [t[n][k] for k in at] for n in NAMES}
         title = f"{vehicle}, {rail}"
-        plots.spread(groups, ("regret", "m"), axis=axis, log=True, title=title)
+        lost = all(v > 0 for values in groups.values() for v in values)
+        plots.spread(groups, ("regret", "m"), axis=axis, log=lost, title=title)
     return fig
 
 

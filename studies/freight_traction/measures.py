@@ -28,10 +28,11 @@ Answer = Callable[[Results], Any]
 def part(
     r: Results, loop: str, signal: str, start: float, stop: float, scenario: str = "base"
 ) -> np.ndarray:
-    """Values of a logged signal between two times in s."""
+    """Values of a logged signal between two times in s; torques in kN m."""
     log = r.log(scenario, loop)
-    t = log["time"].values
-    return np.asarray(log[signal].values[(t >= start - 1e-9) & (t < stop - 1e-9)])
+    t, values = log["time"].values, log[signal].values
+    values = values / 1e3 if log[signal].attrs["units"] == "N m" else values
+    return np.asarray(values[(t >= start - 1e-9) & (t < stop - 1e-9)])
 
 
 def ends(r: Results, loop: str, section: int, scenario: str = "base") -> tuple[float, float]:

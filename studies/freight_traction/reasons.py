@@ -65,7 +65,7 @@ def formula(loop: str) -> Any:
 def excursion(r: Results) -> str:
     """Largest torque that the ripple reaches."""
     most = float(last(r, "smes_robust", TORQUE, DRY).max())
-    return f"the mean over whole periods; the ripple takes the torque up to {most:.0f} N m"
+    return f"the mean over whole periods; the ripple takes the torque up to {most:.3f} kN m"
 
 
 def locks(loop: str, section: int) -> Any:

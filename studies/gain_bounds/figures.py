@@ -237,20 +237,26 @@ def lyapunov(r: Results) -> Any:
     fig, axes = plots.panels(4, 2, height=1.7)
     for axis, run in zip(axes.flat, found, strict=False):
         with plots.style():
-            axis.semilogy(run.t, np.maximum(run.V, 1e-12), color=plots.BLUE)
-            claimed = np.where(run.where, run.V, np.nan)
-            axis.semilogy(run.t, claimed, color=plots.ORANGE, lw=2.2, alpha=0.6)
+            _covered(axis, run.t, np.maximum(run.V, 1e-12), plots.BLUE)
+            _covered(axis, run.t, np.where(run.where, run.V, np.nan), plots.ORANGE)
+            axis.set_yscale("log")
             axis.set_title(f"{run.name}: {run.source}", fontsize=7.5)
             axis.set_xlabel(plots.label("time", "s"))
             axis.set_ylabel("V")
     with plots.style():
         last = axes.flat[7]
         last.plot([], [], color=plots.BLUE, label="V")
-        last.plot(
-            [], [], color=plots.ORANGE, lw=2.2, alpha=0.6, label="where the proof claims V' < 0"
-        )
+        last.plot([], [], color=plots.ORANGE, lw=2.2, label="where the proof claims V' < 0")
         last.legend()
     return fig
+
+
+def _covered(axis: Any, t: np.ndarray, V: np.ndarray, hue: str) -> None:
+    """Largest V of each part of the time as a line, over what V covers there."""
+    edges = np.linspace(0, len(t), min(150, len(t)) + 1).astype(int)[:-1]
+    low, high = np.fmin.reduceat(V, edges), np.fmax.reduceat(V, edges)
+    axis.fill_between(t[edges], low, high, color=hue, alpha=0.2, lw=0, zorder=1.5)
+    axis.plot(t[edges], high, color=hue, lw=2.2 if hue == plots.ORANGE else 1.4)
 
 
 def sampled(r: Results) -> Any:
@@ -263,8 +269,18 @@ def sampled(r: Results) -> Any:
 
 
 def slip(r: Results) -> Any:
-    """Slip of both super-twisting gains and of the reaching law on dry rail."""
-    return plots.traces(r, "base", ["sta", "sta_printed", "smc"], ["slip"])
+    """Slip of both super-twisting gains beside that of the reaching law, whole and close up."""
+    fig, axes = plots.panels(2, 2, height=2.1)
+    for row, loop in zip(axes, ("sta", "sta_printed"), strict=True):
+        whole, close = {}, {}
+        for k in ("smc", loop):
+            log = r.log("base", k)
+            t, v_s = log["time"].values, log["plant.wheel.v_s"].values
+            near = (t >= 0.5) & (t < 0.53)
+            whole[k], close[k] = (t, v_s), (t[near], v_s[near])
+        plots.chatter(row[0], whole, ("slip speed", "m/s"), "mean and range", columns=100)
+        plots.lines(close, ("time", "s"), ("slip speed", "m/s"), axis=row[1], title="close up")
+    return fig
 
 
 DRAWN: dict[str, tuple[str, Callable[[Results], Any]]] = {

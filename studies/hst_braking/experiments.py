@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl import Block, Context, Experiment, Scenario, Table, simulate
+from slipctl import Block, Context, Experiment, Scenario, Table, prepare, simulate
 from slipctl.certify import filters
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.estimate.kalman.filters import ctukf
@@ -202,16 +202,21 @@ def search(context: Context) -> dict[str, Table]:
     def outcome(job: tuple[str, float, int]) -> dict[str, Any]:
         """Errors some time after each change of the rail, and the time until it is small."""
         name, noise, seed = job
-        block, scenario = context.loop("base", name)
-        block = sensing(block, {"tacho.sigma": noise})
-        log = simulate(block, scenario.but(seed=seed), compile=context.compile)
-        off = np.abs(log["ctl.search.best"].values - log["lam_opt"].values)
+        log = ready[name, noise](seed=seed)
+        off = np.abs(log["ctl.search.best"] - log["lam_opt"])
         starts = [2000 * k for k in range(len(NAMES))]
         return {
             "off": [[float(off[first + ms]) for ms in AFTER] for first in starts],
             "time": [time_until(off[first : first + 2000], NEAR_SLIP) for first in starts],
         }
 
+    ready = {}
+    for name, _, noise, _ in jobs:
+        block, scenario = context.loop("base", name)
+        block = sensing(block, {"tacho.sigma": noise})
+        ready[name, noise] = prepare(
+            block, scenario, compile=context.compile, log=("ctl.search.best", "lam_opt")
+        )
     runs = [(n, noise, s) for n, _, noise, count in jobs for s in range(1, count + 1)]
     outcomes = dict(zip(runs, context.each("runs", runs, outcome, (0.0, 0.9)), strict=True))
     for name, what, noise, count in jobs:

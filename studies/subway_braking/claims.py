@@ -88,12 +88,13 @@ def settled_finely(scenario: str, *loops: str) -> Answer:
 
 
 def ripple(r: Results, scenario: str, loop: str) -> dict[str, float]:
-    """Torque ripple in N m on each rail: peak to peak over its last 0.5 s."""
-    return dict(zip(RAILS, experiments.ripple_by_rail(r.log(scenario, loop)), strict=True))
+    """Torque ripple in kN m on each rail: peak to peak over its last 0.5 s."""
+    found = experiments.ripple_by_rail(r.log(scenario, loop))
+    return {rail: swing / 1e3 for rail, swing in zip(RAILS, found, strict=True)}
 
 
 def ripples(scenario: str, *loops: str) -> Answer:
-    """Largest torque ripple in N m of each loop."""
+    """Largest torque ripple in kN m of each loop."""
     return lambda r: {k: max(ripple(r, scenario, k).values()) for k in loops}
 
 
@@ -103,9 +104,9 @@ def ripple_in_words(scenario: str, *loops: str) -> Answer:
     def said(r: Results) -> str:
         parts = []
         for k in loops:
-            values = " / ".join(f"{v:.0f}" for v in ripple(r, scenario, k).values())
+            values = " / ".join(f"{v:.3g}" for v in ripple(r, scenario, k).values())
             parts.append(f"{k} {values}")
-        return f"ripple on dry / wet / ice in N m: {', '.join(parts)}"
+        return f"ripple on dry / wet / ice in kN m: {', '.join(parts)}"
 
     return said
 
@@ -116,11 +117,11 @@ def chatter_ends(loop: str) -> Answer:
 
 
 def steady_torque(loop: str) -> Answer:
-    """Mean torque in N m over the whole periods in the last 0.5 s of each rail."""
+    """Mean torque in kN m over the whole periods in the last 0.5 s of each rail."""
 
     def mean(r: Results) -> dict[str, float]:
         log = r.log("base", loop)
-        torque, last = log["plant.brake.T_b"].values, round(0.5 / H)
+        torque, last = log["plant.brake.T_b"].values / 1e3, round(0.5 / H)
         ends = (s.stop for s in spans(log))
         return {n: period_mean(torque[e - last : e]) for n, e in zip(RAILS, ends, strict=True)}
 
@@ -164,7 +165,8 @@ def resistance_in_words(loop: str) -> Answer:
         log = r.log("curves", loop)
         W, F = log["plant.curve.W"].values, log["plant.wheel.F_a"].values
         parts = [
-            f"{W[s.stop - 1]:.0f} N beside {F[s.stop - 500 : s.stop].mean():.0f} N of adhesion"
+            f"{W[s.stop - 1] / 1e3:.3f} kN beside {F[s.stop - 500 : s.stop].mean() / 1e3:.3f} kN"
+            " of adhesion"
             for s in spans(log)[1:]
         ]
         return f"the curves resist with {' and '.join(parts)}, and the law is told W"
@@ -219,7 +221,9 @@ def torque_of_the_orbit(r: Results) -> str:
     """Torque of the orbit at one and at two milliseconds, in words."""
     g1, g2, J, radius = (r.number("base", "smc", f"ctl.law.{n}") for n in ("g1", "g2", "J", "r"))
     one, two = (reaching_law.torque_swing(g1, g2, k * H, J, radius) for k in (1, 2))
-    return f"of the slip; the torque swings by {one:.0f} and {two:.0f} N m peak to peak"
+    return (
+        f"of the slip; the torque swings by {one / 1e3:.2f} and {two / 1e3:.2f} kN m peak to peak"
+    )
 
 
 def over_48(r: Results) -> str:
@@ -426,13 +430,13 @@ CHATTER = (
     ),
     *both(
         "torque_order", "section 5, Fig. 8", "the torque falls from dry to wet to ice", "order",
-        "dry > wet > ice", steady_torque, "N m", tolerance=0.0, tolerance_why="an order",
+        "dry > wet > ice", steady_torque, "kN m", tolerance=0.0, tolerance_why="an order",
         scenario="base", assumption="mean over the last 0.5 s of each rail",
     ),
     *both(
         "torque_stable_in_curves", "section 5, Fig. 11",
         "the torque is stable in curves, that of the reaching law shakes", "order", "smc > sta",
-        lambda loop: ripples("curves", "smc", loop), "N m", tolerance="50 %",
+        lambda loop: ripples("curves", "smc", loop), "kN m", tolerance="50 %",
         tolerance_why="'without excessive shaking': less than half", scenario="curves",
         why=lambda loop: ripple_in_words("curves", "smc", loop),
     ),

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl import Block, Context, Table, differential_evolution, rls, simulate
+from slipctl import Block, Context, Table, differential_evolution, prepare, rls
 from slipctl.run.metrics import settling
 from slipctl.run.results import NotRun
 from slipctl.studies.subway_braking.loops import TABLE_1, H
@@ -107,21 +107,24 @@ def stationary_points(law: Block, condition: str = "dry") -> int:
 def held(context: Context) -> Table:
     """Loop with the online optimum behind lag and real sensors: is the optimum found and held?"""
     loop, scenario = context.loop("real", "sta_online")
-    found: dict[str, list[list[bool]]] = {k: [] for k in ("half", "end", "slip")}
-    for seed in range(1, SEEDS + 1):
-        log = simulate(loop, scenario.but(seed=seed), compile=context.compile)
+    run = prepare(loop, scenario, compile=context.compile)
+
+    def outcome(seed: int) -> dict[str, list[bool]]:
+        """Whether it is found and held on each rail."""
+        log = run(seed=seed).dataset()
         time, true = log["time"].values, log["v_opt"].values
         off = {n: log[n].values / true - 1 for n in ("ctl.search.best", "plant.wheel.v_s")}
-        row: dict[str, list[bool]] = {k: [] for k in found}
+        row: dict[str, list[bool]] = {k: [] for k in ("half", "end", "slip")}
         for s in rails(log):
             span = (s.start * H, s.stop * H, NEAR)
             best, slip = (settling(time, e, *span) for e in off.values())
             row["half"].append(best is not None and best <= 0.5)
             row["end"].append(bool(abs(off["ctl.search.best"][s.stop - 1]) < NEAR))
             row["slip"].append(slip is not None and slip <= 0.5)
-        for k, values in row.items():
-            found[k].append(values)
-        context.progress(seed / SEEDS)
+        return row
+
+    rows = context.each("seeds", range(1, SEEDS + 1), outcome)
+    found = {k: [row[k] for row in rows] for k in ("half", "end", "slip")}
     share = {k: 100 * np.mean(v, axis=0) for k, v in found.items()}
     return Table(
         "Online optimum with 50 ms of lag and real sensors",

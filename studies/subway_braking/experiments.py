@@ -18,6 +18,7 @@ from slipctl import (
     argmax_block,
     differential_evolution,
     peak_bound,
+    prepare,
     rls,
     simulate,
 )
@@ -229,16 +230,14 @@ def moving(context: Context) -> dict[str, Table]:
     reference = simulate(known, scenario, compile=context.compile)
     distance = float(reference["plant.wheel.x"][-1])
     levels = ((0.0, 1), (2e-4, 5 if context.quick else 100), (1e-3, 5 if context.quick else 100))
+    run = prepare(loop, scenario, compile=context.compile)
     summary: dict[str, list[Any]] = {k: [] for k in ("noise", "seeds", "price", "time", "use")}
     shares: dict[str, list[Any]] = {k: [] for k in ("noise", "rail", "end", "half", "bound")}
 
     def outcome(job: tuple[float, int]) -> dict[str, Any]:
         """Price, outcome on each rail, and for some seeds the bounds, of one run."""
         noise, seed = job
-        log = simulate(
-            loop, scenario.but(params={"adhesion.sigma": noise}, seed=seed),
-            compile=context.compile,
-        )  # fmt: skip
+        log = run({"adhesion.sigma": noise}, seed=seed).dataset()
         return {
             "price": float(log["plant.wheel.x"][-1]) - distance,
             "rails": [_rail_outcome(log, s, *t) for s, t in zip(spans(log), true, strict=True)],
@@ -326,18 +325,23 @@ def chatter(context: Context) -> Table:
     smc = reaching_law.torque_swing(36.0, 12.0, H, 240.0, 0.5)
     amplitude = super_twisting.explicit_amplitude(20.0, 10.0, H)
     sta = 240.0 / 0.5 * (2 * 20.0 * math.sqrt(amplitude) - H * 10.0)
-    for scenario, loops in (("base", ("smc", "sta", "sta_implicit", "sta_printed")),
-                            ("real", ("smc", "sta", "sta_implicit"))):  # fmt: skip
-        for name in loops:
-            loop, where = context.loop(scenario, name)
-            values = ripple_by_rail(simulate(loop, where, compile=context.compile))
-            rows["loop"].append(name)
-            rows["scenario"].append(scenario)
-            for rail, value in zip(RAILS, values, strict=True):
-                rows[rail].append(value)
-            rows["theory"].append(
-                {"smc": smc, "sta": sta}.get(name) if scenario == "base" else None
-            )
+    wanted = [
+        *(("base", n) for n in ("smc", "sta", "sta_implicit", "sta_printed")),
+        *(("real", n) for n in ("smc", "sta", "sta_implicit")),
+    ]
+
+    def ripple(which: tuple[str, str]) -> list[float]:
+        loop, where = context.loop(*which)
+        return ripple_by_rail(simulate(loop, where, compile=context.compile))
+
+    for (scenario, name), values in zip(
+        wanted, context.each("ripples", wanted, ripple), strict=True
+    ):
+        rows["loop"].append(name)
+        rows["scenario"].append(scenario)
+        for rail, value in zip(RAILS, values, strict=True):
+            rows[rail].append(value)
+        rows["theory"].append({"smc": smc, "sta": sta}.get(name) if scenario == "base" else None)
     return Table(
         "Torque ripple over the last 0.5 s of each rail, peak to peak",
         {

@@ -108,6 +108,8 @@ def test_swapped_and_certified() -> None:
          ["column 6: exp takes", "column 18: exp takes"]),
         ("F [N] = 3", ["is no equation"]),
         ("F = m*v where F [N], m = 3 kg, v [m/s]", ["column 5: this is [N s], not [N]"]),
+        ("F = m*a where F [kN], m = 3 t, a [m/s^2]",
+         ["column 5: this is [N], not [kN]; numbers are kept in SI, say F [N]"]),
         ("mu = v where v [mm/ss]", ["v: unit 'mm/ss' cannot be read"]),
         ("mu = c where c = 3 in 5 .. 9", ["out of range"]),
         ("mu = c where c = 3 in 9 .. 5", ["c: its range begins at 9, above its end 5"]),
@@ -194,6 +196,13 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     # 1e-6: the points have ten digits
     found = [float(fitted.param_values()[n]) for n in "cab"]
     assert np.allclose(found, [0.4, 0.6, 1.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["T [N m] = 3", "mu == 3", "= 3"])
+def test_no_equation(name: str) -> None:
+    """What looks like an equation and is none is not told as a model that is missing."""
+    with pytest.raises(BadInput, match="is no equation; write name = expression"):
+        doors.load_block(name)
 
 
 WORDS = st.sampled_from(

@@ -211,6 +211,15 @@ def test_a_proof_for_another_loop_proves_nothing():
     assert dither.proven(loop._replace(W=0.6), found.proof) is None
 
 
+def test_a_function_does_not_fall_faster_than_it_does():
+    """M >= 2 mu P with the best mu of a search: of a larger one it is false, however it is said."""
+    loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.012566, 0.0)
+    proof = find(loop, 1.0).proof
+    for factor in (2, 5, 20):
+        assert dither.proven(loop, proof._replace(mu=factor * proof.mu)) is None
+    assert dither.proven(loop, proof._replace(mu=0.9 * proof.mu)) is not None
+
+
 def test_the_function_falls_at_random_states():
     """V along one tick of the equations in their first form, against the proven inequality."""
     loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.1, 0.0)
@@ -285,6 +294,15 @@ def test_flight_is_the_run():
 def test_covariance(numbers, wanted):
     assert verdict("rls", **numbers) == wanted
     assert set(proofs.write(system("rls"), numbers)["asked"]) >= {"P", "limit", "forgetting"}
+
+
+def test_a_start_beyond_the_limit_needs_no_run():
+    """Without forgetting P never grows: it exceeds the limit in sample 0 or never."""
+    numbers = dict(forgetting=1, P=10, limit=1)
+    entries = proofs.write(system("rls"), numbers)
+    assert "from the start" in proofs.check(system("rls"), entries)
+    run = entries["counterexample"]["run"]
+    assert run["windows"] == run["quiet"] == 0
 
 
 def test_largest_covariance_is_reached_and_not_passed():

@@ -26,7 +26,7 @@ DOCS = ROOT / "docs"
 RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
-    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md",
+    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md", "own_vehicle.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 

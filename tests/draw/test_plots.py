@@ -9,6 +9,7 @@ import pytest
 import toy_study
 
 from slipctl import BadInput
+from slipctl.block.units import scaled
 from slipctl.draw import mathml, plots, show
 from slipctl.study import doors, preparing, running
 
@@ -205,8 +206,10 @@ def test_chatter_hides_no_other_signal():
     assert (edges.min(), edges.max()) == (-1.0, 3.0)
 
 
-@pytest.mark.parametrize(("unit", "drawn"), [("N", "kN"), ("N m", "kN m"), ("m/s", "m/s")])
+@pytest.mark.parametrize(
+    ("unit", "drawn"), [("N", "kN"), ("N m", "kN m"), ("N m/s", "kN m/s"), ("m/s", "m/s")]
+)
 def test_forces_are_drawn_in_kilonewtons(unit, drawn):
-    factor, shown = plots.scaled(unit)
+    factor, shown = scaled(unit)
     assert shown == drawn
     assert factor == (1.0 if unit == drawn else 1e-3)

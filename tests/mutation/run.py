@@ -39,7 +39,7 @@ ROOMS = {
     "slipctl/predict": ["tests/predict"],
     "models": ["tests/models", "tests/docs/test_errata.py", "tests/docs/test_errata_contact.py",
                "tests/docs/test_errata_freight.py", "tests/docs/test_errata_traction_control.py",
-               "tests/docs/test_errata_train.py", "tests/study/test_jobs.py",
+               "tests/docs/test_errata_train.py",
                "tests/studies/test_hst_traction.py", "tests/studies/test_subway_braking.py"],
 }  # fmt: skip
 """Where changes are made, and the tests that are asked: the room's own and named neighbours."""

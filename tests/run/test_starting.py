@@ -18,6 +18,7 @@ from slipctl import (
     law,
     rls,
     sampled,
+    simulate,
 )
 from slipctl.run.starting import told_starts
 
@@ -133,3 +134,14 @@ def test_an_element_of_an_estimate_is_judged_by_its_own_deviation():
     )
     assert len(lines) == 1
     assert "log(d)" in lines[0]
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_run_from_python_carries_what_the_command_says(every):
+    """Whatever is logged; a run with nothing to tell carries nothing."""
+    for sigma in (1.0, 200.0):
+        whole = loop(f=ctukf(known, "v", "F", prior=sigma**2, noise=1.0))
+        lines = told_starts(whole, SCENARIO)
+        run = simulate(whole, SCENARIO, compile=False, log=["plant.c.v"], every=every)
+        assert run.attrs.get("told", "").splitlines() == lines
+        assert bool(lines) == (sigma == 1.0)

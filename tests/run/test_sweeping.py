@@ -138,7 +138,7 @@ def test_killed(tmp_path: Path) -> None:
         ({"seed": 2}, r"its seed differs \(1 there, 2 now\)"),
         ({"design": "sobol"}, "its design differs"),
         ({"vary": {"ctl.law.k1": (5, 20, 3)}}, "its vary differs"),
-        ({"loop": "other"}, "its numbers differs"),
+        ({"loop": "other"}, "its numbers differ;"),
     ],
 )
 def test_never_mixed(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
@@ -205,6 +205,23 @@ def test_labelled(tmp_path: Path) -> None:
     found.save(tmp_path / "all.nc")
     with xarray.open_dataset(tmp_path / "all.nc") as again:
         xarray.testing.assert_equal(again.load(), data)
+
+
+def test_logs_on_demand(tmp_path: Path) -> None:
+    """Signals that are asked for are kept over time, bit for bit, and belong to the sweep."""
+    loop, scenario = world()
+    found = swept(tmp_path, logs=["plant.wheel.v", "ctl.T_b"])
+    log = simulate(loop.with_params(**found.plan.numbers(4)), scenario, compile=False)
+    kept = found.log(4)
+    for name in ("time", "plant.wheel.v", "ctl.T_b"):
+        assert (kept[name].values == log[name].values).all()
+        assert kept[name].attrs["units"] == log[name].attrs["units"]
+    with pytest.raises(BadInput, match="its logs differ"):
+        swept(tmp_path)
+    with pytest.raises(BadInput, match="has no signal"):
+        swept(tmp_path / "new", logs=["ctl.T"])
+    with pytest.raises(BadInput, match="without --log"):
+        swept(tmp_path / "new").log(0)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from slipctl.run.results import NotRun, Results
 from slipctl.study import files, preparing, running
 from slipctl.study.declaration import Context, half_last_digit, judge
 from slipctl.study.doors import load_study
-from slipctl.study.texts import metric_table, number
+from slipctl.study.texts import metric_rows, metric_table, number
 
 EMPTY = Results(toy_study.study, [])
 
@@ -475,6 +475,27 @@ def test_a_table_of_many_loops_goes_on_below_and_never_wraps(width: int) -> None
     assert [w for w in words if w.startswith("loop_number")] == list(loops)
     assert [float(w) for w in words if w.endswith(".25")] == [k + 0.25 for k in range(19)]
     assert text.count("settling_time [s], dry") == text.count("settling_time [s], wet") > 1
+
+
+def test_a_settling_time_that_tells_no_loop_from_another_is_left_out_with_the_reason() -> None:
+    """Nor does a table show newtons: the same torque has one unit everywhere."""
+
+    def loop(first: float, torque: float) -> dict[str, Metric]:
+        return {
+            "settling_time": Metric([first, 0.0, 0.0], "s", ("dry", "wet", "ice")),
+            "torque_ripple": Metric(torque, "N m"),
+        }
+
+    loops = {"one": loop(0.1, 12000.0), "two": loop(0.2, 183.0)}
+    rows = metric_rows(Results(toy_study.study, [], metrics={"base": loops}), "base")
+    assert rows[1:] == [["settling_time [s], dry", "0.1", "0.2"],
+                        ["torque_ripple [kN m]", "12", "0.183"]]  # fmt: skip
+    text = metric_table(Results(toy_study.study, [], metrics={"base": loops}), "base", 60)
+    assert "settling_time on wet, ice: 0 for every loop" in " ".join(text.split())
+    assert max(map(len, text.splitlines())) <= 60
+    loops["two"]["settling_time"] = Metric([0.2, None, 0.3], "s", ("dry", "wet", "ice"))
+    rows = metric_rows(Results(toy_study.study, [], metrics={"base": loops}), "base")
+    assert [r[0] for r in rows[1:4]] == [f"settling_time [s], {n}" for n in ("dry", "wet", "ice")]
 
 
 def test_no_minus_zero() -> None:

@@ -1,0 +1,68 @@
+"""A trip as a study: which signal is the speed or the slip, and the figures of its report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.trip import case
+from slipctl.run.roles import Signals
+from slipctl.study.declaration import Figure, Study
+
+SIGNALS = Signals(
+    speed="plant.train.v", position="plant.train.x", slip="slip.y",
+    reference=("ctl.probe.reference", "ctl.reference.v_best"), best_slip="rail.best_slip",
+    adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
+)  # fmt: skip
+
+LOG = (
+    "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.omega", "plant.train.mu",
+    "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
+    "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
+    "ctl.curve.mu", "speed.y", "speed.v_m", "wheel.y", "wheel.omega_m",
+)  # fmt: skip
+"""Signals that a log keeps of every loop."""
+
+
+def _speeds(results: Any) -> Any:
+    from slipctl.draw import plots
+
+    return plots.speeds(results, "base", list(results.data["base"]))
+
+
+def _slip(results: Any) -> Any:
+    from slipctl.draw import plots
+
+    return plots.traces(results, "base", signals=("slip", "torque", "position"))
+
+
+def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
+    """Make the study of a trip, which ``slipctl run`` runs.
+
+    Args:
+        trip: the trip.
+        name: of its folder and files.
+        source: where it is from, for the report.
+    """
+    from dataclasses import replace
+
+    def cases(models: Any, quick: bool) -> list[Any]:
+        found = case(trip, "base")
+        if quick:
+            short = found.scenario.but(duration=min(found.scenario.duration, 0.5))
+            found = replace(found, scenario=short)
+        return [replace(found, log=LOG)]
+
+    vehicle = trip.vehicle
+    doc = (
+        f"A {'braked' if vehicle.mode == 'brake' else 'driven'} vehicle of"
+        f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
+        f" {3.6 * vehicle.speed:.4g} km/h."
+    )
+    return Study(
+        name=name, title=trip.title, source=source, doc=doc, cases=cases, signals=SIGNALS,
+        figures={
+            "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
+            "slip": Figure("Slip and torque of the worst axle, and the way", _slip),
+        },
+    )  # fmt: skip

@@ -1,0 +1,236 @@
+"""``slipctl compare``: runs and sweeps beside each other, what was changed first."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipctl.errors import BadInput
+from slipctl.run import store, sweep_store
+from slipctl.run.sweeping import open_sweep
+from slipctl.study.texts import number, wrapped
+
+TOLD = ("study", "quick", "seed", "slipctl_version", "casadi_version", "numpy_version")
+"""What a run says of itself that is compared, beside its parameters."""
+
+SWEPT = {
+    "loop": "loop", "scenario": "scenario", "set": "--set", "swapped": "--swap", "seed": "seed",
+    "samples": "samples", "design": "design", "slipctl": "slipctl_version",
+    "casadi": "casadi_version", "numpy": "numpy_version", "equations": "equations",
+    "numbers": "numbers and inputs",
+}  # fmt: skip
+"""The same of a sweep, with the words for it."""
+
+LISTED = 40
+"""Most changed parameters that are listed."""
+
+
+@dataclass
+class Side:
+    """A folder: what it says of itself, and its metrics by scenario and loop.
+
+    Attributes:
+        name: as it was typed.
+        about: what it is, in words.
+        parameters: value and unit by loop and name.
+        metrics: values of each metric by ``scenario/loop``: one of a run, many of a sweep.
+        units: unit by metric.
+        state: what a run is that did not come to its end.
+    """
+
+    name: str
+    about: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    metrics: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    state: str = ""
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Print what was changed, then the metrics beside each other."""
+    if len(options.folders) < 2:
+        raise BadInput("compare takes two folders or more; write slipctl compare A B")
+    sides = [read(name) for name in options.folders]
+    changed, tables = changes(sides), compared(sides)
+    if options.json:
+        print(store.json_text({"format": store.FORMAT, "changed": changed, "metrics": tables}))
+        return 0
+    print(text(sides, changed, tables))
+    return 0
+
+
+def read(name: str) -> Side:
+    """Read a folder of ``slipctl run`` or of ``slipctl sweep``.
+
+    Raises:
+        BadInput: it is neither.
+    """
+    folder = Path(name)
+    if (folder / sweep_store.FILE).is_file():
+        return _sweep(name)
+    if not (folder / "metrics.json").is_file():
+        raise BadInput(f"{name} is no folder of slipctl run or slipctl sweep; it has no metrics")
+    found = store.read_json(folder / "metrics.json")
+    side = Side(name, state=str(found.get("state", "")))
+    try:
+        side.about = {k: _said(found[k]) for k in TOLD if k in found}
+        side.parameters = dict(found.get("parameters", {}))
+        for scenario, loops in found["scenarios"].items():
+            for loop, metrics in loops.items():
+                rows: dict[str, np.ndarray] = {}
+                for metric, m in metrics.items():
+                    _put(side, rows, metric, m["value"], m["unit"], m.get("rows", ()))
+                side.metrics[f"{scenario}/{loop}"] = rows
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise BadInput(f"{folder / 'metrics.json'} is no file of slipctl: {error}") from None
+    return side
+
+
+def _put(
+    side: Side, rows: dict[str, np.ndarray], metric: str, value: Any, unit: str,
+    labels: Sequence[str],
+) -> None:  # fmt: skip
+    """Take down a metric; a list has a row for each number."""
+    values = value if isinstance(value, list) else [value]
+    for k, v in enumerate(values):
+        named = len(labels) == len(values)
+        label = labels[k] if named else str(k + 1)
+        name = f"{metric}, {label}" if isinstance(value, list) and len(values) > 1 else metric
+        rows[name] = np.array([np.nan if v is None else float(v)])
+        side.units[name] = unit
+
+
+def _sweep(name: str) -> Side:
+    found = open_sweep(name)
+    about = {SWEPT[k]: _said(v) for k, v in found.about.items() if k in SWEPT}
+    for axis in found.plan.axes:
+        points = f", {axis.points} values" if axis.points else ", drawn"
+        about[f"--vary {axis.name}"] = f"{axis.lo:g} .. {axis.hi:g} {axis.unit}{points}"
+    side = Side(name, about, state=f"{found.missing} runs are missing" if found.missing else "")
+    rows: dict[str, np.ndarray] = {}
+    for metric, (unit, labels) in found.units.items():
+        many = found.rows(metric)
+        for k in range(many or 1):
+            named = many is not None and len(labels) == many
+            label = labels[k] if named else str(k + 1)
+            row = f"{metric}, {label}" if many is not None and many > 1 else metric
+            rows[row] = found.column(metric, None if many is None else k)
+            side.units[row] = unit
+    loop = str(found.about.get("loop", "loop")).rpartition(":")[2]
+    side.metrics[f"{found.about['scenario']}/{loop}"] = rows
+    return side
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, str):
+        return value if len(value) <= 40 else value[:12] + "..."
+    return json.dumps(value)
+
+
+def changes(sides: Sequence[Side]) -> list[dict[str, Any]]:
+    """What differs between the folders, but their metrics: a row each."""
+    rows = []
+    for key in dict.fromkeys(k for s in sides for k in s.about):
+        values = [s.about.get(key, "-") for s in sides]
+        if len(set(values)) > 1:
+            rows.append({"what": key, "unit": "", "values": values})
+    for loop in dict.fromkeys(n for s in sides for n in s.parameters):
+        have = [s.parameters.get(loop) for s in sides]
+        known = [p for p in have if p is not None]
+        if len(known) < 2:
+            continue
+        for name in dict.fromkeys(n for p in known for n in p):
+            cells = [None if p is None or name not in p else p[name].get("value") for p in have]
+            if len({json.dumps(c) for c, p in zip(cells, have, strict=True) if p is not None}) > 1:
+                unit = next(p[name]["unit"] for p in known if name in p)
+                told = ["-" if c is None else number(c) for c in cells]
+                rows.append({"what": f"{loop}: {name}", "unit": unit, "values": told})
+    return rows
+
+
+def compared(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
+    """Rows of metrics for each loop that all have, or for the only loop of each."""
+    common = [k for k in sides[0].metrics if all(k in s.metrics for s in sides)]
+    pairs = [(k, [k] * len(sides)) for k in common]
+    if not common and all(len(s.metrics) == 1 for s in sides):
+        keys = [next(iter(s.metrics)) for s in sides]
+        pairs = [(" | ".join(keys), keys)]
+    if not pairs:
+        has = "; ".join(f"{s.name} has {', '.join(s.metrics) or 'none'}" for s in sides)
+        raise BadInput(f"the folders have no scenario and loop in common: {has}")
+    return {
+        title: [_row(sides, keys, metric) for metric in _names(sides, keys)]
+        for title, keys in pairs
+    }
+
+
+def _names(sides: Sequence[Side], keys: Sequence[str]) -> list[str]:
+    every = [s.metrics[k] for s, k in zip(sides, keys, strict=True)]
+    return list(dict.fromkeys(n for m in every for n in m))
+
+
+def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, Any]:
+    """A metric of each side: its median and spread, and how far it is from the first."""
+    values = [s.metrics[k].get(metric, np.empty(0)) for s, k in zip(sides, keys, strict=True)]
+    values = [v[np.isfinite(v)] for v in values]
+    middle = [float(np.median(v)) if v.size else None for v in values]
+    spread = [np.quantile(v, (0.05, 0.95)).tolist() if v.size > 1 else None for v in values]
+    first = middle[0]
+    apart = [None if m is None or first is None else m - first for m in middle[1:]]
+    beyond = [
+        bool(m is not None and first is not None and _apart(spread[0], spread[k], first, m))
+        for k, m in enumerate(middle[1:], start=1)
+    ]
+    unit = next((s.units[metric] for s in sides if metric in s.units), "1")
+    return {"metric": metric, "unit": unit, "values": middle, "spread": spread,
+            "difference": apart, "beyond_spread": beyond}  # fmt: skip
+
+
+def _apart(a: Any, b: Any, first: float, other: float) -> bool:
+    """Whether 90 % of the runs of one lie on one side of those of the other."""
+    (a_lo, a_hi), (b_lo, b_hi) = a or (first, first), b or (other, other)
+    return bool(a_hi < b_lo or b_hi < a_lo)
+
+
+def text(
+    sides: Sequence[Side], changed: Sequence[Mapping[str, Any]],
+    tables: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> str:  # fmt: skip
+    """What a person reads."""
+    letters = [chr(ord("A") + k) if k < 26 else str(k + 1) for k in range(len(sides))]
+    parts = ["\n".join(
+        f"{letter}  {s.name}" + (f" ({s.state})" if s.state else "")
+        for letter, s in zip(letters, sides, strict=True)
+    )]  # fmt: skip
+    rows = [["changed", "unit", *letters]]
+    rows += [[c["what"], c["unit"], *c["values"]] for c in changed[:LISTED]]
+    parts.append(_table(rows) if changed else "nothing but metrics differs")
+    if len(changed) > LISTED:
+        parts[-1] += f"\n{len(changed) - LISTED} more; --json has all"
+    swept = any(r["spread"] != [None] * len(sides) for t in tables.values() for r in t)
+    for title, metrics in tables.items():
+        rows = [[title, "unit", *letters, *(f"{x} - {letters[0]}" for x in letters[1:])]]
+        for r in metrics:
+            cells = [
+                number(v) + (f" ({number(s[0])} .. {number(s[1])})" if s else "")
+                for v, s in zip(r["values"], r["spread"], strict=True)
+            ]
+            apart = [
+                ("+" if d is not None and d > 0 else "") + number(d) + (" *" if swept and b else "")
+                for d, b in zip(r["difference"], r["beyond_spread"], strict=True)
+            ]
+            rows.append([r["metric"], r["unit"], *cells, *apart])
+        parts.append(_table(rows))
+    if swept:
+        parts.append("median (5 % .. 95 %); * the two spreads do not overlap")
+    return "\n\n".join(parts)
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    return wrapped(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])

@@ -1,0 +1,153 @@
+"""Files that describe a vehicle: what they say, and what is told of a fault."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slipctl.commands.cli import main
+from slipctl.errors import BadInput, Faults
+from slipctl.models.vehicle import parts
+from slipctl.study import doors, trip_files
+
+METRO = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+
+
+def read(tmp_path, text):
+    path = tmp_path / "my.toml"
+    path.write_text(text, encoding="utf-8")
+    trip_files.load_trip.cache_clear()
+    return trip_files.load_trip(str(path))
+
+
+def told(tmp_path, text):
+    with pytest.raises(BadInput) as refused:
+        read(tmp_path, text)
+    error = refused.value
+    return list(error.lines) if isinstance(error, Faults) else [str(error)]
+
+
+def line_with(text, part):
+    return next(k for k, line in enumerate(text.split("\n"), start=1) if part in line)
+
+
+def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
+    trip = read(tmp_path, METRO)
+    assert trip.vehicle.total == 38e3
+    assert trip.vehicle.speed == pytest.approx(60 / 3.6, rel=1e-15)
+    assert trip.actuator == parts.Lag(torque=8e3, lag=0.06, dead_time=0.02)
+    assert trip.sensors.wheel_speed == parts.ToothWheel(teeth=120)
+    assert [s.place for s in trip.rail.sections] == [0, 45, 75]
+    assert trip.controllers["super_twisting"].gains == {"k1": "20 m^.5/s^1.5", "k2": "10 m/s^3"}
+
+
+def test_new_writes_a_file_and_its_schema_and_never_over_another(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "metro"]) == 0
+    assert Path("metro.toml").read_text(encoding="utf-8") == METRO
+    defined = json.loads(Path("slipctl.schema.json").read_text(encoding="utf-8"))["$defs"]
+    assert set(tomllib.loads(METRO)) <= set(defined["Trip"]["properties"])
+    assert defined["Vehicle"]["additionalProperties"] is False
+    assert main(["new", "metro"]) == 2
+    assert "metro.toml exists" in capsys.readouterr().err
+    assert main(["new", "metto"]) == 2
+    assert "did you mean 'metro'" in capsys.readouterr().err
+
+
+def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("metro.toml").write_text(METRO, encoding="utf-8")
+    assert main(["show", "metro.toml"]) == 0
+    assert "none, pid, super_twisting, predictive" in capsys.readouterr().out
+    assert main(["certify", "metro.toml:pid"]) == 2
+    assert "certify does not take yet" in capsys.readouterr().err
+    loop, case = doors.find_loop(doors.load_study("metro.toml"), "none")
+    assert case.scenario.duration == 17.0
+    assert loop["plant.train"].choices["axles"] == 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ('mass = "38 t" ', 'mass = "38 km" ', "another dimension"),
+        ('mass = "38 t" ', "mass = 38 ", "38 has no unit; write '38 kg'"),
+        ('mass = "38 t" ', 'mass = "-38 t" ', "outside"),
+        ('mass = "38 t" ', 'masss = "38 t" ', "did you mean 'mass'"),
+        ("axles = 4 ", "axles = 33 ", "outside 1 .. 32"),
+        ("axles = 4 ", "axles = 3.5 ", "whole number"),
+        ('"tooth_wheel"', '"toothwheel"', "did you mean 'tooth_wheel'"),
+        ('mode = "brake"', 'mode = "braek"', "did you mean 'brake'"),
+        ('kind = "sta"', 'kind = "st"', "did you mean 'sta'"),
+        ('k1 = "20 m', 'k9 = "20 m', "k9"),
+        ('k1 = "20 m^.5/s^1.5"', 'k1 = "20 m"', "another dimension"),
+        ("leaves = { c = 0.18 }", 'leaves = { d = 0.18 }', "unknown"),
+        ('condition = "leaves"', 'condition = "leafs"', "did you mean 'leaves'"),
+        ('place = "45 m"', 'place = "85 m"', "not after the one before"),
+        ('law = "double_exponential"', 'law = "double_exponentail"', "double_exponential"),
+        ('torque = "8 kN m" ', "", "needs torque"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_told_with_its_line_and_what_is_meant(tmp_path, old, new, why):
+    assert METRO.count(old) == 1, old
+    lines = told(tmp_path, METRO.replace(old, new))
+    assert any(why in line for line in lines), lines
+    assert all(re.search(r"my\.toml, line \d+: ", line) for line in lines), lines
+    if new and why != "not after the one before":
+        number = line_with(METRO, old)
+        # a table's own line where the key is within an inline table or follows from another key
+        assert any(f"line {n}: " in lines[0] for n in range(number - 3, number + 1)), lines
+
+
+def test_all_faults_are_told_at_once(tmp_path):
+    text = METRO.replace('"38 t" ', '"38 km" ').replace('"toothwheel"', "").replace(
+        "axles = 4 ", "axles = 99 ").replace('"2.1 m"', "2.1")  # fmt: skip
+    assert len(told(tmp_path, text)) == 3
+
+
+def test_a_fault_on_the_command_line_is_one_line_each_and_exit_code_2(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(METRO.replace('"38 t" ', '"38 km" '), encoding="utf-8")
+    assert main(["run", "my.toml"]) == 2
+    said = capsys.readouterr().err.strip().split("\n")
+    assert len(said) == 1
+    assert said[0].startswith("slipctl: my.toml, line 18: vehicle.mass: ")
+    assert main(["run", "absent.toml"]) == 2
+    assert "there is no file absent.toml" in capsys.readouterr().err
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
+    lines = METRO.split("\n")
+    for _ in range(data.draw(st.integers(1, 3))):
+        k = data.draw(st.integers(0, len(lines) - 1))
+        junk = data.draw(
+            st.sampled_from(
+                ["", "[", "x = 1", "[vehicle]", 'kind = "none"', "place = true", "= 3", "a = nan",
+                 'mass = "1e999 t"', "seed = -1", "[[rail.sections]]", 'axles = "4"',
+                 'radius = ["0.4 m"]', "gradient = [1, 2]", "start = { c = [] }", "[controllers]"]
+            ) | st.text(max_size=12)
+        )  # fmt: skip
+        how = data.draw(st.integers(0, 3))
+        if how == 0:
+            lines[k] = junk
+        elif how == 1:
+            lines.insert(k, junk)
+        elif how == 2:
+            del lines[k]
+            lines = lines or [""]
+        else:
+            cut = data.draw(st.integers(0, len(lines[k])))
+            lines[k] = lines[k][:cut] + junk + lines[k][cut:]
+    folder = tmp_path_factory.mktemp("altered")
+    try:
+        found = read(folder, "\n".join(lines))
+    except BadInput as error:
+        found = error
+    assert isinstance(found, (parts.Trip, BadInput))
