@@ -13,6 +13,7 @@ from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.horizon import Horizon, Soft
+from slipctl.predict.limits import entries_of, hard_limits, soft_limits
 from slipctl.predict.reference import DEVIATION, Sparse, available, nonlinear
 
 SOLVERS = ("riccati", "osqp", "qrqp", "ipopt", "fatrop")
@@ -108,8 +109,8 @@ def nmpc(
     full = {c: plant.find(c, "input") for c in controls}
     limits = _bounds(where, plant, full, _by_name(where, "bounds", bounds))
     rate = _rates(where, controls, _by_name(where, "rates", rates))
-    softs = _soft(where, plant, _by_name(where, "soft", soft))
-    softs |= _hard(where, plant, _by_name(where, "hard", hard), softs)
+    softs = soft_limits(where, plant, _by_name(where, "soft", soft))
+    softs |= hard_limits(where, plant, _by_name(where, "hard", hard), softs)
     if not rescue and any(s.hard or s.linear for s in softs.values()):
         raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
     if softs and solver in ("ipopt", "fatrop") and any(s.hard or s.linear for s in softs.values()):
@@ -375,7 +376,7 @@ def _bounds(
     found = {}
     for c, n in full.items():
         s = plant.inputs[n]
-        lo, hi = _entries(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
+        lo, hi = entries_of(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
         for b in (lo, hi):
             if not isinstance(b, str):
                 check_number(f"{where}: bounds of {c}: an end", b, s.unit)
@@ -401,13 +402,6 @@ def _by_name(where: str, what: str, given: Any) -> dict[str, Any]:
     return dict(given or {})
 
 
-def _entries(where: str, given: Any, form: str) -> Any:
-    """Entries of one setting, refused where they are not of the form."""
-    if not isinstance(given, (tuple, list)) or len(given) != len(form.split(",")):
-        raise BadInput(f"{where}: {given!r} is not {form}")
-    return given
-
-
 def _scale(lo: Limit, hi: Limit) -> float:
     numbers = [abs(b) for b in (lo, hi) if not isinstance(b, str)]
     return max(numbers, default=1.0) or 1.0
@@ -419,61 +413,6 @@ def _rates(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> d
             raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
         check_positive(f"{where}: rate of {c}", r)
     return dict(rates)
-
-
-def _soft(
-    where: str, plant: Block, soft: Mapping[str, tuple[float | None, ...]]
-) -> dict[str, Soft]:
-    found = {}
-    for n, entries in soft.items():
-        form = "(lo, hi, weight)"
-        if isinstance(entries, (tuple, list)) and len(entries) == 4:
-            form = "(lo, hi, weight, linear)"
-        given = _entries(f"{where}: soft limits of {n}", entries, form)
-        name, low, high = _range(where, plant, n, "soft", given[0], given[1], form)
-        weight, linear = [*given[2:], 0.0][:2]
-        if len(given) == 4:
-            check_positive(f"{where}: linear weight of {n}", linear)
-        if len(given) == 3 or weight != 0:
-            check_positive(f"{where}: weight of {n}", weight)
-        found[name] = Soft(low, high, float(weight), float(linear))
-    return found
-
-
-def _hard(
-    where: str, plant: Block, hard: Mapping[str, tuple[float | None, float | None]],
-    softs: Mapping[str, Soft],
-) -> dict[str, Soft]:  # fmt: skip
-    found = {}
-    for n, entries in hard.items():
-        form = "(lo, hi)"
-        given = _entries(f"{where}: hard limits of {n}", entries, form)
-        name, low, high = _range(where, plant, n, "hard", given[0], given[1], form)
-        if name in softs:
-            raise BadInput(f"{where}: {n} has soft limits and hard ones; give one of them")
-        size = max((abs(b) for b in (low, high) if abs(b) < FAR), default=1.0) or 1.0
-        found[name] = Soft(low, high, 1 / size, hard=True)
-    return found
-
-
-FAR = 1e12
-"""A limit at this distance is none."""
-
-
-def _range(
-    where: str, plant: Block, n: str, kind: str, lo: Any, hi: Any, form: str
-) -> tuple[str, float, float]:
-    """Full name and limits of an output or state."""
-    name = plant.find(n, "state", "output")
-    s = (plant.states | plant.outputs)[name]
-    low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
-    for b in (low, high):
-        check_number(f"{where}: {kind} limits of {n}: an end", b, s.unit)
-    if not low < high:
-        raise BadInput(f"{where}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
-    if math.isinf(low) and math.isinf(high):
-        raise BadInput(f"{where}: {n} has no range; give {kind}={{{n!r}: {form}}}")
-    return name, max(low, -FAR), min(high, FAR)
 
 
 def _weights(where: str, cost: Block, weights: Mapping[str, float]) -> dict[str, float]:
