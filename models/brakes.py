@@ -17,7 +17,7 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
         @law(T_b=Output("N m", "brake torque", positive="braking"), name="brake")
         def ideal(
             T_cmd=Input("N m", "commanded torque", positive="braking"),
-            T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+            T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1, hi=1e8),
         ):
             """Limits of a brake, 0 <= T_b <= T_max, without lag."""
             return fmin(T_max, fmax(0, T_cmd))
@@ -44,7 +44,7 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
     def lagging(
         T_b=State("N m", 0.0, "brake torque", lo=0, positive="braking"),
         T_cmd=Input("N m", "commanded torque", positive="braking"),
-        T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
+        T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1, hi=1e8),
         tau=Param("s", 0.05, "time constant of the cylinder", "typical, guess", lo=1e-3, hi=5),
     ):
         """Limits of a brake and a first-order lag: tau T_b' = sat(T_cmd) - T_b."""

@@ -32,6 +32,7 @@ from slipctl import (
     law,
     mirror,
     one,
+    ranged,
     sampled,
     speed_to_ratio,
 )
@@ -77,11 +78,33 @@ class Wheel(NamedTuple):
 
 
 @law(
-    D=Output("m/s^2", "what the slip falls by without torque", positive="braking"),
+    D=Output(
+        "m/s^2",
+        "what the slip falls by without torque",
+        positive="braking",
+        source="adhesion of 2 on the least inertia",
+        lo=-1e5,
+        hi=1e5,
+    ),
 )
 def fall(
-    F=Input("N", "adhesion force", positive="braking"),
-    a_R=Input("m/s^2", "deceleration by resistance", value=0.0, positive="braking"),
+    F=Input(
+        "N",
+        "adhesion force",
+        positive="braking",
+        source="that of the law, whose mass is its own",
+        lo=-1e12,
+        hi=1e12,
+    ),
+    a_R=Input(
+        "m/s^2",
+        "deceleration by resistance",
+        value=0.0,
+        positive="braking",
+        source="gravity",
+        lo=-10,
+        hi=10,
+    ),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
@@ -90,7 +113,9 @@ def fall(
     return (r**2 / J + 1 / m) * F + a_R
 
 
-@law(F=Output("N", "adhesion force", positive="braking"))
+@law(
+    F=Output("N", "adhesion force", "adhesion of 2 under 50 t", positive="braking", lo=-1e6, hi=1e6)
+)
 def force(
     mu=Input("1", "adhesion coefficient", positive="braking"),
     m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
@@ -100,9 +125,25 @@ def force(
     return mu * m_axle * g
 
 
-@law(T_eq=Output("N m", "torque that keeps the slip", positive="braking"))
+@law(
+    T_eq=Output(
+        "N m",
+        "torque that keeps the slip",
+        positive="braking",
+        source="adhesion of 2 on the largest inertia",
+        lo=-1e7,
+        hi=1e7,
+    )
+)
 def keeping(
-    D=Input("m/s^2", "what the slip falls by without torque", positive="braking"),
+    D=Input(
+        "m/s^2",
+        "what the slip falls by without torque",
+        positive="braking",
+        source="adhesion of 2 on the least inertia",
+        lo=-1e5,
+        hi=1e5,
+    ),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
 ):
@@ -110,11 +151,25 @@ def keeping(
     return J / r * D
 
 
-@law(T_cmd=Output("N m", "commanded torque", positive="braking"))
+@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"))
 def limits(
-    T_wanted=Input("N m", "wanted torque", positive="braking"),
-    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    T_wanted=Input(
+        "N m",
+        "wanted torque",
+        positive="braking",
+        source="the gains at the ends of their ranges",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    T=Input(
+        "N m",
+        "torque at the wheel, as measured",
+        positive="braking",
+        source="the gains at the ends of their ranges",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
     lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
 ):
     """Command behind a lag: shortened by ``lead`` as in freight_traction, then limited."""
@@ -122,6 +177,36 @@ def limits(
 
 
 # ---- the laws ------------------------------------------------------------------------------------
+
+LAW = {
+    "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
+    "v_s": (-5, 120, "a locked wheel; a tooth wheel that turns again jumps", 2),
+    "v_best": (-20, 20, "twice the range that is searched"),
+    "D": (-1e5, 1e5, "adhesion of 2 on the least inertia"),
+    "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),
+    "T": (-1e6, 1e6, "fifty brakes"),
+    **dict.fromkeys(("a", "b", "c", "a0", "a1", "a2"), (-1e6, 1e6, "parameters of the curve")),
+    "T_wanted": (-1e9, 1e9, "the gains at the ends of their ranges"),
+    **dict.fromkeys(
+        ("ratio.y", "adh.lam"), (-125, 125, "locked at 1 m/s, below which none is formed")
+    ),
+    "best.y": (-20, 20, "twice the range that is searched"),
+    "force.y": (-1e6, 1e6, "that of the input"),
+    "fall.y": (-1e5, 1e5, "that of the input"),
+    "slip.y": (-120, 120, "that of the input"),
+    **dict.fromkeys(("torque.y", "mirror.y"), (-1e9, 1e9, "that of the law")),
+    **dict.fromkeys(("adh.mu", "adh.grip"), (-1e3, 1e3, "parameters far from any rail")),
+    **dict.fromkeys(("nmpc.X", "nmpc.U", "nmpc.applied"), (-1e6, 1e6, "a hundred thrusts")),
+    "nmpc.S": (-10, 10, "statuses are whole numbers"),
+    "nmpc.planned": (0, 1, "no or yes"),
+}
+"""Ranges of a law in the common form: what it is fed, and what its adaptors and its plan hold."""
+
+
+def bounded(law_block: Block) -> Block:
+    """Declare the ranges of :data:`LAW` that the law has signals for."""
+    own = {s.name for s in law_block.signals}
+    return ranged(law_block, table={n: row for n, row in LAW.items() if n in own})
 
 
 def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
@@ -138,10 +223,10 @@ def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
             "T_wanted": "law.T_wanted",
         }
         block = control_law.with_params(J=w.J, r=w.r)
-        return connect(
+        return bounded(connect(
             "law", wires, share=SHARED, reference=huang.slip_reference,
             keeping=keeping.with_params(J=w.J, r=w.r), law=block,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     return make
 
@@ -180,11 +265,11 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
         wires |= {f"law.{n}": ports[n] for n in block.inputs}
         shape = zhang.shaper.with_params(J=w.J, r=w.r)
         shape = shape.with_params(lam_ref_start=first)
-        return connect(
+        return bounded(connect(
             "law", wires, share=shared, ratio=speed_to_ratio(), best=speed_to_ratio(),
             force=flip_sign("N", "traction"), reference=shape, law=block,
             torque=flip_sign("N m", "braking"),
-        )  # fmt: skip
+        ))  # fmt: skip
 
     return make
 
@@ -215,11 +300,11 @@ def of_cheng(form: str = "robust") -> Callable[[Wheel], Block]:
         reference = cheng.reference(T_S)
         reference = reference.with_params(most=10.0 * share)
         speed = ("m/s", "traction", "speed")
-        return connect(
+        return bounded(connect(
             "law", wires, share=SHARED, slip=mirror(*speed), best=mirror("m/s", "traction"),
             fall=mirror("m/s^2", "traction"), reference=reference, barrier=block,
             torque=mirror("N m", "braking"),
-        )  # fmt: skip
+        ))  # fmt: skip
 
     return make
 
@@ -254,7 +339,7 @@ def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
             "mirror.u": "torque.T",
             "T_wanted": "mirror.y",
         }
-        return connect(
+        return bounded(connect(
             "law", wires, share={k: v for k, v in SHARED.items() if k != "m"}
             | {"m_law": ["law.m", "scale.m", "torque.m"]},
             slip=mirror("m/s", "traction", "speed"), best=mirror("m/s", "traction"),
@@ -262,40 +347,69 @@ def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
             scale=force_limits.with_params(m=scale, J=w.J, r=w.r, T_max=w.T_max),
             law=block, torque=torque_of.with_params(m=scale, J=w.J, r=w.r),
             mirror=mirror("N m", "braking"),
-        )  # fmt: skip
+        ))  # fmt: skip
 
     return make
 
 
-@law(e1=Output("m", "none: a slip has no position"), e2=Output("m/s", "creep less reference"))
+@law(
+    e1=Output("m", "none: a slip has no position", source="a slip has no position", lo=-1, hi=1),
+    e2=Output("m/s", "creep less reference", source="a wheel that spins free", lo=-500, hi=500),
+)
 def slip_error(
-    v_s=Input("m/s", "creep", positive="traction", per="speed"),
-    v_ref=Input("m/s", "its reference", positive="traction"),
+    v_s=Input(
+        "m/s",
+        "creep",
+        positive="traction",
+        per="speed",
+        source="a wheel that spins free",
+        lo=-120,
+        hi=500,
+    ),
+    v_ref=Input(
+        "m/s",
+        "its reference",
+        positive="traction",
+        source="twice the range that is searched",
+        lo=-20,
+        hi=20,
+    ),
 ):
     """Slip error in the place of a speed error."""
     return dict(e1=0 * one("s") * v_s, e2=v_s - v_ref)
 
 
 SCALE = dict(
-    m=Param("kg", 500e3, "mass that the law has", ADDED, lo=1),
+    m=Param("kg", 500e3, "mass that the law has", ADDED, lo=1, hi=1e9),
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
 )
 
 
-@law(F_hi=Output("N", "largest force", positive="traction"),
-     F_lo=Output("N", "smallest force", positive="traction"))  # fmt: skip
+@law(F_hi=Output("N", "largest force", positive="traction", lo=0, hi='m * r / J * T_max'),
+     F_lo=Output("N", "smallest force", positive="traction", source='a brake does not drive', lo=-1,
+                 hi=1))  # fmt: skip
 def force_limits(
     m=SCALE["m"], J=SCALE["J"], r=SCALE["r"],
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
 ):  # fmt: skip
     """Limits of the torque as forces on the mass of the law, F = M (r/J) T."""
     return dict(F_hi=m * r / J * T_max, F_lo=0 * m * r / J * T_max)
 
 
-@law(T=Output("N m", "torque at the wheel", positive="traction"))
+@law(
+    T=Output(
+        "N m",
+        "torque at the wheel",
+        positive="traction",
+        source="the gains at the ends of their ranges",
+        lo=-1e9,
+        hi=1e9,
+    )
+)
 def torque_of(
-    F=Input("N", "force that the law wants", positive="traction"),
+    F=Input("N", "force that the law wants", positive="traction",
+            source='that of the law, whose mass is its own', lo=-1e12, hi=1e12),
     m=SCALE["m"], J=SCALE["J"], r=SCALE["r"],
 ):  # fmt: skip
     """T = (J/r) F/M."""

@@ -133,8 +133,8 @@ def polach(
     a=Param("m", _PATCH["a"], "semi-axis of the patch, rolling", "Hertz", lo=1e-4, hi=0.1),
     b=Param("m", _PATCH["b"], "semi-axis of the patch, lateral", "Hertz", lo=1e-4, hi=0.1),
     c11=Param("1", _PATCH["c11"], "creep coefficient", "Kalker 1990, Table E.3", lo=1, hi=50),
-    KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "eq (6)"),
-    v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3),
+    KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "eq (6)", lo=0, hi=1e6),
+    v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3, hi=10),
 ):
     """Adhesion over creep after Polach, with friction that falls; Wang 2025 eqs (6)-(8)."""
     mu_vf = mu_0 * ((1 - A) * exp(-B * fabs(v_s)) + A)

@@ -66,7 +66,9 @@ def fastsim(
     b=Param("m", PATCH["b"], "semi-axis of the patch, lateral", "Hertz", lo=1e-4, hi=0.1),
     c11=Param("1", PATCH["c11"], "creep coefficient", "Kalker 1990, Table E.3", lo=1, hi=50),
     KEPS=Param("1", "G * pi * a * b * c11 / (4 * Q)", "stiffness by load", "FASTSIM"),
-    v_min=Param("m/s", 1.0, "speed below which the creep is not divided", "guess", lo=1e-3),
+    v_min=Param(
+        "m/s", 1.0, "speed below which the creep is not divided", "guess", lo=1e-3, hi=1000
+    ),
 ):
     """Adhesion over creep by FASTSIM on an ellipse with a parabolic bound, in closed form."""
     mu_vf = friction(v_s, A, B, mu_0)
@@ -98,7 +100,9 @@ def carter(
     R=Param("m", 0.445, "radius of the cylinder", "guess", lo=0.05, hi=5),
     b=Param("m", PATCH["b"], "half the width of the line", "guess", lo=1e-4, hi=1),
     a=Param("m", "sqrt(2 * Q * R * (1 - nu) / (pi * b * G))", "half its length", "Hertz, a line"),
-    v_min=Param("m/s", 1.0, "speed below which the creep is not divided", "guess", lo=1e-3),
+    v_min=Param(
+        "m/s", 1.0, "speed below which the creep is not divided", "guess", lo=1e-3, hi=1000
+    ),
 ):
     """Adhesion over creep by Carter: a cylinder rolls on a plane, all across alike."""
     mu_vf = friction(v_s, A, B, mu_0)

@@ -49,10 +49,12 @@ def converter(
     def convert(
         u=Input(unit, "signal", positive=positive),
         n=Noise(),
-        low=Param(unit, lo, "lower end of the range", GUESS),
-        high=Param(unit, hi, "upper end of the range", GUESS),
-        codes=Param("1", 2.0 ** int(bits) - 1, "largest code", f"{bits} bit", lo=1),
-        sigma=Param(unit, sigma, "noise before the conversion, standard deviation", GUESS, lo=0),
+        low=Param(unit, lo, "lower end of the range", GUESS, lo=-1e6, hi=1e6),
+        high=Param(unit, hi, "upper end of the range", GUESS, lo=-1e6, hi=1e6),
+        codes=Param("1", 2.0 ** int(bits) - 1, "largest code", f"{bits} bit", lo=1, hi=1e6),
+        sigma=Param(
+            unit, sigma, "noise before the conversion, standard deviation", GUESS, lo=0, hi=1e6
+        ),
     ):
         """Converter with noise, saturation and steps; its error is at most half a step in range."""
         q = (high - low) / codes

@@ -36,7 +36,7 @@ def air_brake(form: str = "ideal") -> Block:
         def ideal(
             T_cmd=Input("N m", "commanded torque", positive="traction"),
             theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
-            P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3),
+            P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3, hi=1e9),
         ):
             """Brake without lag: pressure limits 0 <= P_c <= P_max."""
             P_c = fmax(0, fmin(P_max, T_cmd / theta))
@@ -53,7 +53,7 @@ def air_brake(form: str = "ideal") -> Block:
             P_c=State("Pa", 0.0, "cylinder pressure"),
             T_cmd=Input("N m", "commanded torque", positive="traction"),
             theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
-            P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3),
+            P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3, hi=1e9),
             tau=Param("s", 0.02, "time constant of the cylinder", "guess", lo=1e-3, hi=5),
         ):
             """Brake with limits and a first-order cylinder: tau P_c' = sat(T_cmd/theta) - P_c."""
@@ -70,10 +70,10 @@ def air_brake(form: str = "ideal") -> Block:
         P_c=State("Pa", 0.0, "cylinder pressure"),
         position=Input("1", "valve: 1 fills, 0 holds, -1 vents", lo=-1, hi=1),
         theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
-        P_max=Param("Pa", 600e3, "supply pressure", "guess, not in the paper", lo=1e3),
+        P_max=Param("Pa", 600e3, "supply pressure", "guess, not in the paper", lo=1e3, hi=1e9),
         tau_f=Param("s", 0.15, "filling towards the supply", "guess", lo=1e-3, hi=5),
         tau_v=Param("s", 0.10, "venting towards the air", "guess", lo=1e-3, hi=5),
-        tau_l=Param("s", 1e3, "leak while holding", "guess", lo=1),
+        tau_l=Param("s", 1e3, "leak while holding", "guess", lo=1, hi=1e6),
     ):
         """Cylinder behind a valve: fills towards the supply, vents towards the air, or holds."""
         fill = fmax(0, position) * (P_max - P_c) / tau_f
@@ -88,8 +88,8 @@ def ep_valve(
     T_cmd=Input("N m", "commanded torque", positive="traction"),
     T_b=Input("N m", "brake torque, from the pressure sensor", positive="traction"),
     theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
-    P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3),
-    band=Param("Pa", 3e3, "pressure error below which it holds", "guess", lo=0),
+    P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3, hi=1e9),
+    band=Param("Pa", 3e3, "pressure error below which it holds", "guess", lo=0, hi=1e7),
 ):
     """Electro-pneumatic valve: fill, hold or vent, decided at each tick from the pressure error."""
     error = fmax(0, fmin(P_max, T_cmd / theta)) - T_b / theta

@@ -112,12 +112,12 @@ def balance(period: float) -> Block:
         w=State("m^2/s^2", 0.0, "square of the speed, filtered"),
         v_t=Input("m/s", "train speed", lo=0, hi=50),
         mu_hat=Input("1", "adhesion estimate", positive="traction", lo=-1, hi=1),
-        T=Param("s", period, "period of the samples", "chosen", lo=1e-6),
+        T=Param("s", period, "period of the samples", "chosen", lo=1e-6, hi=1e6),
         tau_f=Param("s", 2.0, "time constant of the filters", "chosen, tau", lo=1e-3, hi=100),
         m=Param("kg", 6e6, "train, as the controller knows it", f"{TABLE_2}, M", lo=1e4, hi=3e7),
         m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
         n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
-        g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
     ):
         """Regression for the running resistance, both sides of (14) filtered by Tustin's rule.
 

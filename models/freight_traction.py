@@ -78,7 +78,14 @@ Table 1 have the same best creep, so that nothing would have to be sought again.
 
 
 @law(
-    mu=Output("1", "adhesion coefficient", positive="traction"),
+    mu=Output(
+        "1",
+        "adhesion coefficient",
+        positive="traction",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    ),
     conditions=SURFACES | PRINTED | MOVING,
     closed_form=peak_creep,
     coordinates=("log(c)", "log(a)", "log(b - a)"),
@@ -94,15 +101,24 @@ def adhesion(
     return sign(v_s) * c * (exp(-a * s) - exp(-b * s))
 
 
-@law(F_Z=Output("N", "running resistance", positive="braking"))
+@law(
+    F_Z=Output(
+        "N",
+        "running resistance",
+        positive="braking",
+        source="half the weight",
+        lo="-m * g * 0.5",
+        hi="m * g * 0.5",
+    )
+)
 def resistance(
     v=Input("m/s", "train speed"),
     a1=Param("N/kN", 0.5, "constant part", TABLE_2, lo=0, hi=10),
     a2=Param("N s/(kN m)", 0.04, "linear part", TABLE_2, lo=0, hi=1),
     a3=Param("N s^2/(kN m^2)", 0.0026, "quadratic part", TABLE_2, lo=0, hi=0.1),
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
-    v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
+    v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6, hi=10),
     slope=SLOPE,
 ):
     """Running resistance, 0 <= v <= 33 m/s; Cheng 2022 eq (4), read in N/kN with v in m/s.
@@ -136,7 +152,7 @@ def train(
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Driven train with one equivalent motor; Cheng 2022 eqs (1), (2), (5), (6), (8).
 
@@ -163,7 +179,7 @@ def motor(lag: bool = False) -> Block:
         @law(T_m=Output("N m", "motor torque", positive="traction"), name="motor")
         def ideal(
             T_cmd=Input("N m", "commanded torque", positive="traction"),
-            T_max=Param("N m", 12e3, "largest torque", GUESS, lo=1),
+            T_max=Param("N m", 12e3, "largest torque", GUESS, lo=1, hi=1e6),
         ):
             """Limits of a motor, |T_m| <= T_max, without lag."""
             return fmin(T_max, fmax(-T_max, T_cmd))
@@ -174,7 +190,7 @@ def motor(lag: bool = False) -> Block:
     def lagging(
         T_m=State("N m", 0.0, "motor torque", positive="traction"),
         T_cmd=Input("N m", "commanded torque", positive="traction"),
-        T_max=Param("N m", 12e3, "largest torque", GUESS, lo=1),
+        T_max=Param("N m", 12e3, "largest torque", GUESS, lo=1, hi=1e6),
         tau=Param("s", 0.02, "time constant", GUESS, lo=1e-4, hi=1),
     ):
         """Limits of a motor and a first-order lag: tau T_m' = sat(T_cmd) - T_m."""
@@ -214,7 +230,7 @@ def best_train(
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),
     m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Train whose wheels have no inertia, for a bound; Cheng 2022 eqs (1), (5)."""
     a_t = (n_d * mu * m_axle * g - F_Z) / m
@@ -260,13 +276,22 @@ def shaft(
     return dict(omega_m=(T_m - T_L) / J, T_L=0), {}
 
 
-@law(mu_hat=Output("1", "adhesion estimate", positive="traction"))
+@law(
+    mu_hat=Output(
+        "1",
+        "adhesion estimate",
+        positive="traction",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    )
+)
 def adhesion_of_load(
     T_L_hat=Input("N m", "load torque estimate", positive="traction"),
     m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g)."""
     return R_g * T_L_hat / (r * m_axle * g)

@@ -48,6 +48,7 @@ from slipctl.models.freight_traction import (
     resistance,
     shaft,
 )
+from slipctl.models.ranges import observer_ranged, seeker_ranged
 from slipctl.models.shared import SHARED
 from slipctl.seek.extremum import warn_regime
 
@@ -55,17 +56,41 @@ FORMS = ("robust", "consistent", "printed-42")
 SECTION_4 = "Cheng 2022, section 4"
 
 
-@law(D_hat=Output("m/s^2", "what the creep falls by, as known", positive="traction"))
+@law(
+    D_hat=Output(
+        "m/s^2",
+        "what the creep falls by, as known",
+        positive="traction",
+        source="adhesion of 2",
+        lo="-10 - 2 * m_axle * g * (r**2 / (J * R_g**2) + n_d / m)",
+        hi="10 + 2 * m_axle * g * (r**2 / (J * R_g**2) + n_d / m)",
+    )
+)
 def disturbance(
-    mu_hat=Input("1", "adhesion estimate", positive="traction"),
-    F_Z_hat=Input("N", "running resistance, as known", value=0.0, positive="braking"),
+    mu_hat=Input(
+        "1",
+        "adhesion estimate",
+        positive="traction",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    ),
+    F_Z_hat=Input(
+        "N",
+        "running resistance, as known",
+        value=0.0,
+        positive="braking",
+        source="half the weight of the heaviest train",
+        lo=-2e8,
+        hi=2e8,
+    ),
     m=Param("kg", 6e6, "train, as the controller knows it", f"{TABLE_2}, M", lo=1e4, hi=3e7),
     m_axle=Param("kg", 30e3, "load of one driven axle", f"{TABLE_2}, W", lo=1e3, hi=5e4),
     n_d=Param("1", 8.0, "driven axles, all alike", GUESS, lo=1, hi=64),
     J=Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
-    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """D = r^2/(J R_g^2) F_a + (n_d F_a - F_Z)/M; Cheng 2022 eq (39) with its signs turned."""
     F_a = mu_hat * m_axle * g
@@ -84,21 +109,51 @@ def barrier_law(form: str = "robust") -> Block:
     """
     known("barrier_law", "form", form, FORMS)
     outputs = dict(
-        T_cmd=Output("N m", "commanded torque", positive="traction"),
-        e=Output("m/s", "creep error"),
+        T_cmd=Output("N m", "commanded torque", positive="traction", lo="-T_max", hi="T_max"),
+        e=Output("m/s", "creep error", source="a wheel that spins free", lo=-120, hi=1000),
         name="barrier", choices={"form": form},
     )  # fmt: skip
-    V_S = Input("m/s", "creep, rim minus train", positive="traction", per="speed")
-    V_REF = Input("m/s", "wanted creep", positive="traction", per="speed")
-    RATE = Input("m/s^2", "rate of the wanted creep", value=0.0)
-    D_HAT = Input("m/s^2", "what the creep falls by, as known", positive="traction")
-    K_A = Param("m/s", "k_s + v_sopt", "barrier below")
+    V_S = Input(
+        "m/s",
+        "creep, rim minus train",
+        positive="traction",
+        per="speed",
+        source="a wheel that spins free",
+        lo=-120,
+        hi=1000,
+    )
+    V_REF = Input(
+        "m/s",
+        "wanted creep",
+        positive="traction",
+        per="speed",
+        source="twice the range that is searched",
+        lo=-20,
+        hi=20,
+    )
+    RATE = Input(
+        "m/s^2",
+        "rate of the wanted creep",
+        value=0.0,
+        source="a thousand times the largest of the seekers",
+        lo=-1000,
+        hi=1000,
+    )
+    D_HAT = Input(
+        "m/s^2",
+        "what the creep falls by, as known",
+        positive="traction",
+        source="adhesion of 2 on the least inertia",
+        lo=-1e6,
+        hi=1e6,
+    )
+    K_A = Param("m/s", "k_s + v_sopt", "barrier below", lo=0, hi=50)
     K_S = Param("m/s", 0.02, "barrier above", SECTION_4, lo=1e-4, hi=1)
     V_OPT = Param("m/s", 1.2098601, "best creep, as known", "peak of Table 1", lo=0.01, hi=20)
     J_M = Param("kg m^2", 40.0, "inertia at one motor", GUESS, lo=0.1, hi=1e4)
     R = Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1)
     GEAR = Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20)
-    T_MAX = Param("N m", 12e3, "largest torque", GUESS, lo=1)
+    T_MAX = Param("N m", 12e3, "largest torque", GUESS, lo=1, hi=1e6)
     if form == "robust":
 
         @law(**outputs)
@@ -167,10 +222,33 @@ def controller(
 # ---- what stands around the law ------------------------------------------------------------------
 
 
-@law(v_s=Output("m/s", "creep, as measured", positive="traction", per="speed"))
+@law(
+    v_s=Output(
+        "m/s",
+        "creep, as measured",
+        positive="traction",
+        per="speed",
+        source="a wheel that spins free",
+        lo=-120,
+        hi=1000,
+    )
+)
 def creep(
-    omega_m=Input("rad/s", "measured motor speed"),
-    v_t=Input("m/s", "measured train speed"),
+    omega_m=Input(
+        "rad/s",
+        "measured motor speed",
+        source="ten times the motor's speed at 100 km/h: a wheel that spins free",
+        lo=-500,
+        hi=1e4,
+    ),
+    v_t=Input(
+        "m/s",
+        "measured train speed",
+        source="430 km/h; 500 m/s^2 for .2 ms, or noise",
+        lo=-5,
+        hi=120,
+        change=0.1,
+    ),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
 ):
@@ -186,15 +264,26 @@ def reference(period: float = 2e-4) -> Block:
     """
 
     @step(
-        v_ref=Output("m/s", "wanted creep", positive="traction", per="speed"),
-        rate=Output("m/s^2", "its rate"),
+        v_ref=Output("m/s", "wanted creep", positive="traction", per="speed",
+                     source="twice the range that is searched", lo=-20, hi=20),
+        rate=Output("m/s^2", "its rate", lo="-most", hi="most"),
         period=period, name="reference",
     )  # fmt: skip
     def follow(
-        x=State("m/s", 0.0, "wanted creep"),
-        v=Input("m/s", "creep that the seeker tries"),
-        w_r=Param("1/s", 200.0, "rate at which it follows", "added", lo=1),
-        most=Param("m/s^2", 1.5, "largest rate", "added, above the k of the seekers", lo=1e-3),
+        x=State(
+            "m/s", 0.0, "wanted creep", source="twice the range that is searched", lo=-20, hi=20
+        ),
+        v=Input(
+            "m/s",
+            "creep that the seeker tries",
+            source="twice the range that is searched",
+            lo=-20,
+            hi=20,
+        ),
+        w_r=Param("1/s", 200.0, "rate at which it follows", "added", lo=1, hi=1e4),
+        most=Param(
+            "m/s^2", 1.5, "largest rate", "added, above the k of the seekers", lo=1e-3, hi=1e4
+        ),
         T=Param("s", period, "sample period", GUESS, lo=1e-6, hi=0.1),
     ):
         """Wanted creep, added here: v_ref' = sat(w_r (v - v_ref)).
@@ -207,10 +296,33 @@ def reference(period: float = 2e-4) -> Block:
     return follow
 
 
-@law(T_cmd=Output("N m", "commanded torque", positive="traction"))
+@law(
+    T_cmd=Output(
+        "N m",
+        "commanded torque",
+        "from one end of the torque to the other",
+        positive="traction",
+        lo="-1e6 * (1 + tau / tau_d)",
+        hi="1e6 * (1 + tau / tau_d)",
+    )
+)
 def lead(
-    T_wanted=Input("N m", "wanted torque", positive="traction"),
-    T_m=Input("N m", "motor torque, as measured", positive="traction"),
+    T_wanted=Input(
+        "N m",
+        "wanted torque",
+        positive="traction",
+        source="eighty times the largest torque",
+        lo=-1e6,
+        hi=1e6,
+    ),
+    T_m=Input(
+        "N m",
+        "motor torque, as measured",
+        positive="traction",
+        source="eighty times the largest torque",
+        lo=-1e6,
+        hi=1e6,
+    ),
     tau=Param("s", 0.02, "time constant of the motor, as known", GUESS, lo=1e-4, hi=1),
     tau_d=Param("s", 0.005, "wanted time constant", "chosen", lo=1e-4, hi=1),
 ):
@@ -218,9 +330,26 @@ def lead(
     return T_m + tau / tau_d * (T_wanted - T_m)
 
 
-@law(v=Output("m/s", "creep to hold", positive="traction", per="speed"))
+@law(
+    v=Output(
+        "m/s",
+        "creep to hold",
+        positive="traction",
+        per="speed",
+        source="twice the range that is searched",
+        lo=-20,
+        hi=20,
+    )
+)
 def hold(
-    y=Input("1", "adhesion estimate", positive="traction"),
+    y=Input(
+        "1",
+        "adhesion estimate",
+        positive="traction",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    ),
     v_hold=Param("m/s", 1.2098601, "creep to hold", "peak of Table 1", lo=0, hi=20),
 ):
     """Fixed creep in the place of a seeker."""
@@ -257,11 +386,11 @@ def seeking_controller(
     """
     observer = luenberger(shaft, [pole, pole], measured="omega_m")
     parts = {
-        "observer": sampled(observer, period, "rk4"),
+        "observer": sampled(observer_ranged(observer), period, "rk4"),
         "adhesion": adhesion_of_load,
         "creep": creep,
         "resistance": resistance,
-        "seek": seek,
+        "seek": seeker_ranged(seek),
         "reference": reference(period),
         **controller(form, period, **values).parts,
     }

@@ -161,10 +161,10 @@ V^2 in N/kN with V in km/h, as quoted for the CRH3. Neither was checked against 
 @law(F_R=Output("N", "resistance to motion"))
 def davis(
     v=Input("m/s", "train speed"),
-    c0=Param("N", 0.0, "constant part", "not in the paper; DAVIS has presets", lo=0),
-    c1=Param("N s/m", 0.0, "linear part", "not in the paper", lo=0),
-    c2=Param("N s^2/m^2", 0.0, "quadratic part", "not in the paper", lo=0),
-    v_0=Param("m/s", 0.1, "speed below which it fades", "added", lo=1e-4),
+    c0=Param("N", 0.0, "constant part", "not in the paper; DAVIS has presets", lo=0, hi=1e6),
+    c1=Param("N s/m", 0.0, "linear part", "not in the paper", lo=0, hi=1e6),
+    c2=Param("N s^2/m^2", 0.0, "quadratic part", "not in the paper", lo=0, hi=1e6),
+    v_0=Param("m/s", 0.1, "speed below which it fades", "added", lo=1e-4, hi=100),
 ):
     """Davis resistance; Zhang 2021 eq (3).
 
@@ -180,8 +180,8 @@ def davis(
     a=Output("m/s^2", "acceleration of the train", positive="traction"),
 )
 def wheel(
-    x=State("m", 0.0, "position"),
-    v=State("m/s", 50.0, "train speed", SECTION_5),
+    x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+    v=State("m/s", 50.0, "train speed", SECTION_5, lo=-1, hi=200),
     omega=State("rad/s", "v / r", "wheel speed", SECTION_5),
     T_b=Input("N m", "brake torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
@@ -190,9 +190,11 @@ def wheel(
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-    g=Param("m/s^2", G, "gravity", "not stated in the paper"),
-    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
-    omega_0=Param("rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3),
+    g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
+    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
+    omega_0=Param(
+        "rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3, hi=100
+    ),
     slope=SLOPE,
 ):
     """Braked wheel and the train that it belongs to; Zhang 2021 eqs (1), (2), (4), (5).
@@ -255,15 +257,15 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
         name="wheel",
     )
     def held(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 50.0, "train speed", SECTION_5),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 50.0, "train speed", SECTION_5, lo=-1, hi=200),
         mu=Input("1", "adhesion coefficient", positive="traction"),
         lam_held=Input("1", "slip ratio held", positive="braking", per="ratio"),
         F_R=Input("N", "resistance to motion", value=0.0),
         m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        g=Param("m/s^2", G, "gravity", "not stated in the paper"),
-        v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3),
+        g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
+        v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3, hi=100),
         slope=SLOPE,
     ):
         """M v' = n F_a - F_R - M g slope at a slip that is held."""

@@ -60,8 +60,6 @@ from slipctl.models.hst_braking_estimate import (
     SLIP,
     accelerometer,
     adhesion_filter,
-    fit_ranged,
-    peak_ranged,
     speed_fusion,
     wheel_model,
     wheel_speed_sensor,
@@ -78,9 +76,12 @@ from slipctl.models.hst_braking_reference import (
     slope_identification,
     unshaped,
 )
+from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 from slipctl.models.shared import SHARED
 
-LAM_START = Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio")
+LAM_START = Param(
+    "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1.5, hi=1.5
+)
 
 WIDE = "ten times a locked wheel's; printed references run away"
 WANTED = "250 times the largest torque; arbitration limits it"
@@ -128,14 +129,17 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         F_a=Input("N", "estimated adhesion force", positive="traction"),
         eta_0=Param("1", 0.1, "funnel at the start", TABLE_3, lo=1e-6, hi=1),
         eta_inf=Param("1", 0.005, "funnel in the end", TABLE_3, lo=1e-6, hi=1),
-        k=Param("1/s", 30.0, "its decay", TABLE_3, lo=0),
-        delta_l=Param("1", 1.2, "lower width", TABLE_3, lo=1e-3),
-        delta_u=Param("1", 1.2, "upper width", TABLE_3, lo=1e-3),
-        K1=Param("1/s", 100.0, "gain", TABLE_3, lo=0),
-        trip=Param("1", 0.95, "share of the bound at which the funnel restarts", GUESS, lo=0),
-        reserve=Param("1", 0.6, "share of the new bound that the error has then", GUESS, lo=0.01),
-        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3),
-        v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0),
+        k=Param("1/s", 30.0, "its decay", TABLE_3, lo=0, hi=1e5),
+        delta_l=Param("1", 1.2, "lower width", TABLE_3, lo=1e-3, hi=1e4),
+        delta_u=Param("1", 1.2, "upper width", TABLE_3, lo=1e-3, hi=1e4),
+        K1=Param("1/s", 100.0, "gain", TABLE_3, lo=0, hi=1e5),
+        trip=Param("1", 0.95, "share of the bound at which the funnel restarts", GUESS, lo=0,
+                   hi=1000),
+        reserve=Param("1", 0.6, "share of the new bound that the error has then", GUESS, lo=0.01,
+                      hi=1000),
+        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
+        v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0,
+                    hi=1000),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
@@ -145,7 +149,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         lam_start=LAM_START, lam_ref_start=FIRST,
         first=Param(
             "1", "fmax((lam_start - lam_ref_start)/delta_u, (lam_ref_start - lam_start)/delta_l)"
-            "/eta_0", "error at the start over its bound", hi=1,
+            "/eta_0", "error at the start over its bound", lo=0, hi=1,
         ),
     ):  # fmt: skip
         """Prescribed performance slip control with estimated adhesion; Zhang 2021 (10)-(17), (34).
@@ -214,8 +218,10 @@ def feedback_linearisation(motion: bool = True) -> Block:
         rate=Input("1/s", "its rate"),
         v=Input("m/s", "train speed"),
         F_a=Input("N", "estimated adhesion force", positive="traction"),
-        K=Param("1/s", 100.0, "gain; equal to K1, so that the comparison means something", lo=0),
-        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3),
+        K=Param(
+            "1/s", 100.0, "gain; equal to K1, so that the comparison means something", lo=0, hi=1e5
+        ),
+        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
         m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
@@ -253,12 +259,15 @@ def pid(gains: str = "rule") -> Block:
         lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
         lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
         v=Input("m/s", "train speed"),
-        K=Param("1/s", 100.0, "wanted bandwidth, that of the other laws", lo=0),
-        K_p=Param("N m", 100e3, "proportional gain", f"{SOURCE}, section 5.2, unit guessed", lo=0),
-        K_i=Param("N m/s", 10e3, "integral gain", f"{SOURCE}, section 5.2, unit guessed", lo=0),
-        K_d=Param("N m s", 1e3, "derivative gain", f"{SOURCE}, section 5.2, unit guessed", lo=0),
-        T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1),
-        v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3),
+        K=Param("1/s", 100.0, "wanted bandwidth, that of the other laws", lo=0, hi=1e5),
+        K_p=Param("N m", 100e3, "proportional gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e8),
+        K_i=Param("N m/s", 10e3, "integral gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e7),
+        K_d=Param("N m s", 1e3, "derivative gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e6),
+        T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
+        v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3, hi=1000),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         lam_start=LAM_START, lam_ref_start=FIRST,
@@ -301,13 +310,20 @@ def arbitration(
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
     v=Input("m/s", "train speed", "430 km/h; 50 m/s^2", lo=-1, hi=120, change=0.05),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
-    a_demand=Input("m/s^2", "required deceleration, a positive number", value=15.0, lo=0, hi=20),
+    a_demand=Input(
+        "m/s^2",
+        "required deceleration, a positive number",
+        value=15.0,
+        lo=0,
+        hi=20,
+        source="twice gravity",
+    ),
     m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
     n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-    T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1),
-    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0),
+    T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
+    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0, hi=1000),
     part=Param("1", 0.7, "share of the carried torque that is used below v_off", GUESS, lo=0, hi=1),
 ):
     """Torque applied: the demand, unless slip control wants less; Zhang 2021, Remark 3.
@@ -408,12 +424,13 @@ def controller(
         estimator = fit_ranged(rls(
             averaged(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
             **settings,
-        ), settings["window"], curve)  # fmt: skip
+        ), curve, slip=5.0, most=2.0)  # fmt: skip
         parts |= {
             "meter": adhesion_meter(window, torque),
             "estimator": every(estimator, every_ticks),
             "search": every(
-                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4)), every_ticks
+                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), 1.0),
+                every_ticks,
             ),
         }
         wires |= {
@@ -429,7 +446,7 @@ def controller(
         best = "search.best"
         if reference == "free":
             sure = probe(curve, "lam", within=(0.005, 0.4), period=every_ticks * 1e-3, depth=0.0)
-            parts |= {"certainty": every(sure, every_ticks), "caution": caution}
+            parts |= {"certainty": every(probe_ranged(sure, 1.0), every_ticks), "caution": caution}
             wires |= {f"certainty.{n}": f"estimator.{n}" for n in unknown}
             wires |= {
                 "certainty.covariance": "estimator.covariance",

@@ -99,7 +99,7 @@ def accelerometer(
     bias=Param("m/s^2", 0.0, "bias", "guess", lo=-1, hi=1),
     sigma=Param("m/s^2", 0.0, "standard deviation of the noise per sample", "guess", lo=0, hi=5),
     slope=SLOPE,
-    g=Param("m/s^2", G, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Acceleration along the train as an accelerometer sees it: a gradient looks like a bias."""
     return a + g * slope + bias + sigma * n
@@ -157,12 +157,12 @@ def speed_fusion(
     ),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-    sigma_a=Param("m/s^2", 0.05, "noise of the accelerometer per sample", GUESS, lo=0),
-    sigma_b=Param("m/s^2.5", 1e-3, "drift of its bias, per root second", GUESS, lo=0),
-    sigma_w=Param("rad/s", 1e-3, "noise of the wheel speed per sample", lo=1e-9),
-    sigma_c=Param("m/s", 0.02, "creep of a rolling wheel", GUESS, lo=0),
-    F_roll=Param("N", 300.0, "adhesion force up to which a wheel rolls", GUESS, lo=0),
-    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3),
+    sigma_a=Param("m/s^2", 0.05, "noise of the accelerometer per sample", GUESS, lo=0, hi=100),
+    sigma_b=Param("m/s^2.5", 1e-3, "drift of its bias, per root second", GUESS, lo=0, hi=1),
+    sigma_w=Param("rad/s", 1e-3, "noise of the wheel speed per sample", lo=1e-9, hi=1),
+    sigma_c=Param("m/s", 0.02, "creep of a rolling wheel", GUESS, lo=0, hi=100),
+    F_roll=Param("N", 300.0, "adhesion force up to which a wheel rolls", GUESS, lo=0, hi=1e6),
+    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
     T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
 ):
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
@@ -190,42 +190,3 @@ def speed_fusion(
     lam = (v - rim) / floor
     variance_lam = ((1 - lam) / floor) ** 2 * A_vv + (r * sigma_w / floor) ** 2
     return nxt, dict(v=v, lam=lam, variance_v=A_vv, variance_lam=variance_lam)
-
-
-def fit_ranged(estimator: Block, window: int, curve: Block) -> Block:
-    """Declare what numbers of a windowed estimator can be.
-
-    Unknowns are logarithms: 12 is a factor of 1.6e5 from the first guess. What the window knows is
-    at most its samples over the square of the least deviation that is told.
-    """
-    far, known_ = "a factor of 1.6e5 on each unknown", "samples in their units; adhesion below 1"
-    unknown = [s for n, s in curve.params.items() if n in estimator.outputs]
-    return ranged(
-        estimator,
-        *(
-            Output(s.unit, "the range of the parameter", lo=s.lo, hi=s.hi).named(s.name)
-            for s in unknown
-        ),
-        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("predicted"),
-        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("residual"),
-        Output("1", lo=0, hi=1).named("changed"),
-        Output("1", far, lo=-1e9, hi=1e9).named("covariance"),
-        theta=State("1", 0.0, source=far, lo=-12, hi=12),
-        mean=State("1", 0.0, source=far, lo=-12, hi=12),
-        P=State("1", 0.0, source=far, lo=-1e3, hi=1e3),
-        scatter=State("(1)^2", 0.0, source=known_, lo=0, hi=10),
-        Lambda=State("1", 0.0, source="1e6 samples of deviation 1e-4", lo=-1e14, hi=1e14),
-        count=State("1", 0.0, lo=0, hi=window),
-        unsettled=State("1", 0.0, lo=0, hi=1000),
-        damping=State("1", 0.0, source="its iteration ends there", lo=0, hi=1e12),
-        kept=State("1", 0.0, source=known_, lo=-5, hi=5),
-    )
-
-
-def peak_ranged(search: Block) -> Block:
-    """Declare what the peak of a curve can be."""
-    return ranged(
-        search,
-        Output(search.outputs["best"].unit, "the range that is searched", lo=0, hi=1).named("best"),
-        Output("1", "twice the largest adhesion", lo=-2, hi=2).named("value"),
-    )

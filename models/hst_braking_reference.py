@@ -50,7 +50,16 @@ from slipctl.models.hst_braking_estimate import FASTEST, SLIP
 
 ADHESION = "twice the largest adhesion"
 
-FIRST = Param("1", 0.1, "slip ratio that is wanted first", SOURCE, positive="braking", per="ratio")
+FIRST = Param(
+    "1",
+    0.1,
+    "slip ratio that is wanted first",
+    SOURCE,
+    positive="braking",
+    per="ratio",
+    lo=-1.5,
+    hi=1.5,
+)
 """Where search and reference begin; known before anything is measured, so it follows no plant."""
 
 # ---- reference: slope and gradient search --------------------------------------------------------
@@ -66,30 +75,39 @@ def slope_identification(form: str = "consistent") -> Block:
     printed = form == "printed-41"
 
     @step(
-        chi=Output("N", "slope of the adhesion force over the slip ratio"),
-        fresh=Output("1", "1 while the slip moves, so that the slope is being learnt"),
+        chi=Output("N", "slope of the adhesion force over the slip ratio",
+                   source='a thousand times the slopes of the rails', lo=-1e7, hi=1e7),
+        fresh=Output("1", "1 while the slip moves, so that the slope is being learnt",
+                     source='no or yes', lo=0, hi=1),
         name="slope", choices={"form": form},
     )  # fmt: skip
     def slope(
-        chi_h=State("N", 0.0, "slope", SOURCE),
-        P=State("s^2", 1.0, "gain", TABLE_3),
-        F_last=State("N", "F_a_start", "adhesion force of the last tick"),
-        lam_f=State("1", "lam_start", "slip ratio with the filter's lag"),
-        lam_last=State("1", "lam_start", "slip ratio of the last tick"),
-        age=State("s", 0.0, "time since the last change of the rail"),
+        chi_h=State("N", 0.0, "slope", SOURCE, lo=-1e7, hi=1e7),
+        P=State("s^2", 1.0, "gain", TABLE_3, lo=0, hi='1e26 * P_top'),
+        F_last=State("N", "F_a_start", "adhesion force of the last tick",
+                     source='three times the load on a wheel of 13.8 t', lo=-6e4, hi=6e4),
+        lam_f=State("1", "lam_start", "slip ratio with the filter's lag",
+                    source=SLIP, lo=-1.5, hi=1.5),
+        lam_last=State("1", "lam_start", "slip ratio of the last tick",
+                       source=SLIP, lo=-1.5, hi=1.5),
+        age=State("s", 0.0, "time since the last change of the rail", source='thirty years', lo=0,
+                  hi=1e9),
         F_a=Input("N", "estimated adhesion force", positive="traction"),
         lam=Input("1", "slip ratio", positive="braking", per="ratio"),
         rho_1=Param("1", 0.98 if printed else 0.8, "forgetting",
                     f"{TABLE_3}: 0.98, a memory of 50 ms that walks past the peak", lo=0.1, hi=1),
         rho_2=Param("1", 0.7, "forgetting after a change", TABLE_3, lo=0.1, hi=1),
         zeta=Param("N/s", 1000.0, "change of the force that counts as fast",
-                   f"{TABLE_3}, read as kN/s", lo=0),
-        gate=Param("1/s", 0.01, "the slip moves if it changes faster", GUESS, lo=0),
-        P_top=Param("s^2", 1e4, "largest P", GUESS, lo=0),
-        jump=Param("N/s", 300e3, "residual that tells a change of the rail", GUESS, lo=0),
-        settle=Param("s", 0.02, "time after a change in which the filter still moves", GUESS, lo=0),
-        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio"),
-        F_a_start=Param("N", 0.0, "estimated force at the start", positive="traction"),
+                   f"{TABLE_3}, read as kN/s", lo=0, hi=1e6),
+        gate=Param("1/s", 0.01, "the slip moves if it changes faster", GUESS, lo=0, hi=10),
+        P_top=Param("s^2", 1e4, "largest P", GUESS, lo=0, hi=1e7),
+        jump=Param("N/s", 300e3, "residual that tells a change of the rail", GUESS, lo=0, hi=1e9),
+        settle=Param("s", 0.02, "time after a change in which the filter still moves", GUESS, lo=0,
+                     hi=100),
+        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio",
+                        lo=-1e6, hi=1e6),
+        F_a_start=Param("N", 0.0, "estimated force at the start", positive="traction", lo=-1e6,
+                        hi=1e6),
         gain=Param("1", 0.187, "gain of the adhesion filter, gamma/(1 + gamma)", lo=0, hi=1),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):  # fmt: skip
@@ -136,18 +154,21 @@ def gradient_search(form: str = "consistent") -> Block:
     known("gradient_search", "form", form, ("consistent", "printed-40"))
 
     @step(
-        best=Output("1", "best slip ratio, found", positive="braking", per="ratio"),
+        best=Output("1", "best slip ratio, found", positive="braking", per="ratio",
+                    source='printed searches run away', lo=-5, hi=5),
         name="search", choices={"form": form},
     )  # fmt: skip
     def search(
-        best_h=State("1", "lam_ref_start", "best slip ratio"),
+        best_h=State(
+            "1", "lam_ref_start", "best slip ratio", source="printed searches run away", lo=-5, hi=5
+        ),
         chi=Input("N", "slope of the adhesion force over the slip ratio"),
         fresh=Input("1", "1 while the slope is being learnt"),
         lam=Input("1", "slip ratio", positive="braking", per="ratio"),
-        h_1=Param("1", 0.01, "step per tick of the printed form", TABLE_3, lo=0),
-        rate=Param("1/s", 0.5, "largest rate of the search", GUESS, lo=0),
-        chi_0=Param("N", 3000.0, "slope from which on it is used in full", GUESS, lo=1e-6),
-        near=Param("1", 0.01, "the search waits while the slip is further off", GUESS, lo=0),
+        h_1=Param("1", 0.01, "step per tick of the printed form", TABLE_3, lo=0, hi=10),
+        rate=Param("1/s", 0.5, "largest rate of the search", GUESS, lo=0, hi=1000),
+        chi_0=Param("N", 3000.0, "slope from which on it is used in full", GUESS, lo=1e-6, hi=1e7),
+        near=Param("1", 0.01, "the search waits while the slip is further off", GUESS, lo=0, hi=10),
         lo=Param("1", 0.005, "lowest reference", GUESS, lo=0, hi=1),
         hi=Param("1", 0.4, "highest reference", GUESS, lo=0, hi=1),
         lam_ref_start=FIRST,
@@ -273,10 +294,14 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
         J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-        g=Param("m/s^2", G, "gravity", "not stated in the paper"),
-        omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start"),
-        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="traction"),
-        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio"),
+        g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
+        omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start", lo=-1e6, hi=1e6),
+        T_b_start=Param(
+            "N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6, hi=1e6
+        ),
+        lam_start=Param(
+            "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1e6, hi=1e6
+        ),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
     ):
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
@@ -335,7 +360,17 @@ def averaged(adhesion: Block) -> Block:
     )  # fmt: skip
 
 
-@law(best=Output("1", "slip ratio held", positive="braking", per="ratio"))
+@law(
+    best=Output(
+        "1",
+        "slip ratio held",
+        positive="braking",
+        per="ratio",
+        source="printed searches run away",
+        lo=-5,
+        hi=5,
+    )
+)
 def fixed_reference(
     lam_fixed=Param("1", 0.1, "slip ratio", f"{SOURCE}, section 5.2", lo=0, hi=1),
 ):
@@ -344,12 +379,28 @@ def fixed_reference(
 
 
 @step(
-    best_safe=Output("1", "best slip, or the safe side of it", positive="braking", per="ratio"),
+    best_safe=Output(
+        "1",
+        "best slip, or the safe side of it",
+        positive="braking",
+        per="ratio",
+        source="depth of 2 on a slip of 1.5",
+        lo=-3,
+        hi=3,
+    ),
 )
 def caution(
     first=State("1", "lam_ref_start", "slip ratio at the change", SLIP, lo=-1.5, hi=1.5),
     active=State("1", 0.0, "1 from a change until the best slip is known", lo=0, hi=1),
-    best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
+    best=Input(
+        "1",
+        "best slip ratio, found",
+        "printed searches run away",
+        positive="braking",
+        per="ratio",
+        lo=-5,
+        hi=5,
+    ),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     changed=Input("1", "1 when the rail has changed"),
     unsure=Input("1", "1 while the best slip is not known well enough"),
@@ -382,15 +433,25 @@ SHAPED = {
 def shaper(
     limited=State("1", "lam_ref_start", "reference behind the rate limit", lo=-5, hi=5),
     smooth=State("1", "lam_ref_start", "reference behind the filter", lo=-5, hi=5),
-    best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
+    best=Input(
+        "1",
+        "best slip ratio, found",
+        "printed searches run away",
+        positive="braking",
+        per="ratio",
+        lo=-5,
+        hi=5,
+    ),
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     v=Input("m/s", "train speed"),
-    up=Param("1/s", 0.5, "largest rate", GUESS, lo=0),
-    share=Param("1", 0.8, "share of the fastest fall that a released brake allows", GUESS, lo=0),
-    tau_ref=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3),
-    near=Param("1", 0.02, "the reference waits while the slip is further off", GUESS, lo=0),
-    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3),
+    up=Param("1/s", 0.5, "largest rate", GUESS, lo=0, hi=1000),
+    share=Param(
+        "1", 0.8, "share of the fastest fall that a released brake allows", GUESS, lo=0, hi=1000
+    ),
+    tau_ref=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3, hi=10),
+    near=Param("1", 0.02, "the reference waits while the slip is further off", GUESS, lo=0, hi=100),
+    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3, hi=1000),
     J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
     r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
     lam_ref_start=FIRST,
@@ -412,7 +473,15 @@ def shaper(
 
 @law(**SHAPED)
 def unshaped(
-    best=Input("1", "best slip ratio, found", positive="braking", per="ratio"),
+    best=Input(
+        "1",
+        "best slip ratio, found",
+        "printed searches run away",
+        positive="braking",
+        per="ratio",
+        lo=-5,
+        hi=5,
+    ),
 ):
     """Reference as printed: the search's result itself, its rate taken as 0."""
     return dict(lam_ref=best, rate=0)

@@ -114,7 +114,7 @@ def wheelset(
     J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=1e4),
     B_t=Param("N m s", 0.01, "damping of the axle", TABLE_1, lo=0, hi=1e3),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
 ):
     """One axle; Wang 2025 eqs (3), (5), (8) with the sign of (8) turned (docs/errata.md)."""
     F_mu = mu * m_axle * g
@@ -122,16 +122,25 @@ def wheelset(
     return dict(omega=(T - r * F_mu - B_t * omega) / J), dict(F_mu=F_mu, v_s=v_w - v, v_w=v_w)
 
 
-@law(F_d=Output("N", "running resistance", positive="braking"))
+@law(
+    F_d=Output(
+        "N",
+        "running resistance",
+        positive="braking",
+        source="twice the steepest gradient",
+        lo="-0.2 * m * g",
+        hi="0.2 * m * g",
+    )
+)
 def resistance(
     v=Input("m/s", "train speed"),
     w_0=Param("N/t", 6.796, "constant part", f"{SOURCE} eq (4)", lo=0, hi=100),
     w_1=Param("N h/(t km)", 0.062, "linear part", f"{SOURCE} eq (4)", lo=0, hi=10),
     w_2=Param("N h^2/(t km^2)", 0.00143, "quadratic part", f"{SOURCE} eq (4)", lo=0, hi=1),
     m=Param("kg", 500e3, "train", f"{TABLE_1}, M", lo=1e3, hi=1e8),
-    v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6),
+    v_0=Param("m/s", 0.01, "speed below which it fades", "added", lo=1e-6, hi=10),
     slope=SLOPE,
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
 ):
     """Running resistance; Wang 2025 eq (4) read in N/t and km/h (docs/errata.md).
 
@@ -223,8 +232,8 @@ def motor(form: str = "consistent") -> Block:
         omega=Input("rad/s", "speed of the axle"),
         v=Input("m/s", "train speed"),
         tau=Param("s", 0.05, "time constant of the torque", GUESS, lo=1e-3, hi=2),
-        F_top=Param("N", 302e3, "largest force of all motors", f"{SOURCE} eq (33)", lo=1),
-        P_top=Param("W", 5.5e6, "largest power of all motors", f"{SOURCE} eq (33)", lo=1),
+        F_top=Param("N", 302e3, "largest force of all motors", f"{SOURCE} eq (33)", lo=1, hi=1e9),
+        P_top=Param("W", 5.5e6, "largest power of all motors", f"{SOURCE} eq (33)", lo=1, hi=1e10),
         n_m=Param("1", 10.0, "motors", SOURCE, lo=1, hi=200),
         r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
     ):

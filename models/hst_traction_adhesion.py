@@ -30,6 +30,7 @@ from slipctl import (
     connect,
     law,
     make_block,
+    ranged,
     replicate,
     step,
 )
@@ -37,9 +38,11 @@ from slipctl.certify import adhesion_observer as bounds
 from slipctl.errors import known
 from slipctl.models.contact import peak_table, polach
 from slipctl.models.hst_traction import tractive_effort
+from slipctl.models.ranges import FRICTION
 
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
+SPIN = "a rim of 400 m/s; 60 kN m on the axle for 1 ms, and noise"
 SLOPE = 2000.0
 """Largest |f'| in rad/s^3 that the default gains are made for: mu by 2.75 per s."""
 
@@ -72,26 +75,58 @@ def adhesion_observer(
     implicit = discretisation == "implicit"
 
     @step(
-        mu_hat=Output("1", "observed adhesion", positive="traction"),
+        mu_hat=Output("1", "observed adhesion", positive="traction",
+                      source=FRICTION, lo=-2, hi=2),
         name="observer", choices={"discretisation": discretisation},
     )  # fmt: skip
     def observer(
-        z1=State("rad/s", "omega_start", "observed wheel speed"),
-        z2=State("rad/s^2", 0.0, "observed -r F_mu/J; sought from 0, no adhesion"),
-        T_last=State("N m", "T_start", "torque of the tick before", positive="traction"),
-        omega=Input("rad/s", "measured wheel speed"),
-        T=Input("N m", "torque on the axle", positive="traction"),
-        K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0),
-        K_2=Param("1/s^3", K2_0, "gain of the integral, 2.2 L", GUESS, lo=0),
+        z1=State(
+            "rad/s",
+            "omega_start",
+            "observed wheel speed",
+            source="a rim of 400 m/s",
+            lo=-20,
+            hi="400 / r",
+        ),
+        z2=State(
+            "rad/s^2",
+            0.0,
+            "observed -r F_mu/J; sought from 0, no adhesion",
+            source="adhesion of 4",
+            lo="-4 * r * m_axle * g / J",
+            hi="4 * r * m_axle * g / J",
+        ),
+        T_last=State(
+            "N m",
+            "T_start",
+            "torque of the tick before",
+            positive="traction",
+            source="fifteen times a motor's",
+            lo=-1e5,
+            hi=1e5,
+        ),
+        omega=Input(
+            "rad/s", "measured wheel speed", SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5"
+        ),
+        T=Input(
+            "N m",
+            "torque on the axle",
+            positive="traction",
+            source="fifteen times a motor's; it may jump",
+            lo=-1e5,
+            hi=1e5,
+        ),
+        K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0, hi=1e4),
+        K_2=Param("1/s^3", K2_0, "gain of the integral, 2.2 L", GUESS, lo=0, hi=1e8),
         K_3=Param("s", K3_0, "gain far from zero", GUESS, lo=0, hi=100),
         J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
         r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-        B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
+        B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
         m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
         T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
-        omega_start=Param("rad/s", 0.0, "wheel speed at the start"),
-        T_start=Param("N m", 0.0, "torque at the start", positive="traction"),
+        omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
+        T_start=Param("N m", 0.0, "torque at the start", positive="traction", lo=-1e5, hi=1e5),
     ):
         """Robust adhesion observer; Wang 2025 eqs (16)-(22).
 
@@ -129,21 +164,54 @@ def adhesion_observer(
     return observer
 
 
-@step(mu_hat=Output("1", "observed adhesion", positive="traction"), name="eso")
+@step(
+    mu_hat=Output(
+        "1",
+        "observed adhesion",
+        positive="traction",
+        source=FRICTION,
+        lo=-2,
+        hi=2,
+    ),
+    name="eso",
+)
 def linear_observer(
-    z1=State("rad/s", "omega_start", "observed wheel speed"),
-    z2=State("rad/s^2", 0.0, "observed -r F_mu/J; sought from 0, no adhesion"),
-    omega=Input("rad/s", "measured wheel speed"),
-    T=Input("N m", "torque on the axle", positive="traction"),
-    K_1=Param("1/s", 98.5, "gain on z1'", GUESS, lo=0),
-    K_2=Param("1/s^2", 2.2 * SLOPE, "gain on z2'", GUESS, lo=0),
+    z1=State(
+        "rad/s",
+        "omega_start",
+        "observed wheel speed",
+        source="a rim of 400 m/s",
+        lo=-20,
+        hi="400 / r",
+    ),
+    z2=State(
+        "rad/s^2",
+        0.0,
+        "observed -r F_mu/J; sought from 0, no adhesion",
+        source="adhesion of 4",
+        lo="-4 * r * m_axle * g / J",
+        hi="4 * r * m_axle * g / J",
+    ),
+    omega=Input(
+        "rad/s", "measured wheel speed", source=SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5"
+    ),
+    T=Input(
+        "N m",
+        "torque on the axle",
+        positive="traction",
+        source="fifteen times a motor's; it may jump",
+        lo=-1e5,
+        hi=1e5,
+    ),
+    K_1=Param("1/s", 98.5, "gain on z1'", GUESS, lo=0, hi=1e4),
+    K_2=Param("1/s^2", 2.2 * SLOPE, "gain on z2'", GUESS, lo=0, hi=1e8),
     J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-    B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0),
+    B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
     m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
     T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
-    omega_start=Param("rad/s", 0.0, "wheel speed at the start"),
+    omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
 ):
     """Linear extended-state observer, Phi1 = Phi2 = e: what the paper compares with."""
     e = z1 - omega
@@ -154,8 +222,11 @@ def linear_observer(
 # ---- anti-slip limit -----------------------------------------------------------------------------
 
 
-peaks = lru_cache(maxsize=8)(peak_table)
-"""Best creep and largest adhesion of the typical surfaces by the speed, computed once per law."""
+@lru_cache(maxsize=8)
+def peaks(creep_law: Block) -> Block:
+    """Table of :func:`slipctl.models.contact.peak_table` with its ranges."""
+    rows = {"best": (0, 50, "twice the range that is searched"), "value": (0, 2, FRICTION)}
+    return ranged(peak_table(creep_law), table=rows)
 
 
 def typical_surfaces(creep_law: Block = polach) -> Block:
@@ -176,6 +247,7 @@ def typical_surfaces(creep_law: Block = polach) -> Block:
         params=creep_law.params.values(), outputs=creep_law.outputs.values(), doc=creep_law.doc,
     )  # fmt: skip
     copies = replicate(bare, len(surfaces), ["v_s", "v"], distinct, axis="surface")
+    copies = ranged(copies, table={"mu": (-2, 2, FRICTION)})
     return copies.with_params(
         **{k: [row.get(k, creep_law.params[k].value) for row in surfaces.values()]
            for k in distinct}
@@ -191,20 +263,68 @@ def classification(surfaces: int = 5) -> Block:
     n = (surfaces,)
 
     @step(
-        mu_lim=Output("1", "adhesion that may be used"),
-        surface=Output("1", "typical surface, place in the law's conditions"),
+        mu_lim=Output("1", "adhesion that may be used",
+                      source=FRICTION, lo=0, hi=2),
+        surface=Output("1", "typical surface, place in the law's conditions", "their number",
+                       lo=0, hi=surfaces - 1),
         name="classification", choices={"surfaces": surfaces},
     )  # fmt: skip
     def classify(
-        last=State("1", 0.0, "typical surface before; the first one until the curves tell"),
-        mu_hat=Input("1", "observed adhesion", positive="traction"),
-        v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
-        mu=Input("1", "adhesion of each surface at this creep", positive="traction", shape=n),
-        mu_max=Input("1", "adhesion of the peak of each surface", shape=n),
-        v_best=Input("m/s", "creep of the peak of each surface", shape=n),
+        last=State(
+            "1",
+            0.0,
+            "typical surface before; the first one until the curves tell",
+            "their number",
+            lo=0,
+            hi=surfaces - 1,
+        ),
+        mu_hat=Input(
+            "1",
+            "observed adhesion",
+            positive="traction",
+            source=FRICTION,
+            lo=-2,
+            hi=2,
+        ),
+        v_s=Input(
+            "m/s",
+            "creep, rim minus train",
+            positive="traction",
+            per="speed",
+            source="a wheel that spins free",
+            lo=-130,
+            hi=500,
+        ),
+        mu=Input(
+            "1",
+            "adhesion of each surface at this creep",
+            positive="traction",
+            shape=n,
+            source=FRICTION,
+            lo=-2,
+            hi=2,
+        ),
+        mu_max=Input(
+            "1",
+            "adhesion of the peak of each surface",
+            shape=n,
+            source=FRICTION,
+            lo=0,
+            hi=2,
+        ),
+        v_best=Input(
+            "m/s",
+            "creep of the peak of each surface",
+            shape=n,
+            source="five times the range that is searched",
+            lo=0,
+            hi=50,
+        ),
         margin=Param("1", 0.9, "share of the peak of the poorest surface", GUESS, lo=0.1, hi=1),
         blind=Param("1", 0.01, "the class is kept while the curves lie closer", GUESS, lo=0, hi=1),
-        least=Param("m/s", 0.0, "the class is kept at less creep: error of its sensors", lo=0),
+        least=Param(
+            "m/s", 0.0, "the class is kept at less creep: error of its sensors", lo=0, hi=10
+        ),
         cut=Param("1", 0.7, "share of the observed adhesion beyond the peak", GUESS, lo=0, hi=1),
     ):
         """Typical surface nearest to the observed adhesion, and the next poorer one's peak.
@@ -268,10 +388,27 @@ def usable_adhesion(axles: int, creep_law: Block = polach) -> Block:
     return connect("usable", wires, peaks=peaks(creep_law), axle=axle)
 
 
-@law(v_s=Output("m/s", "creep, rim minus train", positive="traction", per="speed"))
+@law(
+    v_s=Output(
+        "m/s",
+        "creep, rim minus train",
+        positive="traction",
+        per="speed",
+        source="a wheel that spins free",
+        lo=-130,
+        hi=500,
+    )
+)
 def creep(
-    omega=Input("rad/s", "wheel speed"),
-    v=Input("m/s", "train speed"),
+    omega=Input("rad/s", "wheel speed", source="a rim of 400 m/s", lo=-20, hi="400 / r"),
+    v=Input(
+        "m/s",
+        "train speed",
+        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        lo=-1,
+        hi=120,
+        change=0.5,
+    ),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
 ):
     """Creep of an axle as measured; Wang 2025 eq (8) with its sign turned (docs/errata.md)."""
@@ -286,19 +423,43 @@ def antislip_limit(axles: int) -> Block:
     """
 
     @law(
-        F_hi=Output("N", "largest force of the train", positive="traction"),
-        F_lo=Output("N", "smallest force of the train, braking", positive="traction"),
-        mu_least=Output("1", "adhesion that the poorest axle may use"),
+        F_hi=Output("N", "largest force of the train", positive="traction",
+                    source='ten times the largest force of a train', lo=0, hi=1e8),
+        F_lo=Output("N", "smallest force of the train, braking", positive="traction",
+                    source='ten times the largest force of a train', lo=-1e8, hi=0),
+        mu_least=Output("1", "adhesion that the poorest axle may use",
+                        source=FRICTION, lo=0, hi=2),
         name="limit", choices={"axles": axles},
     )  # fmt: skip
     def limit(
-        mu_lim=Input("1", "adhesion that an axle may use", shape=(axles,)),
-        F_hi_0=Input("N", "largest force by the characteristic", positive="traction"),
-        F_lo_0=Input("N", "smallest force by the characteristic", positive="traction"),
+        mu_lim=Input(
+            "1",
+            "adhesion that an axle may use",
+            shape=(axles,),
+            source=FRICTION,
+            lo=0,
+            hi=2,
+        ),
+        F_hi_0=Input(
+            "N",
+            "largest force by the characteristic",
+            positive="traction",
+            source="ten times the largest force of a train",
+            lo=-1e8,
+            hi=1e8,
+        ),
+        F_lo_0=Input(
+            "N",
+            "smallest force by the characteristic",
+            positive="traction",
+            source="ten times the largest force of a train",
+            lo=-1e8,
+            hi=1e8,
+        ),
         n_m=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
         n_b=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
         m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1),
+        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
     ):
         """F_hi = min(n_m mu W g, F(v)), F_lo = -min(n_b mu W g, F_brake).
 
@@ -314,12 +475,33 @@ def antislip_limit(axles: int) -> Block:
 
 
 @law(
-    F_hi=Output("N", "largest force of the train", positive="traction"),
-    F_lo=Output("N", "smallest force of the train, braking", positive="traction"),
+    F_hi=Output(
+        "N",
+        "largest force of the train",
+        positive="traction",
+        source="ten times the largest force of a train",
+        lo=0,
+        hi=1e8,
+    ),
+    F_lo=Output(
+        "N",
+        "smallest force of the train, braking",
+        positive="traction",
+        source="ten times the largest force of a train",
+        lo=-1e8,
+        hi=0,
+    ),
     name="characteristic",
 )
 def characteristic(
-    v=Input("m/s", "train speed"),
+    v=Input(
+        "m/s",
+        "train speed",
+        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        lo=-1,
+        hi=120,
+        change=0.5,
+    ),
     F_top=Param("N", 302e3, "starting force", "Wang 2025, eq (33)", lo=1e3, hi=1e7),
     P_top=Param("W", 5.5e6, "power", "Wang 2025, eq (33)", lo=1e3, hi=1e8),
     F_brake=Param("N", 480e3, "largest brake force, 15 kN per axle", GUESS, lo=1e3, hi=1e7),

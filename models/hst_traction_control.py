@@ -62,30 +62,95 @@ ETA = 0.05
 """Largest |delta'|/M in m/s^3 that the default gains of the sliding mode are made for."""
 
 FORCES = dict(
-    F_contr=Output("N", "force commanded", positive="traction"),
-    F_wanted=Output("N", "force wanted", positive="traction"),
+    F_contr=Output(
+        "N",
+        "force commanded",
+        positive="traction",
+        source="a hundred times the largest force of a train",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    F_wanted=Output(
+        "N",
+        "force wanted",
+        positive="traction",
+        source="what laws without compensation wind up to",
+        lo=-1e13,
+        hi=1e13,
+    ),
 )
 M_ = Param("kg", 500e3, "train, as the controller knows it", f"{TABLE_1}, M", lo=1e4, hi=1e8)
-E1 = Input("m", "position less target")
-E2 = Input("m/s", "speed less target")
-A_FF = Input("m/s^2", "target acceleration and resistance by mass", positive="traction")
-HI = Input("N", "largest force", positive="traction")
-LO = Input("N", "smallest force, braking", positive="traction")
+E1 = Input("m", "position less target", source="a thousand km", lo=-1e6, hi=1e6)
+E2 = Input("m/s", "speed less target", source="a wheel that spins free", lo=-500, hi=500)
+A_FF = Input(
+    "m/s^2",
+    "target acceleration and resistance by mass",
+    positive="traction",
+    source="adhesion of 2 on the least inertia",
+    lo=-1e4,
+    hi=1e4,
+)
+HI = Input(
+    "N",
+    "largest force",
+    positive="traction",
+    source="a hundred times the largest force of a train",
+    lo=-1e9,
+    hi=1e9,
+)
+LO = Input(
+    "N",
+    "smallest force, braking",
+    positive="traction",
+    source="a hundred times the largest force of a train",
+    lo=-1e9,
+    hi=1e9,
+)
 K1 = Param("1/s", 0.5, "slope of the sliding surface", TABLE_5, lo=1e-3, hi=10)
 
 
 @law(
-    e1=Output("m", "position less target"),
-    e2=Output("m/s", "speed less target"),
-    a_ff=Output("m/s^2", "target acceleration and resistance by mass", positive="traction"),
+    e1=Output("m", "position less target", source="a thousand km", lo=-1e6, hi=1e6),
+    e2=Output("m/s", "speed less target", source="twice 430 km/h and more", lo=-500, hi=500),
+    a_ff=Output(
+        "m/s^2",
+        "target acceleration and resistance by mass",
+        positive="traction",
+        source="that of the input",
+        lo=-1e4,
+        hi=1e4,
+    ),
 )
 def tracking(
-    x=Input("m", "position"),
-    v=Input("m/s", "speed"),
-    x_d=Input("m", "target position"),
-    v_d=Input("m/s", "target speed"),
-    a_d=Input("m/s^2", "target acceleration", positive="traction"),
-    F_d=Input("N", "running resistance, as known", positive="braking"),
+    x=Input(
+        "m",
+        "position",
+        source="a thousand km; ten times the way of a tick",
+        lo=-1000,
+        hi=1e6,
+        change=1,
+    ),
+    v=Input(
+        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.5
+    ),
+    x_d=Input("m", "target position", source="a thousand km; a target may jump", lo=-1000, hi=1e6),
+    v_d=Input("m/s", "target speed", source="430 km/h; a target may jump", lo=-1, hi=120),
+    a_d=Input(
+        "m/s^2",
+        "target acceleration",
+        positive="traction",
+        source="an emergency brake and more; a target may jump",
+        lo=-5,
+        hi=5,
+    ),
+    F_d=Input(
+        "N",
+        "running resistance, as known",
+        positive="braking",
+        source="a gradient of 0.1 under the heaviest train",
+        lo=-1e8,
+        hi=1e8,
+    ),
     m=M_,
 ):
     """Errors e1 = x - x_d, e2 = v - v_d and feed-forward v_d' + F_d/M."""
@@ -120,21 +185,27 @@ def higher_order(
 
     @flow(
         **FORCES,
-        s=Output("m/s", "sliding variable"),
-        k_1H=Output("1/s", "adapted gain"),
+        s=Output("m/s", "sliding variable", source="the largest k_1 on the largest errors",
+                 lo=-1e7, hi=1e7),
+        k_1H=Output("1/s", "adapted gain", source="a thousand times the largest k_4", lo=0,
+                    hi=1e6),
         name="hosm", choices={"gains": gains, "compensation": compensation, "form": form},
     )  # fmt: skip
     def hosm(
-        v_H=State("m/s^2", 0.0, "integral of the sliding mode"),
-        k_a=State("1/s", "k_4", "adapted gain"),
-        lam=State("m/s", 0.0, "saturation compensation"),
+        v_H=State("m/s^2", 0.0, "integral of the sliding mode",
+                  source="what laws without compensation wind up to", lo=-1e7, hi=1e7),
+        k_a=State("1/s", "k_4", "adapted gain", source="a thousand times the largest k_4", lo=0,
+                  hi=1e6),
+        lam=State("m/s", 0.0, "saturation compensation",
+                  source="what laws without compensation wind up to", lo=-1e5, hi=1e5),
         e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
         k_3=Param("1/s", 0.2, "decay of the compensation", TABLE_5, lo=1e-3, hi=10),
         k_4=Param("1/s", k4, "smallest gain", source, lo=1e-3, hi=1e3),
-        alpha=Param("1/s^2", alpha_0, "of the Lyapunov function", source, lo=1e-6),
-        beta=Param("1/s", beta_0, "of the Lyapunov function", source, lo=1 / 16),
-        sigma=Param("m/s", 1e-4, "band in which the gain falls", TABLE_5, lo=1e-9),
-        k_max=Param("1/s", 40 * k4, "largest gain, of the default form", GUESS, lo=1e-3),
+        alpha=Param("1/s^2", alpha_0, "of the Lyapunov function", source, lo=1e-6, hi=1e4),
+        beta=Param("1/s", beta_0, "of the Lyapunov function", source, lo=1 / 16, hi=1e4),
+        sigma=Param("m/s", 1e-4, "band in which the gain falls", TABLE_5, lo=1e-9, hi=100),
+        k_max=Param("1/s", 40 * k4, "largest gain, of the default form", GUESS, lo=1e-3,
+                    hi=1e5),
     ):  # fmt: skip
         """Higher-order sliding mode with adaptive gain; Wang 2025 eqs (29)-(39).
 
@@ -165,7 +236,17 @@ def higher_order(
 # ---- what the paper compares with ----------------------------------------------------------------
 
 
-@law(**FORCES, s=Output("m/s", "sliding variable"), name="smc")
+@law(
+    **FORCES,
+    s=Output(
+        "m/s",
+        "sliding variable",
+        source="the largest k_1 on the largest errors",
+        lo=-1e7,
+        hi=1e7,
+    ),
+    name="smc",
+)
 def sliding_mode(
     e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
     k_smc=Param("m/s^2", 0.05, "switching", TABLE_5, lo=0, hi=10),
@@ -176,11 +257,23 @@ def sliding_mode(
     return dict(F_contr=fmin(F_hi, fmax(F_lo, F)), F_wanted=F, s=s)
 
 
-@step(**FORCES, s=Output("m/s", "sliding variable"), name="asmc", period=T_C)
+@step(
+    **FORCES,
+    s=Output(
+        "m/s",
+        "sliding variable",
+        source="the largest k_1 on the largest errors",
+        lo=-1e7,
+        hi=1e7,
+    ),
+    name="asmc",
+    period=T_C,
+)
 def adaptive_sliding_mode(
-    d_hat=State("m/s^2", 0.0, "estimated perturbation"),
+    d_hat=State("m/s^2", 0.0, "estimated perturbation",
+                source="what laws without compensation wind up to", lo=-1e7, hi=1e7),
     e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
-    sigma=Param("m/s", 10.0, "width of the boundary layer", TABLE_5, lo=1e-6),
+    sigma=Param("m/s", 10.0, "width of the boundary layer", TABLE_5, lo=1e-6, hi=100),
     k_2=Param("m/s^2", 15.0, "switching", TABLE_5, lo=0, hi=1e3),
     d_1=Param("1/s^2", 10.0, "rate of the estimate", TABLE_5, lo=0, hi=1e3),
     T=Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1),
@@ -273,13 +366,16 @@ def predictive(moves: int = 25, dt: float = 0.2, iterations: int = 25) -> Block:
 
     return make_block(
         "mpc", "step", body, period=T_C, sx=False,
-        states=[State("N", "F_start", "last command", positive="traction").named("F_last"),
-                State("1", 0.0, "where the solver starts", shape=(5 * moves,)).named("inner")],
+        states=[State("N", "F_start", "last command", "that of the limits", positive="traction",
+                      lo=-1e9, hi=1e9).named("F_last"),
+                State("1", 0.0, "where the solver starts", "a thousand times what runs show",
+                      shape=(5 * moves,), lo=-1e6, hi=1e6).named("inner")],
         inputs=[E1.named("e1"), E2.named("e2"), A_FF.named("a_ff"), HI.named("F_hi"),
                 LO.named("F_lo")],
         params=[M_.named("m"),
-                Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3).named("jerk"),
-                Param("N", 0.0, "force at the start", positive="traction").named("F_start"),
+                Param("m/s^3", 1.0, "largest jerk", GUESS, lo=1e-3, hi=1e4).named("jerk"),
+                Param("N", 0.0, "force at the start", positive="traction", lo=-1e9,
+                      hi=1e9).named("F_start"),
                 Param("s", T_C, "sample period", GUESS, lo=1e-6, hi=0.1).named("T")],
         outputs=[s.named(n) for n, s in FORCES.items()],
         doc=about(predictive), choices={"moves": moves, "dt": dt, "iterations": iterations},
@@ -307,8 +403,29 @@ CONTROLLER = {
 """Numbers that several parts of the controller have."""
 
 
-@law(F_contr=Output("N", "force commanded", positive="traction"), name="clamp")
-def clamp(F=Input("N", "force commanded by the law", positive="traction"), F_hi=HI, F_lo=LO):
+@law(
+    F_contr=Output(
+        "N",
+        "force commanded",
+        positive="traction",
+        source="a hundred times the largest force of a train",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    name="clamp",
+)
+def clamp(
+    F=Input(
+        "N",
+        "force commanded by the law",
+        positive="traction",
+        source="a hundred times the largest force of a train",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    F_hi=HI,
+    F_lo=LO,
+):
     """Limits of this tick on a force that the law gave up to some ticks ago."""
     return fmin(F_hi, fmax(F_lo, F))
 

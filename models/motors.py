@@ -72,11 +72,11 @@ def machine(
     u_q=Input("V", "stator voltage in q"),
     omega_sl=Input("rad/s", "slip frequency that the controller sets"),
     omega=Input("rad/s", "speed of the axle"),
-    R_s=Param("V/A", _R("R_s"), "stator resistance", DATA, lo=1e-6),
-    R_r=Param("V/A", _R("R_r"), "rotor resistance", DATA, lo=1e-6),
-    L_ls=Param("V s/A", _L("L_ls"), "stator leakage", DATA, lo=1e-9),
-    L_lr=Param("V s/A", _L("L_lr"), "rotor leakage", DATA, lo=1e-9),
-    L_m=Param("V s/A", _L("L_m"), "main inductance", DATA, lo=1e-9),
+    R_s=Param("V/A", _R("R_s"), "stator resistance", DATA, lo=1e-6, hi=1e6),
+    R_r=Param("V/A", _R("R_r"), "rotor resistance", DATA, lo=1e-6, hi=1e6),
+    L_ls=Param("V s/A", _L("L_ls"), "stator leakage", DATA, lo=1e-9, hi=1e6),
+    L_lr=Param("V s/A", _L("L_lr"), "rotor leakage", DATA, lo=1e-9, hi=1e6),
+    L_m=Param("V s/A", _L("L_m"), "main inductance", DATA, lo=1e-9, hi=1e6),
     p=Param("1", PAIRS, "pole pairs", GUESS, lo=1, hi=20),
     R_g=Param("1", 2.5, "gear, motor to axle", TABLE_1, lo=0.5, hi=20),
 ):
@@ -105,10 +105,12 @@ def flux_model(
     psi_h=State("V s", 0.0, "rotor flux, as the controller believes"),
     i_d=Input("A", "measured current along the flux"),
     i_q=Input("A", "measured current across the flux"),
-    R_r=Param("V/A", _R("R_r"), "rotor resistance, as the controller knows it", DATA, lo=1e-6),
-    L_r=Param("V s/A", _L("L_lr") + _L("L_m"), "rotor inductance, the same", DATA, lo=1e-9),
-    L_m=Param("V s/A", _L("L_m"), "main inductance, the same", DATA, lo=1e-9),
-    psi_min=Param("V s", 0.05, "floor of the division", "added", lo=1e-6),
+    R_r=Param(
+        "V/A", _R("R_r"), "rotor resistance, as the controller knows it", DATA, lo=1e-6, hi=1e6
+    ),
+    L_r=Param("V s/A", _L("L_lr") + _L("L_m"), "rotor inductance, the same", DATA, lo=1e-9, hi=1e6),
+    L_m=Param("V s/A", _L("L_m"), "main inductance, the same", DATA, lo=1e-9, hi=1e6),
+    psi_min=Param("V s", 0.05, "floor of the division", "added", lo=1e-6, hi=100),
 ):
     """Current model of the rotor: tau_r psi' = L_m i_d - psi, omega_sl = L_m i_q/(tau_r psi)."""
     rate = R_r / L_r * (L_m * i_d - psi_h)
@@ -125,20 +127,24 @@ def references(
     F_cmd=Input("N", "commanded force at the rims", positive="traction"),
     omega=Input("rad/s", "speed of the axle"),
     psi=Input("V s", "rotor flux, as the controller believes"),
-    F_top=Param("N", 302e3, "largest force of all motors", f"{SOURCE} eq (33)", lo=1),
-    P_top=Param("W", 5.5e6, "largest power of all motors", f"{SOURCE} eq (33)", lo=1),
+    F_top=Param("N", 302e3, "largest force of all motors", f"{SOURCE} eq (33)", lo=1, hi=1e9),
+    P_top=Param("W", 5.5e6, "largest power of all motors", f"{SOURCE} eq (33)", lo=1, hi=1e10),
     n_m=Param("1", 10.0, "motors", SOURCE, lo=1, hi=200),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
     R_g=Param("1", 2.5, "gear, motor to axle", TABLE_1, lo=0.5, hi=20),
     p=Param("1", PAIRS, "pole pairs", GUESS, lo=1, hi=20),
-    L_r=Param("V s/A", _L("L_lr") + _L("L_m"), "rotor inductance", DATA, lo=1e-9),
-    L_m=Param("V s/A", _L("L_m"), "main inductance", DATA, lo=1e-9),
-    psi_N=Param("V s", 0.9 * U_LINE * (2 / 3) ** 0.5 / (PAIRS * OMEGA_C), "full flux", GUESS, lo=0),
-    omega_w=Param("rad/s", OMEGA_C, "motor speed above which the flux is weakened", GUESS, lo=1),
-    k_psi=Param("A/(V s)", 100.0, "gain of the flux", GUESS, lo=0),
-    I_d=Param("A", 250.0, "largest current along the flux", GUESS, lo=1),
-    I_q=Param("A", 350.0, "largest current across the flux", GUESS, lo=1),
-    psi_min=Param("V s", 0.05, "floor of the division", "added", lo=1e-6),
+    L_r=Param("V s/A", _L("L_lr") + _L("L_m"), "rotor inductance", DATA, lo=1e-9, hi=1e6),
+    L_m=Param("V s/A", _L("L_m"), "main inductance", DATA, lo=1e-9, hi=1e6),
+    psi_N=Param(
+        "V s", 0.9 * U_LINE * (2 / 3) ** 0.5 / (PAIRS * OMEGA_C), "full flux", GUESS, lo=0, hi=1e6
+    ),
+    omega_w=Param(
+        "rad/s", OMEGA_C, "motor speed above which the flux is weakened", GUESS, lo=1, hi=1e6
+    ),
+    k_psi=Param("A/(V s)", 100.0, "gain of the flux", GUESS, lo=0, hi=1e5),
+    I_d=Param("A", 250.0, "largest current along the flux", GUESS, lo=1, hi=1e6),
+    I_q=Param("A", 350.0, "largest current across the flux", GUESS, lo=1, hi=1e6),
+    psi_min=Param("V s", 0.05, "floor of the division", "added", lo=1e-6, hi=100),
 ):
     """Currents for the wanted torque, limited by (33) at the wheel's speed, and for the flux."""
     F_lim = P_top / fmax(r * omega, P_top / F_top) / n_m
@@ -165,15 +171,15 @@ def current_loops(
     omega_sl=Input("rad/s", "slip frequency"),
     omega=Input("rad/s", "speed of the axle"),
     alpha=Param("1/s", 2 * pi * 100, "bandwidth of the loops", GUESS, lo=1, hi=1e5),
-    R_s=Param("V/A", _R("R_s"), "stator resistance", DATA, lo=1e-6),
+    R_s=Param("V/A", _R("R_s"), "stator resistance", DATA, lo=1e-6, hi=1e6),
     sigma_L=Param(
         "V s/A", _L("L_ls") + _L("L_m") - _L("L_m") ** 2 / (_L("L_lr") + _L("L_m")),
-        "leakage that the currents see", DATA, lo=1e-9,
+        "leakage that the currents see", DATA, lo=1e-9, hi=1e6
     ),
     k_r=Param("1", _L("L_m") / (_L("L_lr") + _L("L_m")), "L_m/L_r", DATA, lo=0, hi=1),
     p=Param("1", PAIRS, "pole pairs", GUESS, lo=1, hi=20),
     R_g=Param("1", 2.5, "gear, motor to axle", TABLE_1, lo=0.5, hi=20),
-    U_max=Param("V", 3600 / 3**0.5, "largest voltage: a link of 3.6 kV", GUESS, lo=1),
+    U_max=Param("V", 3600 / 3**0.5, "largest voltage: a link of 3.6 kV", GUESS, lo=1, hi=1e6),
 ):  # fmt: skip
     """Two PI loops with decoupling; their poles lie at alpha. The voltage is limited to a circle.
 

@@ -28,7 +28,7 @@ from slipctl import (
     step,
 )
 from slipctl.estimate.model import unknown_parameters
-from slipctl.models.common_form import ADDED, T_S, Wheel
+from slipctl.models.common_form import ADDED, T_S, Wheel, bounded
 from slipctl.models.shared import SHARED
 
 
@@ -47,7 +47,7 @@ def axle(
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
-    g=Param("m/s^2", 9.81, "gravity", ADDED),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
     tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
 ):
     """Slip of a wheel behind its actuator, at a speed of the vehicle that is held."""
@@ -56,7 +56,7 @@ def axle(
     return dict(v_s=slip, T=(T_cmd - T) / tau), dict(beyond=v_s - 1.5 * v_ref)
 
 
-@law(slip=Output("m/s"), change=Output("N m"))
+@law(slip=Output("m/s", source="a wheel that spins free", lo=-120, hi=500), change=Output("N m"))
 def residuals(
     v_s=Input("m/s", "slip speed", positive="braking", per="speed"),
     v_ref=Input("m/s", "slip to go to", positive="braking", per="speed"),
@@ -91,12 +91,40 @@ def _at_slip(adhesion: Block, parts: dict[str, Block], slip: str) -> dict[str, s
 
 
 @step(
-    slip=Output("m/s", "slip speed, filtered", positive="braking", per="speed"),
-    d=Output("m/s^2", "what the slip rises by beyond the model"),
+    slip=Output(
+        "m/s",
+        "slip speed, filtered",
+        positive="braking",
+        per="speed",
+        source="a wheel that spins free",
+        lo=-120,
+        hi=500,
+    ),
+    d=Output(
+        "m/s^2",
+        "what the slip rises by beyond the model",
+        source="adhesion of 2 on the least inertia",
+        lo=-1e4,
+        hi=1e4,
+    ),
 )
 def offset(
-    s_h=State("m/s", "v_s_start", "slip speed, predicted"),
-    d_h=State("m/s^2", 0.0, "what it rises by beyond the model"),
+    s_h=State(
+        "m/s",
+        "v_s_start",
+        "slip speed, predicted",
+        source="a wheel that spins free",
+        lo=-120,
+        hi=500,
+    ),
+    d_h=State(
+        "m/s^2",
+        0.0,
+        "what it rises by beyond the model",
+        source="adhesion of 2 on the least inertia",
+        lo=-1e4,
+        hi=1e4,
+    ),
     v_s=Input("m/s", "slip speed, as measured", positive="braking", per="speed"),
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     mu=Input("1", "adhesion on the estimated curve", positive="braking"),
@@ -105,8 +133,10 @@ def offset(
     J=Param("kg m^2", 240.0, "inertia at the wheel", ADDED, lo=1, hi=1e4),
     r=Param("m", 0.5, "wheel radius", ADDED, lo=0.2, hi=1),
     m=Param("kg", 8000.0, "mass of the vehicle per wheel", ADDED, lo=1e3, hi=1e7),
-    g=Param("m/s^2", 9.81, "gravity", ADDED),
-    v_s_start=Param("m/s", 0.0, "slip speed at the start", positive="braking", per="speed"),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
+    v_s_start=Param(
+        "m/s", 0.0, "slip speed at the start", positive="braking", per="speed", lo=-1e6, hi=1e6
+    ),
     T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
 ):
     """Observer of the slip and of a constant disturbance: s' = model + d, d' = 0.
@@ -119,10 +149,30 @@ def offset(
     return nxt, dict(slip=s_h + T_s * 2 * pole * error, d=d_h)
 
 
-@step(v_ref=Output("m/s", "slip to go to", positive="braking", per="speed"))
+@step(
+    v_ref=Output(
+        "m/s",
+        "slip to go to",
+        positive="braking",
+        per="speed",
+        source="twice the range that is searched",
+        lo=-20,
+        hi=20,
+    )
+)
 def smoothed(
-    x=State("m/s", 0.0, "filtered reference"),
-    v_best=Input("m/s", "best slip, as searched", positive="braking", per="speed"),
+    x=State(
+        "m/s", 0.0, "filtered reference", source="twice the range that is searched", lo=-20, hi=20
+    ),
+    v_best=Input(
+        "m/s",
+        "best slip, as searched",
+        positive="braking",
+        per="speed",
+        source="twice the range that is searched",
+        lo=-20,
+        hi=20,
+    ),
     tau_s=Param("s", 0.05, "time constant", "chosen", lo=1e-3, hi=5),
     T_s=Param("s", T_S, "tick", lo=1e-6, hi=0.1),
 ):
@@ -197,6 +247,6 @@ def predictive(
         share = SHARED | {
             "m_axle": "*.m_axle", "T_s": "*.T_s", "T_max": "nmpc.T_cmd_hi",
         }  # fmt: skip
-        return connect("law", wires, share=share, **parts)
+        return bounded(connect("law", wires, share=share, **parts))
 
     return make

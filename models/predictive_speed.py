@@ -40,10 +40,25 @@ def residuals(
     return dict(position=e1, speed=e2, effort=F / m - a_ff + d)
 
 
-@step(d=Output("m/s^2", "acceleration beyond the model"))
+@step(
+    d=Output(
+        "m/s^2",
+        "acceleration beyond the model",
+        source="that of the target",
+        lo=-1e4,
+        hi=1e4,
+    )
+)
 def unmodelled(
-    e_h=State("m/s", 0.0, "predicted speed error"),
-    d_h=State("m/s^2", 0.0, "acceleration beyond the model"),
+    e_h=State("m/s", 0.0, "predicted speed error", source="that of the error", lo=-500, hi=500),
+    d_h=State(
+        "m/s^2",
+        0.0,
+        "acceleration beyond the model",
+        source="that of the target",
+        lo=-1e4,
+        hi=1e4,
+    ),
     e2=E2,
     F=Input("N", "force of the train", positive="traction"),
     a_ff=A_FF,
@@ -57,9 +72,28 @@ def unmodelled(
     return nxt, dict(d=d_h)
 
 
-@step(**FORCES, F_last=Output("N", "force of the last run", positive="traction"), name="held")
+@step(
+    **FORCES,
+    F_last=Output(
+        "N",
+        "force of the last run",
+        positive="traction",
+        source="a hundred times the largest force of a train",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    name="held",
+)
 def held(
-    F_h=State("N", 0.0, "force of the last run", positive="traction"),
+    F_h=State(
+        "N",
+        0.0,
+        "force of the last run",
+        positive="traction",
+        source="a hundred times the largest force of a train",
+        lo=-1e9,
+        hi=1e9,
+    ),
     F=Input("N", "planned force", positive="traction"),
     F_hi=HI,
     F_lo=LO,

@@ -150,10 +150,16 @@ def rolling(
         each(Param("kg m^2", 93.75, "inertia of an axle", source, lo=1, hi=1e4), "J"),
         each(Param("N m s", 0.01, "damping of an axle", source, lo=0, hi=1e3), "B_t"),
         each(radius, "r") if "r" in apart else radius.named("r"),
-        Param("m/s^2", 9.8, "gravity", source).named("g"),
+        Param("m/s^2", 9.8, "gravity", source, lo=1, hi=30).named("g"),
         each(Param("1", 1.0, "share of the brake torque that it gets", lo=0, hi=2), "braked"),
-        each(Param("1", doc="how many axles are alike"), "count", value=axles.count),
-        each(Param("m", doc="place behind the first axle"), "behind", value=axles.behind),
+        each(
+            Param("1", doc="how many axles are alike", lo=-1e6, hi=1e6), "count", value=axles.count
+        ),
+        each(
+            Param("m", doc="place behind the first axle", lo=-1e6, hi=1e6),
+            "behind",
+            value=axles.behind,
+        ),
     ]
     outputs = [
         each(Output("m/s", "creep, rim minus train", per="speed", **traction), "v_s"),

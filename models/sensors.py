@@ -19,8 +19,8 @@ def tooth_wheel(
     clock=Param("s", 1e-6, "resolution of the timer", "typical, guess", lo=1e-9, hi=1e-3),
     sigma=Param("s", 2e-6, "jitter of an edge, standard deviation", "guess", lo=0, hi=1e-3),
     T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
-    omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
-    phi_start=Param("rad", 0.0, "wheel angle at the start"),
+    omega_start=Param("rad/s", 40.0, "wheel speed at the start", lo=-1e5, hi=1e5),
+    phi_start=Param("rad", 0.0, "wheel angle at the start", lo=-1e6, hi=1e6),
 ):
     """Wheel speed from the time between tooth edges, as a counter card forms it.
 
@@ -182,15 +182,21 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         T_b=Input("N m", "measured brake torque", positive="braking"),
         v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
         n=Noise(),
-        sigma=Param("1", 0.0, "added noise on the adhesion, standard deviation", "guess", lo=0),
+        sigma=Param(
+            "1", 0.0, "added noise on the adhesion, standard deviation", "guess", lo=0, hi=1e6
+        ),
         m=Param("kg", 8000.0, "load, as the controller knows it", "Huang 2020", lo=1000, hi=40000),
         J=Param("kg m^2", 240.0, "wheel inertia", "Huang 2020, Table 3", lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", "Huang 2020, Table 3", lo=0.2, hi=1),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
         T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
-        omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
-        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="braking"),
-        v_s_start=Param("m/s", 0.0, "slip speed at the start", positive="braking", per="speed"),
+        omega_start=Param("rad/s", 40.0, "wheel speed at the start", lo=-1e5, hi=1e5),
+        T_b_start=Param(
+            "N m", 0.0, "brake torque at the start", positive="braking", lo=-1e6, hi=1e6
+        ),
+        v_s_start=Param(
+            "m/s", 0.0, "slip speed at the start", positive="braking", per="speed", lo=-1e6, hi=1e6
+        ),
     ):
         """Mean adhesion from the wheel's equation; Huang 2020 eqs (3), (6), formula not printed.
 

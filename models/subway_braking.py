@@ -54,7 +54,14 @@ because Table 1 contradicts the text, in which the optimum changes with the rail
 
 
 @law(
-    mu=Output("1", "adhesion coefficient", positive="braking"),
+    mu=Output(
+        "1",
+        "adhesion coefficient",
+        positive="braking",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    ),
     conditions=TABLE_1 | MOVING,
     closed_form=peak_slip,
     coordinates=("log(c)", "log(a)", "log(b - a)"),
@@ -76,9 +83,9 @@ def double_exponential(
 @law(f=Output("N", "air resistance"))
 def air_resistance(
     v=Input("m/s", "vehicle speed"),
-    k0=Param("N", 150.0, "constant part", "guess, not in the paper", lo=0),
-    k1=Param("N s/m", 5.0, "linear part", "guess, not in the paper", lo=0),
-    k2=Param("N s^2/m^2", 0.35, "quadratic part", "guess, not in the paper", lo=0),
+    k0=Param("N", 150.0, "constant part", "guess, not in the paper", lo=0, hi=1e6),
+    k1=Param("N s/m", 5.0, "linear part", "guess, not in the paper", lo=0, hi=1e4),
+    k2=Param("N s^2/m^2", 0.35, "quadratic part", "guess, not in the paper", lo=0, hi=1000),
 ):
     """Resistance to motion; Huang 2020 eq (7), coefficients renamed (mu collides with adhesion)."""
     return k0 + k1 * v + k2 * v**2
@@ -98,11 +105,11 @@ def curve_resistance(form: str = "consistent") -> Block:
          units="printed" if printed else "checked")  # fmt: skip
     def curve(
         kappa=Param("1/m", 0.0, "curvature 1/R; 0 is straight", lo=0, hi=0.02),
-        l_r=Param("m", 200.0, "length of the curve", "guess, not in the paper", lo=0.1),
-        l_t=Param("m", 136.0, "length of the train", TABLE_3, lo=1),
-        k=Param("m", 0.6, "600 N/kN times 1 m", "Huang 2020 eq (10)", lo=0),
+        l_r=Param("m", 200.0, "length of the curve", "guess, not in the paper", lo=0.1, hi=1e6),
+        l_t=Param("m", 136.0, "length of the train", TABLE_3, lo=1, hi=1e6),
+        k=Param("m", 0.6, "600 N/kN times 1 m", "Huang 2020 eq (10)", lo=0, hi=1000),
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
     ):
         """Resistance of a curve on the share of the train that is in it; Huang 2020 eq (10)."""
         if printed:
@@ -129,8 +136,8 @@ def wheelset(form: str = "consistent") -> Block:
         name="wheel", choices={"form": form},
     )  # fmt: skip
     def wheel(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper"),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper", lo=-1, hi=200),
         omega=State("rad/s", "v / r", "wheel speed"),
         phi=State("rad", 0.0, "wheel angle"),
         T_b=Input("N m", "brake torque", positive="braking"),
@@ -140,8 +147,10 @@ def wheelset(form: str = "consistent") -> Block:
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
         J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
-        omega_0=Param("rad/s", 0.1, "speed below which the brake torque fades", "added", lo=1e-3),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
+        omega_0=Param(
+            "rad/s", 0.1, "speed below which the brake torque fades", "added", lo=1e-3, hi=100
+        ),
         slope=SLOPE,
     ):
         """Braked wheel and the mass that it carries; Huang 2020 eqs (5), (6), (8), (9).
@@ -206,14 +215,14 @@ def ideal_plant(adhesion: Block = double_exponential) -> Block:
         name="wheel",
     )
     def wheel(
-        x=State("m", 0.0, "position"),
-        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper"),
+        x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+        v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper", lo=-1, hi=200),
         mu=Input("1", "adhesion coefficient", positive="braking"),
         v_opt=Input("m/s", "best slip speed", positive="braking", per="speed"),
         f=Input("N", "air resistance", value=0.0),
         W=Input("N", "curve resistance", value=0.0),
         m=Param("kg", 8000.0, "load on the wheel", TABLE_3, lo=1000, hi=40000),
-        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+        g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
         slope=SLOPE,
     ):
         """M v' = -(mu m g + f + W) - M g slope, mu at its peak: no controller can brake harder."""

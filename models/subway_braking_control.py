@@ -31,20 +31,53 @@ from slipctl import (
     step,
 )
 from slipctl.errors import known
+from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 from slipctl.models.shared import SHARED
 
 TABLE_3 = "Huang 2020, Table 3"
+FASTEST = "430 km/h"
+REACH = "what the gains give at the largest slip"
 
 
-@law(T_eq=Output("N m", "torque that keeps the slip", positive="braking"))
+@law(
+    T_eq=Output(
+        "N m",
+        "torque that keeps the slip",
+        positive="braking",
+        source="adhesion of 2",
+        lo="-2 * g * (m * r + J / r)",
+        hi="2 * g * (m * r + J / r)",
+    )
+)
 def equivalent_torque(
-    mu_hat=Input("1", "adhesion estimate", positive="braking"),
-    f_hat=Input("N", "air resistance, as known", value=0.0),
-    W_hat=Input("N", "curve resistance, as known", value=0.0),
+    mu_hat=Input(
+        "1",
+        "adhesion estimate",
+        positive="braking",
+        source="twice what steel on steel can have",
+        lo=-2,
+        hi=2,
+    ),
+    f_hat=Input(
+        "N",
+        "air resistance, as known",
+        value=0.0,
+        source="half the weight of 10 t",
+        lo=-5e4,
+        hi=5e4,
+    ),
+    W_hat=Input(
+        "N",
+        "curve resistance, as known",
+        value=0.0,
+        source="half the weight of 10 t",
+        lo=-5e4,
+        hi=5e4,
+    ),
     m=Param("kg", 8000.0, "load, as the controller knows it", TABLE_3, lo=1000, hi=40000),
     J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
     r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
-    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper"),
+    g=Param("m/s^2", 9.81, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
     """Torque for s' = 0, -(J/r) Phi; Huang 2020 eq (39)."""
     F = mu_hat * m * g
@@ -52,10 +85,25 @@ def equivalent_torque(
     return -(J / r) * Phi
 
 
-@law(v_ref=Output("m/s", "wanted slip speed", positive="braking", per="speed"))
+@law(v_ref=Output("m/s", "wanted slip speed", positive="braking", per="speed", lo=0, hi=20))
 def slip_reference(
-    v=Input("m/s", "vehicle speed"),
-    v_opt=Input("m/s", "best slip speed", positive="braking", per="speed"),
+    v=Input(
+        "m/s",
+        "vehicle speed",
+        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        lo=-1,
+        hi=120,
+        change=0.5,
+    ),
+    v_opt=Input(
+        "m/s",
+        "best slip speed",
+        positive="braking",
+        per="speed",
+        source="twice the range that is searched",
+        lo=0,
+        hi=20,
+    ),
     share=Param("1", 0.5, "largest slip as share of the speed", "guess", lo=0.01, hi=1),
 ):
     """Reference of the slip loop: the best slip, as far as the speed allows it (v_s <= v)."""
@@ -66,16 +114,47 @@ def reaching_law() -> Block:
     """Make the sliding-mode controller that the paper compares with."""
 
     @law(
-        T_wanted=Output("N m", "wanted torque", positive="braking"),
-        s=Output("m/s", "sliding variable"),
+        T_wanted=Output(
+            "N m",
+            "wanted torque",
+            REACH,
+            positive="braking",
+            lo="-1e5 - J / r * (120 * g1 + g2)",
+            hi="1e5 + J / r * (120 * g1 + g2)",
+        ),
+        s=Output("m/s", "sliding variable", FASTEST, lo=-25, hi=120),
         name="smc",
     )
     def smc(
-        v_s=Input("m/s", "slip speed", positive="braking", per="speed"),
-        v_ref=Input("m/s", "wanted slip speed", positive="braking", per="speed"),
-        T_eq=Input("N m", "torque that keeps the slip", positive="braking"),
-        g1=Param("1/s", 36.0, "proportional reaching", "Huang 2020, section 5", lo=0),
-        g2=Param("m/s^2", 12.0, "constant reaching", "Huang 2020, section 5", lo=0),
+        v_s=Input(
+            "m/s",
+            "slip speed",
+            positive="braking",
+            per="speed",
+            source="a locked wheel; a tooth wheel that turns again jumps",
+            lo=-5,
+            hi=120,
+            change=2,
+        ),
+        v_ref=Input(
+            "m/s",
+            "wanted slip speed",
+            positive="braking",
+            per="speed",
+            source="twice the range that is searched",
+            lo=0,
+            hi=20,
+        ),
+        T_eq=Input(
+            "N m",
+            "torque that keeps the slip",
+            positive="braking",
+            source="parameters at the ends of their ranges",
+            lo=-1e9,
+            hi=1e9,
+        ),
+        g1=Param("1/s", 36.0, "proportional reaching", "Huang 2020, section 5", lo=0, hi=1e5),
+        g2=Param("m/s^2", 12.0, "constant reaching", "Huang 2020, section 5", lo=0, hi=1e5),
         J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
     ):
@@ -110,18 +189,58 @@ def super_twisting(
     turn = 1 if form == "consistent" else -1
 
     @step(
-        T_wanted=Output("N m", "wanted torque", positive="braking"),
-        s=Output("m/s", "sliding variable"),
+        T_wanted=Output("N m", "wanted torque", REACH, positive="braking",
+                        lo="-1.1e6 - J / r * 11 * k1", hi="1.1e6 + J / r * 11 * k1"),
+        s=Output("m/s", "sliding variable", FASTEST, lo=-25, hi=120),
         name="sta", choices={"form": form, "gains": gains, "discretisation": discretisation},
     )  # fmt: skip
     def sta(
-        u_sw=State("m/s^2", 0.0, "integral of the switching term"),
-        v_s=Input("m/s", "slip speed", positive="braking", per="speed"),
-        v_ref=Input("m/s", "wanted slip speed", positive="braking", per="speed"),
-        T_eq=Input("N m", "torque that keeps the slip", positive="braking"),
-        T_top=Input("N m", "most that may be applied now", positive="braking", value=20e3),
-        k1=Param("m^.5/s^1.5", K1, "gain of the root", source, lo=0),
-        k2=Param("m/s^3", K2, "gain of the integral", source, lo=1e-9),
+        u_sw=State(
+            "m/s^2",
+            0.0,
+            "integral of the switching term",
+            source="the acceleration by fifty brakes; anti-windup keeps it far below",
+            lo="-1e6 * r / J",
+            hi="1e6 * r / J",
+        ),
+        v_s=Input(
+            "m/s",
+            "slip speed",
+            positive="braking",
+            per="speed",
+            source="a locked wheel; a tooth wheel that turns again jumps",
+            lo=-5,
+            hi=120,
+            change=2,
+        ),
+        v_ref=Input(
+            "m/s",
+            "wanted slip speed",
+            positive="braking",
+            per="speed",
+            source="twice the range that is searched",
+            lo=0,
+            hi=20,
+        ),
+        T_eq=Input(
+            "N m",
+            "torque that keeps the slip",
+            positive="braking",
+            source="parameters at the ends of their ranges",
+            lo=-1e9,
+            hi=1e9,
+        ),
+        T_top=Input(
+            "N m",
+            "most that may be applied now",
+            positive="braking",
+            value=20e3,
+            source="parameters at the ends of their ranges",
+            lo=0,
+            hi=1e9,
+        ),
+        k1=Param("m^.5/s^1.5", K1, "gain of the root", source, lo=0, hi=1e5),
+        k2=Param("m/s^3", K2, "gain of the integral", source, lo=1e-9, hi=1e5),
         J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
         r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
         T=Param("s", 1e-3, "sample period", "guess, not in the paper", lo=1e-6, hi=0.1),
@@ -149,21 +268,59 @@ def super_twisting(
 
 
 @law(
-    T_b=Output("N m", "commanded torque", positive="braking", lo=0, hi=20e3),
-    T_top=Output("N m", "most that may be applied now", positive="braking"),
+    T_b=Output("N m", "commanded torque", positive="braking", lo=0, hi="fmax(T_max, T_low)"),
+    T_top=Output(
+        "N m", "most that may be applied now", positive="braking", lo=0, hi="fmax(T_max, T_low)"
+    ),
 )
 def arbitration(
-    T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
-    v=Input("m/s", "vehicle speed"),
-    a_demand=Input("m/s^2", "required deceleration", positive="braking", value=10.0),
-    f_hat=Input("N", "air resistance, as known", value=0.0),
-    W_hat=Input("N", "curve resistance, as known", value=0.0),
+    T_wanted=Input(
+        "N m",
+        "torque that slip control wants",
+        positive="braking",
+        source="the gains at the ends of their ranges",
+        lo=-1e9,
+        hi=1e9,
+    ),
+    v=Input(
+        "m/s",
+        "vehicle speed",
+        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        lo=-1,
+        hi=120,
+        change=0.5,
+    ),
+    a_demand=Input(
+        "m/s^2",
+        "required deceleration",
+        positive="braking",
+        value=10.0,
+        source="twice gravity",
+        lo=0,
+        hi=20,
+    ),
+    f_hat=Input(
+        "N",
+        "air resistance, as known",
+        value=0.0,
+        source="half the weight of 10 t",
+        lo=-5e4,
+        hi=5e4,
+    ),
+    W_hat=Input(
+        "N",
+        "curve resistance, as known",
+        value=0.0,
+        source="half the weight of 10 t",
+        lo=-5e4,
+        hi=5e4,
+    ),
     m=Param("kg", 8000.0, "load, as the controller knows it", TABLE_3, lo=1000, hi=40000),
     J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
     r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
-    T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
-    v_off=Param("m/s", 1.0, "slip control is off below", "guess, not in the paper", lo=0),
-    T_low=Param("N m", 4e3, "largest torque below v_off", "guess, not in the paper", lo=0),
+    T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1, hi=1e6),
+    v_off=Param("m/s", 1.0, "slip control is off below", "guess, not in the paper", lo=0, hi=20),
+    T_low=Param("N m", 4e3, "largest torque below v_off", "guess, not in the paper", lo=0, hi=1e6),
 ):
     """Torque applied: the demand, unless slip control wants less; Huang 2020 section 2.2.
 
@@ -251,6 +408,7 @@ def estimating_controller(
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
     probing = form == "window"
     estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1)
+    estimator = fit_ranged(estimator, adhesion)
     inner = controller(slip_law, "slip")
     wires = {
         "estimator.mu": "mu_m",
@@ -265,14 +423,15 @@ def estimating_controller(
         "slip.W_hat": "W_hat",
         "T_b": "slip.T_b",
     }
-    parts = {"estimator": every(estimator, period), "search": every(search, period)}
+    parts = {"estimator": every(estimator, period), "search": every(peak_ranged(search), period)}
     if probing:
         wires |= {
             "probe.best": "search.best",
             "probe.covariance": "estimator.covariance",
             "probe.changed": "estimator.changed",
         }
-        parts["probe"] = every(probe(adhesion, "v_s", within=(0.1, 6.0), looks=looks), period)
+        sure = probe(adhesion, "v_s", within=(0.1, 6.0), looks=looks)
+        parts["probe"] = every(probe_ranged(sure), period)
     fed = ("search", "probe", "curve") if probing else ("search", "curve")
     parts |= {"curve": opened(adhesion), "slip": inner}
     for n in unknown:

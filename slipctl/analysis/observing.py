@@ -75,7 +75,8 @@ def luenberger(
     signal = {n: block.states.get(n) or block.outputs[n] for n in seen}
     states = list(block.states)
     params = [
-        Param(_ratio(block.states[x].unit, signal[y].unit), float(L[i, j]), f"gain of {y} on {x}'")
+        Param(_ratio(block.states[x].unit, signal[y].unit), float(L[i, j]), f"gain of {y} on {x}'",
+              lo=-1e12, hi=1e12)
         .named(names[i][j]) for i, x in enumerate(states) for j, y in enumerate(seen)
     ]  # fmt: skip
 

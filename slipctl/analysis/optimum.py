@@ -310,8 +310,8 @@ def argmax_block(
     return make_block(
         "argmax", "law", body, inputs=given,
         params=[
-            Param(x.unit, float(lo), "lowest").named("lo"),
-            Param(x.unit, float(hi), "highest").named("hi"),
+            Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
+            Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
         ],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),

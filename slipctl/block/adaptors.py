@@ -33,7 +33,8 @@ def speed_to_ratio() -> Block:
             Input("m/s", "slip speed", per="speed").named("u"),
             Input("m/s", "vehicle speed").named("v"),
         ],
-        params=[Param("m/s", 1.0, "the ratio is not formed below", lo=1e-3).named("v_min")],
+        params=[Param("m/s", 1.0, "the ratio is not formed below", lo=1e-3,
+                      hi=1000).named("v_min")],
         outputs=[Output("1", "slip ratio", per="ratio").named("y")],
         doc="y = u / max(|v|, v_min).",
     )  # fmt: skip
@@ -48,7 +49,8 @@ def ratio_to_speed() -> Block:
             Input("1", "slip ratio", per="ratio").named("u"),
             Input("m/s", "vehicle speed").named("v"),
         ],
-        params=[Param("m/s", 1.0, "the ratio is not formed below", lo=1e-3).named("v_min")],
+        params=[Param("m/s", 1.0, "the ratio is not formed below", lo=1e-3,
+                      hi=1000).named("v_min")],
         outputs=[Output("m/s", "slip speed", per="speed").named("y")],
         doc="y = u max(|v|, v_min).",
     )  # fmt: skip

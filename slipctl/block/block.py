@@ -256,6 +256,16 @@ class Block:
             found[b.what].append(evaluate(b.expression, known, where))
         return found["lo"], found["hi"], found["change"]
 
+    def without_range(self) -> list[str]:
+        """Signals of which an end of the range is open, ``"input v"``, in their order."""
+        found = []
+        for s in self.signals:
+            follows = {b.what for b in s.bounds}
+            closed = math.isfinite(s.lo) or "lo" in follows, math.isfinite(s.hi) or "hi" in follows
+            if not all(closed):
+                found.append(f"{s.role} {s.name}")
+        return found
+
     def param_values(self, **override: Any) -> dict[str, np.ndarray]:
         """Values of all parameters, checked against their ranges, derived ones computed.
 

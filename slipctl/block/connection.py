@@ -232,6 +232,7 @@ def _both(a: Signal, b: Signal) -> Signal:
     return replace(
         a,
         value=b.value if a.value is None else a.value,
+        source=a.source or b.source,
         lo=max(a.lo, b.lo),
         hi=min(a.hi, b.hi),
         change=min(a.change, b.change),

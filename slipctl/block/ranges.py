@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from slipctl.block.block import Block, Exprs, as_block
-from slipctl.block.signals import Signal
+from slipctl.block.block import Block, as_block
+from slipctl.block.signals import Bound, Signal
 from slipctl.errors import BadInput, nearest
 
+Row = tuple[Any, ...]
+"""Lower end, upper end, source, and the largest change of an input from one tick to the next."""
 
-def ranged(block: Block, *outputs: Signal, **signals: Any) -> Block:
-    """Declare ranges of states and inputs, and of outputs; nothing else of the block changes.
+
+def ranged(
+    block: Block, *outputs: Signal, table: Mapping[str, Row] | None = None, **signals: Any
+) -> Block:
+    """Declare ranges of states, inputs, outputs and parameters; nothing else of the block changes.
 
     Args:
         block: any.
         outputs: ``Output("N", lo=-1e3, hi=1e3).named("F_a")``; a state may have the same name.
+        table: ranges by name, ``{"F_a": (-1e3, "F_max", "source")}``, whatever carries the name:
+            lower end, upper end, source and, of an input, the largest change per tick.
         signals: states and inputs by name, ``omega=Input("rad/s", lo=-1, hi="120 / r")``; ends, and
             the ``change`` of an input, may be expressions of the block's parameters. Unit, meaning
             and all the rest stay the block's own.
@@ -33,31 +42,51 @@ def ranged(block: Block, *outputs: Signal, **signals: Any) -> Block:
         there = own[role, n]
         if s.unit != there.unit:
             raise BadInput(f"ranged: {block.name}.{n} is in {there.unit}, its range in {s.unit}")
-        own[role, n] = replace(
-            there,
-            lo=s.lo,
-            hi=s.hi,
-            change=s.change,
-            bounds=s.bounds,
-            stale=s.stale,
-            source=s.source or there.source,
-        )
-
-    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        n, y = block.f(block.pack("state", x), block.pack("input", u), block.pack("param", p))
-        return block.unpack("state", n), block.unpack("output", y)
-
-    def rebuild(parts: dict[str, Block]) -> Block:
-        return ranged(parts[block.name], *outputs, **signals)
-
-    made = Block(
-        block.name, block.kind, body, list(own.values()),
-        period=block.period, sx=block.sx, doc=block.doc, choices=block.choices,
-        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, sharing=block.sharing.through(),
-    )  # fmt: skip
+        own[role, n] = _declared(there, s)
+    for n, (lo, hi, source, *change) in (table or {}).items():
+        found = [key for key in own if key[1] == n]
+        if not found:
+            known = [k for _, k in own]
+            raise BadInput(f"ranged: {block.name} has no signal {n!r}{nearest(n, known)}")
+        for role, _ in found:
+            own[role, n] = _row(own[role, n], (lo, hi, *change), source)
+    made = block._copy(own.values())
     params = made.symbols("param")
     for s in made.signals:
         if s.bounds:
             made.ends(s, params)
+    rebuild = block._rebuild
+    if rebuild is not None:  # made again of other parts it has the same ranges
+        made._rebuild = lambda *parts: ranged(rebuild(*parts), *outputs, table=table, **signals)
     return made
+
+
+def _declared(there: Signal, s: Signal) -> Signal:
+    """A signal with the range of another one."""
+    return replace(
+        there,
+        lo=s.lo,
+        hi=s.hi,
+        change=s.change,
+        bounds=s.bounds,
+        stale=s.stale,
+        source=s.source or there.source,
+    )
+
+
+def _row(there: Signal, ends: Row, source: str) -> Signal:
+    """A signal with the range of a row of a table."""
+    what = dict(zip(("lo", "hi", "change"), ends, strict=False))
+    if there.role != "input":
+        what.pop("change", None)
+    numbers = {"lo": -math.inf, "hi": math.inf, "change": math.inf}
+    numbers |= {k: float(v) for k, v in what.items() if not isinstance(v, str)}
+    bounds = tuple(Bound(k, v) for k, v in what.items() if isinstance(v, str))
+    return replace(
+        there,
+        lo=numbers["lo"],
+        hi=numbers["hi"],
+        change=numbers["change"],
+        bounds=bounds,
+        source=there.source or source,
+    )

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs, as_block, make_block, symbol_maker
-from slipctl.block.signals import Input, Output, State
+from slipctl.block.signals import Bound, Input, Output, State
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, check_positive, check_whole, nearest
 
@@ -196,6 +196,12 @@ def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
         )
 
 
+def _with_zero(bounds: tuple[Bound, ...]) -> tuple[Bound, ...]:
+    """Ends of a range that has 0 in it, as a held output is 0 until the first run."""
+    widen = {"lo": "fmin({}, 0)", "hi": "fmax({}, 0)"}
+    return tuple(replace(b, expression=widen[b.what].format(b.expression)) for b in bounds)
+
+
 def every(block: Block, n: int, offset: int = 0) -> Block:
     """Run a step block every n-th tick; between, states and outputs hold and nothing is computed.
 
@@ -224,9 +230,12 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
         State("1", float((n - offset) % n), "ticks since the last run", lo=0, hi=n).named(counter),
         *(
             # zero until the first run, even where the range of the output excludes zero
-            s.as_role(
-                "state", value=0.0, doc=f"held: {s.doc}", lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)
-            ).named(h)
+            replace(
+                s.moved(h).as_role("state", value=0.0, doc=f"held: {s.doc}"),
+                lo=min(s.lo, 0.0),
+                hi=max(s.hi, 0.0),
+                bounds=_with_zero(s.moved(h).bounds),
+            )
             for h, s in zip(hold_names, block.outputs.values(), strict=True)
         ),
     ]

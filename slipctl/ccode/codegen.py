@@ -386,6 +386,7 @@ def _facts(
             n: {"value": np.asarray(v).tolist(), "unit": b.params[n].unit}
             for n, v in values.items()
         },
+        "without_range": b.without_range(),
         "ticks": ticks,
         "compiled": [],
         "targets": [],

@@ -20,10 +20,18 @@ the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from where
 larger one.
 
 A dead time of n ticks and a lag weigh the values y of ticks ago: heard is the sum of g_j y of j
-ticks ago, n + E/(1 - E) <= n + lag/T ticks on average, E = exp(-T/lag). Of the dither that is known
-exactly: S and S^2 in H become what is heard of them. x of j ticks ago differs from x by j W |q| |z|
-at most, so the heard y by a noise of (n + lag/T) W |q| max|z| (max|x| + 1), which V bounds again:
-alpha, mu and rho take that up.
+ticks ago, n + E/(1 - E) <= n + lag/T ticks on average, E = exp(-T/lag). The orbit is that of the
+loop which hears so: on it the weighted sum is one of harmonics, each with its own gain. Off it, x
+of j ticks ago is x - D_j, D_j = -W q times the sum of j values z, and
+
+    H - H(p) = d_x S1 - d_e - sum g_j (D_j - D_j(p)) ((x + x_j)/2 + S_j)
+               - sum g_j D_j(p) (d_x + d_xj)/2,   S1 = sum g_j S_j
+
+so the last two sums are a noise of at most (n + lag/T) W |q| (|d_z| (max|x| + 1) + max|p_z| |d_x|)
+over all ticks before. V bounds them in turn: alpha and mu take them up. If V was at most M before
+and M is below the larger root, V stays below M, and its upper limit is at most the smaller root.
+Before the start th and xi rest, so M is at least what |d_z| <= max|p_z| and |d_x| <= start +
+max|p_x| need.
 
 ``dither_search`` looks for P and p; ``proven`` needs no search: it bounds each of these functions
 with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller (Math. Z.
@@ -82,6 +90,9 @@ class Found:
         farthest: largest V from which the loop returns. last: V below which it ends.
         spread: |x - orbit| is at most this times V. swing: largest |x| of the orbit.
         mu, alpha, rho: of the inequality above. proof: what was checked.
+        before: largest |z| of the orbit over what |z - orbit| is of V, if the loop hears late.
+        loud: V of a unit of noise over W. stiff: V of an error of 1 in x, in z, in e, at most.
+        spreads: |x - orbit|, |z - orbit|, |e - orbit| are at most these times V.
     """
 
     farthest: float
@@ -92,10 +103,16 @@ class Found:
     alpha: float
     rho: float
     proof: Proof
+    before: float | None = None
+    loud: float = math.inf
+    stiff: tuple[float, ...] = (math.inf,) * 3
+    spreads: tuple[float, ...] = (math.inf,) * 3
 
     def from_start(self, start: float) -> float | None:
         """V at a start at x = start or -start, xi = 0, eta = y; None if it lies too far out."""
         worst = 0.0
+        if self.before is not None:
+            worst = max(self.before, (abs(start) + self.swing) / self.spread * (1 + 1e-12))
         at = Ball.of(self.proof.orbit).dot(
             Ball.of(basis_at(np.zeros(1), _degree(self.proof.orbit)))
         )
@@ -121,15 +138,18 @@ class Found:
         """Number that |x| exceeds at a tick, from |x| <= start; below zero if it need not.
 
         Proof note: u = V - last obeys u+ <= (1 - W (mu - alpha (V + last))) u, and V does not
-        rise from above ``last``; |x| is within spread V of the orbit.
+        rise from above ``last``; |x| is within spread V of the orbit. Of a loop that hears late it
+        is exceeded at later ticks: V comes as near to ``last`` as one likes, and the phase as near
+        to that of this tick, since a rational W is no part of a turn.
         """
         V = self.from_start(start)
-        if V is None or loop.late or loop.lag:
+        if V is None:
             return -1.0
         W = Ball.of(loop.W)
         fall = self.mu - self.alpha * (V + self.last) * (1 + 1e-12)
         slow = fall * float(W.low()) * tick * (1 - 1e-9)
-        near = (self.last + V * math.exp(-max(slow, 0.0))) * (1 + 1e-9)
+        late = math.inf if loop.late or loop.lag else max(slow, 0.0)
+        near = (self.last + V * math.exp(-late)) * (1 + 1e-9)
         degree = _degree(self.proof.orbit)
         angle = float(W.mid) * tick
         error = degree * (angle * 1e-15 + tick * float(W.rad) + 1e-14)
@@ -140,7 +160,7 @@ class Found:
     def beyond(self, loop: Loop, start: float, limit: float) -> int | None:
         """Tick at which |x| certainly exceeds a limit, late on its orbit; None if there is none."""
         V = self.from_start(start)
-        if V is None or loop.late or loop.lag or not self.swing > limit:
+        if V is None or not self.swing > limit:
             return None
         W = float(loop.W)
         fall = self.mu - self.alpha * (V + self.last)
@@ -163,12 +183,25 @@ def heard_dither(loop: Loop, c: Any, s: Any, c2: Any, s2: Any) -> tuple[Any, Any
 
     Balls, or arrays where the loop is of floats.
     """
-    re, im = _gain(loop, 1)
-    twice_re, twice_im = _gain(loop, 2)
+    re, im = gain(loop, 1)
+    twice_re, twice_im = gain(loop, 2)
     return s * re + c * im, (c2 * twice_re - s2 * twice_im) * -0.5 + 0.5
 
 
-def _gain(loop: Loop, n: int) -> tuple[Any, Any]:
+def heard_sum(loop: Loop, values: Ball, degree: int) -> Ball:
+    """What is heard of a sum of that degree, from its values at the nodes to those."""
+    angles = 2 * np.pi * np.arange(NODES) / NODES
+    basis = Ball.near(basis_at(angles, degree), 1e-14 * (degree + 1))
+    found = basis.dot(values) * (2 / NODES)
+    rows = [found[0] * 0.5]
+    for n in range(1, degree + 1):
+        re, im = (Ball.of(v) for v in gain(loop, n))
+        c, s = found[2 * n - 1], found[2 * n]
+        rows += [c * re + s * im, s * re - c * im]  # cos(phi - t) = cos phi re - sin phi im
+    return _stacked(rows).dot(basis)
+
+
+def gain(loop: Loop, n: int) -> tuple[Any, Any]:
     """Sum of g_j exp(-i j n W): real and imaginary part.
 
     Proof note: exp(-i n late W) (1 - E)/(1 - E exp(-i n W)).
@@ -259,29 +292,35 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     N = [[N[i][j] * units[i] * units[j] * Ball.of(1.0).over(units[2]) for j in range(3)]
          for i in range(3)]  # fmt: skip
     nu = _dominated(P, N, degree)
-    spread, z_spread = (_dominated(P, _corner(zero, units[i] * units[i], i), degree, (-1.0,))
-                        for i in (0, 1))  # fmt: skip
-    if nu is None or spread is None or z_spread is None:
+    corners = [_dominated(P, _corner(zero, units[i] * units[i], i), degree, (-1.0,))
+               for i in range(3)]  # fmt: skip
+    spreads = tuple(math.sqrt(v) * (1 + 1e-12) for v in corners if v is not None)
+    if nu is None or len(spreads) < 3:
         return None
     alpha = nu * math.sqrt(_most(P[2][2], degree))
 
     H = x * S1 + S2 * 0.5 - e
+    if loop.late or loop.lag:
+        there = x + S
+        H = heard_sum(loop, there * there * 0.5, 2 * degree) - x * x * 0.5 - e
     f = [zero - q * z, l * (S * H - z), h * H + q * x * z - q * q * W * 0.5 * z * z]
     rho = sum(
-        _largest((f[i] - p_rate[i]) * Ball.of(1.0).over(units[i]), 2 * degree)
+        _largest((f[i] - p_rate[i]) * Ball.of(1.0).over(units[i]), 2 * degree + 1)
         * math.sqrt(_most(P[i][i], degree))
         for i in range(3)
     )  # fmt: skip
     heard = [zero, l * S * Ball.of(1.0).over(units[1]), h * Ball.of(1.0).over(units[2]) + zero]
-    loud = math.sqrt(_most(_form(after, heard), degree + 2))
+    loud = heard_loud = math.sqrt(_most(_form(after, heard), degree + 2)) * (1 + 1e-12)
+    stiff = tuple(math.sqrt(_most(P[i][i], degree)) / proof.units[i] * (1 + 1e-9) for i in range(3))
     rho += loud * float(noise.high())
     rho, alpha, least = rho * (1 + 1e-12), alpha * (1 + 1e-12), proof.mu * (1 - 1e-12)
+    before = None
     old = loop.late + (float(loop.lag.high()) if loop.lag else 0.0)
     if old:
         loud *= old * float((W * q).size()) * (1 + 1e-12)
-        a, b = _largest(z, degree), math.sqrt(z_spread)  # |z| <= a + b V, |x| + 1 <= c + d V
-        c, d = _largest(x, degree) + 1, math.sqrt(spread)
-        rho, alpha = (rho + loud * a * c) * (1 + 1e-12), (alpha + loud * b * d) * (1 + 1e-12)
+        a, b = _largest(z, degree), spreads[1]  # |z| <= a + b V, |x| + 1 <= c + d V
+        c, d = _largest(x, degree) + 1, spreads[0]
+        before, alpha = a / b * (1 + 1e-12), (alpha + loud * b * d) * (1 + 1e-12)
         least = (least - loud * (a * d + b * c) * (1 + 1e-12)) * (1 - 1e-12)
         if not least > 0:
             return None
@@ -291,8 +330,9 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     root = math.sqrt(room) * (1 - 1e-12)
     farthest = (least + root) / (2 * alpha) * (1 - 1e-12)
     last = 2 * rho / (least + root) * (1 + 1e-12)
-    return Found(farthest, last, math.sqrt(spread) * (1 + 1e-12), _largest(x, degree), proof.mu,
-                 alpha, rho, proof)  # fmt: skip
+    return Found(farthest, last, spreads[0], _largest(x, degree), least,
+                 alpha, rho, proof, before, heard_loud, stiff,
+                 spreads)  # fmt: skip
 
 
 def _shifted(here: Ball, W: Ball, degree: int) -> tuple[Ball, Ball]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slipctl.certify.dither import PAIRS, Found, Loop, Proof, basis_at, heard_dither, proven
+from slipctl.certify.dither import PAIRS, Found, Loop, Proof, basis_at, gain, heard_dither, proven
 
 DEGREE = 8
 FINE = 2 * np.pi * np.arange(64) / 64
@@ -93,12 +93,12 @@ def _orbit(loop: Loop) -> np.ndarray | None:
     angles, _, inverse = _collocation(DEGREE)
     turn, S = _turn(W, DEGREE), np.sin(angles)
     S1, S2 = _heard(loop, angles)
-    n = len(angles)
+    n, late = len(angles), bool(loop.late or loop.lag)
     w = np.zeros((3, n))
     eye, diag = np.eye(n), np.diag
-    for _ in range(30):
+    for _ in range(100 if late else 30):
         x, z, e = w
-        H = x * S1 + S2 / 2 - e
+        H = (_heard_of(loop, inverse @ x, angles) - x * x / 2 if late else x * S1 + S2 / 2) - e
         miss = np.concatenate([turn @ x + q * z, turn @ z - l * (S * H - z),
                                turn @ e - h * H - q * x * z + q * q * W / 2 * z * z])  # fmt: skip
         slope = np.block([
@@ -113,6 +113,19 @@ def _orbit(loop: Loop) -> np.ndarray | None:
         if abs(step).max() < 1e-14:
             break
     return np.asarray((inverse @ w.T).T)
+
+
+def _heard_of(loop: Loop, x: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """What is heard of (x + S)^2/2, of the coefficients of x."""
+    values = (x @ basis_at(FINE, DEGREE) + np.sin(FINE)) ** 2 / 2
+    basis = basis_at(FINE, 2 * DEGREE)
+    found = basis @ values * (2 / len(FINE))
+    found[0] /= 2
+    for n in range(1, 2 * DEGREE + 1):
+        re, im = gain(loop, n)
+        c, s = found[2 * n - 1], found[2 * n]
+        found[2 * n - 1], found[2 * n] = c * re + s * im, s * re - c * im
+    return np.asarray(found @ basis_at(angles, 2 * DEGREE))
 
 
 def _heard(loop: Loop, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -198,7 +211,7 @@ def _score(
         inverse, swing = np.linalg.inv(at), abs(orbit @ basis_at(FINE, DEGREE)).max(axis=1)
         b, d = (math.sqrt(float(inverse[:, i, i].max())) for i in (1, 0))
         a, c = float(swing[1]), float(swing[0]) + 1
-        rho, alpha, mu = rho + loud * a * c, alpha + loud * b * d, mu - loud * (a * d + b * c)
+        alpha, mu = alpha + loud * b * d, mu - loud * (a * d + b * c)
         if not mu > 0:
             return None
     room = mu * mu - 4 * alpha * rho
@@ -206,11 +219,13 @@ def _score(
         return None
     farthest = (mu + math.sqrt(room)) / (2 * alpha)
     p = orbit @ basis_at(np.zeros(1), DEGREE)[:, 0]
-    worst = max(math.sqrt((d := np.array([s, 0, 0]) - p) @ at[0] @ d) for s in (start, -start))
+    worst = max(math.sqrt((far := np.array([s, 0, 0]) - p) @ at[0] @ far) for s in (start, -start))
+    if old:
+        worst = max(worst, float(swing[1]) / b, (start + float(swing[0])) / d)
     if worst <= farthest * 0.95:
         spread = float(np.linalg.inv(at)[:, 0, 0].max())
         if reach is not None:
             return 10 - worst * math.sqrt(spread) / start
-        if noise or old:
+        if noise:
             return 10 - 2 * rho / (mu + math.sqrt(room)) * math.sqrt(spread) / start
     return min(farthest / worst, 5.0)

@@ -9,7 +9,7 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-from slipctl.certify import dither, dither_flight, dither_search, sliding
+from slipctl.certify import dither, dither_flight, dither_push, dither_search, sliding
 from slipctl.certify import extremum as bounds
 from slipctl.certify.entries import DoesNotHold, rational, rows, whole
 from slipctl.certify.registry import register
@@ -143,21 +143,22 @@ def _decimal(text: Any, where: str) -> float:
 
 def _check_return(n: Numbers, entries: Entries, target: str) -> None:
     found = _read_return(n, opened(n, entries, PROOF, "evidence"))
-    value = _bounds_of(n, found)[target]
+    value = _bounds_of(n, found, target)
     if value is None:
         raise DoesNotHold("evidence: it does not return from as far as that")
     if target in n and not value < n[target]:
         raise DoesNotHold(f"evidence: {target} is {float(value):.6g}, more than what was asked")
 
 
-def _bounds_of(n: Numbers, found: dither.Found) -> dict[str, Fraction | None]:
-    """What is proven in m/s, as rationals that are rounded up."""
-    a, start = Fraction(n["a"]), float(_from(n) / n["a"]) * (1 + 1e-12)
-    reach = found.reach(start)
+def _bounds_of(n: Numbers, found: dither.Found, target: str) -> Fraction | None:
+    """What is proven in m/s, as a rational that is rounded up."""
+    reach = found.reach(float(_from(n) / n["a"]) * (1 + 1e-12))
     if reach is None:
-        return {"reach": None, "rest": None}
-    return {"reach": rounded_up(Fraction(reach) * a, 9),
-            "rest": rounded_up(Fraction(found.rest()) * a, 9)}  # fmt: skip
+        return None
+    value = reach if target == "reach" else found.rest()
+    if target == "rest" and n.get("noise") and not value * n["a"] < n.get("rest", 0):
+        value = min(value, dither_push.at_most(_plain(n), found))
+    return rounded_up(Fraction(value) * Fraction(n["a"]), 9)
 
 
 def _farthest(n: Numbers) -> Any:
@@ -172,7 +173,7 @@ def _return_claim(name: str) -> Any:
         wanted = n.get(name, _farthest(n) if name == "reach" else max(_from(n), n["a"]))
         if name not in n and "evidence" in entry:
             proof = opened(n, entry["evidence"], PROOF, "evidence")
-            wanted = _bounds_of(n, _read_return(n, proof))[name] or wanted
+            wanted = _bounds_of(n, _read_return(n, proof), name) or wanted
             wanted = rounded_up(wanted)
         return words.format(spelled(wanted, "m/s"))
 
@@ -220,9 +221,9 @@ def _replay_flight(n: Numbers, run: Entries) -> str:
 
 
 def _quiet(n: Numbers) -> dict[str, Any]:
-    """The same seeker without noise, from an amplitude or less: one of its starts."""
+    """The same seeker without noise, from near the peak: one of its starts."""
     kept = {k: v for k, v in n.items() if k not in ("reach", "rest", "noise")}
-    return kept | {"start": min(_from(n), n["a"])}
+    return kept | {"start": min(_from(n), n["a"]) / 100}
 
 
 def _find_swings_on(n: Numbers) -> Entries | None:
@@ -253,6 +254,52 @@ def _replay_swings_on(n: Numbers, run: Entries) -> str:
         raise DoesNotHold("run: th does not swing that far")
     return (f"th follows a periodic orbit, and at tick {tick} |th - v*| is above"
             f" {least * float(n['a']):.6g} m/s")  # fmt: skip
+
+
+def _find_pushed(n: Numbers) -> Entries | None:
+    """Noise that drives th away from its orbit, beyond where it was to rest."""
+    if not n.get("noise") or "rest" not in n:
+        return None
+    kept = _quiet(n) | {"noise": n["noise"]}
+    entries = _find_return(kept, "rest")
+    if entries is None:
+        return None
+    proof = opened(kept, entries, PROOF, "run")
+    plain = _plain(n)
+    push = dither_push.find(plain, _read_return(kept, proof))
+    if push is None:
+        return None
+    up = _signs(n)  # of y, whose unit is c a^2 in the loop without dimensions
+    signs = "".join(up[x] for x in push.signs)
+    return sealed(n, {"angle": repr(push.angle), "noise": signs, **proof})
+
+
+def _signs(n: Numbers) -> str:
+    """Sign of a noise of y that is negative, and that is positive, without dimensions."""
+    return "-+" if n["curvature"] > 0 else "+-"
+
+
+def _plain(n: Numbers) -> dither.Loop:
+    exact = _loop({k: Fraction(v) for k, v in n.items()})
+    q, l, h, W, noise = (float(v) for v in exact[:5])
+    return dither.Loop(q, l, h, W, noise, int(exact.late), float(exact.lag))
+
+
+def _replay_pushed(n: Numbers, run: Entries) -> str:
+    proof = opened(n, run, ("angle", "noise", *PROOF), "run")
+    signs = proof["noise"]
+    if not isinstance(signs, str) or len(signs) > dither_push.MOST_TICKS or set(signs) - set("+-"):
+        raise BadInput(f"run.noise must hold + and -, at most {dither_push.MOST_TICKS}")
+    push = dither_push.Push(
+        _decimal(proof["angle"], "run.angle"), tuple(s == _signs(n)[1] for s in signs)
+    )
+    quiet = {k: v for k, v in n.items() if k != "noise"}
+    noisy = _read_return(n, proof)
+    least = dither_push.at_least(_plain(n), noisy, _read_return(quiet, proof), push)
+    if "rest" not in n or not Fraction(least) * n["a"] > n["rest"]:
+        raise DoesNotHold("run: the noise does not drive th that far")
+    return (f"from its orbit a noise of {len(signs)} ticks drives |th - v*| to"
+            f" {least * float(n['a']):.6g} m/s, again and again")  # fmt: skip
 
 
 def _perturbation_guard(n: Numbers) -> None:
@@ -343,6 +390,7 @@ PERTURBATION_SEEK = register(System(
         "reach": Refuter("reach", _find_flight, _replay_flight, partial(_find_flight,
                                                                         constants=SOON)),
         "rest": Refuter("rest", _find_swings_on, _replay_swings_on, _find_swings_on),
+        "pushed": Refuter("rest", _find_pushed, _replay_pushed),
     },
     never=("a map that is no parabola",),
     values=_perturbation_values,

@@ -123,7 +123,9 @@ def parser() -> Parser:
 
     p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
     p.epilog, p.formatter_class = SWEEP, argparse.RawDescriptionHelpFormatter
-    p.add_argument("name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument(
+        "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
+    )
     p.add_argument(
         "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
         help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",

@@ -1,4 +1,4 @@
-"""The command line: list, show, new, schema, copy, run, sweep, replay, compare, fit, c, ...
+"""The command line: each command is a module of its own, named in ``NAMES``.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,

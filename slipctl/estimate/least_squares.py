@@ -123,12 +123,14 @@ def _recursive(model: Model, period: float) -> Block:
             Param("1", 0.98, "weight of the past, per sample", "chosen", lo=1e-3, hi=1).named(
                 "forgetting"
             ),
-            Param(unit, 1e-2, "standard deviation of the measurement", "chosen", lo=1e-12).named(
+            Param(unit, 1e-2, "standard deviation of the measurement", "chosen", lo=1e-12,
+                  hi=1e12).named(
                 "noise"
             ),
             spread_param(n, 1.0),
-            Param(unit, 0.02, "residual that re-opens P", "chosen", lo=0).named("jump"),
-            Param("1", 1.0, "largest trace of P over that of its start", lo=1e-3).named("cap"),
+            Param(unit, 0.02, "residual that re-opens P", "chosen", lo=0, hi=1e12).named("jump"),
+            Param("1", 1.0, "largest trace of P over that of its start", lo=1e-3,
+                  hi=1e12).named("cap"),
             *model.known(),
         ],
         outputs=model.outputs(), period=period, sx=False,

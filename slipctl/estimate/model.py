@@ -151,7 +151,7 @@ def spread_param(n: int, value: float) -> Signal:
     """Parameter: what is known of the coordinates without any sample."""
     return Param(
         "1", value, "standard deviation of theta before the first sample and after a change",
-        "chosen; 1 is a factor e on what is logarithmic", lo=1e-6, shape=(n,),
+        "chosen; 1 is a factor e on what is logarithmic", lo=1e-6, shape=(n,), hi=1e12
     ).named("spread")  # fmt: skip
 
 

@@ -136,10 +136,11 @@ def probe(
         params=[
             Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
                   ).named("depth"),
-            Param(s.unit, lowest, "lowest reference", "given").named("lowest"),
-            Param(s.unit, highest, "highest reference", "given").named("highest"),
+            Param(s.unit, lowest, "lowest reference", "given", lo=-1e12, hi=1e12).named("lowest"),
+            Param(s.unit, highest, "highest reference", "given", lo=-1e12,
+                  hi=1e12).named("highest"),
             Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
-                  lo=1e-6).named("tolerance"),
+                  lo=1e-6, hi=1e12).named("tolerance"),
             Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
             *[
                 Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(

@@ -148,9 +148,11 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         ],
         inputs=model.inputs(),
         params=[
-            Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12).named("noise"),
+            Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
+                  hi=1e12).named("noise"),
             spread_param(n, 2.0),
-            Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1).named(
+            Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
+                  hi=1e12).named(
                 "gate"
             ),
             Param("1", 0.0, "samples after a change in which the sensor still mixes before and"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
-from slipctl.block.signals import Input, Output, Param, Signal, State
+from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.horizon import Horizon, Soft
@@ -174,14 +175,18 @@ class _Controller:
         for n, w in self.weights.items():
             unit = self.h.model.outputs[f"cost.{n}"].unit
             found.append(
-                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12).named(f"weight_{n}")
+                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12).named(
+                    f"weight_{n}"
+                )
             )
         for c, (lo, hi) in self.limits.items():
             s, short = self.h.model.inputs[self.short[c]], self.short[c]
             for word, value in (("lo", lo), ("hi", hi)):
                 if not isinstance(value, str):
                     doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
-                    found.append(Param(s.unit, value, doc).named(f"{short}_{word}"))
+                    found.append(
+                        Param(s.unit, value, doc, lo=-1e12, hi=1e12).named(f"{short}_{word}")
+                    )
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
             found.append(
@@ -190,6 +195,7 @@ class _Controller:
                     r,
                     f"largest rate: {s.doc}",
                     lo=0,
+                    hi=1e12,
                 ).named(f"{self.short[c]}_rate")
             )
         for n, limit in self.softs.items():
@@ -197,8 +203,16 @@ class _Controller:
             unit = self._signal(n).unit
             kind = "hard" if limit.hard else "soft"
             found += [
+<<<<<<< HEAD
                 Param(unit, limit.lo, f"{kind} limit below").named(f"{short}_min"),
                 Param(unit, limit.hi, f"{kind} limit above").named(f"{short}_max"),
+=======
+                Param(unit, limit.lo, "soft limit below", lo=-1e12, hi=1e12).named(f"{short}_min"),
+                Param(unit, limit.hi, "soft limit above", lo=-1e12, hi=1e12).named(f"{short}_max"),
+                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12, hi=1e12).named(
+                    f"{short}_weight"
+                ),
+>>>>>>> main
             ]
             for word, value in (("weight", limit.weight), ("linear", limit.linear)):
                 if value > 0 and not limit.hard:
@@ -209,6 +223,17 @@ class _Controller:
     def _signal(self, name: str) -> Signal:
         model = self.h.model
         return (model.outputs | model.states)[f"plant.{name}"]
+
+    def _command(self, c: str) -> Signal:
+        """Control as an output, in the range of the bounds that are parameters."""
+        s = self.h.model.inputs[c].as_role("output", value=None).named(c)
+        given = [
+            (k, f"{self.short[c]}_{k}")
+            for k, v in zip(("lo", "hi"), self.limits[c], strict=True) if not isinstance(v, str)
+        ]  # fmt: skip
+        own = {k for k, _ in given}
+        lo, hi = -math.inf if "lo" in own else s.lo, math.inf if "hi" in own else s.hi
+        return replace(s, lo=lo, hi=hi, bounds=tuple(Bound(k, n) for k, n in given))
 
     # ---- the block ------------------------------------------------------------------------------
 
@@ -227,13 +252,17 @@ class _Controller:
         if self.solver != "riccati":
             doc = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, doc).named(f"answer_of_{self.solver}"))
-        outputs = [model.inputs[s].as_role("output", value=None).named(s) for s in self.h.controls]
+        outputs = [self._command(c) for c in self.h.controls]
         outputs += [
             Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
                 "status"
             ),
-            Output("1", "passes of the active set and steps inside it", lo=0).named("passes"),
-            Output("1", "what is left of the conditions of optimality", lo=0).named("residual"),
+            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
+                "passes"
+            ),
+            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
+                "residual"
+            ),
         ]
         return make_block(
             name, "step", self._body, states=states,

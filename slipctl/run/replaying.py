@@ -99,6 +99,13 @@ def part_of(loop: Block, path: str) -> Block:
         if not s.derived and places[n] in values
     }
     new |= {n: start[places[n]] for n in part.states if places[n] in start}
+    for n, value in new.items():
+        shape = {**part.params, **part.states}[n].shape
+        if np.shape(value) != shape and np.size(value) > 1:
+            raise BadInput(
+                f"{path} is one of several copies in {loop.name} ({n} has the shape"
+                f" {np.shape(value)} there); name the part that holds them all"
+            )
     known = part.with_params(**new) if new else part
     return known if known.period is not None else with_period(known, loop.period)
 

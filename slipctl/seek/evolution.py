@@ -80,8 +80,8 @@ def differential_evolution(
     best_of = _best_of(n)
 
     x, limits = law.inputs[over], [
-        Param(law.inputs[over].unit, float(lo), "lowest").named("lo"),
-        Param(law.inputs[over].unit, float(hi), "highest").named("hi"),
+        Param(law.inputs[over].unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
+        Param(law.inputs[over].unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
     ]  # fmt: skip
     settings = [
         Param("1", float(crossover), "probability of a trial", lo=0, hi=1).named("crossover"),

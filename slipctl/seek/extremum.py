@@ -75,9 +75,10 @@ def sliding_seek(
         states=[State(place, float(start), "place to try").named("v"),
                 State(value, 0.0, "target of the value, modulo 2 beta").named("g")],
         inputs=[Input(value, "measured value").named("y")],
-        params=[Param(per(place, "s"), float(k), "rate of the place", lo=1e-12).named("k"),
-                Param(per(value, "s"), float(rho), "rate of the target", lo=1e-12).named("rho"),
-                Param(value, float(beta), "width of a cell", lo=1e-12).named("beta"),
+        params=[Param(per(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
+                Param(per(value, "s"), float(rho), "rate of the target", lo=1e-12,
+                      hi=1e12).named("rho"),
+                Param(value, float(beta), "width of a cell", lo=1e-12, hi=1e12).named("beta"),
                 period_of(period)],
         outputs=[Output(place, "place to try").named("v"),
                  Output(value, "value less target, modulo 2 beta").named("delta")],
@@ -150,20 +151,24 @@ def perturbation_seek(
         State("1", 0.0, "1 from the second tick on").named("awake"),
     ]
     params = [
-        Param(per(place, f"({value}) s"), float(k), "gain").named("k"),
-        Param("rad/s", float(w), "frequency of the dither", lo=1e-9).named("w"),
-        Param("1/s", float(w_h), "corner of the washout", lo=1e-9).named("w_h"),
-        Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9).named("w_l"),
+        Param(per(place, f"({value}) s"), float(k), "gain", lo=-1e12, hi=1e12).named("k"),
+        Param("rad/s", float(w), "frequency of the dither", lo=1e-9, hi=1e12).named("w"),
+        Param("1/s", float(w_h), "corner of the washout", lo=1e-9, hi=1e12).named("w_h"),
+        Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9, hi=1e12).named("w_l"),
         period_of(period),
     ]
     if vanishing:
         states.append(State(place, float(a), "amplitude", lo=0).named("a"))
         params += [
-            Param(per(place, f"({value})"), float(r), "gain of the amplitude", lo=0).named("r"),
-            Param("1/s", float(q), "rate of the amplitude", lo=1e-9).named("q"),
+            Param(per(place, f"({value})"), float(r), "gain of the amplitude", lo=0, hi=1e12).named(
+                "r"
+            ),
+            Param("1/s", float(q), "rate of the amplitude", lo=1e-9, hi=1e12).named("q"),
         ]
     else:
-        params.append(Param(place, float(a), "amplitude of the dither", lo=1e-12).named("a"))
+        params.append(
+            Param(place, float(a), "amplitude of the dither", lo=1e-12, hi=1e12).named("a")
+        )
     return make_block(
         "perturbation_seek", "step", body, period=period, states=states,
         inputs=[Input(value, "measured value").named("y")], params=params,
@@ -306,4 +311,4 @@ def per(of: str, unit_below: str) -> str:
 
 def period_of(period: float) -> Signal:
     """Parameter T, the sample period."""
-    return Param("s", float(period), "sample period", lo=1e-9).named("T")
+    return Param("s", float(period), "sample period", lo=1e-9, hi=1e12).named("T")

@@ -45,6 +45,7 @@ from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.write.plan import Plan
 from slipctl.models import subway_braking
 from slipctl.models import subway_braking_control as control
+from slipctl.models.ranges import fit_ranged, peak_ranged
 from slipctl.run import store
 from slipctl.run.results import Case
 from slipctl.studies.bench import fmus
@@ -143,8 +144,8 @@ def searching() -> Controller:
         "T_b": "slip.T_b",
     }  # fmt: skip
     parts = {
-        "estimator": rls(law, form="recursive", start=loops.START, period=loops.H),
-        "peak": argmax_block(law, "v_s", lo=0.01, hi=10.0, closed_form=True),
+        "estimator": fit_ranged(rls(law, form="recursive", start=loops.START, period=loops.H), law),
+        "peak": peak_ranged(argmax_block(law, "v_s", lo=0.01, hi=10.0, closed_form=True)),
         "slip": control.controller(sta, "slip"),
     }
     loop, _ = doors.find_loop(doors.load_study("subway_braking"), "sta")

@@ -35,6 +35,7 @@ from slipctl.run import build
 from slipctl.run.metrics import settling
 from slipctl.studies.bench.best_possible import against_optimum
 from slipctl.studies.subway_braking import estimation
+from slipctl.studies.subway_braking.leaves import leaves
 from slipctl.studies.subway_braking.loops import (
     MOVING,
     START,
@@ -480,6 +481,7 @@ EXPERIMENTS = {
     "sections": Experiment(
         "Random sections", sections, "Is the best slip found on rails that nobody tuned for?"
     ),
+    "leaves": Experiment("Leaves", leaves, "Does the estimate come back after leaves?"),
     "chatter": Experiment("Chattering", chatter, "What is left of the chattering?"),
     "printed": Experiment("Printed forms", printed, "What does each misprint do?"),
     "regret": Experiment("Regret", regret, "How far is each loop from what is possible?"),

@@ -612,8 +612,9 @@ def test_members_are_documented(tmp_path: Path) -> None:
     header = " ".join((tmp_path / "ctl.h").read_text().replace("*", " ").split())
     for said in (
         "mu_hat [1]: adhesion estimate; positive = braking", "slip as a speed",
-        "law.k1 [m^.5/s^1.5]: gain of the root; range at least 0.0; default 20.0; source: chosen",
-        "range 0.0 to 20000.0", "Huang 2020 eqs (32)-(38)", "ctl_step is called every 0.001 s",
+        "law.k1 [m^.5/s^1.5]: gain of the root; range 0.0 to 100000.0; default 20.0; source:",
+        "range 0.0 to fmax(T_max, T_low)",
+        "Huang 2020 eqs (32)-(38)", "ctl_step is called every 0.001 s",
     ):  # fmt: skip
         assert said in header
     source = (tmp_path / "ctl.c").read_text()

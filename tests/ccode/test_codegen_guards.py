@@ -480,8 +480,8 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
     assert report["passed"]
     assert 0 < report["largest_relative"] < 1e-4
     assert report["ticks_undecided"] == 0
-    if name == "subway":  # a torque of 18 kN m, and no loose limit
-        assert report["signals"]["T_b"]["limit"] < 0.2
+    if name == "subway":  # inputs fill their ranges: 100 kN m before the limit, and no loose one
+        assert report["signals"]["T_b"]["limit"] < 0.6
         # a module that is wrong by a millionth of the torque in one part is found out
         source = (tmp_path / "ctl.c").read_text()
         honest = codegen.texts
@@ -716,7 +716,8 @@ def test_vectors_are_replayed_on_a_board(target: str, tmp_path: Path) -> None:
         assert "200 ticks, 0 faults, 7 of 7 inputs are held when NaN" in found[real]["own_test"]
         assert found[real]["stack_used"] <= max(found[real]["stack"]["worst"] + 128, 64)
     assert max(found["double"]["signals"].values()) <= codegen.LIMIT
-    assert 50 < found["float"]["instructions"]["mean"] < 400
+    # 380 before its 7 inputs and its state had ranges, at most 15 for each of them
+    assert 50 < found["float"]["instructions"]["mean"] < 500
     if target == "cortex-m4":  # it has no double in hardware
         assert found["double"]["instructions"]["mean"] > 10 * found["float"]["instructions"]["mean"]
 

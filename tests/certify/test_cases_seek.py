@@ -201,6 +201,21 @@ def test_a_seeker_that_hears_half_a_period_late_is_refuted():
     assert "a dead time" in certify("perturbation_seek", **DITHER).decision.promise.not_promised
 
 
+@pytest.mark.parametrize("heard", [{}, {"dead_time": 0.01}, {"lag": 0.02}])
+def test_rest_with_noise_lies_between_a_run_and_its_bound(heard):
+    """The bound for which it is CERTIFIED, and what the noise of the counterexample comes to."""
+    told = DITHER | heard | {"noise": 1e-6}
+    claim = certify("perturbation_seek", **told).decision.promise.claims["rest"]
+    bound = float(claim.split()[-2])
+    assert verdict("perturbation_seek", **told, rest=bound * 1.001) == CERTIFIED
+    quiet = certify("perturbation_seek", **DITHER, **heard).decision.promise.claims["rest"]
+    between = float(quiet.split()[-2]) * 1.001  # the orbit alone does not come to it
+    assert between < bound
+    found = certify("perturbation_seek", **told, rest=between)
+    assert found.verdict == REFUTED
+    assert found.decision.counterexample["by"] == "pushed"
+
+
 def test_a_proof_for_another_loop_proves_nothing():
     """The function of one gain does not fall for one that is 30 times larger, or that flees."""
     loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.012566, 0.0)

@@ -28,6 +28,8 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         f" content {data['content']}. The same numbers, and more, are in `report.json`.",
         "## Memory",
         table(["bytes of", *memory], [["one instance", *memory.values()]]),
+        "## Ranges",
+        _unranged(data["without_range"]),
         *_compiled(data),
         *_replayed(data, layout),
         *_targets(data),
@@ -35,6 +37,14 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_fuzzed(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
+
+
+def _unranged(names: Sequence[str]) -> str:
+    """What has no range, so that the guards hold any finite number for true."""
+    if not names:
+        return "Every input, state, parameter and output has a range."
+    listed = ", ".join(f"`{n}`" for n in names)
+    return f"{len(names)} have no range, any finite number of theirs is held to be true: {listed}."
 
 
 def _compiled(data: Mapping[str, Any]) -> list[str]:

@@ -99,10 +99,12 @@ def ctukf(
         BadInput: not a flow, an unknown name, a form that does not exist, a variance that is not
             positive, gamma or sigma that make a weight negative.
     """
-    shape = [Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0)]
+    shape = [Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100)]
     shape[0] = shape[0].named("sigma")
     if form == "printed-22":
-        shape.append(Param("1", 2.0, "extra weight", "Zhang 2021, Table 3").named("beta"))
+        shape.append(
+            Param("1", 2.0, "extra weight", "Zhang 2021, Table 3", lo=0, hi=100).named("beta")
+        )
     who = f"ctukf({block.name})"
     sigma = numbers.get("sigma", 2.0)
     if not sigma >= 0:

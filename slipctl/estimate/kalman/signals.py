@@ -154,24 +154,28 @@ def filter_params(problem: Problem, setting: Setting, names: Names) -> list[Sign
     per = "sample" if setting.per == "sample" else "second"
     params = [
         Param("1" if per == "sample" else "1/s", setting.gamma, f"growth of P per {per}",
-              lo=0, hi=1 if per == "sample" else math.inf).named("gamma"),
+              lo=0, hi=1 if per == "sample" else 1e3).named("gamma"),
         *setting.shape,
     ]  # fmt: skip
     for s in problem.unknown:
         u, n = squared(s.unit), s.name
         params += [
-            Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY).named(
+            Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY, hi=1e30).named(
                 names.prior[n]),
-            Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0).named(names.drift[n]),
-            Param(u, setting.floor[n], f"least variance of {n}", lo=TINY).named(names.floor[n]),
-            Param(u, setting.cap[n], f"variance of {n} above which gamma rests", lo=TINY).named(
+            Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0, hi=1e30).named(names.drift[n]),
+            Param(u, setting.floor[n], f"least variance of {n}", lo=TINY,
+                  hi=1e30).named(names.floor[n]),
+            Param(u, setting.cap[n], f"variance of {n} above which gamma rests", lo=TINY,
+                  hi=1e30).named(
                 names.cap[n]),
         ]  # fmt: skip
     for s in problem.measured:
         u = squared(s.unit) + ("/s" if problem.by_increments(s) else "")
         what = "R_w of the increments of" if problem.by_increments(s) else "variance of measured"
         params.append(
-            Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY).named(names.noise[s.name])
+            Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY, hi=1e30).named(
+                names.noise[s.name]
+            )
         )
     return [*params, *problem.params]
 

@@ -1,0 +1,188 @@
+"""What noise does to a seeker with a dither: how far from its orbit, at least and at most.
+
+At least: a run that is driven away from its orbit, again and again.
+
+Proof note: let the noise be silent for so long that the loop has come to its orbit, V <= ``last``
+without noise, until its phase is as near to a given one as one likes (a rational w T is no part of
+a turn); then let it have the given signs, and be silent again. Of two runs of the same noise, both
+with V below the ``last`` of the noisy loop, the difference d obeys (see ``dither``)
+
+    V(d)+ <= (1 - W (mu - 2 alpha last)) V(d) + W (what the second run misses of the equations)
+
+because the product, and what is heard late, are differences of products. mu - 2 alpha last is
+positive wherever ``last`` is known. The second run starts on the orbit and is computed with floats:
+what it misses is below ``MISSED`` in the rates of x, z, e and in what is heard. So |x| of the true
+run is near to its |x|, as often as one likes, and not below it in the end.
+
+At most: the distance from the orbit is what the noise makes of the linear loop, and a rest r. With
+rows c(k) = (1, 0, 0) at a phase, c(k + 1) = c(k) (1 + W J) one tick earlier, the first is at most
+W noise sum |c(k) . (0, l S, h)| and what is left of the state before these ticks; that is summed at
+nodes, and from there to the nearest node V changes by what J and S do in that angle, over mu. r
+obeys V(r)+ <= (1 - W mu) V(r) + W (what is heard late + alpha V^2 + what the orbit leaves over)
+with V <= ``last``. The rows are floats: each tick is off by less than 1e-11 of them (the
+angles are below 1e5), which counts times the state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from slipctl.certify.dither import NODES, Found, Loop, basis_at, gain
+
+MISSED = 1e-10
+"""Of numbers below ``LARGEST`` and W above ``LEAST``, a million roundings of one another."""
+
+LARGEST, LEAST = 10.0, 1e-4
+MOST_TICKS = 4000
+ENDS = 64
+
+
+@dataclass(frozen=True)
+class Push:
+    """A noise: the phase at which it starts, and whether it is positive, tick by tick."""
+
+    angle: float
+    signs: tuple[bool, ...]
+
+
+def find(loop: Loop, found: Found) -> Push | None:
+    """Look for the worst noise: that of the linear loop, from the end backwards.
+
+    Args:
+        loop: of floats. found: what is proven of it.
+    """
+    if not found.mu > 0 or not loop.noise:
+        return None
+    q, l, h, W = loop[:4]
+    ticks = min(MOST_TICKS, math.ceil(6 / (found.mu * W)))
+    ends = 2 * np.pi * np.arange(ENDS) / ENDS
+    orbit = np.asarray(found.proof.orbit)
+    degree = (orbit.shape[1] - 1) // 2
+    (re, im), adjoint = gain(loop, 1), np.zeros((3, ENDS))
+    adjoint[0] = 1.0
+    gained, signs = np.zeros(ENDS), np.empty((ticks, ENDS), bool)
+    for i in range(ticks - 1, -1, -1):
+        angle = ends - (ticks - i) * W
+        x, z, _ = orbit @ basis_at(angle, degree)
+        s, c = np.sin(angle), np.cos(angle)
+        heard = s * re + c * im
+        a, b, d = adjoint
+        push = b * l * s + d * h
+        gained += abs(push)
+        signs[i] = push > 0
+        adjoint = adjoint + W * np.stack([
+            l * s * heard * b + (h * heard + q * z) * d,
+            -q * a - l * b + (q * x - q * q * W * z) * d, -l * s * b - h * d,
+        ])  # fmt: skip
+    there = orbit[0] @ basis_at(ends, degree)
+    best = int((abs(there) + W * loop.noise * gained).argmax())
+    outward = signs[:, best] if there[best] >= 0 else ~signs[:, best]
+    return Push(float(ends[best] - ticks * W), tuple(bool(x) for x in outward))
+
+
+def at_least(loop: Loop, noisy: Found, quiet: Found, push: Push) -> float:
+    """Number that |x| exceeds again and again under such a noise; below zero if it need not.
+
+    Args:
+        loop: of floats. noisy, quiet: what one proof says of it, and of it without noise.
+    """
+    q, l, h, W, noise, late, lag = loop
+    rate = (noisy.mu - 2 * noisy.alpha * noisy.last * (1 + 1e-9)) * (1 - 1e-9)
+    if not (rate > 0 and LEAST < W < 3 and max(abs(q), l, h, noise) < LARGEST):
+        return -1.0
+    orbit = np.asarray(noisy.proof.orbit)
+    degree = (orbit.shape[1] - 1) // 2
+    E = math.exp(-1 / lag) if lag else 0.0
+    before = push.angle - W * np.arange(late, -1, -1.0)
+    places = orbit @ basis_at(before, degree)
+    line = deque((places[0] + np.sin(before)) ** 2 / 2)
+    x, z, e = (float(v) for v in places[:, -1])
+    line.pop()
+    heard = _heard(loop, orbit, push.angle - W) if lag else 0.0
+    for i, up in enumerate(push.signs):
+        s = math.sin(push.angle + i * W)
+        line.append((x + s) ** 2 / 2)
+        y = line.popleft()
+        heard = y + E * (heard - y)
+        H = heard - x * x / 2 - e + (noise if up else -noise)
+        x, z, e = (x - W * q * z, z + W * l * (s * H - z),
+                   e + W * (h * H + q * x * z - q * q * W * z * z / 2))  # fmt: skip
+        if not max(abs(x), abs(z), abs(e)) < LARGEST:
+            return -1.0
+    off = max(quiet.last, (sum(noisy.stiff) + noisy.loud) * MISSED / rate)
+    return (abs(x) - noisy.spread * off) * (1 - 1e-9) - MISSED
+
+
+@lru_cache(maxsize=32)
+def at_most(loop: Loop, found: Found) -> float:
+    """Number that |x| does not exceed in the end, whatever the noise; infinite if none is known.
+
+    Args:
+        loop: of floats. found: what is proven of it.
+    """
+    q, l, h, W, noise = (abs(float(v)) for v in loop[:5])
+    mu, last = found.proof.mu * (1 - 1e-12), found.last * (1 + 1e-9)
+    if not (LEAST < W < 3 and max(q, l, h, noise) < LARGEST and mu * W < 1):
+        return math.inf
+    orbit = np.asarray(found.proof.orbit)
+    degree = (orbit.shape[1] - 1) // 2
+    ticks = min(MOST_TICKS, math.ceil(8 / (mu * W)))
+    angles = 2 * np.pi * np.arange(NODES) / NODES
+    at, size = basis_at(angles, degree), abs(orbit).sum(axis=1)
+    n = np.arange(1, degree + 1)
+    (re, im), rows, most = gain(loop, 1), np.zeros((3, NODES)), 1.0
+    rows[0] = 1.0
+    gained = np.zeros(NODES)
+    for k in range(1, ticks + 1):
+        turned, c, s = orbit.copy(), np.cos(n * k * W), np.sin(n * k * W)
+        turned[:, 1::2] = orbit[:, 1::2] * c - orbit[:, 2::2] * s
+        turned[:, 2::2] = orbit[:, 2::2] * c + orbit[:, 1::2] * s
+        x, z = turned[:2] @ at
+        sine, cosine = at[2] * c[0] - at[1] * s[0], at[1] * c[0] + at[2] * s[0]
+        heard, (a, b, d) = sine * re + cosine * im, rows
+        gained += abs(l * sine * b + h * d)
+        rows = rows + W * np.stack([
+            l * sine * heard * b + (h * heard + loop.q * z) * d,
+            -loop.q * a - l * b + (loop.q * x - q * q * W * z) * d, -l * sine * b - h * d,
+        ])  # fmt: skip
+        most = max(most, float(abs(rows).max()))
+    away = math.pi / NODES
+    dx, dz, de = (v * last for v in found.spreads)
+    # of a sum of degree n with coefficients c the slope is at most n sum |c|
+    bend_x, bend_z = degree * float(size[0]), degree * float(size[1])
+    jump = found.stiff[1] * l * (dx + de + noise) + found.stiff[2] * (
+        (h + q * bend_z) * dx + (q * bend_x + q * q * W * bend_z) * dz
+    )
+    rest = (found.proof.mu - found.mu) * last + found.alpha * last**2
+    rest += max(found.rho - found.loud * noise * (1 - 1e-9), 0.0)
+    V = (rest + away * jump) / mu + last * math.exp(-mu * W * ticks)
+    blur = 1e-11 * ticks * most * (dx + dz + de + noise)
+    slope = abs(_slope(orbit[0]) @ at).max() + away * degree * bend_x
+    there = float((abs(orbit[0] @ at) + W * noise * gained).max())
+    return (there + away * float(slope) + found.spread * V) * (1 + 1e-9) + blur
+
+
+def _slope(sums: np.ndarray) -> np.ndarray:
+    """Coefficients of the derivative."""
+    found, n = np.zeros_like(sums), np.arange(1, len(sums) // 2 + 1)
+    found[1::2], found[2::2] = n * sums[2::2], -n * sums[1::2]
+    return found
+
+
+def _heard(loop: Loop, orbit: np.ndarray, angle: float) -> float:
+    """What is heard of the orbit at an angle, by the harmonics of (x + S)^2/2."""
+    degree = orbit.shape[1] - 1  # twice that of the orbit
+    fine = 2 * np.pi * np.arange(4 * degree) / (4 * degree)
+    values = (orbit[0] @ basis_at(fine, degree // 2) + np.sin(fine)) ** 2 / 2
+    parts = basis_at(fine, degree) @ values * (2 / len(fine))
+    own, found = basis_at(np.array([angle]), degree)[:, 0], parts[0] / 2
+    for n in range(1, degree + 1):
+        re, im = gain(loop, n)
+        c, s = own[2 * n - 1], own[2 * n]
+        found += parts[2 * n - 1] * (c * re + s * -im) + parts[2 * n] * (s * re + c * im)
+    return float(found)
