@@ -203,21 +203,17 @@ class _Controller:
             unit = self._signal(n).unit
             kind = "hard" if limit.hard else "soft"
             found += [
-<<<<<<< HEAD
-                Param(unit, limit.lo, f"{kind} limit below").named(f"{short}_min"),
-                Param(unit, limit.hi, f"{kind} limit above").named(f"{short}_max"),
-=======
-                Param(unit, limit.lo, "soft limit below", lo=-1e12, hi=1e12).named(f"{short}_min"),
-                Param(unit, limit.hi, "soft limit above", lo=-1e12, hi=1e12).named(f"{short}_max"),
-                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12, hi=1e12).named(
-                    f"{short}_weight"
-                ),
->>>>>>> main
+                Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
+                    f"{short}_{end}"
+                )
+                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
             ]
             for word, value in (("weight", limit.weight), ("linear", limit.linear)):
                 if value > 0 and not limit.hard:
                     doc = "weight beyond" if word == "weight" else "weight of the excess itself"
-                    found.append(Param(_per(unit), value, doc, lo=1e-12).named(f"{short}_{word}"))
+                    found.append(
+                        Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
+                    )
         return found
 
     def _signal(self, name: str) -> Signal:
