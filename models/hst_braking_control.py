@@ -15,16 +15,7 @@ wants; ``arbitration`` gives the torque that is applied.
 
 from typing import Any
 
-from casadi import (
-    exp,
-    fabs,
-    fmax,
-    fmin,
-    if_else,
-    log,
-    logic_and,
-    logic_or,
-)
+from casadi import exp, fabs, fmax, fmin, if_else, log, logic_and, logic_or
 
 from slipctl import (
     Block,
@@ -429,8 +420,7 @@ def controller(
             "meter": adhesion_meter(window, torque),
             "estimator": every(estimator, every_ticks),
             "search": every(
-                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), 1.0),
-                every_ticks,
+                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), 1.0), every_ticks
             ),
         }
         wires |= {

@@ -165,14 +165,7 @@ def adhesion_observer(
 
 
 @step(
-    mu_hat=Output(
-        "1",
-        "observed adhesion",
-        positive="traction",
-        source=FRICTION,
-        lo=-2,
-        hi=2,
-    ),
+    mu_hat=Output("1", "observed adhesion", positive="traction", source=FRICTION, lo=-2, hi=2),
     name="eso",
 )
 def linear_observer(
@@ -278,14 +271,7 @@ def classification(surfaces: int = 5) -> Block:
             lo=0,
             hi=surfaces - 1,
         ),
-        mu_hat=Input(
-            "1",
-            "observed adhesion",
-            positive="traction",
-            source=FRICTION,
-            lo=-2,
-            hi=2,
-        ),
+        mu_hat=Input("1", "observed adhesion", positive="traction", source=FRICTION, lo=-2, hi=2),
         v_s=Input(
             "m/s",
             "creep, rim minus train",
@@ -305,12 +291,7 @@ def classification(surfaces: int = 5) -> Block:
             hi=2,
         ),
         mu_max=Input(
-            "1",
-            "adhesion of the peak of each surface",
-            shape=n,
-            source=FRICTION,
-            lo=0,
-            hi=2,
+            "1", "adhesion of the peak of each surface", shape=n, source=FRICTION, lo=0, hi=2
         ),
         v_best=Input(
             "m/s",
@@ -433,12 +414,7 @@ def antislip_limit(axles: int) -> Block:
     )  # fmt: skip
     def limit(
         mu_lim=Input(
-            "1",
-            "adhesion that an axle may use",
-            shape=(axles,),
-            source=FRICTION,
-            lo=0,
-            hi=2,
+            "1", "adhesion that an axle may use", shape=(axles,), source=FRICTION, lo=0, hi=2
         ),
         F_hi_0=Input(
             "N",

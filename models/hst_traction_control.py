@@ -239,11 +239,7 @@ def higher_order(
 @law(
     **FORCES,
     s=Output(
-        "m/s",
-        "sliding variable",
-        source="the largest k_1 on the largest errors",
-        lo=-1e7,
-        hi=1e7,
+        "m/s", "sliding variable", source="the largest k_1 on the largest errors", lo=-1e7, hi=1e7
     ),
     name="smc",
 )
@@ -260,11 +256,7 @@ def sliding_mode(
 @step(
     **FORCES,
     s=Output(
-        "m/s",
-        "sliding variable",
-        source="the largest k_1 on the largest errors",
-        lo=-1e7,
-        hi=1e7,
+        "m/s", "sliding variable", source="the largest k_1 on the largest errors", lo=-1e7, hi=1e7
     ),
     name="asmc",
     period=T_C,
