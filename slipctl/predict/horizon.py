@@ -2,18 +2,21 @@
 
 Over a horizon of N stages of length h, with z = (x, v), v = u/scale,
 
-    minimise  1/2 sum_k |W r(x_k, u_k)|^2 + 1/2 |W r(x_N)|^2 + 1/2 sum_k |max(0, c(x_k, u_k))|^2
-    with      x_{k+1} = F(x_k, u_k),  lo <= u_k <= hi,  |u_k - u_{k-1}| <= rate h
+    minimise  1/2 sum_k |W r(x_k, u_k)|^2 + 1/2 |W r(x_N)|^2 + sum_k w t_k + 1/2 sum_k |t_k|^2
+    with      x_{k+1} = F(x_k, u_k),  lo <= u_k <= hi,  |u_k - u_{k-1}| <= rate h,
+              t_k >= max(0, c(x_k, u_k))
 
-r are the outputs of the cost law, W their weights, c the weighted excess of a soft limit. One stage
-gives, at a guess of its state and control, A, B, b of the linear step, the Gauss-Newton Hessian
-H = J'J with g = J'r, and c with its slope C, packed to one column of their structural nonzeros.
+r are the outputs of the cost law, W their weights, c the weighted excess of a limit, t what is
+given up of it. The square is left out where a limit has no quadratic weight. A hard limit has w so
+large (:data:`HARD`) that t is 0 wherever any control allows it: an exact penalty. One stage gives,
+at a guess of its state and control, A, B, b of the linear step, the Gauss-Newton Hessian H = J'J
+with g = J'r, and c with its slope C, packed to one column of their structural nonzeros.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -30,12 +33,25 @@ UNROLL = 200_000
 """Instructions of one stage above which the problem is refused: the C code would not compile."""
 
 
+HARD = 1e6
+"""Cost of giving up a hard limit by its own size."""
+
+
 class Soft(NamedTuple):
-    """Soft limits of one output or state of the plant, and their weight per unit."""
+    """Limits of one output or state of the plant.
+
+    Attributes:
+        lo, hi: the limits.
+        weight: of the squared excess per unit, 0 for none; of a hard limit one over its size.
+        linear: weight of the excess per unit.
+        hard: given up only where nothing else is left.
+    """
 
     lo: float
     hi: float
     weight: float
+    linear: float = 0.0
+    hard: bool = False
 
 
 class Stage(NamedTuple):
@@ -60,7 +76,7 @@ class Horizon:
         controls: inputs of the model that are decided.
         held: its other inputs, which keep their present value over the horizon.
         residuals: outputs that are squared; ``last`` those of the last stage.
-        soft: outputs or states with soft limits.
+        soft: outputs or states with limits; ``limits`` what they are.
         stages: N.
         scale: size of each control.
     """
@@ -71,13 +87,14 @@ class Horizon:
     residuals: tuple[str, ...]
     last: tuple[str, ...]
     soft: tuple[str, ...]
+    limits: tuple[Soft, ...]
     stages: int
     scale: tuple[float, ...]
 
     @classmethod
     def of(
         cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
-        soft: Sequence[str], stages: int, h: float, method: str, substeps: int,
+        soft: Mapping[str, Soft], stages: int, h: float, method: str, substeps: int,
         scale: Mapping[str, float],
     ) -> Horizon:  # fmt: skip
         """Connect plant and cost by the names of their signals, and discretise."""
@@ -91,7 +108,7 @@ class Horizon:
         limited = tuple(f"plant.{plant.find(n, 'state', 'output')}" for n in soft)
         horizon = cls(
             model, controls, tuple(n for n in model.inputs if n not in controls), residuals, (),
-            limited, stages, tuple(scale[c] for c in control),
+            limited, tuple(soft.values()), stages, tuple(scale[c] for c in control),
         )  # fmt: skip
         return horizon._with_last(where, cost, terminal)
 
@@ -144,23 +161,26 @@ class Horizon:
 
     @property
     def capped(self) -> tuple[int, ...]:
-        """Rows whose multiplier has a largest value."""
-        return ()
+        """Rows whose multiplier has a largest value: hard ones and those with a linear weight."""
+        return self._rows_where(lambda limit: limit.hard or limit.linear > 0)
 
     @property
     def square(self) -> tuple[bool, ...]:
         """Whether the excess of each capped row is squared too."""
-        return ()
+        return tuple(self.limits[i // 2].weight > 0 and i not in self.hard for i in self.capped)
 
     @property
     def hard(self) -> tuple[int, ...]:
         """Capped rows that are hard."""
-        return ()
+        return self._rows_where(lambda limit: limit.hard)
+
+    def _rows_where(self, wanted: Callable[[Soft], bool]) -> tuple[int, ...]:
+        return tuple(2 * k + i for k, s in enumerate(self.limits) if wanted(s) for i in (0, 1))
 
     @property
     def nq(self) -> int:
-        """Number of constants: parameters, weights, and (lo, hi, weight) of each soft limit."""
-        return self.np_ + len(self.residuals) + 3 * len(self.soft)
+        """Number of constants: parameters, weights, and (lo, hi, weight, linear) of each limit."""
+        return self.np_ + len(self.residuals) + 4 * len(self.soft)
 
     @property
     def np_(self) -> int:
@@ -197,9 +217,20 @@ class Horizon:
     def _soft_rows(self, y: Mapping[str, Any], q: Any) -> Any:
         at, rows = self.np_ + len(self.residuals), []
         for k, n in enumerate(self.soft):
-            lo, hi, weight = q[at + 3 * k], q[at + 3 * k + 1], q[at + 3 * k + 2]
-            rows += [weight * (y[n] - hi), weight * (lo - y[n])]
+            lo, hi, weight, linear = ca.vertsplit(q[at + 4 * k : at + 4 * k + 4])
+            per = weight if self.limits[k].weight > 0 else linear
+            rows += [per * (y[n] - hi), per * (lo - y[n])]
         return ca.vertcat(*rows) if rows else ca.SX(0, 1)
+
+    def _caps(self, q: Any) -> Any:
+        """Largest multiplier of each capped row, without that of its square."""
+        at, caps = self.np_ + len(self.residuals), []
+        for i in self.capped:
+            limit = self.limits[i // 2]
+            weight, linear = q[at + 4 * (i // 2) + 2], q[at + 4 * (i // 2) + 3]
+            both = linear / weight if limit.weight > 0 else ca.SX(1)
+            caps.append(ca.SX(HARD) if limit.hard else both)
+        return ca.densify(ca.vertcat(*caps)) if caps else ca.SX(0, 1)
 
     def costs(self) -> tuple[ca.Function, ca.Function]:
         """Functions (x, v, d, q) and (x, d, q) -> cost of a stage and of the last one."""
@@ -235,7 +266,7 @@ class Horizon:
         H, g = ca.triu(J.T @ J), ca.densify(J.T @ r)
         pieces = [
             slope[:, : self.nx], slope[:, self.nx :], ca.densify(n - following), H, g, c, C,
-            ca.SX(0, 1),
+            self._caps(q),
         ]  # fmt: skip
         layout = Layout.of(pieces)
         f = ca.Function(
@@ -263,7 +294,7 @@ class Horizon:
             if n not in soft:
                 c[2 * k], c[2 * k + 1] = -1, -1
         J, C = ca.jacobian(r, x), ca.jacobian(c, x)
-        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, ca.SX(0, 1)]
+        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, self._caps(q)]
         layout = Layout.of(pieces)
         return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
 

@@ -39,6 +39,9 @@ END = 1e-13
 WIDE = 1e3
 """Distance, in sizes of a control, at which a bound is none."""
 
+FAR = 1e6
+"""Distance at which the limit of a row is none."""
+
 
 class Interior:
     """Interior point steps on the problem of an active set."""
@@ -74,7 +77,7 @@ class Interior:
             R += [unit, -unit]
         wide = ca.SX(h.nc, nz + h.nu)
         wide[:, : h.nx], wide[:, nz:] = t.C[:, : h.nx], t.C[:, h.nx :]
-        return ca.vertcat(*e, t.c), ca.vertcat(*R, wide)
+        return ca.vertcat(*e, ca.fmax(t.c, -FAR)), ca.vertcat(*R, wide)
 
     def _eliminated(self, kinds: list[str], w: Any, a: Any, target: Any) -> tuple[Any, ...]:
         """(d, t0, W, f) of each row at a = (l, s, t, n, corrections); f = (s l + m)/(s + d l)."""
@@ -102,11 +105,13 @@ class Interior:
     def _after(self, kinds: list[str], w: Any, r: Any, a: Any, target: Any) -> Any:
         """(l, s, t, n) of the whole step, where the rows become r."""
         d, t0, W, f = self._eliminated(kinds, w, a, target)
-        l = W * (r - t0) + f
-        t = t0 + d * l
+        l, (l0, s0, t0_, n0, c1, c2) = W * (r - t0) + f, a
+        # s = t - r and n = w + q t - l, by the products: differences would lose the last digits
+        s = (s0 * l0 + target - c1 - s0 * l) / l0
         rows = [i for i, kind in enumerate(kinds) if kind == CAPPED]
-        q = ca.DM(list(self.h.square))
-        return ca.densify(ca.vertcat(l, t - r, t[rows], w + q * t[rows] - l[rows]))
+        t = (t0 + d * l)[rows]
+        n = (t0_ * n0 + target - c2 - n0 * t) / t0_
+        return ca.densify(ca.vertcat(l, s, t, n))
 
     def _make_backward(self) -> tuple[ca.Function, int]:
         """Function (P, p, column, tied, u, earlier, bounds, a, target) -> (P, p, gains)."""
@@ -170,6 +175,7 @@ class Interior:
         e, x, target = ca.SX.sym("e", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target")
         a, pieces = self._symbols(self.h.nc)
         H, g, c, C, w = of.end.unpack(e)
+        c = ca.fmax(c, -FAR)
         _, t0, W, f = self._eliminated(self.last_kinds, w, pieces, target)
         P, p = ca.SX(of.nz, of.nz), ca.SX.zeros(of.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(W) @ C
@@ -297,32 +303,38 @@ class Interior:
         else:
             x, column = ca.SX.sym("x", nx), ca.SX.sym("e", of.end.size)
             _, _, c, C, w = of.end.unpack(column)
-            r, given = c + C @ x, [x, column]
+            r, given = ca.fmax(c, -FAR) + C @ x, [x, column]
         l, s, t, n, at = [], [], [], [], 0
         for i, kind in enumerate(kinds):
             if kind == SOFT:
                 root = ca.sqrt(r[i] ** 2 + 4 * mean)
-                l.append((r[i] + root) / 2)
-                s.append((root - r[i]) / 2)
+                large = (ca.fabs(r[i]) + root) / 2
+                l.append(ca.if_else(r[i] > 0, large, mean / large))
+                s.append(ca.if_else(r[i] > 0, mean / large, large))
             elif kind == FIRM:
                 s.append(ca.fmax(-r[i], NEAR))
                 l.append(mean / s[-1])
             else:
-                t.append(ca.fmax(r[i], 0) + NEAR)
-                s.append(ca.fmax(t[-1] - r[i], NEAR))
-                l.append(ca.fmin(mean / s[-1], w[at] / 2))
-                n.append(w[at] + self.h.square[at] * t[-1] - l[-1])
+                # r + s = t, s l = t n = mean, l + n = w
+                root = ca.sqrt((w[at] * r[i]) ** 2 + 4 * mean**2)
+                large = (2 * mean + root + w[at] * ca.fabs(r[i])) / (2 * w[at])
+                small = mean * large / (w[at] * large - mean)
+                s.append(ca.if_else(r[i] > 0, small, large))
+                t.append(ca.if_else(r[i] > 0, large, small))
+                l.append(mean / s[-1])
+                n.append(mean / t[-1] + self.h.square[at] * t[-1])
                 at += 1
         name = "ip_begin" if stage else "ip_begin_end"
         found = ca.densify(ca.vertcat(*l, *s, *t, *n))
         return ca.Function(name, [*given, mean], [found], {"cse": True})
 
     def _make_excess(self) -> ca.Function:
-        """Function (x, dv, column) -> largest excess of a soft row, 0 without any."""
+        """Function (x, dv, column) -> size of the multipliers of rows that are exceeded."""
         column, x, dv = self.of._symbols()[0], ca.SX.sym("x", self.h.nx), ca.SX.sym("v", self.h.nu)
         t = self.of._unpack(column)
         r = t.c + t.C @ ca.vertcat(x, dv)
         rows = [r[i] for i, kind in enumerate(self.last_kinds) if kind == SOFT]
+        rows += [NEAR * t.w[j] * r[i] for j, i in enumerate(self.h.capped)]
         most = ca.SX(0)
         for row in rows:
             most = ca.fmax(most, row)

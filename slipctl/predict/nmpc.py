@@ -14,6 +14,7 @@ from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.horizon import Horizon, Soft
+from slipctl.predict.limits import entries_of, hard_limits, soft_limits
 from slipctl.predict.reference import DEVIATION, Sparse, available, nonlinear
 
 SOLVERS = ("riccati", "osqp", "qrqp", "ipopt", "fatrop")
@@ -35,7 +36,8 @@ def nmpc(
     terminal: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[Limit, Limit]] | None = None,
     rates: Mapping[str, float] | None = None,
-    soft: Mapping[str, tuple[float | None, float | None, float]] | None = None,
+    soft: Mapping[str, tuple[float | None, ...]] | None = None,
+    hard: Mapping[str, tuple[float | None, float | None]] | None = None,
     moves: Sequence[int] | None = None,
     iterations: int = 1,
     passes: int = 20,
@@ -68,7 +70,13 @@ def nmpc(
             is an input of the controller (the limit of an anti-slip law, say).
         rates: largest rate of a control, in its unit per second.
         soft: (lo, hi, weight) of an output or state of the plant; None for a limit is the declared
-            one. The weighted excess is squared and added to the cost.
+            one. The weighted excess is squared and added to the cost. (lo, hi, weight, linear)
+            adds the excess itself too, times ``linear``: an exact penalty, which keeps the limit
+            as long as that is worth less; ``weight`` may be 0 there.
+        hard: (lo, hi) of an output or state of the plant, None for a declared one. Kept at every
+            stage where any control allows it. Where none does, the bounds and rates of the
+            controls are kept, then the sum of what the hard limits are exceeded by, each over its
+            size, is made as small as can be, then the cost; ``status`` is 3.
         moves: number of stages over which each free control is held; their sum is the horizon.
         iterations: real-time iterations per tick.
         passes: largest number of passes of the active set in each.
@@ -84,9 +92,10 @@ def nmpc(
         A step block with period h. Outputs: the controls, ``status`` (in words: :data:`STATUS`; 0
         solved; 1 not settled, so the controls are feasible but not optimal; 2 the problem broke,
         the next control of the last good plan is applied and the next tick starts afresh; 3 the
-        limits contradict each other, what is told last was given up: a bound where a rate does
-        not lead back to it), ``passes`` made, and ``residual``, by how much the conditions of
-        Karush, Kuhn and Tucker are left, over one and the size of the gradient.
+        limits contradict each other and some were given up: a bound where a rate does not lead
+        back to it, a hard limit where no control keeps it), ``passes`` made, and ``residual``, by
+        how much the conditions of Karush, Kuhn and Tucker are left, over one and the size of the
+        gradient.
 
     Raises:
         BadInput: unknown names, bounds that leave nothing, a weight that is not positive, a
@@ -101,11 +110,16 @@ def nmpc(
     full = {c: plant.find(c, "input") for c in controls}
     limits = _bounds(where, plant, full, _by_name(where, "bounds", bounds))
     rate = _rates(where, controls, _by_name(where, "rates", rates))
-    softs = _soft(where, plant, _by_name(where, "soft", soft))
+    softs = soft_limits(where, plant, _by_name(where, "soft", soft))
+    softs |= hard_limits(where, plant, _by_name(where, "hard", hard), softs)
+    if not rescue and any(s.hard or s.linear for s in softs.values()):
+        raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
+    if softs and solver in ("ipopt", "fatrop") and any(s.hard or s.linear for s in softs.values()):
+        raise BadInput(f"{where}: {solver} takes no hard and no linear limits; use solver='osqp'")
     scale = {c: _scale(*limits[c]) for c in controls}
     tied = _tied(where, horizon, moves)
     problem = Horizon.of(
-        plant, cost, controls, terminal, list(softs), horizon, h, method, substeps, scale
+        plant, cost, controls, terminal, softs, horizon, h, method, substeps, scale
     )
     weigh = _weights(where, cost, _by_name(where, "weights", weights))
     return _Controller(
@@ -187,13 +201,19 @@ class _Controller:
         for n, limit in self.softs.items():
             short = n.replace(".", "_")
             unit = self._signal(n).unit
+            kind = "hard" if limit.hard else "soft"
             found += [
-                Param(unit, limit.lo, "soft limit below", lo=-1e12, hi=1e12).named(f"{short}_min"),
-                Param(unit, limit.hi, "soft limit above", lo=-1e12, hi=1e12).named(f"{short}_max"),
-                Param(_per(unit), limit.weight, "weight beyond", lo=1e-12, hi=1e12).named(
-                    f"{short}_weight"
-                ),
+                Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
+                    f"{short}_{end}"
+                )
+                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
             ]
+            for word, value in (("weight", limit.weight), ("linear", limit.linear)):
+                if value > 0 and not limit.hard:
+                    doc = "weight beyond" if word == "weight" else "weight of the excess itself"
+                    found.append(
+                        Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
+                    )
         return found
 
     def _signal(self, name: str) -> Signal:
@@ -255,9 +275,10 @@ class _Controller:
         """Parameters of the stages: those of the model, weights, soft limits."""
         model = self.h.model.pack("param", {n: p[n] for n in self.h.model.params})
         rows = [p[f"weight_{n}"] for n in self.weights]
-        for n in self.softs:
+        for n, limit in self.softs.items():
             short = n.replace(".", "_")
-            rows += [p[f"{short}_min"], p[f"{short}_max"], p[f"{short}_weight"]]
+            rows += [p[f"{short}_min"], p[f"{short}_max"]]
+            rows += [p.get(f"{short}_weight", limit.weight), p.get(f"{short}_linear", limit.linear)]
         return ca.vertcat(model, *rows)
 
     def bounds(self, u: Exprs, p: Exprs) -> Any:
@@ -380,7 +401,7 @@ def _bounds(
     found = {}
     for c, n in full.items():
         s = plant.inputs[n]
-        lo, hi = _entries(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
+        lo, hi = entries_of(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
         for b in (lo, hi):
             if not isinstance(b, str):
                 check_number(f"{where}: bounds of {c}: an end", b, s.unit)
@@ -406,13 +427,6 @@ def _by_name(where: str, what: str, given: Any) -> dict[str, Any]:
     return dict(given or {})
 
 
-def _entries(where: str, given: Any, form: str) -> Any:
-    """Entries of one setting, refused where they are not of the form."""
-    if not isinstance(given, (tuple, list)) or len(given) != len(form.split(",")):
-        raise BadInput(f"{where}: {given!r} is not {form}")
-    return given
-
-
 def _scale(lo: Limit, hi: Limit) -> float:
     numbers = [abs(b) for b in (lo, hi) if not isinstance(b, str)]
     return max(numbers, default=1.0) or 1.0
@@ -424,26 +438,6 @@ def _rates(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> d
             raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
         check_positive(f"{where}: rate of {c}", r)
     return dict(rates)
-
-
-def _soft(
-    where: str, plant: Block, soft: Mapping[str, tuple[float | None, float | None, float]]
-) -> dict[str, Soft]:
-    found = {}
-    for n, entries in soft.items():
-        name = plant.find(n, "state", "output")
-        lo, hi, weight = _entries(f"{where}: soft limits of {n}", entries, "(lo, hi, weight)")
-        s = (plant.states | plant.outputs)[name]
-        low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
-        for b in (low, high):
-            check_number(f"{where}: soft limits of {n}: an end", b, s.unit)
-        if not low < high:
-            raise BadInput(f"{where}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
-        if math.isinf(low) and math.isinf(high):
-            raise BadInput(f"{where}: {n} has no range; give soft={{{n!r}: (lo, hi, weight)}}")
-        check_positive(f"{where}: weight of {n}", weight)
-        found[name] = Soft(max(low, -1e12), min(high, 1e12), weight)
-    return found
 
 
 def _weights(where: str, cost: Block, weights: Mapping[str, float]) -> dict[str, float]:

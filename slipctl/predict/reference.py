@@ -62,7 +62,7 @@ class Sparse(ActiveSet):
         slope = H @ z + g + A.T @ done["lam_a"] + done["lam_x"]
         held = ca.vertcat(A @ z, z)
         left = remains(
-            slope, g, held, ca.vertcat(lba, lbx), ca.vertcat(uba, ubx),
+            slope, g[: nx * (N + 1) + nu * N], held, ca.vertcat(lba, lbx), ca.vertcat(uba, ubx),
             ca.vertcat(done["lam_a"], done["lam_x"]),
         )  # fmt: skip
         X, V = z[: nx * (N + 1)], z[nx * (N + 1) : nx * (N + 1) + nu * N]
@@ -98,14 +98,23 @@ class Sparse(ActiveSet):
                 A += _at(n, v[k - 1], -ca.SX.eye(nu)) if k else 0
                 room = ca.SX.zeros(nu) if self.tied[k] else rate
                 rows.append((A, earlier - now - room, earlier - now + room))
-        Hx, gx, c, C, _ = self.end.unpack(E)
+        Hx, gx, c, C, w = self.end.unpack(E)
         H[x[N], x[N]] = ca.triu2symm(Hx)
         g[x[N]] = gx
         if nc:
             rows.append((_at(n, x[N], C) + _at(n, t[N], -ca.SX.eye(nc)), -inf, -c))
             every = [i for r in t for i in r]
-            H[every, every] = ca.SX.eye(nc * (N + 1))
+            square = [1.0] * nc
+            for i, q in zip(self.h.capped, self.h.square, strict=True):
+                square[i] = float(q)
+            H[every, every] = ca.diag(ca.DM(square * (N + 1)))
+            for k in range(N + 1):
+                caps = self._unpack(D[:, k]).w if k < N else w
+                for j, i in enumerate(self.h.capped):
+                    g[t[k][i]] = caps[j]
         low, high = -ca.SX.ones(n) * ca.inf, ca.SX.ones(n) * ca.inf
+        for k in range(N + 1):
+            low[[t[k][i] for i in self.h.capped]] = 0
         low[first - nu * N : first] = ca.vec(bounds[:nu, :]) - U
         high[first - nu * N : first] = ca.vec(bounds[nu : 2 * nu, :]) - U
         A, lba, uba = (ca.vertcat(*[r[i] for r in rows]) for i in range(3))

@@ -144,6 +144,42 @@ def test_a_bound_that_the_rate_does_not_lead_back_to_is_given_up_and_told():
     assert list(statuses) == [0, 0, 0, 0, 3, 3, 0, 0, 0, 0]
 
 
+def test_a_hard_limit_is_kept_where_a_control_can_and_given_up_by_the_least_where_none_can():
+    """A mass drives to a wall; against a wall that has come too near it brakes with all it has."""
+
+    @flow(room=Output("m"))
+    def cart(
+        x=State("m", 0.0, "position"), v=State("m/s", 0.0, "speed"),
+        F=Input("N", "force", lo=-2, hi=2),
+    ):  # fmt: skip
+        """One kilogram."""
+        return dict(x=v, v=F / one("kg")), dict(room=-x)
+
+    @law(e=Output("m"), f=Output("N"))
+    def wish(x=Input("m", "position"), F=Input("N", "force")):
+        """Far behind the wall."""
+        return dict(e=x - 10 * one("m"), f=F)
+
+    limits = dict(h=0.1, horizon=20, weights={"e": 1.0, "f": 0.01})
+    block = nmpc(cart, wish, "F", hard={"room": (-1.0, 10.0)}, **limits)
+    tick, x, v, far, forces = Driver(block, compile=False), 0.0, 0.0, [], []
+    for _ in range(40):
+        F, status, _, residual = tick(x, v)
+        assert status == 0
+        assert residual < 1e-6
+        x, v = x + 0.1 * v + 0.005 * F, v + 0.1 * F  # exact for a held force
+        far.append(x)
+        forces.append(F)
+    assert max(far) == pytest.approx(1.0, abs=1e-6)  # it goes to the wall and not beyond
+    assert forces[0] == pytest.approx(2.0, abs=1e-6)
+    # 2 N stop 3 m/s in 2.25 m: from 0.5 m before the wall no control keeps it
+    F, status, *_ = Driver(block, compile=False)(0.5, 3.0)
+    assert (F, status) == (pytest.approx(-2.0, abs=1e-6), 3)
+    free = nmpc(cart, wish, "F", soft={"room": (-1.0, 10.0, 0.0, 1e4)}, **limits)
+    F, status, *_ = Driver(free, compile=False)(0.5, 3.0)
+    assert (F, status) == (pytest.approx(-2.0, abs=1e-6), 0)  # a soft one is given up for its price
+
+
 @pytest.mark.parametrize("solver", ["osqp", "qrqp"])
 def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkeypatch):
     """OSQP gave 1.108 for 1.12 with status 0; such an answer stops the run."""
@@ -266,6 +302,14 @@ BAD = [
     (dict(horizon="x"), "horizon = 'x' must be a whole number"),
     (dict(terminal=["e_u"]), "depends on the control"),
     (dict(solver="acados"), "no solver 'acados'"),
+    (dict(hard={"s": (0.1, 0.1)}), "s from 0.1 to 0.1 1 leaves nothing"),
+    (dict(hard={"s": (None, None)}), r"s has no range; give hard=\{'s': \(lo, hi\)\}"),
+    (dict(hard={"s": (0.0, 0.1)}, soft={"s": (0.0, 0.1, 1.0)}), "soft limits and hard ones"),
+    (dict(hard={"z": (0.0, 1.0)}), "no state or output 'z'"),
+    (dict(hard={"s": 0.1}), r"hard limits of s: 0.1 is not \(lo, hi\)"),
+    (dict(soft={"s": (0.0, 0.1, 0.0, -1.0)}), "linear weight of s = -1 must be positive"),
+    (dict(hard={"s": (0.0, 0.1)}, solver="ipopt"), "ipopt takes no hard and no linear limits"),
+    (dict(rescue=0, hard={"s": (0.0, 0.1)}), "hard and linear limits need rescue= of 1 or more"),
     (dict(rescue=-1), "rescue = -1 must be a whole number >= 0"),
     (dict(solver="fatrop", rates={"u": 1.0}), "use solver='ipopt'"),
 ]

@@ -13,12 +13,15 @@ from slipctl.predict.horizon import Layout
 from slipctl.predict.reference import Sparse
 
 
-def problem(nx, nu, nc, N, rates, moves=None, passes=20, rescue=30):
+def problem(nx, nu, nc, N, rates, moves=None, passes=20, rescue=30, limits=((), (), ())):
     """Solver of a structure as a Function of its numbers, and the same as sparse matrices."""
-    sizes = SimpleNamespace(nx=nx, nu=nu, nc=nc, stages=N, capped=(), square=(), hard=())
+    capped, square, hard = limits
+    sizes = SimpleNamespace(
+        nx=nx, nu=nu, nc=nc, stages=N, capped=capped, square=square, hard=hard
+    )  # fmt: skip
     n = nx + nu
-    stage = dense((nx, nx), (nx, nu), (nx, 1), n, (n, 1), (nc, 1), (nc, n), (0, 1))
-    end = dense(nx, (nx, 1), (nc, 1), (nc, nx), (0, 1))
+    stage = dense((nx, nx), (nx, nu), (nx, 1), n, (n, 1), (nc, 1), (nc, n), (len(capped), 1))
+    end = dense(nx, (nx, 1), (nc, 1), (nc, nx), (len(capped), 1))
     tied = [k > 0 for m in moves or [1] * N for k in range(m)]
     qp = ActiveSet(sizes, stage, end, tied, rates, passes, rescue)
     data = qp.data()
@@ -88,7 +91,10 @@ def reference(matrices, numbers):
     )  # fmt: skip
     done = solver.solve(raise_error=False)
     slope = abs(H @ done.x + g.ravel() + A.T @ done.y).max() / (1 + abs(g).max())
-    return done.x, max(slope, (lo - A @ done.x).max(), (A @ done.x - hi).max())
+    row = A @ done.x
+    idle = np.maximum(done.y, 0) * np.minimum(hi - row, 1)
+    idle += np.maximum(-done.y, 0) * np.minimum(row - lo, 1)
+    return done.x, max(slope, (lo - row).max(), (row - hi).max(), idle.max())
 
 
 STRUCTURES = {
@@ -150,3 +156,36 @@ def test_bounds_and_rates_that_meet_in_a_corner_are_solved():
     assert found.open == 0
     assert pytest.approx([1.0, -0.5, 1.0], abs=1e-6) == found.U
     assert pytest.approx(answer[4:], abs=1e-8) == found.U
+
+
+def cost(matrices, numbers, plan):
+    """Cost of states and controls, each limit's slack as small as its row allows."""
+    H, g, A, _, uba, *_ = (np.array(ca.DM(v)) for v in matrices(*numbers))
+    n = plan.size
+    slack = np.zeros(len(H) - n)
+    for row, most in zip(A, uba.ravel(), strict=True):
+        at = np.flatnonzero(row[n:])
+        slack[at] = np.maximum(0, row[:n] @ plan - most)
+    z = np.r_[plan, slack]
+    return float(z @ H @ z / 2 + g.ravel() @ z)
+
+
+@pytest.mark.parametrize("square", [False, True], ids=["linear", "both"])
+@pytest.mark.parametrize("cap", [3.0, 1e3], ids=["soft", "hard"])
+def test_hard_and_linear_limits_cost_no_more_than_with_osqp(cap, square):
+    """The exact penalty, hard limits given up where they must: the same cost as OSQP's plan."""
+    hard = (0, 1) if cap > 100 else ()
+    h, solve, matrices, tied = problem(3, 1, 4, 8, True, limits=((0, 1), (square,) * 2, hard))
+    rng, given_up = np.random.default_rng(5), 0
+    for _ in range(25):
+        D, end, *rest = draw(rng, h, True, tied)
+        caps = np.full(2, cap)
+        numbers = np.vstack([D, np.tile(caps[:, None], (1, 8))]), np.r_[end, caps], *rest
+        found = Found(*(np.array(v).ravel() for v in solve(*numbers)))
+        assert found.open == 0
+        given_up += found.over > 1e-6
+        ours = np.r_[found.X, found.U]
+        best = cost(matrices, numbers, reference(matrices, numbers)[0][: ours.size])
+        # 1e-8: products of slack and multiplier end at 1e-13 of the largest multiplier
+        assert cost(matrices, numbers, ours) <= best + 1e-8 * (1 + abs(best))
+    assert (given_up > 0) == bool(hard)

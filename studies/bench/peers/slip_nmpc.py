@@ -150,7 +150,7 @@ def osqp(inputs: np.ndarray) -> Any:
     from slipctl.predict.horizon import Horizon
     from slipctl.predict.reference import Sparse
 
-    problem = Horizon.of(axle, cost, ["u"], None, [], 20, 0.02, "rk4", 4, {"u": 8.0})
+    problem = Horizon.of(axle, cost, ["u"], None, {}, 20, 0.02, "rk4", 4, {"u": 8.0})
     stage, layout = problem.stage("bench")
     end, last = problem.end()
     matrices = Sparse("osqp", problem, layout, last, [False] * 20, False, 1)._matrices()
