@@ -70,9 +70,7 @@ from slipctl.models.hst_braking_reference import (
 from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 from slipctl.models.shared import SHARED
 
-LAM_START = Param(
-    "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1.5, hi=1.5
-)
+LAM_START = Param("1", 0.0, "slip at the start", positive="braking", per="ratio", lo=-1.5, hi=1.5)
 
 WIDE = "ten times a locked wheel's; printed references run away"
 WANTED = "250 times the largest torque; arbitration limits it"
@@ -490,9 +488,8 @@ def check(slip_law: Block, search: Block | None = None, shape: Block | None = No
     error = p["lam_start"] - p["lam_ref_start"]
     bounds.check_start("law", error, p["eta_0"], p["delta_l"], p["delta_u"])
     if shape is not None and "smooth" not in shape.states:
-        step = 0.01
-        if search is not None and search.choices.get("form") == "printed-40":
-            step = float(search.params["h_1"].value)
+        printed = search is not None and search.choices.get("form") == "printed-40"
+        step = float(search.params["h_1"].value) if printed and search else 0.01
         bounds.check_reference_step("reference", step, p["eta_inf"], p["delta_l"], p["delta_u"])
 
 

@@ -226,12 +226,8 @@ def test_hostile_files(tmp_path_factory: pytest.TempPathFactory, text: str, at: 
     """A file with anything in the middle of it is read or told."""
     file = tmp_path_factory.mktemp("f") / "own.toml"
     file.write_text(FILE[:at] + text + FILE[at:], encoding="utf-8")
-    try:
-        found = equation_files.load(f"{file}:law")
-    except BadInput as error:
-        assert str(error).isprintable() or "\n" in str(error)
-    else:
-        assert found.outputs
+    with suppress(BadInput):
+        assert equation_files.load(f"{file}:law").outputs
 
 
 def test_largest_texts_are_quick() -> None:
