@@ -307,12 +307,12 @@ def _higher_values(n: Numbers) -> dict[str, Quantity]:
         "worst_ratio": (sta.worst_ratio(n["k4"], n["beta"] * n["k4"], n["eta"]), "1"),
         "eta_of_49": (higher_order.certified_eta(n["alpha"], n["beta"], n["k4"]), "m/s^3"),
         "best_eta_of_the_matrix": (higher_order.best_weighted(n["k4"])[2], "m/s^3"),
-        "smallest_k4_of_49_at_best": (higher_order.smallest_k4(n["eta"]), "m^.5/s^1.5"),
+        "smallest_k4_of_49_at_best": (higher_order.smallest_k4(n["eta"]), "1/s"),
     }
     if n["k4"] > higher_order.SMALLEST:
         alpha, beta, eta = higher_order.best(n["k4"])
-        found |= {"best_eta_of_49": (eta, "m/s^3"), "with_alpha": (alpha, "m/s^3"),
-                  "with_beta": (beta, "m^.5/s^1.5")}  # fmt: skip
+        found |= {"best_eta_of_49": (eta, "m/s^3"), "with_alpha": (alpha, "1/s^2"),
+                  "with_beta": (beta, "1/s")}  # fmt: skip
     return found
 
 
@@ -322,11 +322,11 @@ _SETTLES: dict[str, Any] = {"proves": ("settles",), "covers": ("eta",)}
 HIGHER_ORDER = register(System(
     "higher_order",
     "Wang 2025 (37), (38) at the least gain k4: s' = -k4 phi1(s) + v, v' = -2 beta k4 phi2(s) + d,"
-    " |d| <= eta: is s -> 0 in finite time? phi1 = |s|^.5 sgn s + s, phi2 = phi1 phi1'",
+    " |d| <= eta: is s -> 0 in finite time? phi1 = |s|^.5 sgn s + s in m/s, phi2 = phi1 phi1'",
     {
-        "k4": Number("m^.5/s^1.5", "least gain of the adaptation", power=0.5),
-        "alpha": Number("m/s^3", "of P in the proof", power=1.0),
-        "beta": Number("m^.5/s^1.5", "k2H = 2 beta k1H", power=0.5),
+        "k4": Number("1/s", "least gain of the adaptation", power=0.5),
+        "alpha": Number("1/s^2", "of P in the proof", power=1.0),
+        "beta": Number("1/s", "k2H = 2 beta k1H", power=0.5),
         "eta": Number("m/s^3", "bound of |delta'|/M", None, "not negative", 1.0, role=INPUT,
                       says="every |d| <= {}", absent="a disturbance d"),
     },

@@ -148,7 +148,7 @@ def traction_map(r: Results) -> Any:
         "printed: alpha .02, beta .09": (0.25, higher_order.certified_eta(0.02, 0.09, 0.25)),
         "met on dry rail, 99.9 % of a run": (0.25, hst_traction_gains.slope_met("printed").value),
     }
-    plots.lines({k: (k4, v) for k, v in curves.items()}, ("k4", "m^.5/s^1.5"), ("eta", "m/s^3"),
+    plots.lines({k: (k4, v) for k, v in curves.items()}, ("k4", "1/s"), ("eta", "m/s^3"),
                 axis=axes[0, 1], log="xy", title="adaptive law")  # fmt: skip
     with plots.style():
         points(axes[0, 1], marks)

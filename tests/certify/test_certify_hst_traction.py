@@ -12,6 +12,8 @@ from scipy.optimize import minimize
 from slipctl.certify import adhesion_observer as observer
 from slipctl.certify import higher_order as hosm
 from slipctl.certify import super_twisting as sta
+from slipctl.certify.catalogue import system
+from slipctl.models.hst_traction_control import higher_order
 
 K1 = st.floats(0.05, 20)
 K2 = st.floats(0.05, 50)
@@ -179,3 +181,9 @@ def test_bounds_do_not_depend_on_the_unit_of_length_but_49_does(k4):
     k1, k2, c = k4, 2 * beta * k4, 1e-3
     assert hosm.exact_eta(k1 * c**0.5, k2 * c) == pytest.approx(hosm.exact_eta(k1, k2) * c)
     assert hosm.quadratic_eta(k1 * c**0.5, k2 * c) == pytest.approx(hosm.quadratic_eta(k1, k2) * c)
+
+
+def test_gains_have_one_unit_in_the_law_and_in_its_certificate():
+    law, asked = higher_order(), system("higher_order").numbers
+    for name, told in (("alpha", "alpha"), ("beta", "beta"), ("k4", "k_4")):
+        assert asked[name].unit == law.params[told].unit
