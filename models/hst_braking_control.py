@@ -123,7 +123,7 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         delta_u=Param("1", 1.2, "upper width", TABLE_3, lo=1e-3, hi=1e4),
         K1=Param("1/s", 100.0, "gain", TABLE_3, lo=0, hi=1e5),
         trip=Param("1", 0.95, "share of the bound at which the funnel restarts", GUESS, lo=0,
-                   hi=1000),
+                   hi=1e9),
         reserve=Param("1", 0.6, "share of the new bound that the error has then", GUESS, lo=0.01,
                       hi=1000),
         v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),

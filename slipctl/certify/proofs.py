@@ -71,7 +71,7 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     tried: dict[str, Entries | None] = {}
     first: dict[str, str] = {}
     left: list[str] = []
-    against, shows = _run_that_refutes(system, numbers, tuple(clauses), quick=True)
+    against, shows = counterexample(system, numbers, tuple(clauses), quick=True)
     for clause in clauses:
         if against is not None:
             break
@@ -118,12 +118,13 @@ def proof(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | No
 
 
 def counterexample(
-    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str]
+    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str], quick: bool = False
 ) -> tuple[dict[str, Any] | None, str]:
     """First counterexample that replays, as the file holds it, and what it does; else None.
 
     Args:
         system: the system. numbers: its numbers. unproved: clauses for which runs are searched.
+        quick: only by searches of little work.
     """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     for name, c in system.asked(numbers).items():
@@ -133,13 +134,6 @@ def counterexample(
             if _finite(sides) and any(s.holds() is False for s in sides):
                 entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
                 return entry, c.refutes
-    return _run_that_refutes(system, numbers, unproved)
-
-
-def _run_that_refutes(
-    system: System, numbers: Mapping[str, Fraction], unproved: Sequence[str], quick: bool = False
-) -> tuple[dict[str, Any] | None, str]:
-    """First run that is found and replays; ``quick`` for searches of little work alone."""
     for name, r in system.refuters.items():
         search = r.quick if quick else r.find
         if r.target in unproved and search is not None:

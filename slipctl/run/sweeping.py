@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -21,7 +20,7 @@ import numpy as np
 from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
-from slipctl.run import stopping, sweep_store
+from slipctl.run import machine, stopping, sweep_store
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
     METRICS,
@@ -107,17 +106,10 @@ def sweep(
         done = kept.done()
         missing = (k for k in range(plan.size) if k not in done)
         total = plan.size - sum(k < plan.size for k in done)
-        _run_all(run, plan, missing, total, kept, jobs or cores(), progress)
+        _run_all(run, plan, missing, total, kept, jobs or machine.cores(), progress)
     finally:
         kept.close()
     return open_sweep(out)
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _run_all(

@@ -19,13 +19,13 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, TypeVar
 
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import stopping
+from slipctl.run import machine, stopping
 from slipctl.run.results import NotRun
 from slipctl.study.doors import reason
 
@@ -37,6 +37,9 @@ Tell = Callable[[float], None]
 """Called by a job with the share of it that is done, 0 to 1."""
 
 Job = Callable[[Tell], T]
+
+STOPS = {signal.SIGINT, signal.SIGTERM}
+"""What stops a process from outside."""
 
 GRACE = 0.5
 """Time in s that a job has to stop before it is killed."""
@@ -64,9 +67,7 @@ def available() -> int:
     """Cores that this process may use; 1 where processes cannot be forked."""
     if not hasattr(os, "fork") or sys.platform == "darwin":
         return 1
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return machine.cores()
 
 
 class Cores:
@@ -183,7 +184,8 @@ class _Running:
             self.process = fork.Process(
                 target=_forked, args=(job, theirs, cores, (self.pipe, *others)), name=name
             )
-            self.process.start()
+            with _no_signals():  # the new process hears them when it knows what they mean
+                self.process.start()
         theirs.close()
 
     def hear(self) -> tuple[str, Any]:
@@ -201,6 +203,19 @@ class _Running:
         """Wait for the process, which has nothing left to do."""
         self.pipe.close()
         self.process.join()
+
+
+@contextmanager
+def _no_signals() -> Iterator[None]:
+    """Hold back what stops a process, until the end of the block."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _stop(running: list[_Running]) -> None:
@@ -227,6 +242,8 @@ def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connect
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and ends this process
     signal.signal(signal.SIGTERM, leave)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
     for other in others:
         other.close()
     cores.adopt()

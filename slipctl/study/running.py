@@ -73,15 +73,16 @@ def run(
     results = new_results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
     cores = cores or Cores(1)
-    jobs: dict[str, Job[Any]] = {
-        # they take longest: a core that is free at the end takes the runs, which are short
-        name: _experiment_job(study, name, cases, given, quick, compile, keep, cores)
-        for name in (study.experiments if experiments else ())
-    }
-    for case in cases:
-        for name in sorted(case.loops, key=lambda n: n != "ideal"):  # the bound first
-            what = f"{case.scenario.name}/{name}"
-            jobs[what] = _loop_job(results, case, name, compile, keep, command)
+    jobs: dict[str, Job[Any]] = {}
+    # what a report needs first comes first; the experiments take longest; a core that is free at
+    # the end takes the other runs, which are short
+    first = cases[:1] if experiments else cases
+    for case in first:
+        _add_runs(jobs, results, case, compile, keep, command)
+    for name in study.experiments if experiments else ():
+        jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
+    for case in cases[len(first) :]:
+        _add_runs(jobs, results, case, compile, keep, command)
     runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}
     if jobs:
         _load_logs()
@@ -104,6 +105,21 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
+
+
+def _add_runs(
+    jobs: dict[str, Job[Any]],
+    results: Results,
+    case: Case,
+    compile: bool,
+    keep: Keep | None,
+    command: str,
+) -> None:
+    """Add the runs of a case, the bound first."""
+    for name in sorted(case.loops, key=lambda n: n != "ideal"):
+        jobs[f"{case.scenario.name}/{name}"] = _loop_job(
+            results, case, name, compile, keep, command
+        )
 
 
 def _load_logs() -> None:

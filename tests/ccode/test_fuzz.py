@@ -53,7 +53,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
         found = dict(pool.map(one, REPRESENTATIVE))
     for name, said in found.items():
         assert said["passed"], f"{name}: {said['said']} {said['input'][:200]}"
-        assert said["executions"] > 30, name  # it ran at all
+        assert said["executions"] >= 16, name  # as many as it begins with
         assert said["features"] > 100, name
 
 

@@ -228,7 +228,7 @@ study = replace(toy.study, experiments={"slow": Experiment("Slow", slow)})
 """)  # fmt: skip
     command = [sys.executable, "-m", "slipctl.commands.cli", "run", file, "--quick", "--full"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [*command, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stdout is not None
@@ -477,7 +477,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        ([], "say what to do: list, show, copy, run, fit, c, pil, certify, check"),
+        ([], "say what to do: list, show, new, schema, copy, run, sweep, replay, compare, fit,"),
         (["rnu"], "there is no command 'rnu'; did you mean 'run'?"),
         (["run"], "the following arguments are required: STUDY; see slipctl run --help"),
         (["run", TOY, "--quik"], "unrecognized arguments: --quik"),
