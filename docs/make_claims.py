@@ -19,7 +19,7 @@ PAGE = Path(__file__).parent / "claims.md"
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 HEAD = """# What the papers claim, and where each claim is judged
 
-Every sentence of the four papers that has a number or an order has a row here. *Asked* is the
+The claims of the four papers that have a number or an order, as we read them. *Asked* is the
 paper's answer with the tolerance that the row allows. *Judged in* is the scenario and the loop of a
 run, and what had to be assumed. Verdicts and our answers stand on the page of the study. Rows that
 are our own promises have the place *ours*. `docs/make_claims.py` makes this page.

@@ -161,7 +161,8 @@ def with_limits(
     parts = (_parts(members, rows) for rows in (wanted, spread, ends))
     for (m, w), (_, s), (_, e) in zip(*parts, strict=True):
         limits[m.name] = AMPLIFIED * _largest(s) + eps * (_largest(w) or 1.0)
-        swing = float(np.ptp(w, axis=0).max(initial=0.0))
+        # made-up inputs may break a block in their first tick: then there is no row
+        swing = float(np.ptp(w, axis=0).max(initial=0.0)) if len(w) else 0.0
         varies = swing > eps * _largest(w)
         if varies and not limits[m.name] <= ENVELOPE * swing:
             envelope.add(m.name)
