@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import closed_loop, three_rails
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,7 +25,6 @@ from slipctl import (
 )
 from slipctl.run.prepared import Prepared
 from slipctl.study import doors
-from tests.conftest import closed_loop, three_rails
 
 TICKS = 25
 
