@@ -396,14 +396,7 @@ CONTROLLER = {
 
 
 @law(
-    F_contr=Output(
-        "N",
-        "force commanded",
-        positive="traction",
-        source="a hundred times the largest force of a train",
-        lo=-1e9,
-        hi=1e9,
-    ),
+    F_contr=FORCES["F_contr"],
     name="clamp",
 )
 def clamp(

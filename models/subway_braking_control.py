@@ -38,6 +38,34 @@ TABLE_3 = "Huang 2020, Table 3"
 FASTEST = "430 km/h"
 REACH = "what the gains give at the largest slip"
 
+V_S = Input(
+    "m/s",
+    "slip speed",
+    positive="braking",
+    per="speed",
+    source="a locked wheel; a tooth wheel that turns again jumps",
+    lo=-5,
+    hi=120,
+    change=2,
+)
+V_REF = Input(
+    "m/s",
+    "wanted slip speed",
+    positive="braking",
+    per="speed",
+    source="twice the range that is searched",
+    lo=0,
+    hi=20,
+)
+T_EQ = Input(
+    "N m",
+    "torque that keeps the slip",
+    positive="braking",
+    source="parameters at the ends of their ranges",
+    lo=-1e9,
+    hi=1e9,
+)
+
 
 @law(
     T_eq=Output(
@@ -126,33 +154,9 @@ def reaching_law() -> Block:
         name="smc",
     )
     def smc(
-        v_s=Input(
-            "m/s",
-            "slip speed",
-            positive="braking",
-            per="speed",
-            source="a locked wheel; a tooth wheel that turns again jumps",
-            lo=-5,
-            hi=120,
-            change=2,
-        ),
-        v_ref=Input(
-            "m/s",
-            "wanted slip speed",
-            positive="braking",
-            per="speed",
-            source="twice the range that is searched",
-            lo=0,
-            hi=20,
-        ),
-        T_eq=Input(
-            "N m",
-            "torque that keeps the slip",
-            positive="braking",
-            source="parameters at the ends of their ranges",
-            lo=-1e9,
-            hi=1e9,
-        ),
+        v_s=V_S,
+        v_ref=V_REF,
+        T_eq=T_EQ,
         g1=Param("1/s", 36.0, "proportional reaching", "Huang 2020, section 5", lo=0, hi=1e5),
         g2=Param("m/s^2", 12.0, "constant reaching", "Huang 2020, section 5", lo=0, hi=1e5),
         J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
@@ -203,33 +207,9 @@ def super_twisting(
             lo="-1e6 * r / J",
             hi="1e6 * r / J",
         ),
-        v_s=Input(
-            "m/s",
-            "slip speed",
-            positive="braking",
-            per="speed",
-            source="a locked wheel; a tooth wheel that turns again jumps",
-            lo=-5,
-            hi=120,
-            change=2,
-        ),
-        v_ref=Input(
-            "m/s",
-            "wanted slip speed",
-            positive="braking",
-            per="speed",
-            source="twice the range that is searched",
-            lo=0,
-            hi=20,
-        ),
-        T_eq=Input(
-            "N m",
-            "torque that keeps the slip",
-            positive="braking",
-            source="parameters at the ends of their ranges",
-            lo=-1e9,
-            hi=1e9,
-        ),
+        v_s=V_S,
+        v_ref=V_REF,
+        T_eq=T_EQ,
         T_top=Input(
             "N m",
             "most that may be applied now",
