@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -85,17 +85,18 @@ def run(
     if jobs:
         _load_logs()
     try:
-        for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
-            _load(study)
-            with noted(results, what):
-                found = outcome.get()
-                if what in runs:
-                    case, name = runs[what]
-                    _take(results, case, name, found)
-                else:
-                    results.tables[what] = found
-                    if keep is not None:
-                        keep.keep_tables(what, found)
+        with closing(each(jobs, cores, report or (lambda what, share: None))) as outcomes:
+            for what, outcome in outcomes:
+                _load(study)
+                with noted(results, what):
+                    found = outcome.get()
+                    if what in runs:
+                        case, name = runs[what]
+                        _take(results, case, name, found)
+                    else:
+                        results.tables[what] = found
+                        if keep is not None:
+                            keep.keep_tables(what, found)
     finally:  # what had finished before Ctrl-C is in order too
         for case in cases:
             _finish(results, case)
