@@ -50,6 +50,11 @@ from slipctl.models.hst_braking_estimate import FASTEST, SLIP
 
 ADHESION = "twice the largest adhesion"
 
+BEST = Input(
+    "1", "best slip ratio, found", "printed searches run away",
+    positive="braking", per="ratio", lo=-5, hi=5,
+)  # fmt: skip
+NOW = Input("1", "slip ratio", positive="braking", per="ratio")
 FIRST = Param(
     "1",
     0.1,
@@ -93,7 +98,7 @@ def slope_identification(form: str = "consistent") -> Block:
         age=State("s", 0.0, "time since the last change of the rail", source='thirty years', lo=0,
                   hi=1e9),
         F_a=Input("N", "estimated adhesion force", positive="traction"),
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        lam=NOW,
         rho_1=Param("1", 0.98 if printed else 0.8, "forgetting",
                     f"{TABLE_3}: 0.98, a memory of 50 ms that walks past the peak", lo=0.1, hi=1),
         rho_2=Param("1", 0.7, "forgetting after a change", TABLE_3, lo=0.1, hi=1),
@@ -164,7 +169,7 @@ def gradient_search(form: str = "consistent") -> Block:
         ),
         chi=Input("N", "slope of the adhesion force over the slip ratio"),
         fresh=Input("1", "1 while the slope is being learnt"),
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        lam=NOW,
         h_1=Param("1", 0.01, "step per tick of the printed form", TABLE_3, lo=0, hi=10),
         rate=Param("1/s", 0.5, "largest rate of the search", GUESS, lo=0, hi=1000),
         chi_0=Param("N", 3000.0, "slope from which on it is used in full", GUESS, lo=1e-6, hi=1e7),
@@ -235,7 +240,7 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
         name="family",
     )
     def one_parameter(
-        lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+        lam=NOW,
         a0=Param("1", 0.3, "height", lo=1e-4, hi=2),
     ):
         """Curve of the family through three rails; only its height is unknown."""
@@ -392,16 +397,8 @@ def fixed_reference(
 def caution(
     first=State("1", "lam_ref_start", "slip ratio at the change", SLIP, lo=-1.5, hi=1.5),
     active=State("1", 0.0, "1 from a change until the best slip is known", lo=0, hi=1),
-    best=Input(
-        "1",
-        "best slip ratio, found",
-        "printed searches run away",
-        positive="braking",
-        per="ratio",
-        lo=-5,
-        hi=5,
-    ),
-    lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+    best=BEST,
+    lam=NOW,
     changed=Input("1", "1 when the rail has changed"),
     unsure=Input("1", "1 while the best slip is not known well enough"),
     depth=Param("1", 0.6, "slip to go to meanwhile, over that at the change", GUESS, lo=0, hi=2),
@@ -433,16 +430,8 @@ SHAPED = {
 def shaper(
     limited=State("1", "lam_ref_start", "reference behind the rate limit", lo=-5, hi=5),
     smooth=State("1", "lam_ref_start", "reference behind the filter", lo=-5, hi=5),
-    best=Input(
-        "1",
-        "best slip ratio, found",
-        "printed searches run away",
-        positive="braking",
-        per="ratio",
-        lo=-5,
-        hi=5,
-    ),
-    lam=Input("1", "slip ratio", positive="braking", per="ratio"),
+    best=BEST,
+    lam=NOW,
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     v=Input("m/s", "train speed"),
     up=Param("1/s", 0.5, "largest rate", GUESS, lo=0, hi=1000),
@@ -473,15 +462,7 @@ def shaper(
 
 @law(**SHAPED)
 def unshaped(
-    best=Input(
-        "1",
-        "best slip ratio, found",
-        "printed searches run away",
-        positive="braking",
-        per="ratio",
-        lo=-5,
-        hi=5,
-    ),
+    best=BEST,
 ):
     """Reference as printed: the search's result itself, its rate taken as 0."""
     return dict(lam_ref=best, rate=0)

@@ -49,6 +49,40 @@ SLOPE = 2000.0
 
 # ---- observers -----------------------------------------------------------------------------------
 
+OBSERVED = State(
+    "rad/s",
+    "omega_start",
+    "observed wheel speed",
+    source="a rim of 400 m/s",
+    lo=-20,
+    hi="400 / r",
+)
+FOUND = State(
+    "rad/s^2",
+    0.0,
+    "observed -r F_mu/J; sought from 0, no adhesion",
+    source="adhesion of 4",
+    lo="-4 * r * m_axle * g / J",
+    hi="4 * r * m_axle * g / J",
+)
+MEASURED = Input("rad/s", "measured wheel speed", SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5")
+TORQUE = Input(
+    "N m",
+    "torque on the axle",
+    positive="traction",
+    source="fifteen times a motor's; it may jump",
+    lo=-1e5,
+    hi=1e5,
+)
+INERTIA = Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000)
+RADIUS = Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1)
+DAMPING = Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000)
+LOAD = Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4)
+GRAVITY = Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30)
+PERIOD = Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1)
+STARTED = Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000)
+"""What observers of adhesion see, hold and know of the axle."""
+
 
 def adhesion_observer(
     discretisation: str = "implicit", gains: tuple[float, float, float] | None = None
@@ -80,22 +114,8 @@ def adhesion_observer(
         name="observer", choices={"discretisation": discretisation},
     )  # fmt: skip
     def observer(
-        z1=State(
-            "rad/s",
-            "omega_start",
-            "observed wheel speed",
-            source="a rim of 400 m/s",
-            lo=-20,
-            hi="400 / r",
-        ),
-        z2=State(
-            "rad/s^2",
-            0.0,
-            "observed -r F_mu/J; sought from 0, no adhesion",
-            source="adhesion of 4",
-            lo="-4 * r * m_axle * g / J",
-            hi="4 * r * m_axle * g / J",
-        ),
+        z1=OBSERVED,
+        z2=FOUND,
         T_last=State(
             "N m",
             "T_start",
@@ -105,27 +125,18 @@ def adhesion_observer(
             lo=-1e5,
             hi=1e5,
         ),
-        omega=Input(
-            "rad/s", "measured wheel speed", SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5"
-        ),
-        T=Input(
-            "N m",
-            "torque on the axle",
-            positive="traction",
-            source="fifteen times a motor's; it may jump",
-            lo=-1e5,
-            hi=1e5,
-        ),
+        omega=MEASURED,
+        T=TORQUE,
         K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0, hi=1e4),
         K_2=Param("1/s^3", K2_0, "gain of the integral, 2.2 L", GUESS, lo=0, hi=1e8),
         K_3=Param("s", K3_0, "gain far from zero", GUESS, lo=0, hi=100),
-        J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
-        r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-        B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
-        m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
-        T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
-        omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
+        J=INERTIA,
+        r=RADIUS,
+        B_t=DAMPING,
+        m_axle=LOAD,
+        g=GRAVITY,
+        T_o=PERIOD,
+        omega_start=STARTED,
         T_start=Param("N m", 0.0, "torque at the start", positive="traction", lo=-1e5, hi=1e5),
     ):
         """Robust adhesion observer; Wang 2025 eqs (16)-(22).
@@ -169,42 +180,19 @@ def adhesion_observer(
     name="eso",
 )
 def linear_observer(
-    z1=State(
-        "rad/s",
-        "omega_start",
-        "observed wheel speed",
-        source="a rim of 400 m/s",
-        lo=-20,
-        hi="400 / r",
-    ),
-    z2=State(
-        "rad/s^2",
-        0.0,
-        "observed -r F_mu/J; sought from 0, no adhesion",
-        source="adhesion of 4",
-        lo="-4 * r * m_axle * g / J",
-        hi="4 * r * m_axle * g / J",
-    ),
-    omega=Input(
-        "rad/s", "measured wheel speed", source=SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5"
-    ),
-    T=Input(
-        "N m",
-        "torque on the axle",
-        positive="traction",
-        source="fifteen times a motor's; it may jump",
-        lo=-1e5,
-        hi=1e5,
-    ),
+    z1=OBSERVED,
+    z2=FOUND,
+    omega=MEASURED,
+    T=TORQUE,
     K_1=Param("1/s", 98.5, "gain on z1'", GUESS, lo=0, hi=1e4),
     K_2=Param("1/s^2", 2.2 * SLOPE, "gain on z2'", GUESS, lo=0, hi=1e8),
-    J=Param("kg m^2", 93.75, "inertia of the axle", TABLE_1, lo=1, hi=5000),
-    r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-    B_t=Param("N m s", 0.01, "damping", TABLE_1, lo=0, hi=1000),
-    m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-    g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
-    T_o=Param("s", 1e-3, "sample period", GUESS, lo=1e-6, hi=0.1),
-    omega_start=Param("rad/s", 0.0, "wheel speed at the start", lo=-20, hi=2000),
+    J=INERTIA,
+    r=RADIUS,
+    B_t=DAMPING,
+    m_axle=LOAD,
+    g=GRAVITY,
+    T_o=PERIOD,
+    omega_start=STARTED,
 ):
     """Linear extended-state observer, Phi1 = Phi2 = e: what the paper compares with."""
     e = z1 - omega
@@ -390,7 +378,7 @@ def creep(
         hi=120,
         change=0.5,
     ),
-    r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
+    r=RADIUS,
 ):
     """Creep of an axle as measured; Wang 2025 eq (8) with its sign turned (docs/errata.md)."""
     return r * omega - v
@@ -434,8 +422,8 @@ def antislip_limit(axles: int) -> Block:
         ),
         n_m=Param("1", 10.0, "driven axles", "Wang 2025, section 4", lo=1, hi=64),
         n_b=Param("1", 32.0, "braked axles", "Wang 2025, section 4", lo=1, hi=64),
-        m_axle=Param("kg", 15625.0, "load of the axle", f"{TABLE_1}, W", lo=1e3, hi=5e4),
-        g=Param("m/s^2", 9.8, "gravity", TABLE_1, lo=1, hi=30),
+        m_axle=LOAD,
+        g=GRAVITY,
     ):
         """F_hi = min(n_m mu W g, F(v)), F_lo = -min(n_b mu W g, F_brake).
 

@@ -691,7 +691,8 @@ class Block:
                     raise BadInput(
                         f"{self.name}.{n} has shape {tuple(v.shape)}, declared {tuple(shape)}"
                     )
-            v = ca.densify(v)
+            if not v.is_dense():
+                v = ca.densify(v)
             columns.append(ca.reshape(v, s.size, 1) if len(s.shape) == 2 else v)
         return ca.vertcat(*columns) if columns else ca.DM(0, 1)
 

@@ -306,6 +306,8 @@ class System:
         panel: numbers at which the unit of the state is changed.
         ends: margins of a criterion in closed form, of its name and the numbers.
         guard: refuses further numbers that mean nothing.
+        loop: its equations tick by tick (``tick_sets.Loop``); of a system that this package does
+            not have, what is computed from them is all that proves or refutes.
         time: function that says whether the verdict is CONTINUOUS or SAMPLED.
     """
 
@@ -323,6 +325,7 @@ class System:
     panel: tuple[Mapping[str, float], ...] = ()
     ends: Callable[[str, Numbers], Mapping[str, float | None]] | None = None
     guard: Callable[[Numbers], None] = lambda n: None
+    loop: Any = None
     time: Callable[[Numbers], str] = lambda n: CONTINUOUS
 
     def asked(self, numbers: Numbers) -> dict[str, Criterion]:

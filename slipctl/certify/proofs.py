@@ -8,10 +8,11 @@ the file and from what stands beside them, without a search: what does not come 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
+from slipctl.certify import registry
 from slipctl.certify.entries import DoesNotHold, brief, mapping, only, rational
 from slipctl.certify.outward import Interval
 from slipctl.certify.promise import (
@@ -21,6 +22,7 @@ from slipctl.certify.promise import (
     Criterion,
     Entries,
     Promise,
+    Refuter,
     Side,
     System,
     checked,
@@ -67,7 +69,7 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
         every: whether each criterion that proves a clause is kept, not only the first.
     """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
-    criteria = system.asked(numbers)
+    criteria = trusted(system, numbers)
     tried: dict[str, Entries | None] = {}
     first: dict[str, str] = {}
     left: list[str] = []
@@ -90,9 +92,40 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     if against is not None:
         left = [k for k in clauses if k not in first]
     by = {} if left else {clause: proofs[name] for clause, name in first.items()}
-    promise = system.promise(numbers, by)  # a bound that is proven stands in a whole promise only
+    promise = promised(system, numbers, by)  # a bound that is proven stands in a whole promise only
     verdict = REFUTED if against else UNDECIDED if left else CERTIFIED
     return Decision(verdict, promise, proofs, against, tuple(left), shows)
+
+
+def trusted(system: System, numbers: Mapping[str, Fraction]) -> Mapping[str, Criterion]:
+    """Criteria that may prove and refute: those of this package, or those computed from a tick.
+
+    That an inequality of somebody else's system proves a clause is a word, and so is a disturbance
+    in words that refutes it.
+    """
+    if registry.of_the_house(system):
+        return system.asked(numbers)
+    return system.loop.criteria() if system.loop else {}
+
+
+def refuters(system: System) -> Mapping[str, Refuter]:
+    """Refuters of this package, or those computed from a tick."""
+    if registry.of_the_house(system):
+        return system.refuters
+    return system.loop.refuters() if system.loop else {}
+
+
+def promised(system: System, numbers: Mapping[str, Fraction], by: Mapping[str, Entries]) -> Promise:
+    """Promise of a system; of one that is declared elsewhere it says what is only its word."""
+    promise = system.promise(numbers, by)
+    if registry.of_the_house(system):
+        return promise
+    words = [f"what {name} is declared to prove: nobody proved it"
+             for name, c in system.asked(numbers).items() if c.proves or c.refutes]  # fmt: skip
+    words += [f"what {name} is declared to refute: nobody replayed it" for name in system.refuters]
+    if system.loop:
+        words.append("that its tick is what runs: it is taken from the declaration")
+    return replace(promise, not_promised=(*promise.not_promised, *words))
 
 
 def _try(criterion: Criterion, numbers: Mapping[str, Fraction]) -> Entries | None:
@@ -127,14 +160,14 @@ def counterexample(
         quick: only by searches of little work.
     """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
-    for name, c in system.asked(numbers).items():
+    for name, c in trusted(system, numbers).items():
         clause = _refuted(c, inputs, clauses)
         if clause:
             sides = _sides(c, numbers)
             if _finite(sides) and any(s.holds() is False for s in sides):
                 entry = {"clause": clause, "by": name, "disturbance": c.refutes, **_entry(sides)}
                 return entry, c.refutes
-    for name, r in system.refuters.items():
+    for name, r in refuters(system).items():
         search = r.quick if quick else r.find
         if r.target in unproved and search is not None:
             try:
@@ -206,7 +239,7 @@ def check(system: System, payload: Mapping[str, Any]) -> str:
         how = f"{', '.join(names)} checked"
     elif verdict == REFUTED:
         how = _check_counterexample(system, numbers, payload["counterexample"])
-    promise = system.promise(numbers, by)
+    promise = promised(system, numbers, by)
     if payload.get("promise") != promise.payload() or payload.get("time") != promise.time:
         raise DoesNotHold("the promise in it is not the one that its numbers make")
     if verdict == UNDECIDED:
@@ -220,7 +253,7 @@ def _check_proofs(
     system: System, numbers: Mapping[str, Fraction], given: Any
 ) -> tuple[dict[str, Entries], list[str]]:
     """What proves each clause, and the names of all criteria that were checked."""
-    inputs, criteria = system.inputs(numbers), system.asked(numbers)
+    inputs, criteria = system.inputs(numbers), trusted(system, numbers)
     given = mapping(given, tuple(criteria), "proofs")
     by: dict[str, Entries] = {}
     for clause in system.clauses(numbers):
@@ -268,15 +301,15 @@ def _check_counterexample(system: System, numbers: Mapping[str, Fraction], given
     entry = mapping(given, ("clause", "by", "disturbance", "sides", "run"), where)
     by, clause = entry.get("by"), entry.get("clause")
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
-    if isinstance(by, str) and by in system.refuters and "run" in entry:
+    if isinstance(by, str) and by in refuters(system) and "run" in entry:
         only(entry, ("clause", "by", "run"), where)
-        refuter = system.refuters[by]
+        refuter = refuters(system)[by]
         if refuter.target != clause or clause not in clauses:
             raise DoesNotHold(f"{where}: {by} does not refute {brief(clause)}")
         if not isinstance(entry["run"], Mapping):
             raise BadInput(f"{where}.run must hold a start and a disturbance")
         return f"{by} replayed: {refuter.replay(numbers, entry['run'])}"
-    criteria = system.asked(numbers)
+    criteria = trusted(system, numbers)
     if not isinstance(by, str) or by not in criteria:
         raise BadInput(f"{where}.by: {system.name} has no counterexample {brief(by)}")
     c = criteria[by]

@@ -100,7 +100,7 @@ def _ripples(n: Numbers) -> Sequence[Side]:
         return [Side("k T (floor((beta + 2 noise)/(rho T)) + 1) <= ripple",
                      sliding.flat_ripple(p), n["ripple"])]  # fmt: skip
     sides = [Side(*s) for s in sliding.ripple_sides(p, n["curvature"])]
-    return [*sides, Side("k beta/rho + 2 r E/beta < ripple", sliding.ripple(p, n["curvature"]),
+    return [*sides, Side("2 X, in whole k T, <= ripple", sliding.ripple(p, n["curvature"]),
                          n["ripple"])]  # fmt: skip
 
 
@@ -160,6 +160,12 @@ def _sliding_witness(n: Numbers) -> Witness:
         {"t": ("s", [r[0] for r in kept]), "v": ("m/s", [r[1] for r in kept])},
     )  # fmt: skip
 
+
+PARTS = (4, 20, 100, 300)
+"""Half cycles of each part of a run that is searched at the peak."""
+
+STARTS = tuple(Fraction(s, 10) for s in (10, 7, 3, -1, -4, -8))
+"""Where such a run starts, in halves of the ripple."""
 
 SEARCHED = 4000
 """Ticks in which a seeker is searched that falls behind."""
@@ -236,13 +242,17 @@ def _find_swing(n: Numbers) -> Entries | None:
         return sealed(n, {"ticks": ticks}) if p.k * p.T * ticks > n["ripple"] else None
     if p.lag:
         return None
-    start = Fraction(-p.k * p.beta / (2 * p.rho)).limit_denominator(10**9)
+    near = p.k * p.beta / (2 * p.rho)
     f = sliding.Seeker(float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late)
-    for count in (4, 20, 100, 300):
-        parts = (count, count)
-        found = list(sliding.turns(f, float(n["curvature"]), float(start), *parts))
-        if sliding.last_swing(found, *parts) > float(n["ripple"]) * (1 + 1e-9):
-            return sealed(n, {"start": str(start), "left": parts[0], "right": parts[1]})
+    wanted = float(n["ripple"]) * (1 + 1e-9)
+    if float(sliding.ripple(p, n["curvature"])) < wanted:
+        return None
+    for count in PARTS:
+        for share in STARTS:
+            start = Fraction(-near * share).limit_denominator(10**9)
+            found = list(sliding.turns(f, float(n["curvature"]), float(start), count, count))
+            if sliding.last_swing(found, count, count) > wanted:
+                return sealed(n, {"start": str(start), "left": count, "right": count})
     return None
 
 

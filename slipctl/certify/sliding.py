@@ -176,11 +176,18 @@ def farthest_turn(p: Seeker, curvature: Any, error: Any) -> Any:
 def ripple(p: Seeker, curvature: Any) -> Any:
     """Width of the interval about the peak of a parabola in which v ends, whatever the noise.
 
-    k beta/rho + 2 r E/beta. Proof note: see ``ripple_sides``; within the zone a tick moves delta by
-    2 rho T at most.
+    2 X, X = (k beta/(2 rho) + r (2 N + m)/beta)/(1 - (2 rho lag + m)/beta), m = (n + 1) rho T, and
+    of that whole ticks' ways k T. Proof note: see ``ripple_sides``. Within |x| <= X a tick moves
+    delta by rho T (1 + X/r) at most, and what is heard is wrong by N + rho lag X/r, so that
+    E = 2 N + m + (2 rho lag + m) X/r. From X = r on, each X gives an E and that the next X, by
+    ``farthest_turn``; the limit is where both are the same. All v of a run differ by whole k T.
     """
-    error = 2 * heard_at_peak(p, 1) + 2 * (p.late + 1) * p.rho * p.T
-    return 2 * farthest_turn(p, curvature, error)
+    m = (p.late + 1) * p.rho * p.T
+    share = 1 - (2 * p.rho * p.lag + m) / p.beta
+    if share <= 0:  # then ``ripple_sides`` fail too
+        return 2 * zone(p, curvature)
+    width = 2 * farthest_turn(p, curvature, 2 * p.noise + m) / share
+    return math.floor(width / (p.k * p.T)) * (p.k * p.T)
 
 
 class Turn(NamedTuple):
@@ -232,7 +239,7 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
 
 
 def last_swing(found: list[Turn], left: int, right: int) -> Any:
-    """Width between the turns at the ends of both parts of a period: of the last two the smaller.
+    """Width of the turns of the last period but one.
 
     It is 0 if the run left the zone, or if the width still falls from a period to the next: what a
     start brings is not what v ends in.
@@ -240,9 +247,8 @@ def last_swing(found: list[Turn], left: int, right: int) -> Any:
     period = left + right
     if len(found) < PERIODS * period or left < 2 or right < 2:
         return 0
-    widths = [
-        max(t.x for t in found[end - 2 : end])
-        - min(t.x for t in found[end - right - 2 : end - right])
-        for end in (len(found) - period, len(found))
-    ]
+    widths = []
+    for end in (len(found) - period, len(found)):
+        places = [t.x for t in found[end - period : end]]
+        widths.append(max(places) - min(places))
     return widths[0] if widths[1] >= widths[0] else 0

@@ -152,14 +152,20 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     refuted = (found.counterexample or {}).get("by")
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     criteria = {}
-    for name, c in system.asked(numbers).items():
+    trusted = proofs.trusted(system, numbers)
+    for name, c in {**system.asked(numbers), **trusted}.items():
         holds: bool | None = True if name in found.proofs else None
         if holds is None and c.evidence is None:
             holds = _shown(partial(c.holds, numbers), None)
-        proves = inputs <= set(c.covers) and any(k in clauses for k in c.proves)
+        proves = (
+            trusted.get(name) is c
+            and inputs <= set(c.covers)
+            and any(k in clauses for k in c.proves)
+        )
         said = CERTIFIED if holds and proves else REFUTED if name == refuted else UNDECIDED
-        ends = system.ends(name, n) if system.ends else margins(c, n)
-        criteria[name] = Finding(said, ends, unit_dependent(system, name), c.title, holds)
+        ends = system.ends(name, n) if system.ends and name in system.criteria else margins(c, n)
+        unit = name in system.criteria and unit_dependent(system, name)
+        criteria[name] = Finding(said, ends, unit, c.title, holds)
     units = {k: v.unit for k, v in system.numbers.items()}
     shown = system.show_witness or found.verdict == REFUTED
     return Report(

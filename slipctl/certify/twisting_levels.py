@@ -26,7 +26,7 @@ from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]
 
-MOST_CORNERS = 100
+MOST_CORNERS = 250
 """Most corners of a polygon."""
 
 
@@ -128,20 +128,25 @@ class Levels:
     def kept(self) -> Fraction:
         """V stays below this once it has been below ``level``; rounded up.
 
-        Proof note: from V <= level a tick in the same half leads to z+ <= zm level + 1/(2 zm),
-        -q level - b <= w+ <= level; across to z+^2 <= k1^2/4 + q level, |w+| <= q level + b or
-        w+ <= k1^2/4.
+        Proof note: from V <= lam = level a tick in the same half leads to z+ <= zm lam + 1/(2 zm),
+        -q lam - b <= w+ <= lam; it also adds at most root(lam) to z, because z+^2 <= z^2 + lam, and
+        takes at most b from w, and n z + m w was at most lam. Across it leads to
+        z+^2 <= k1^2/4 + q lam, |w+| <= q lam + b or w+ <= k1^2/4.
         """
         k1, lam = self.law.k1, self.level
         b = self.law.k2 + self.law.L
         q, far = -self.corners[-1][1], max(z for z, _ in self.corners)
         same = far * lam + 1 / (2 * far)
         root = math.isqrt(math.ceil(k1 * k1 / 4 + q * lam)) + 1
+        further = math.isqrt(math.ceil(lam)) + 1
         found = lam
         for n, m in self.edges():
             up, down = max(m, Fraction(0)), max(-m, Fraction(0))
-            found = max(found, n * same + up * lam + down * (q * lam + b),
-                        n * root + up * (q * lam + b) + down * k1 * k1 / 4)  # fmt: skip
+            found = max(
+                found,
+                min(n * same + up * lam + down * (q * lam + b), lam + n * further + down * b),
+                n * root + up * (q * lam + b) + down * k1 * k1 / 4,
+            )
         return found
 
     def rows(self, grid: Grid) -> Rows:

@@ -6,9 +6,11 @@ import itertools
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
+from slipctl.certify import super_twisting
 from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
 from slipctl.certify.twisting_rows import Law
 
@@ -16,6 +18,7 @@ Shape = dict[str, float]
 Family = Callable[[float, float, Shape], np.ndarray | None]
 
 
+@lru_cache(maxsize=8)
 def find(law: Law) -> Levels | None:
     """Polygon with a small ``level``, by a search over its shape; None if none is found.
 
@@ -26,7 +29,7 @@ def find(law: Law) -> Levels | None:
     k1, k2 = float(law.k1) / math.sqrt(law.L), float(law.k2 / law.L)
     value, shape = math.inf, FAMILIES[0][1][0]
     family: Family = _box
-    for one, starts in FAMILIES:
+    for one, starts in (*FAMILIES, (_spiral, _paced(k1, k2))):
         level, best = _best(k1, k2, one, starts, value)
         if level < value:
             value, family, shape = level, one, best
@@ -40,9 +43,10 @@ def _best(
     k1: float, k2: float, family: Family, starts: tuple[Shape, ...], below: float
 ) -> tuple[float, Shape]:
     """Shape of the least level, from the best start, one number after the other."""
-    best, value = starts[0], below
+    best: Shape = {}
+    value = below
     for tried in starts:
-        if math.isinf(value) or tried["fall"] > 0.005:  # a finer polygon has a higher level
+        if math.isinf(value) or tried["fall"] > 0.005 or "tick" in tried:  # finer ones lie higher
             found = _level(k1, k2, family, tried, value)
             if found < value:
                 best, value = tried, found
@@ -62,9 +66,9 @@ def _best(
 
 def _proved(law: Law, corners: np.ndarray, fall: float, value: float) -> Levels | None:
     """Give it in rationals and in the unit of the law, a little wider if rounding needs it."""
-    least = Fraction(fall).limit_denominator(10**6) * (law.k2 - law.L)
-    scale = 10**7
-    wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(10**6)
+    least = Fraction(fall).limit_denominator(10**9) * (law.k2 - law.L)
+    scale = 10**10  # fine polygons have little to spare
+    wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(10**10)
     exact = [(Fraction(round(z * scale), scale) * wide, Fraction(round(w * scale), scale))
              for z, w in corners]  # fmt: skip
     for wider in (1.001, 1.01, 1.1, 1.5):
@@ -91,7 +95,7 @@ def _spiral(k1: float, k2: float, shape: Shape) -> np.ndarray | None:
         return None
     a, b = k2 - 1, k2 + 1
     k1 = k1 * (1 - min(shape["damp"], 0.5))
-    down, turn = math.sqrt(2 * b), shape["turn"]
+    down, turn, tick = math.sqrt(2 * b), shape["turn"], shape.get("tick", 0.0)
     slow = max(0.0, 1.5 * k1 * k1 / 8 - b)  # so that the polygon overshoots where nothing does
     P = [(0.0, 1.0), (shape["first"] / max(down, k1), 1.0)]
     for c in (a * (1 - 2 * min(shape["fall"], 0.25)), b * (1 + shape["push"]) + slow):
@@ -104,7 +108,7 @@ def _spiral(k1: float, k2: float, shape: Shape) -> np.ndarray | None:
             ddz, ddw = dw - k1 * dz, -2 * c * dz
             bend = abs(dz * ddw - dw * ddz) * down / ((dz * down) ** 2 + dw * dw)
             far = math.hypot(dz * down, dw) / math.hypot(z * down, w)
-            step = turn / max(bend, far, 1e-12)
+            step = max(turn / max(bend, far, 1e-12), tick / (2 * z))
             if z + step * dz <= 0:
                 w -= z / dz * dw
                 P.append((0.0, w))
@@ -113,9 +117,26 @@ def _spiral(k1: float, k2: float, shape: Shape) -> np.ndarray | None:
     return None
 
 
+def _paced(k1: float, k2: float) -> tuple[Shape, ...]:
+    """Starts for a law near the boundary of stability: as fine as ln q asks for.
+
+    An edge is no shorter than a tick at the level that is hoped for, b/|ln q|: a tick that passes
+    over a corner needs a higher level.
+    """
+    g = -super_twisting.log_ratio(k1, k2, 1.0)
+    if not 0 < g < 0.5:
+        return ()
+    return tuple(
+        {"first": 0.6 * math.sqrt(g), "turn": turn * math.sqrt(g), "damp": damp * g,
+         "fall": 0.02 * g, "push": 0.05 * g, "tick": tick * g / (k2 + 1)}
+        for turn, tick, damp in itertools.product(
+            (0.12, 0.08, 0.05), (0.5, 0.25, 0.12), (0.03, 0.15))
+    )  # fmt: skip
+
+
 def _level(k1: float, k2: float, family: Family, shape: Shape, below: float) -> float:
     """Level of a shape in doubles, inf if not ``below``; the inequalities of ``Levels.holds``."""
-    P = family(k1, k2, shape) if min(shape.values()) > 1e-5 else None
+    P = family(k1, k2, shape) if min(shape.values()) > 1e-7 else None
     if P is None or shape["fall"] > 0.5:
         return math.inf
     fall = shape["fall"] * (k2 - 1)

@@ -56,7 +56,7 @@ def _find(n: Numbers) -> Entries | None:
     if wanted is not None and found is not None and found.y > wanted:
         if worst_run(at[0], wanted):
             return None  # a bound would be in vain
-        found = bound(at[0], wanted)
+        found = bound(at[0], wanted, 0.7 * MOST_WORK)
     if found is None or (wanted is not None and found.y > wanted):
         return None
     levels = found.levels

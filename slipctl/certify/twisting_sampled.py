@@ -18,6 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from slipctl.certify import super_twisting
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_polygons import find
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows
@@ -84,6 +85,24 @@ def replay(levels: Levels, plan: Plan) -> Rows | None:
     return rows
 
 
+def _parts(law: Law, least: int) -> int:
+    """Rows in k2 - L, so that what moves w fastest is almost whole rows too.
+
+    Rounded up it moves w farther, as a larger k2 + L would: ln q grows by half of what is lost, and
+    where little of it is left nothing would settle.
+    """
+    ratio = (law.k2 + law.L) / (law.k2 - law.L)
+    spare = -super_twisting.log_ratio(float(law.k1), float(law.k2), float(law.L))
+    allowed = min(max(spare / 10, 1e-3), 0.02)
+
+    def lost(parts: int) -> Fraction:
+        return math.ceil(ratio * parts) / (ratio * parts) - 1
+
+    first = max(1, least)
+    tried = range(first, first + 40)
+    return next((p for p in tried if lost(p) <= allowed), min(tried, key=lost))
+
+
 def bound(
     law: Law, wanted: Fraction | None = None, most_work: float = MOST_WORK
 ) -> Bound | None:  # fmt: skip
@@ -95,14 +114,14 @@ def bound(
     levels = find(law)
     if levels is None:
         return None
-    parts = max(1, math.ceil(100 * (law.k2 - law.L) / levels.kept()))
+    parts = _parts(law, math.ceil(100 * (law.k2 - law.L) / levels.kept()))
     plan: list[tuple[int, int]] = []
     best, work = None, 0.0
     try:
         rows = levels.rows(Grid(law, parts, BITS))
         while work < most_work:
             ticks, before, settled = 0, math.inf, False
-            pause = max(32, int(rows.widest() / (law.k2 - law.L) / 8))
+            pause = max(32, int(rows.widest() / (law.k2 - law.L)))  # a quarter turn or more
             while not settled and work < most_work:
                 new = rows.tick()
                 work, ticks = work + _work(new), ticks + 1

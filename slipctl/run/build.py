@@ -58,6 +58,34 @@ long long slipctl_roll(long long ticks, long long nx, long long nu, long long ny
 }
 """
 
+_SMALLER = """#include <math.h>
+#if defined(__x86_64__) && defined(__GLIBC__)
+/* What CasADi's virtual machine gives, zeros and NaN too: of equal ones the first. No call. */
+static inline double slipctl_fmin(double x, double y) { return y < x || x != x ? y : x; }
+static inline double slipctl_fmax(double x, double y) { return y > x || x != x ? y : x; }
+#define fmin slipctl_fmin
+#define fmax slipctl_fmax
+#endif
+"""
+
+_PRODUCT = "void casadi_mtimes_dense("
+
+_BY_ROWS = """      for (j=0; j<nrow_x; ++j) {
+        for (k=0; k<ncol_x; ++k) {
+          z[j + i*nrow_x] += x[j + k*nrow_x] * y[k + i*ncol_x];
+"""
+
+_BY_COLUMNS = """      for (k=0; k<ncol_x; ++k) {
+        const casadi_real yk = y[k + i*ncol_x];
+        for (j=0; j<nrow_x; ++j) {
+          z[j + i*nrow_x] += x[j + k*nrow_x] * yk;
+"""
+
+_WIDE = """#if defined(__GNUC__) && !defined(__clang__)
+__attribute__((optimize("O3")))
+#endif
+"""
+
 
 @lru_cache(maxsize=1)
 def compiler() -> str | None:
@@ -166,7 +194,7 @@ def _key(content: str, cc: str, flags: Sequence[str]) -> str:
         _compiler_version(cc),
         platform.machine(),
         " ".join(flags),
-        _ROLL,
+        _hastened(_PRODUCT + _BY_ROWS) + _ROLL,
         "sealed",
     ):
         key.update(part.encode())
@@ -224,7 +252,7 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
         text = generator.dump()
         if "#error" in text:
             raise RuntimeError("CasADi cannot generate C for it")
-        source.write_text(text + _ROLL.replace("FUNCTION", f.name()), encoding="utf-8")
+        source.write_text(_hastened(text) + _ROLL.replace("FUNCTION", f.name()), encoding="utf-8")
         built, seal = Path(scratch) / "roll.so", Path(scratch) / "roll.sum"
         command = [cc, *flags, "-w", "-fPIC", "-shared", str(source), "-o", str(built), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True)
@@ -234,6 +262,16 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
         seal.write_text(_sum(built, key), encoding="utf-8")
         os.replace(seal, _seal(library))
         os.replace(built, library)
+
+
+def _hastened(text: str) -> str:
+    """C of CasADi that takes less time for the same bits.
+
+    Smaller and larger of two without a call, and a dense product column by column: each entry of it
+    is summed in the same order, and no sum waits for the one before.
+    """
+    wide = text.replace(_PRODUCT, _WIDE + _PRODUCT).replace(_BY_ROWS, _BY_COLUMNS)
+    return _SMALLER + (wide if _BY_ROWS in text else text)
 
 
 def roll_interpreted(

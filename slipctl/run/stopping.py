@@ -7,6 +7,7 @@ raised in a property that it reads), so it is raised again until somebody says :
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,14 +48,25 @@ def listening() -> Iterator[None]:
         if n not in ignored:
             signal.signal(n, _ask)
     _State.listening, _State.asked = True, False
+    told, sys.unraisablehook = sys.unraisablehook, _unraisable
     try:
         yield
         check()
+    except Exception:
+        check()  # what an interrupt was turned into, by an import of a library for one
+        raise
     finally:
         heard()
         _State.listening = False
+        sys.unraisablehook = told
         for n, handler in before.items():
             signal.signal(n, signal.SIG_DFL if handler is None else handler)
+
+
+def _unraisable(what: sys.UnraisableHookArgs) -> None:
+    """Say what could not be raised where it happened, but for an interrupt: that comes again."""
+    if not issubclass(what.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(what)
 
 
 def heard() -> None:

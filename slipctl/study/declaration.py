@@ -26,6 +26,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -122,9 +123,10 @@ class Context:
             self.progress(first + (last - first) * sum(begun.values()) / max(len(items), 1))
 
         jobs = {str(k): job(item) for k, item in enumerate(items)}
-        for which, outcome in each(jobs, self.cores or Cores(1), tell):
-            found[which] = outcome.get()
-            tell(which, 1.0)
+        with closing(each(jobs, self.cores or Cores(1), tell)) as outcomes:
+            for which, outcome in outcomes:
+                found[which] = outcome.get()
+                tell(which, 1.0)
         return [found[which] for which in jobs]
 
     def kept(

@@ -6,6 +6,7 @@ import csv
 import errno
 import io
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,9 +215,10 @@ def save_pages(
     parts = report.constant(results)
     jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
     done: dict[str, Any] = {}
-    for name, outcome in each(jobs, cores or Cores(1), lambda name, share: None):
-        with noted(results, name):
-            done[name] = outcome.get()
+    with closing(each(jobs, cores or Cores(1), lambda name, share: None)) as outcomes:
+        for name, outcome in outcomes:
+            with noted(results, name):
+                done[name] = outcome.get()
     drawn = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
     texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
     store.write_text(out / "report.html", report.page(results, verdicts, drawn, command, texts))

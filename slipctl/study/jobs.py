@@ -18,7 +18,7 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -124,8 +124,10 @@ class Cores:
 
 def each(
     jobs: Mapping[str, Job[T]], cores: Cores, tell: Callable[[str, float], None]
-) -> Iterator[tuple[str, Outcome[T]]]:
+) -> Generator[tuple[str, Outcome[T]], None, None]:
     """Do all jobs; give each outcome as it comes.
+
+    Whoever leaves before the end closes it, so that no process is left behind.
 
     Args:
         jobs: by name, in the order in which they start.
@@ -164,10 +166,11 @@ def each(
                     mine = True
                 yield job_.name, value
     finally:
-        _stop(list(running.values()))
-        for job_ in running.values():
-            if job_.borrowed:
-                cores.give_back()
+        with stopping.unbroken():  # a process that is left behind would go on writing
+            _stop(list(running.values()))
+            for job_ in running.values():
+                if job_.borrowed:
+                    cores.give_back()
 
 
 class _Running:
@@ -232,18 +235,26 @@ def _stop(running: list[_Running]) -> None:
 
 
 def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
-    """Do a job in its own process and send what it gives."""
+    """Do a job in its own process and send what it gives; leave without a word when asked to."""
     gc.freeze()  # what the first process made is no garbage; looking at it would copy its pages
 
     def leave(number: int, frame: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
         raise KeyboardInterrupt
 
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and ends this process
     signal.signal(signal.SIGTERM, leave)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+    with suppress(KeyboardInterrupt):
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+        _send(job, pipe, cores, others)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def _send(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
+    """Do a job and send what it gives, if the parent still listens."""
     for other in others:
         other.close()
     cores.adopt()
@@ -264,7 +275,9 @@ def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connect
         except Exception as error:
             fault = RunFailed(f"its result cannot be sent: {error}")
             pipe.send(("done", Outcome(error=fault)))
-    except (KeyboardInterrupt, BrokenPipeError):
+    except BrokenPipeError:
+        pass
+    finally:
         with suppress(OSError):
             pipe.close()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -77,30 +77,32 @@ def run(
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     first = cases[:1] if experiments else cases
-    for case in first:
-        _add_runs(jobs, results, case, compile, keep, command)
+    _add_runs(jobs, results, first, compile, keep, command)
     for name in study.experiments if experiments else ():
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
-    for case in cases[len(first) :]:
-        _add_runs(jobs, results, case, compile, keep, command)
+    _add_runs(jobs, results, cases[len(first) :], compile, keep, command)
     runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}
     if jobs:
         _load_logs()
     try:
-        for what, outcome in each(jobs, cores, report or (lambda what, share: None)):
-            _load(study)
-            with noted(results, what):
-                found = outcome.get()
-                if what in runs:
-                    case, name = runs[what]
-                    _take(results, case, name, found)
-                else:
-                    results.tables[what] = found
-                    if keep is not None:
-                        keep.keep_tables(what, found)
+        with closing(each(jobs, cores, report or (lambda what, share: None))) as outcomes:
+            for what, outcome in outcomes:
+                _load(study)
+                with noted(results, what):
+                    found = outcome.get()
+                    if what in runs:
+                        case, name = runs[what]
+                        _take(results, case, name, found)
+                    else:
+                        results.tables[what] = found
+                        if keep is not None:
+                            keep.keep_tables(what, found)
     finally:  # what had finished before Ctrl-C is in order too
         for case in cases:
             _finish(results, case)
+        scenarios = [case.scenario.name for case in cases]
+        results.data = _as_in(results.data, scenarios)
+        results.metrics = _as_in(results.metrics, scenarios)
         order = {n: k for k, n in enumerate(study.experiments)}
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
@@ -110,16 +112,25 @@ def run(
 def _add_runs(
     jobs: dict[str, Job[Any]],
     results: Results,
-    case: Case,
+    cases: Sequence[Case],
     compile: bool,
     keep: Keep | None,
     command: str,
 ) -> None:
-    """Add the runs of a case, the bound first."""
-    for name in sorted(case.loops, key=lambda n: n != "ideal"):
+    """Add the runs of cases, the longest first, so that no core is idle while it ends."""
+    runs = [(_size(case, name), case, name) for case in cases for name in case.loops]
+    for _, case, name in sorted(runs, key=lambda run_: -run_[0]):
         jobs[f"{case.scenario.name}/{name}"] = _loop_job(
             results, case, name, compile, keep, command
         )
+
+
+def _size(case: Case, name: str) -> float:
+    """How long a run is, roughly: ticks times numbers that a tick works out."""
+    with suppress(Exception):  # a loop that cannot be made says so where it runs
+        loop = case.loops[name]
+        return case.scenario.duration / float(loop.period or 0.0) * int(loop.f.sz_w())
+    return 0.0
 
 
 def _load_logs() -> None:

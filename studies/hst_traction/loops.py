@@ -407,7 +407,7 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
 
 
 def _check_patch(where: str, p: Mapping[str, np.ndarray]) -> None:
-    """Warn of a contact patch that is the one of another load or radius."""
+    """Refuse a contact patch that is the one of another load or radius."""
     names = ("Q", "a", "b", "c11")
     if any(f"plant.train.adh.{n}" not in p for n in names):
         return
@@ -416,8 +416,8 @@ def _check_patch(where: str, p: Mapping[str, np.ndarray]) -> None:
     fits = patch(Q, r)
     off = max(abs(fits[n] / made[n] - 1) for n in ("a", "b", "c11"))
     if (a, b, c11) == (made["a"], made["b"], made["c11"]) and off > FITS:
-        log.warning(
-            "%s.adh: a = %.3g m, b = %.3g m, c11 = %.3g are of a wheel with %.4g N; at %.4g N and"
-            " r = %.3g m they are a = %.4g m, b = %.4g m, c11 = %.4g", where, a, b, c11, made["Q"],
-            Q, r, fits["a"], fits["b"], fits["c11"],
-        )  # fmt: skip
+        raise BadInput(
+            f"{where}.adh: a, b and c11 are of a wheel with {made['Q']:.4g} N; at {Q:.4g} N and"
+            f" r = {r:.3g} m they are others by Hertz and Kalker: set a={fits['a']:.4g}m"
+            f" b={fits['b']:.4g}m c11={fits['c11']:.4g} too"
+        )

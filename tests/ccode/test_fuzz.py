@@ -16,10 +16,11 @@ from slipctl.ccode.check import endurance, fuzz
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write.plan import Plan
 
-SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "4"))
+SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "0"))
+"""How long each controller is fuzzed; 0 takes the runs below, the same ones every time."""
 
-KNOWN = "freight_traction"
-"""Controller in which libFuzzer finds, in some runs, a state or an output out of its range."""
+RUNS = {"subway_braking": 24}
+"""Runs of each controller, where a step is long; else 1000."""
 
 try:
     fuzz.tool()
@@ -38,10 +39,11 @@ needs_compiler = pytest.mark.skipif(compilers.found() is None, reason="no C comp
 def sums(
     x=State("1", 0.0, "sum"),
     u=Input("1", "summand", lo=-1, hi=1),
+    w=Input("1", "of any size"),
     k=Param("1", 1.0, "gain", lo=0, hi=2),
 ):
     """Sum without a limit."""
-    return dict(x=x + k * u), dict(y=x, z=[u, k])
+    return dict(x=x + k * u + w**2), dict(y=x, z=[u, k])
 
 
 @needs_fuzzer
@@ -50,23 +52,28 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
 
     def one(name: str) -> tuple[str, dict]:
         plan = Plan(REPRESENTATIVE[name](), "fuzzed", 1e-3)
-        return name, fuzz.fuzzed(plan, codegen.texts(plan), SECONDS)
+        runs = None if SECONDS else RUNS.get(name, 1000)
+        return name, fuzz.fuzzed(plan, codegen.texts(plan), SECONDS, runs=runs)
 
     with ThreadPoolExecutor(2) as pool:
         found = dict(pool.map(one, REPRESENTATIVE))
-    for name, said in sorted(found.items(), key=lambda item: item[0] == KNOWN):
-        if name == KNOWN and not said["passed"]:
-            pytest.xfail(f"{name}: {said['said']}: a fault that is open, docs/c_interface.md")
+    for name, said in found.items():
         assert said["passed"], f"{name}: {said['said']} {said['input'][:200]}"
         assert said["executions"] >= 16, name  # as many as it begins with
         assert said["features"] > 100, name
 
 
 @needs_fuzzer
+def test_the_fuzzer_finds_nothing_in_what_is_sound() -> None:
+    plan = Plan(sums)
+    assert fuzz.fuzzed(plan, codegen.texts(plan), 0, runs=20_000)["passed"]
+
+
+@needs_fuzzer
 @pytest.mark.parametrize(
     ("old", "new", "finding"),
     [
-        ("    status |= limit(&now.y, -10.0, 10.0);\n", "", "deadly signal"),
+        ("    limited |= limit(&out->y, -10.0, 10.0);\n", "", "deadly signal"),
         ("0.0 * next->x", "0.0", "deadly signal"),
         ("out->y = 0.5;", "", "deadly signal"),
         ("const double x_next =", "const int n = (int)in->u * 2147483647;\n"
@@ -77,10 +84,9 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
 def test_the_fuzzer_finds_what_is_broken(old: str, new: str, finding: str) -> None:
     plan = Plan(sums)
     made = codegen.texts(plan)
-    assert fuzz.fuzzed(plan, made, 1)["passed"]
     assert old in made["sums.c"]
     spoilt = made | {"sums.c": made["sums.c"].replace(old, new)}
-    said = fuzz.fuzzed(plan, spoilt, 10)
+    said = fuzz.fuzzed(plan, spoilt, 0, runs=20_000)
     assert not said["passed"]
     assert finding in said["said"]
     assert said["input"]
@@ -99,11 +105,18 @@ def test_without_clang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_compiler
 def test_drift_is_told_from_noise() -> None:
     plan = Plan(sums)
-    quiet = endurance.endured(plan, codegen.texts(plan), np.zeros((1, 1)), np.array([0.01]), {}, 10)
+    quiet = endurance.endured(
+        plan, codegen.texts(plan), np.zeros((1, 2)), np.array([0.01, 0.0]), {}, 10
+    )
     assert quiet["ticks"] == 10
     assert quiet["status"] == {"0": 10}
     biased = endurance.endured(
-        plan, codegen.texts(plan), np.full((1, 1), 0.01), np.array([0.05]), {"k": 2.0}, 100_000
+        plan,
+        codegen.texts(plan),
+        np.array([[0.01, 0.0]]),
+        np.array([0.05, 0.0]),
+        {"k": 2.0},
+        100_000,
     )
     assert endurance.drifting(biased) == ["state x"]
     assert biased["signals"]["state x"]["mean"][-1] == pytest.approx(0.95 * 2000, rel=0.05)

@@ -56,8 +56,8 @@ def exact(k2):
     return twisting_report.smallest_k1("exact", k2, 1.0)
 
 
-@pytest.mark.parametrize(("k2", "times"), [(1.1, 1.2), (1.1, 10), (1.5, 1.2), (2, 1.5), (4, 2),
-                                           (10, 4), (10, 20)])  # fmt: skip
+@pytest.mark.parametrize(("k2", "times"), [(1.1, 1.2), (1.1, 10), (1.5, 1.2), (2, 1.2), (2, 1.5),
+                                           (4, 2), (10, 2), (10, 4), (10, 20)])  # fmt: skip
 def test_bounds_are_at_most_twice_the_worst_run(k2, times):
     law = gains(round(exact(k2) * times, 3), k2)
     found = twisting_sampled.bound(law)

@@ -184,22 +184,40 @@ def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> Non
     assert not list(Path("o").rglob(".*"))
 
 
-def test_an_interrupt_that_a_library_swallows_is_raised_again() -> None:
-    """As CasADi does where it reads properties of Python objects."""
-    more = """
-def cases(models, quick):
-    import os, signal
+SWALLOWED = """
     try:
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(5)
     except KeyboardInterrupt:
         pass
+"""
+IN_TEXT = """
+    exec("os.kill(os.getpid(), signal.SIGINT); time.sleep(5)")
+"""
+UNRAISABLE = """
+    class Last:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+    Last()
+"""
+
+
+@pytest.mark.parametrize("where", [SWALLOWED, IN_TEXT, UNRAISABLE])
+def test_an_interrupt_that_does_not_come_through_is_raised_again(where: str) -> None:
+    """CasADi swallows it where it reads properties, Python keeps one in text as unheard, and can
+    raise none where an object ends."""
+    more = f"""
+import os, signal
+def cases(models, quick):
+{where}
     time.sleep(60)
 toy.study = replace(toy.study, cases=cases)
 """
     process = started(slow(more), "--quick")
     _, err = process.communicate(timeout=300)
     assert process.returncode == 130, err
+    assert "Traceback" not in err
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

@@ -88,7 +88,8 @@ def broken_files(folder: Path) -> list[str]:
 def ended(said: str, code: int, wanted: tuple[int, ...]) -> list[str]:
     """What is wrong with an exit code and with what is said."""
     wrong = [] if code in wanted else [f"exit code {code}: {said.strip()[-200:]}"]
-    return [*wrong, *(["traceback"] if "Traceback" in said else [])]
+    _, traceback, text = said.partition("Traceback")
+    return [*wrong, *([traceback + text[:2000]] if traceback else [])]
 
 
 def interrupt(place: Place, rng: random.Random) -> tuple[list[str], float]:

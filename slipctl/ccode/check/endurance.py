@@ -68,7 +68,7 @@ int main(int argc, char **argv)
     static double sum[{n_all}];
     const long ticks = (argc > 1) ? atol(argv[1]) : 1000;
     const long part = ticks / {parts};
-    long statuses[128] = {{0}};
+    long statuses[256] = {{0}};
     long k;
     int j;
     {n}_default(&param);
@@ -84,7 +84,7 @@ int main(int argc, char **argv)
             const double x = row[j] + ((sigma[j] > 0.0) ? sigma[j] * normal() : 0.0);
             ((real *)&in)[j] = (real)fmin(range[j][1], fmax(range[j][0], x));
         }}
-        ++statuses[{n}_step(&in, &param, &state, &out) & 127];
+        ++statuses[{n}_step(&in, &param, &state, &out) & 255];
         for (j = 0; j < {n_all}; ++j) {{
             const double x = (j < {n_state}) ? (double)((real *)&state)[j]
                                              : (double)((real *)&out)[j - {n_state}];
@@ -103,7 +103,7 @@ int main(int argc, char **argv)
             }}
         }}
     }}
-    for (j = 0; j < 128; ++j) {{
+    for (j = 0; j < 256; ++j) {{
         printf("%ld\\n", statuses[j]);
     }}
     return 0;
@@ -180,7 +180,7 @@ def endured(
     lines = done.stdout.split("\n")
     table = np.array([line.split() for line in lines[: PARTS * count["n_all"]]], dtype=float)
     table = table.reshape(PARTS, count["n_all"], 3)
-    status = {str(k): int(lines[table.shape[0] * table.shape[1] + k]) for k in range(128)}
+    status = {str(k): int(lines[table.shape[0] * table.shape[1] + k]) for k in range(256)}
     names = [
         (f"{m.name}[{k}]" if m.size > 1 else m.name, "state" if i < len(lay.states) else "output")
         for i, m in enumerate(members) for k in range(m.size)

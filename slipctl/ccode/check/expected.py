@@ -126,8 +126,8 @@ def guarded(
     limited = outputs.clip(lo, hi)
     status = told.copy()
     status[good] |= np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
-    before = np.array([min(max(0.0, m.signal.lo), m.signal.hi)
-                       for m in plan.layout.outputs for _ in range(m.size)])  # fmt: skip
+    before = np.array([plan.before(m) for m in plan.layout.outputs for _ in range(m.size)])
+    before = before.clip(lo, hi)
     last = np.cumsum(good)  # number of good ticks so far: 0 is before the first
     held = np.vstack([before, limited])[last]
     safe = rounded([np.nan if m.signal.safe is None else m.signal.safe

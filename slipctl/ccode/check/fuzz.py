@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile.compilers import version
-from slipctl.ccode.compile.files import OPTIMISE
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (
-    "-std=c99", *OPTIMISE.split(), "-g",
+    "-std=c99", "-O1", "-ffp-contract=off", "-gline-tables-only",
     "-fsanitize=fuzzer,address,undefined,float-cast-overflow", "-fno-sanitize-recover=all",
 )  # fmt: skip
 
@@ -199,14 +198,17 @@ def harness(plan: Plan) -> str:
     )  # fmt: skip
 
 
-def fuzzed(plan: Plan, made: dict[str, str], seconds: int, seed: int = 1) -> dict[str, Any]:
-    """Fuzz a module for some time.
+def fuzzed(
+    plan: Plan, made: dict[str, str], seconds: int, seed: int = 1, runs: int | None = None
+) -> dict[str, Any]:
+    """Fuzz a module for some time, or for a number of runs, whatever time they take.
 
     Args:
         plan: the module.
         made: text of its files by name.
         seconds: how long libFuzzer runs.
         seed: of its random numbers.
+        runs: how many, in the place of ``seconds``.
 
     Returns:
         ``executions``, ``features`` (what the code did differently, as libFuzzer counts),
@@ -233,8 +235,9 @@ def fuzzed(plan: Plan, made: dict[str, str], seconds: int, seed: int = 1) -> dic
         for k in range(16):  # long inputs from the beginning
             (folder / "corpus" / str(k)).write_bytes(rng.bytes(longest))
         ran = subprocess.run(
-            ["./fuzz", "corpus", f"-max_total_time={seconds}", f"-seed={seed}",
-             f"-max_len={longest}", "-print_final_stats=1", "-timeout=60", "-rss_limit_mb=4096"],
+            ["./fuzz", "corpus", f"-seed={seed}", f"-max_len={longest}",
+             f"-max_total_time={seconds}" if runs is None else f"-runs={runs}",
+             "-print_final_stats=1", "-timeout=60", "-rss_limit_mb=4096"],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         said = ran.stderr

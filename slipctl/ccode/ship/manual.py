@@ -91,7 +91,8 @@ Call in this order:
 1. `{n}_default`, then change the parameters that differ,
 2. `{n}_init`; if it does not give 0, a parameter is out of range: do not run,
 3. `{n}_step` {tick},
-4. `{n}_tune` after changing a parameter at run time; if it does not give 0, put the old one back.
+4. `{n}_tune` after changing parameters at run time: until then, and if it does not give 0, those
+   before stay in force.
 
 Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
 library (`-lm`).

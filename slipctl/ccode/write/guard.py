@@ -14,8 +14,13 @@ import numpy as np
 
 from slipctl.ccode.write.expressions import Writer
 
-BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET = (1 << k for k in range(7))
+BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT = (
+    1 << k for k in range(8)
+)
 """Bits of the status; ``header.STATUS`` says what they mean."""
+
+MARK = 9240613.0
+"""What ``init`` leaves in a state; a step of a state without it is refused."""
 
 PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""

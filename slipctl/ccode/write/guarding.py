@@ -88,16 +88,11 @@ def recover(plan: Plan) -> str:
     )
     which = f"(part > {number(parts + 0.5)}) ? 0 : (int)part"
     computed = [m for m in plan.layout.states if m.signal.derived]
-    if computed:  # parameters that init would refuse give no start: then it is that of the defaults
+    reset = [f"start(param, state, {which});"]
+    if computed:  # parameters may give no good start: then it is that of the defaults
         good = conjunction([within(plan, m, "state->") for m in computed])
-        reset = [
-            f"{n}_param safe = *param;",
-            if_(["!param_ok(param)"], f"{n}_default(&safe);"),
-            f"start(&safe, state, {which});",
-            if_([f"!({good})"], f"{n}_default(&safe);", f"start(&safe, state, {which});"),
-        ]
-    else:
-        reset = [f"start(param, state, {which});"]
+        other = [f"{n}_param safe;", f"{n}_default(&safe);", f"start(&safe, state, {which});"]
+        reset.append(if_([f"!({good})"], *other))
     lines = [
         "double part = 0.0;",
         *rule,
@@ -112,6 +107,29 @@ def recover(plan: Plan) -> str:
     signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
                           f"{n}_state *state")  # fmt: skip
     return f"{what}\n" + define(signature, lines)
+
+
+def limit_outputs(plan: Plan) -> str:
+    """Function that puts outputs that left their ranges to the ends of them."""
+    n = plan.name
+    limited = [m for m in plan.layout.outputs if plan.ranged(m)]
+    if not limited:
+        return ""
+    lines, ends = plan.ends_text(limited)
+    lines = [*lines, "unsigned int limited = 0U;"]
+    for m in limited:
+        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
+        if not m.scalar and len(set(each)) == 1:
+            lines.append(f"limited |= limit_all(out->{m.c}, {m.size}, {each[0]});")
+        else:
+            lines += [f"limited |= limit(&{m.at('out->', k)}, {e});" for k, e in enumerate(each)]
+    text = "\n".join(lines)
+    void = [f"(void){a};" for a in ("param", "state") if identifier_free(text, a)]
+    signature = prototype(plan, "static unsigned int", "limit_outputs",
+                          f"const {n}_param *param", f"const {n}_state *state",
+                          f"{n}_out *out")  # fmt: skip
+    what = comment("Put outputs into their ranges; a bit of the status.")
+    return f"{what}\n" + define(signature, [*void, *lines, "return limited;"])
 
 
 def _ends(plan: Plan, m: Member) -> tuple[str, str]:

@@ -27,6 +27,7 @@ STATUS = (
     ("LIMITED", guard.LIMITED, "step: an output was put back into its range; all else as with 0"),
     ("REFUSED", guard.REFUSED, "step: refused, the state is as it was, outputs are held or safe"),
     ("RESET", guard.RESET, "step: refused so often that a part of the state was put to its start"),
+    ("NO_INIT", guard.NO_INIT, "step: refused, this state was never set by init"),
 )  # fmt: skip
 """Bits of the status: name, value, meaning."""
 
@@ -98,7 +99,8 @@ def header(plan: Plan) -> str:
         _struct(
             plan,
             "param",
-            "Parameters. Call tune after changing one: it checks them, step does not.",
+            "Parameters, to be written one by one. They take effect together, when init or tune has"
+            " checked them; until then, and if it refuses them, step goes on with those before.",
             lay.params,
         ),
         _struct(plan, "out", "Outputs of one tick.", lay.outputs),
@@ -162,6 +164,7 @@ def _state(plan: Plan) -> str:
         f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
         *ages * bool(plan.n_in),
         "    double refused; /* ticks refused in a row since the last good one or reset */",
+        "    double mark; /* set by init, looked for by step */",
         "};",
         "",
     ]
@@ -175,6 +178,7 @@ def _state(plan: Plan) -> str:
         lines += [member_comment(m), f"    {m.declared()}"]
     if lay.derived:
         lines.append(f"    struct {n}_derived derived;")
+    lines.append(f"    {n}_param in_force; /* parameters that init or tune took last */")
     lines.append(f"    {n}_out held; /* outputs of the last good step */")
     lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
     if plan.next_in_state:
@@ -221,20 +225,20 @@ def prototypes(plan: Plan) -> dict[str, str]:
 
 
 def _prototypes(plan: Plan) -> str:
-    n, big, texts = plan.name, plan.layout.big, prototypes(plan)
+    big, texts = plan.layout.big, prototypes(plan)
     told = {
         "default": "Fill the parameters with their defaults; derived ones are not among them.",
         "init": (
             "Check the parameters, compute the derived ones, set the start state. Status 0 or"
-            f" {big}_BAD_PARAM: then the state starts as with the defaults, and {n}_step must wait"
-            " for good parameters."
+            f" {big}_BAD_PARAM: then the defaults are in force, and the state starts as with them."
         ),
         "tune": (
-            "Check the parameters and compute the derived ones; the rest of the state stays. Status"
-            f" 0 or {big}_BAD_PARAM: then the derived ones stay too."
+            "Check the parameters, compute the derived ones and put them all in force at once; the"
+            f" rest of the state stays. Status 0 or {big}_BAD_PARAM: then those before stay."
         ),
         "step": (
-            f"One tick. Status 0, or bits that tell what was wrong. With {big}_REFUSED the state is"
+            "One tick, with the parameters in force, whatever param has become since. Status 0, or"
+            f" bits that tell what was wrong. With {big}_REFUSED the state is"
             " untouched and the outputs are those of the last good step (before the first one:"
             " zero, or the end of their range nearest to it)"
             + (", or their safe value where one is stated." if plan.safe else ".")

@@ -29,7 +29,7 @@ atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign e
 hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
 all_within fill copy hold safe reached main accept accept_all check_inputs states_within start
-recover guard part refused told
+recover guard part refused told in_force used limit_outputs start_outputs mark
 """
 LOCAL = frozenset(_LOCAL_WORDS.split())
 """Names that mean something inside the generated functions."""
@@ -46,6 +46,10 @@ aux con nul prn
 FILES = frozenset(_FILE_WORDS.split())
 """Headers of C, other files of the folder, targets of make and CMake, devices of Windows: no module
 has such a name, in letters of either case."""
+
+
+KEPT = frozenset(("derived", "guard", "held", "in_force", "next", "work"))
+"""Members of the state struct beside the states."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,11 @@ def layout(block: Block, name: str) -> Layout:
         _members(block, block.inputs.values()),
         _members(block, free),
         _members(block, derived),
-        _members(block, block.states.values(), taken={"derived", "guard", "held", "work"}),
+        _members(
+            block,
+            block.states.values(),
+            taken=KEPT,
+        ),
         _members(block, block.outputs.values()),
     )
 

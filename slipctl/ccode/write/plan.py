@@ -109,7 +109,8 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += max(self.n_in, 1) + self.n_in + 1  # what the guards keep
+        numbers += max(self.n_in, 1) + self.n_in + 2  # what the guards keep
+        numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
@@ -175,7 +176,7 @@ class Plan:
                     for v in here[1:]:
                         other = v > tightest if what == "lo" else v < tightest
                         tightest = ca.if_else(other, v, tightest)
-                    # a parameter that was refused must not turn the range round
+                    # parameters in their ranges may still turn the range round
                     if what == "lo" and math.isfinite(m.signal.hi):
                         tightest = ca.fmin(tightest, m.signal.hi)
                     if what == "hi" and math.isfinite(m.signal.lo):
@@ -197,6 +198,17 @@ class Plan:
         """Range of a signal, in numbers that C has."""
         lo, hi = rounded((m.signal.lo, m.signal.hi), self.real)
         return float(lo), float(hi)
+
+    def before(self, m: Member) -> float:
+        """Output before the first good step: safe, or what is nearest to 0 with the defaults."""
+        if m.c in self.safe:
+            return self.safe[m.c]
+        lo, hi, _ = self.ends([m], self.block.param_values())
+        return min(max(0.0, float(lo.max())), float(hi.min()))
+
+    def follows(self, members: Iterable[Member]) -> bool:
+        """Whether an end of a range of these is an expression of parameters."""
+        return any(b.what != "change" for m in members for b in m.signal.bounds)
 
     @property
     def safe(self) -> dict[str, float]:

@@ -11,7 +11,13 @@ import casadi as ca
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.guarding import check_inputs, recover, states_within, within
+from slipctl.ccode.write.guarding import (
+    check_inputs,
+    limit_outputs,
+    recover,
+    states_within,
+    within,
+)
 from slipctl.ccode.write.header import (
     head,
     identifier_free,
@@ -31,7 +37,9 @@ def source(plan: Plan) -> str:
     """Text of the source."""
     n, lay = plan.name, plan.layout
     functions = "\n\n".join(
-        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan), _start(plan), _init(plan)]
+        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan)]
+        + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
+        + [_init(plan)]
         + [made for made in (check_inputs(plan), _finite(plan), states_within(plan),
                              recover(plan), _hold(plan)) if made] + [_step(plan)]
     )  # fmt: skip
@@ -163,13 +171,13 @@ def _param_ok(plan: Plan) -> str:
 
 def _tune(plan: Plan) -> str:
     n, big, derived = plan.name, plan.layout.big, plan.layout.derived
-    lines = [f"struct {n}_derived now;"] if derived else ["(void)state;"]
+    lines = [f"struct {n}_derived now;"] * bool(derived)
     lines.append(if_(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
     if derived:
         lines += plan.start_lines(derived, 0, "now.")
         good = conjunction([within(plan, m, "now.") for m in derived])
         lines += [if_([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
-    lines.append(f"return {big}_OK;")
+    lines += ["state->in_force = *param;", f"return {big}_OK;"]
     return define(prototypes(plan)["tune"], lines)
 
 
@@ -208,36 +216,35 @@ def _init(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     computed = [m for m in lay.states if m.signal.derived]
     lines = [f"int status = {n}_tune(param, state);"]
-    used = "param->"
-    if lay.derived or computed:
-        lines[0:0] = [f"{n}_param safe;"]
-        lines += [
-            *["safe = *param;"] * bool(computed),
-            if_([f"status != {big}_OK"], f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"),
-        ]
-        used = "safe."
+    instead = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"]
+    if lay.params:  # without any, none is refused
+        lines.append(if_([f"status != {big}_OK"], *instead))
     if lay.states:
-        lines.append(
-            f"start({used.replace('->', '') if used == 'param->' else '&safe'}, state, 0);"
-        )
+        lines.append("start(&state->in_force, state, 0);")
     if computed:
         good = conjunction([within(plan, m, "state->") for m in computed])
-        again = [
-            f"{n}_default(&safe);",
-            f"(void){n}_tune(&safe, state);",
-            "start(&safe, state, 0);",
-        ]
+        again = [*instead, "start(&state->in_force, state, 0);"]
         lines.append(if_([f"!({good})"], f"status = {big}_BAD_PARAM;", *again))
     for m in lay.inputs:
         lines += _constant(m, "state->guard.last.", 0.0)
     if plan.n_in:
         lines.append(f"fill(state->guard.age, {plan.n_in}, -1.0);")
-    lines.append("state->guard.refused = 0.0;")
-    for m in lay.outputs:
-        before = plan.safe.get(m.c, min(max(0.0, m.signal.lo), m.signal.hi))
-        lines += _constant(m, "state->held.", before)
+    lines += ["state->guard.refused = 0.0;", f"state->guard.mark = {number(guard.MARK)};"]
+    if lay.outputs:
+        lines.append("start_outputs(&state->held);")
+    if plan.follows(lay.outputs):
+        lines.append("(void)limit_outputs(&state->in_force, state, &state->held);")
     lines.append("return status;")
     return define(prototypes(plan)["init"], lines)
+
+
+def _start_outputs(plan: Plan) -> str:
+    """Function that gives the outputs before the first good step."""
+    if not plan.layout.outputs:
+        return ""
+    lines = [line for m in plan.layout.outputs for line in _constant(m, "out->", plan.before(m))]
+    what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
+    return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
 
 
 # ---- step ---------------------------------------------------------------------------------------
@@ -289,44 +296,57 @@ def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
 def _hold(plan: Plan) -> str:
     """Function that gives the outputs of a step that is refused, where some have a safe value."""
     n, safe = plan.name, plan.safe
-    if not safe:
+    if not _has_hold(plan):
         return ""
     lines = ["*out = state->held;"]
     for m in plan.layout.outputs:
         if m.c in safe:
             lines += _constant(m, "out->", safe[m.c])
+    if plan.follows(plan.layout.outputs):  # parameters may have changed since
+        lines.append("(void)limit_outputs(&state->in_force, state, out);")
     what = comment(
         "Outputs of a step that is refused: the safe value, or that of the last good step."
     )
     return f"{what}\n" + define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
 
 
+def _has_hold(plan: Plan) -> bool:
+    """Whether the outputs of a refused step are more than a copy of those held."""
+    return bool(plan.safe) or plan.follows(plan.layout.outputs)
+
+
 def _step(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
-    hold = "hold(state, out);" if plan.safe else "*out = state->held;"
+    hold = "hold(state, out);" if _has_hold(plan) else "*out = state->held;"
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
-    first = "check_inputs(in, param, state)" if lay.inputs else "0U"
-    lines = [f"{n}_out now;"]
+    first = "check_inputs(in, used, state)" if lay.inputs else "0U"
+    lines = ["(void)param; /* those in force are used */", f"{n}_out now;"]
+    lines.append(f"const {n}_param *const used = &state->in_force;")
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_next next;")
+    nothing = ["start_outputs(out);"] if lay.outputs else ["out->unused = 0.0;"]
+    lines.append(
+        if_([f"!(state->guard.mark == {number(guard.MARK)})"], *nothing,
+            f"return (int){big}_NO_INIT | (int){big}_REFUSED;")
+    )  # fmt: skip
     lines.append(f"unsigned int status = {first};")
     if lay.inputs:
         lines.append(
             if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;")
         )
     passed = [f"&{following}"] * has_next + ["&now"]
-    call = f"equations({', '.join([seen, 'param', 'state', *passed])})"
+    call = f"equations({', '.join([seen, 'used', 'state', *passed])})"
     bad = [f"({call} != 0)"] if plan.can_fail else []
     if not bad:
         lines.append(f"{call};")
     if any(plan.ranged(m) for m in lay.states):
-        bad.append(f"!states_within(&{following}, param, state)")
+        bad.append(f"!states_within(&{following}, used, state)")
     if plan.untested:
         bad.append(f"!result_finite({', '.join(passed)})")
     if bad:
-        again = ["status |= recover(param, state);"] * has_next
+        again = ["status |= recover(used, state);"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
         lines.append(if_([" || ".join(bad)], why, *again, hold, "return (int)status;"))
     lines += [
@@ -335,15 +355,8 @@ def _step(plan: Plan) -> str:
         for m in lay.states
     ]  # fmt: skip
     lines.append("state->guard.refused = 0.0;")
-    limited = [m for m in lay.outputs if plan.ranged(m)]
-    before, ends = plan.ends_text(limited)
-    lines += before
-    for m in limited:
-        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
-        if not m.scalar and len(set(each)) == 1:
-            lines.append(f"status |= limit_all(now.{m.c}, {m.size}, {each[0]});")
-        else:
-            lines += [f"status |= limit(&{m.at('now.', k)}, {e});" for k, e in enumerate(each)]
+    if any(plan.ranged(m) for m in lay.outputs):
+        lines.append("status |= limit_outputs(used, state, &now);")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
     return define(prototypes(plan)["step"], lines)
 

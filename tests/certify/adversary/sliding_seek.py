@@ -158,7 +158,7 @@ def replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
 def _turning(n: dict[str, float], run: dict[str, Any]) -> bool:
     """Whether the second period's width exceeds the ripple, and the third's is no less.
 
-    The width is that between the last turns of both parts of a period. Whole numbers throughout, so
+    The width is that between the turns of a period. Whole numbers throughout, so
     that nothing is left to a tolerance: a value on a plane counts to the cells of both sides. Where
     the noise can say either, it says what the part wants, but does not turn twice at one plane.
     """
@@ -189,10 +189,8 @@ def _turning(n: dict[str, float], run: dict[str, Any]) -> bool:
             turns.append(j)
         j, g = j + way, g + fall
         places = [*places[-late:], j] if late else [j]
-    widths = [
-        max(turns[end - 2 : end]) - min(turns[end - run["right"] - 2 : end - run["right"]])
-        for end in (2 * period, 3 * period)
-    ]
+    parts = (turns[period : 2 * period], turns[2 * period : 3 * period])
+    widths = [max(part) - min(part) for part in parts]
     return widths[0] * k * T > plain["ripple"] and widths[1] >= widths[0]
 
 

@@ -1,0 +1,136 @@
+"""Loops that a user declares by their tick: verdicts against closed forms and plain runs."""
+
+from __future__ import annotations
+
+import copy
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from slipctl.certify import proofs
+from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.systems import CERTIFIED, INPUT, REFUTED, TARGET, Number, System, report
+from slipctl.certify.tick_sets import Loop, _span, clip, root, sgn
+from slipctl.errors import BadInput
+
+F = Fraction
+
+NUMBERS = {
+    "a": Number("1", "factor", low="any"),
+    "T": Number("s", "period", 1.0),
+    "g": Number("1/s", "gain", 0.0, "not negative"),
+    "x0": Number("1", "largest |x| at the start", 0.0, "not negative"),
+    "u0": Number("1", "largest |u| at the start", 0.0, "not negative"),
+    "W": Number("1", "largest |w|", 0.0, "not negative", role=INPUT, says="every |w| <= {}"),
+    "lag": Number("s", "lag", 0.0, "not negative", role=INPUT, says="a lag of {}"),
+    "band": Number("1", "wanted |x|", optional=True, role=TARGET),
+}
+
+
+def declared(loop):
+    return System("own", "somebody's loop", NUMBERS, {}, loop.targets(), loop.says_start(),
+                  loop=loop)  # fmt: skip
+
+
+LINE = declared(Loop(
+    lambda n, x, d: {"x": n["a"] * x["x"] + d["w"]}, {"x": "x0"}, {"w": "W"}, {"x": "band"}
+))  # fmt: skip
+
+RELAY = declared(Loop(
+    lambda n, x, d: {
+        "x": x["x"] + n["T"] * (-n["g"] * x["x"] + x["u"] + d["w"]),
+        "u": n["a"] * x["u"] - (1 - n["a"]) * sgn(x["x"]),
+    },
+    {"x": "x0", "u": "u0"}, {"w": "W"}, {"x": "band"},
+))  # fmt: skip
+
+
+def largest(a, x0, W):
+    """Largest |x| of x+ = a x + w: the start, or what the worst w builds up."""
+    return max(x0, W / (1 - abs(a))) if abs(a) < 1 else np.inf if x0 or W else 0.0
+
+
+def test_a_line_is_decided_but_for_the_width_of_a_cell():
+    """No verdict against the closed form, and one for each band 5 % from it."""
+    rng = np.random.default_rng(1)
+    for _ in range(25):
+        a, x0, W = rng.uniform(-1.2, 1.2), rng.uniform(0, 1), rng.uniform(0, 1)
+        a, x0, W = (float(f"{v:.3f}") for v in (a, x0, W))
+        most = largest(a, x0, W)
+        for factor in (0.8, 0.95, 1.05, 1.3):
+            band = (most if np.isfinite(most) else 5) * factor
+            found = report(LINE, {"a": a, "x0": x0, "W": W, "band": band})
+            far = abs(most / band - 1) > 0.04 and (abs(a) < 0.9 or abs(a) > 1.02)
+            if most > band:
+                assert found.verdict != CERTIFIED
+                assert found.verdict == REFUTED or not far
+            else:
+                assert found.verdict != REFUTED
+                assert found.verdict == CERTIFIED or not far
+
+
+def test_a_relay_behind_its_lag_against_plain_runs():
+    """Two states and a sign; runs of random pushes never pass a band that was certified."""
+    numbers = {"a": 0.3, "T": 0.1, "g": 2, "x0": 0.2, "u0": 1, "W": 0.3}
+    rng, worst = np.random.default_rng(2), 0.0
+    for _ in range(300):
+        x, u = rng.choice([-0.2, 0.2]), rng.choice([-1, 1])
+        for w in 0.3 * rng.choice([-1, 1], 200):
+            x, u = x + 0.1 * (-2 * x + u + w), 0.3 * u - 0.7 * np.sign(x)
+            worst = max(worst, abs(x))
+    verdicts = {}
+    for band in (0.9 * worst, 1.5 * worst):
+        payload = proofs.write(RELAY, {**numbers, "band": F(f"{band:.4f}")})
+        verdicts[band] = payload["verdict"]
+        assert payload["verdict"] in proofs.check(RELAY, payload)
+    assert list(verdicts.values()) == [REFUTED, CERTIFIED]
+
+
+def test_an_input_that_the_tick_never_looks_at_is_not_withstood():
+    numbers = {"a": 0.5, "W": 0.1, "band": 1}
+    assert report(LINE, numbers).verdict == CERTIFIED
+    assert report(LINE, {**numbers, "lag": 0.1}).verdict == "UNDECIDED"
+    unsaid = report(LINE, numbers).decision.promise.not_promised
+    assert "that its tick is what runs: it is taken from the declaration" in unsaid
+
+
+def test_altered_certificates_fail():
+    numbers = {"a": F(1, 2), "W": F(1, 10), "band": F(1)}
+    good = proofs.write(LINE, numbers)
+    proofs.check(LINE, good)
+    evidence = good["proofs"]["cells"]["evidence"]
+    ((first, last),) = evidence["cells"]
+    wrong = (("cells", []), ("cells", [[first + 1, last]]), ("cells", [[first, 10**6]]),
+             ("reach", ["2"]), ("reach", ["0"]), ("count", 0), ("count", "x"))  # fmt: skip
+    for name, value in wrong:
+        bad = copy.deepcopy(good)
+        bad["proofs"]["cells"]["evidence"][name] = value
+        with pytest.raises((DoesNotHold, BadInput)):
+            proofs.check(LINE, bad)
+    refuted = proofs.write(LINE, {**numbers, "W": F(1)})
+    proofs.check(LINE, refuted)
+    runs = ({"start": {"x": "0"}, "pushed": []}, {"start": {"x": "5"}, "pushed": []},
+            {"start": {"x": "0"}, "pushed": [{"w": "2"}]}, {"start": {}, "pushed": []})  # fmt: skip
+    for run in runs:
+        bad = copy.deepcopy(refuted)
+        bad["counterexample"]["run"] = run
+        with pytest.raises((DoesNotHold, BadInput)):
+            proofs.check(LINE, bad)
+
+
+def test_a_tick_that_takes_no_enclosure_is_refused():
+    loop = Loop(lambda n, x, d: {"x": 0.0 if x["x"] > 0 else x["x"]}, {"x": "x0"}, {},
+                {"x": "band"})  # fmt: skip
+    with pytest.raises(BadInput, match=r"takes no enclosures .*sgn, root and clip"):
+        report(declared(loop), {"a": 1, "x0": 1, "band": 2})
+
+
+def test_functions_enclose_what_they_do_to_numbers():
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        low, high = np.sort(rng.uniform(-2, 2, 2)).tolist()
+        for of in (sgn, root, lambda x: clip(x, -1, F(1, 2))):
+            a, b = of(_span(F(low), F(high))).ends()
+            for x in np.linspace(low, high, 7).tolist():
+                assert float(a) - 1e-12 <= of(x) <= float(b) + 1e-12  # floats round
