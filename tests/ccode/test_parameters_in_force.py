@@ -1,4 +1,5 @@
-"""Parameters of generated C take effect when they are checked, and a state begins with init."""
+"""Parameters of generated C take effect when they are checked, a state begins with init, and no
+input is refused for ever."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ import pytest
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.guard import BAD_INPUT, LIMITED, NO_INIT, REFUSED
+from slipctl.ccode.write import guard
+from slipctl.ccode.write.guard import BAD_INPUT, LIMITED, NO_INIT, OFF_RANGE, REFUSED
 
 pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
 
@@ -96,3 +98,23 @@ def test_a_state_without_init_is_found(module: codegen.CModule, byte: int) -> No
         assert (c._state.view(np.uint8) == byte).all()
     assert c._call("init", c._param, c._state) == 0
     assert (c.step(u=1.0)["T"], c.status) == (4.0, 0)
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_an_input_that_was_wrong_first_is_taken_after_a_second(real: str, tmp_path: Path) -> None:
+    """By its change alone the true value would be taken after 2400 ticks, 2.4 s."""
+
+    @step(period=1e-3, y=Output("m/s", "speed", lo=0, hi=120))
+    def speed(x=State("1", 0.0, "ticks", lo=0, hi=1e6),
+              v=Input("m/s", "speed", lo=0, hi=120, change=0.05, stale=10)):  # fmt: skip
+        """What is measured."""
+        return dict(x=x), dict(y=v)
+
+    c = codegen.c_module(speed, tmp_path, real=real).compile().load()
+    c.step(v=120.0)
+    refused = 0
+    while c.step(v=0.0)["y"] > 0.0:
+        refused += 1
+        assert c.status & OFF_RANGE
+    assert refused == guard.memory(1e-3, np.array([10.0])) + 1 == 1001
+    assert c.status == 0

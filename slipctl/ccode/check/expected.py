@@ -101,7 +101,7 @@ def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.n
     """
     most = np.finfo(np.float32 if plan.real == "float" else np.float64).max
     ends = plan.ends(plan.layout.inputs, values)
-    return guard.accepted(rows, *ends, plan.stale, float(most))
+    return guard.accepted(rows, *ends, plan.stale, float(most), plan.period)
 
 
 def guarded(

@@ -17,7 +17,7 @@ import numpy as np
 
 from slipctl.ccode.compile.compilers import version
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.plan import Plan, packed
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (
@@ -27,6 +27,12 @@ FLAGS = (
 
 TICKS = 64
 """Ticks at most of one trial."""
+
+OFTEN = 16
+"""One trial in so many ends with good inputs, which must end every fault."""
+
+SETTLED = 2.0
+"""Seconds of good inputs after which nothing may be told but a limit."""
 
 _HARNESS = """#include "{n}.h"
 
@@ -41,6 +47,7 @@ typedef {real} real;
 static const double range_in[][2] = {{{range_in}}};
 static const double range_param[][2] = {{{range_param}}};
 static const double range_out[][2] = {{{range_out}}};
+static const double good[] = {{{good}}}; /* inputs of recovery */
 static const double safe_out[] = {{{safe_out}}}; /* NaN where none is stated */
 
 static const uint8_t *at;
@@ -137,6 +144,22 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             abort();
         }}
     }}
+    if ((tuned / 4U) % {often}U == 1U) {{ /* whatever came: good inputs end every fault */
+        int status = 0;
+        {n}_default(&param);
+        if ({n}_tune(&param, &state) != 0) {{
+            abort();
+        }}
+        for (k = 0; k < {n_in}; ++k) {{
+            ((real *)&in)[k] = (real)good[k];
+        }}
+        for (tick = 0; tick < {settled}; ++tick) {{
+            status = {n}_step(&in, &param, &state, &out);
+        }}
+        if ((status & ~(int){big}_LIMITED) != 0) {{
+            abort();
+        }}
+    }}
     return 0;
 }}
 """
@@ -185,10 +208,16 @@ def harness(plan: Plan) -> str:
         f"{{{number(max(plan.limits(m)[0], -most))}, {number(min(plan.limits(m)[1], most))}}}"
         for m in lay.outputs for _ in range(m.size)
     )  # fmt: skip
+    lows, highs, _ = plan.ends(lay.inputs, plan.block.param_values())
+    values = [
+        v for m in lay.inputs for v in packed(m, 0.0 if m.signal.value is None else m.signal.value)
+    ]
+    good = ", ".join(number(float(v)) for v in np.clip(values, lows, highs))
     safe = ", ".join(number(plan.safe.get(m.c, np.nan)) for m in lay.outputs for _ in range(m.size))
     return _HARNESS.format(
         n=plan.name, big=lay.big, real=plan.real, ticks=TICKS,
         range_in=ranges(lay.inputs, 100.0), range_param=ranges(lay.params, 1e3),
+        good=good or "0.0", often=OFTEN, settled=int(np.ceil(SETTLED / (plan.period or 1e-3))),
         range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0",
         **{
             k: sum(m.size for m in g)

@@ -26,31 +26,43 @@ PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""
 
 MANY = 1e6
-"""Ticks beyond which the age of an input counts no further."""
+"""Ticks that a float can count, with room: no memory is longer."""
+
+
+FORGOTTEN = 1.0
+"""Seconds after which the last good value of an input says nothing of the next one."""
+
+
+def memory(period: float | None, stale: np.ndarray) -> float:
+    """``FORGOTTEN`` in ticks, of 1 ms where no period is known; not before a value is stale."""
+    ticks = float(np.ceil(FORGOTTEN / (period or 1e-3)))
+    return min(max(ticks, float(np.max(stale, initial=1.0))), MANY)
 
 
 @lru_cache(maxsize=1)
 def accept() -> ca.Function:
-    """(value, last, age, lo, hi, change, stale, most) -> (taken, age, told).
+    """(value, last, age, lo, hi, change, stale, memory, most) -> (taken, age, told).
 
-    ``age`` counts ticks since the last good value and is -1 before the first. A value is good that
-    is finite (``most`` is the largest number), in its range, and no further from the last good one
-    than it can have come since. In the place of one that is not, the last good one is taken for
-    ``stale`` ticks; after them, and before there is a good one, the tick is refused.
+    ``age`` counts ticks since the last good value and is -1 before the first, and after ``memory``
+    ticks without one. A value is good that is finite (``most`` is the largest number), in its
+    range, and no further from the last good one than it can have come since. In the place of one
+    that is not, the last good one is taken for ``stale`` ticks; after them, and before there is a
+    good one, the tick is refused.
     """
-    value, last, age, lo, hi, change, stale, most = (
-        ca.SX.sym(n) for n in ("value", "last", "age", "lo", "hi", "change", "stale", "most")
+    value, last, age, lo, hi, change, stale, memory, most = (
+        ca.SX.sym(n)
+        for n in ("value", "last", "age", "lo", "hi", "change", "stale", "memory", "most")
     )
     first = age < 0
     near = ca.fabs(value - last) <= change * (age + 1)
     free = ca.logic_or(first, change >= most)
     good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(free, near))
-    older = ca.if_else(first, -1, ca.if_else(age < MANY, age + 1, age))
+    older = ca.if_else(ca.logic_or(first, age >= memory), -1, age + 1)
     why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
     told = why + ca.if_else(ca.logic_or(first, age >= stale), REFUSED, 0)
     return ca.Function(
         "accept",
-        [value, last, age, lo, hi, change, stale, most],
+        [value, last, age, lo, hi, change, stale, memory, most],
         [ca.if_else(good, value, last), ca.if_else(good, 0, older), ca.if_else(good, 0, told)],
     )
 
@@ -90,6 +102,7 @@ def accepted(
     change: np.ndarray,
     stale: np.ndarray,
     most: float,
+    period: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the step takes of rows of inputs, and what it tells in each tick.
 
@@ -97,6 +110,7 @@ def accepted(
         rows: input elements, one row per tick; anything.
         lo, hi, change, stale: of each element.
         most: the largest number.
+        period: of a tick in s.
     """
     ticks, n = rows.shape
     taken, told = np.zeros((ticks, n)), np.zeros(ticks, dtype=int)
@@ -112,8 +126,9 @@ def accepted(
                 taken[:, k] = column
                 continue
             one: Any = run(
-                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], stale[k], most
-            )
+                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], stale[k],
+                memory(period, stale), most,
+            )  # fmt: skip
             taken[:, k] = np.array(one[0].full())[0]
             told |= np.array(one[1].full())[0].astype(int)
     return taken, told
@@ -121,15 +136,13 @@ def accepted(
 
 @lru_cache(maxsize=4)
 def _run(ticks: int) -> ca.Function:
-    """``accept`` over ticks: ((last, age), values, lo, hi, change, stale, most) to both."""
-    names = ("x", "value", "lo", "hi", "change", "stale", "most")
-    x, value, lo, hi, change, stale, most = (ca.SX.sym(n, 2 if n == "x" else 1) for n in names)
-    taken, age, told = accept()(value, x[0], x[1], lo, hi, change, stale, most)
-    one = ca.Function(
-        "tick", [x, value, lo, hi, change, stale, most], [ca.vertcat(taken, age), taken, told]
-    )
+    """``accept`` over ticks: ((last, age), values, lo, hi, change, stale, memory, most) to both."""
+    names = ("value", "lo", "hi", "change", "stale", "memory", "most")
+    x, (value, *rest) = ca.SX.sym("x", 2), [ca.SX.sym(n) for n in names]
+    taken, age, told = accept()(value, x[0], x[1], *rest)
+    one = ca.Function("tick", [x, value, *rest], [ca.vertcat(taken, age), taken, told])
     X = ca.MX.sym("x", 2)
     V = ca.MX.sym("v", 1, ticks)
-    C = [ca.MX.sym(n) for n in names[2:]]
+    C = [ca.MX.sym(n) for n in names[1:]]
     _, y, t = one.mapaccum(ticks)(X, V, *[ca.repmat(c, 1, ticks) for c in C])
     return ca.Function("accepted", [X, V, *C], [y, t])

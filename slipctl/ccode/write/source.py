@@ -65,7 +65,9 @@ def source(plan: Plan) -> str:
             plan.real,
         )
     )
-    parts.append(checks(functions))
+    parts.append(
+        checks(functions).replace("MEMORY_", number(guard.memory(plan.period, plan.stale)))
+    )
     text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
     if re.search(r"\bNULL\b", text):
         text = text.replace(
@@ -367,7 +369,7 @@ def _step(plan: Plan) -> str:
 _LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
 _ACCEPT = guard.text(
     guard.accept(),
-    ["value", "*last", "*age", "lo", "hi", "change", "stale", "DBL_MAX"],
+    ["value", "*last", "*age", "lo", "hi", "change", "stale", "MEMORY_", "DBL_MAX"],
     ["*last", "*age", "told"],
 )
 _SMALL = {
