@@ -19,7 +19,7 @@ PLANTS = {
 
 @pytest.mark.parametrize("name", PLANTS)
 def test_every_start_and_number_of_a_plant_has_an_end(name):
-    """Gravity points down; a place, a speed, a torque, a pressure lie between ends that are told."""
+    """Gravity points down; a place, a speed, a torque, a pressure lie between two ends."""
     plant = PLANTS[name]()
     open_ended = {
         n for n, s in (plant.states | plant.params).items()
