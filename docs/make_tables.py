@@ -3,7 +3,7 @@
 The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDER`` those that
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
-``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``.
+``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times``, of verdicts.
 """
 
 from __future__ import annotations
@@ -109,7 +109,24 @@ def experiment(results: Path, words: list[str]) -> str:
     return rows_to_text(head, [[number(v) for v in row] for row in zip(*cells, strict=True)])
 
 
-MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment}
+def verdict_times(results: Path, words: list[str]) -> str:
+    """A row per system: CPU time of its verdicts, of the slowest kind of question, of a check."""
+    rows = []
+    systems = json.loads(results.read_text(encoding="utf-8"))["numbers"]
+    for name, kinds in systems.items():
+        slowest = max(kinds, key=lambda k: kinds[k]["worst"])
+        many = sum(k["cases"] for k in kinds.values())
+        middle = sorted(k["median"] for k in kinds.values() for _ in range(k["cases"]))[many // 2]
+        check = max(k["worst_check"] for k in kinds.values())
+        rows.append([f"`{name}`", str(many), str(len(kinds)), f"{middle:.3f}",
+                     f"{kinds[slowest]['worst']:.2f}", slowest or "nothing more",
+                     f"{check:.2f}"])  # fmt: skip
+    head = ["system", "cases", "kinds of questions", "median [s]", "slowest [s]", "asked there",
+            "slowest check [s]"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
+MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times}
 
 
 class Arguments(argparse.ArgumentParser):

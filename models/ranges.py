@@ -48,6 +48,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         "damping": (0, 1e12, "its iteration ends there"),
         "kept": (-5, slip, known_),
         "shifts": (-1e6, 1e6, "residuals in deviations"),
+        "echoed": (-most * window, most * window, known_),
         "v_s": (-5, slip, known_),
         "lam": (-1.5, 1.5, "a locked wheel has 1"),
         "lam_var": (0, 3, "a locked wheel has 1"),

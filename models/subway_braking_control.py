@@ -361,6 +361,7 @@ def estimating_controller(
     form: str = "window",
     memory: int = 32,
     looks: bool = False,
+    echo: float = 0.0,
 ) -> Block:
     """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
 
@@ -375,6 +376,7 @@ def estimating_controller(
             least squares of (15)-(19) on the exact Jacobian, and the found peak as it is.
         memory: samples in which a change of rail is looked for, see :func:`slipctl.rls`.
         looks: whether the probe looks again from time to time, see :func:`slipctl.probe`.
+        echo: of the noise of mu_m, see :func:`slipctl.rls`.
 
     Returns:
         Block from v, v_s (each tick), mu_m and v_s_m (measured adhesion and the slip it belongs
@@ -387,7 +389,7 @@ def estimating_controller(
     known("estimating_controller", "form", form, ("window", "recursive"))
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
     probing = form == "window"
-    estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1)
+    estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1, echo=echo)
     estimator = fit_ranged(estimator, adhesion)
     inner = controller(slip_law, "slip")
     wires = {

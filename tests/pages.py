@@ -6,17 +6,25 @@ prints is compared with the ``text`` block that follows it. In ``console`` block
 ``$`` is run by the shell, and its output is compared with the lines below it; output that starts
 with ``slipctl:`` is an error and must exit with 2. ``...`` stands for anything. Other blocks are
 not run.
+
+The first ``slipctl`` of a page is started by the shell, as a person does. The others are the same
+``main`` in a process forked from this one, which has imported what they need: to import it again
+for each takes longer than most of them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
+import tempfile
 import traceback
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +46,7 @@ def run_page(text: str) -> list[str]:
     code = blocks(text)
     following = [*code[1:], ("", "")]
     wrong: list[str] = []
+    started: list[str] = []
     for (language, body), (next_language, expected) in zip(code, following, strict=True):
         if language == "python":
             file = re.match(r"# (\w+\.py)\n", body)
@@ -54,7 +63,7 @@ def run_page(text: str) -> list[str]:
             if file:
                 Path(file[1]).write_text(body, encoding="utf-8")
         elif language == "console":
-            wrong += run_console(body)
+            wrong += run_console(body, started)
     return wrong
 
 
@@ -69,12 +78,17 @@ def run_python(body: str, names: dict[str, Any]) -> str:
     return out.getvalue()
 
 
-def run_console(body: str) -> list[str]:
-    """Run the commands of a block; gives what went wrong."""
+def run_console(body: str, started: list[str]) -> list[str]:
+    """Run the commands of a block; gives what went wrong. ``started`` is what was run before."""
     wrong = []
     for piece in re.split(r"^\$ ", body, flags=re.M)[1:]:
         command, _, expected = piece.partition("\n")
-        done = subprocess.run(command, shell=True, capture_output=True, text=True)
+        plain = command.startswith("slipctl ") and not set("|&;<>()$`*?~") & set(command)
+        if plain and started and hasattr(os, "fork"):
+            done = forked(command)
+        else:
+            done = subprocess.run(command, shell=True, capture_output=True, text=True)
+        started += [command] if plain else []
         fails = expected.startswith("slipctl:")
         seen = done.stderr if fails else done.stdout
         if done.returncode != (2 if fails else 0):
@@ -82,6 +96,56 @@ def run_console(body: str) -> list[str]:
         elif expected.strip() and not matches(expected, seen):
             wrong.append(f"$ {command}\nprints\n{seen}\nnot\n{expected}")
     return wrong
+
+
+@cache
+def warm() -> None:
+    """Import what nearly every command imports; nothing of it starts a thread."""
+    for name in ("slipctl.commands.cli", "slipctl.study.running", "slipctl.draw.plots", "pint",
+                 "scipy.optimize", "xarray", "netCDF4", "matplotlib.figure",
+                 "matplotlib.backends.backend_svg"):  # fmt: skip
+        importlib.import_module(name)
+
+
+def forked(command: str) -> subprocess.CompletedProcess[str]:
+    """``slipctl WORDS`` in a child: exit code and what it prints, as of a process of its own."""
+    warm()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        child = os.fork()
+        if not child:
+            code = 70
+            try:
+                os.dup2(out.fileno(), 1)
+                os.dup2(err.fileno(), 2)
+                code = in_child(shlex.split(command))
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(code)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        said = []
+        for file in (out, err):
+            file.seek(0)
+            said.append(file.read().decode())
+    return subprocess.CompletedProcess(command, code, *said)
+
+
+def in_child(words: list[str]) -> int:
+    """What the console script does; a page's own modules are read again, as a new process would."""
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", None) or "").startswith(os.getcwd() + os.sep):
+            del sys.modules[name]
+    sys.path.remove(os.getcwd())  # a console script does not look there
+    sys.argv = words
+    main = importlib.import_module("slipctl.commands.cli").main
+    try:
+        return int(main() or 0)
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
 
 
 def matches(expected: str, seen: str) -> bool:

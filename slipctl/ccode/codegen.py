@@ -19,7 +19,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, rounding
-from slipctl.ccode.check.comparison import compare, expected_run, trial_rows
+from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
 from slipctl.ccode.check.logged import recorded as recorded
@@ -33,7 +33,7 @@ from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
 from slipctl.ccode.ship import a2l, fmu, manual
-from slipctl.ccode.ship.readable import readable
+from slipctl.ccode.ship.readable import readable, vectors_said
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
@@ -79,6 +79,7 @@ class Report:
             f"{d['name']} in {d['real']}: {len(d['files']) + 1} files in {self.folder},"
             f" content {d['content']}"
         ]
+        lines += [f"  {said}" for said in [vectors_said(d)] if said]
         for c in d["compiled"]:
             size = c["bytes"] or {}
             said = "".join(f", {k} {v}" for k, v in size.items())
@@ -276,14 +277,18 @@ def _produce(
     if replay and (real == "float" or boards):
         rounding.compiler()
     values = block.param_values(**(params or {}))
-    rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
-    if not len(rows):
-        raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
-    if not np.isfinite(rows).all():
-        raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
     used_params = dict(params or {}) if real == "double" else expected.float_params(plan, values)
-    rows = rounded(rows if replay else rows[:KEPT], real)  # all are replayed, few are written
-    run = expected_run(plan, rows, used_params, whole=inputs is not None)
+    width = None
+    if inputs is None:
+        run, width = made_up(plan, used_params)
+    else:
+        rows = input_rows(block, plan.layout.inputs, inputs)
+        if not len(rows):
+            raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
+        if not np.isfinite(rows).all():
+            raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
+        rows = rounded(rows if replay else rows[:KEPT], real)  # all are replayed, few are written
+        run = expected_run(plan, rows, used_params)
     rows = run.rows
     if replay and not len(rows):
         raise BadInput(
@@ -298,7 +303,7 @@ def _produce(
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
-    data = _facts(plan, content, made, values, len(rows))
+    data = _facts(plan, content, made, values, len(rows)) | {"made_up": width}
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:

@@ -46,6 +46,7 @@ def rls(
     window: int = 128,
     iterations: int = 6,
     memory: int = 1,
+    echo: float = 0.0,
     **numbers: float,
 ) -> Block:
     """Make an estimator of a law's parameters from measured inputs and a measured output.
@@ -67,6 +68,9 @@ def rls(
         iterations: Gauss-Newton iterations per sample, for ``form="window"``.
         memory: latest samples in which a change is looked for, for ``form="window"``: 1 takes the
             newest residual alone, more the generalised likelihood ratio of a shift in them.
+        echo: share of the noise of a sample that comes back with the opposite sign in the next,
+            0 to 1, for ``form="window"``. 1 for what is formed from increments of a noisy
+            quantity, sample to sample; the noise is then that of one of the two.
         **numbers: values of the block's parameters (``noise=1e-3``).
 
     Returns:
@@ -85,13 +89,17 @@ def rls(
     check_positive(f"rls({law.name}): period", period, "s")
     for word, count in (("window", window), ("iterations", iterations), ("memory", memory)):
         check_whole(f"rls({law.name}): {word}", count)
+    if not (isinstance(echo, int | float) and 0 <= echo <= 1):
+        raise BadInput(f"rls({law.name}): echo = {echo!r} must be from 0 to 1")
+    if echo and form != "window":
+        raise BadInput(f"rls({law.name}, form={form!r}) takes noise as white; echo needs 'window'")
     if form == "printed-16" and not (coordinates is None and start is None):
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
     model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")
     if form == "window":
         from slipctl.estimate.window import windowed
 
-        block = windowed(model, period, int(window), int(iterations), int(memory))
+        block = windowed(model, period, int(window), int(iterations), int(memory), float(echo))
     else:
         block = (_recursive if form == "recursive" else _printed_16)(model, period)
     return block.with_params(**numbers) if numbers else block

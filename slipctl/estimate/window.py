@@ -19,12 +19,15 @@ samples, and alone below n + 2. With r the largest (t_1 + ... + t_k)^2/k over k 
 
 tells a change (twice the log-likelihood ratio of Student's t; gate^2 = r for many nu). So a shift D
 is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`smallest_shift`.
+
+With ``echo`` the noise of a sample comes back with the opposite sign in the next, and sigma is that
+of one of the two. Residuals and regressors are then innovations
+(:mod:`slipctl.estimate.whitening`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import casadi as ca
 
@@ -32,6 +35,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Param, State
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
+from slipctl.estimate.whitening import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
 
 DAMPING = 0.1
@@ -56,11 +60,17 @@ BELIEF = 0.01
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
 
-def windowed(model: Model, period: float, window: int, iterations: int, memory: int = 1) -> Block:
+def windowed(
+    model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0
+) -> Block:
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
     n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
     unit = model.law.outputs[model.measured].unit
-    normal = _normal_equations(model, window)
+    if echo:
+        sums, heard = echoing_sums(model, window, echo)
+    else:
+        sums = white_sums(model, window)
+    normal = _normal_equations(model, sums)
     iterate = _iteration(normal)
     solve, invert = _solver(n), _inverse(n)
 
@@ -71,16 +81,17 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         inputs, measurement = model.sample(u)
         predicted, h = model.predict(theta, inputs, constants)
         e = measurement - predicted
+        new, row = (e + x["echoed"][0], h + x["echoed"][1:]) if echo else (e, h)
 
         # a change: the residual is beyond the prediction interval of the regression
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
         if memory == 1:
-            interval = x["scatter"] * (1 + h.T @ x["P"] @ h / declared)
-            changed = ca.logic_and(enough, e**2 > p["gate"] ** 2 * interval)
+            interval = x["scatter"] * (1 + row.T @ x["P"] @ row / declared)
+            changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * interval)
         else:
-            shift = e / ca.sqrt(x["scatter"] + h.T @ x["P"] @ h)
+            shift = new / ca.sqrt(x["scatter"] + row.T @ x["P"] @ row)
             shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
-            ratios = ca.cumsum(shifts.T) ** 2 / ca.DM(range(1, memory + 1))
+            ratios = shift_ratios(shifts, memory, echo)
             freedom = BELIEF + ca.fmax(0, x["count"] - n)
             changed = freedom * ca.log1p(ca.mmax(ratios) / freedom) > p["gate"] ** 2
         unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
@@ -91,11 +102,17 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
             sigma2 = ca.if_else(ca.logic_or(again, x["count"] < n + 2), declared, x["scatter"])
 
         # what leaves the window stays as information
-        last = x["kept"][:, -1]
-        old, g = model.predict(theta, last[:-1], constants)
+        if echo:
+            values, slopes = model.parameters(theta)
+            *_, JJ, Je = sums(values, x["kept"], ca.DM.ones(1, window), constants)
+            seen, told = slopes.T @ JJ @ slopes, slopes.T @ Je
+        else:
+            last = x["kept"][:, -1]
+            old, g = model.predict(theta, last[:-1], constants)
+            seen, told = g @ g.T, g * (last[-1] - old)
         kept_share = p["forgetting"] * x["Lambda"]
-        Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + g @ g.T / sigma2
-        pull = kept_share @ (x["mean"] - theta) + g * (last[-1] - old) / sigma2
+        Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + seen / sigma2
+        pull = kept_share @ (x["mean"] - theta) + told / sigma2
         mean = theta + solve(Lambda, pull, least)
         full = x["count"] == window
         Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
@@ -127,6 +144,10 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         }  # fmt: skip
         if memory > 1:
             nxt["shifts"] = ca.if_else(again, 0, shifts)
+        if echo:
+            values, slopes = model.parameters(theta)
+            left = heard(values, kept, weights, constants)
+            nxt["echoed"] = ca.vertcat(left[0], slopes.T @ left[1:])
         return nxt, model.results(theta, P, predicted, e, changed)
 
     return make_block(
@@ -145,6 +166,8 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
                   shape=(rows, window)).named("kept"),
             *[State("1", 0.0, "latest residuals over their standard deviations, newest first",
                     shape=(1, memory)).named("shifts")][: memory > 1],
+            *[State("1", 0.0, "what the next residual hears of the newest noise, in units of the"
+                    " measurement, and its regressor", shape=(n + 1,)).named("echoed")][: echo > 0],
         ],
         inputs=model.inputs(),
         params=[
@@ -163,14 +186,14 @@ def windowed(model: Model, period: float, window: int, iterations: int, memory: 
         ],
         outputs=model.outputs(), period=period, sx=False,
         choices=model.describe("window") | {"window": window, "iterations": iterations}
-        | ({"memory": memory} if memory > 1 else {}),
+        | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {}),
         doc=__doc__ or "",
     )  # fmt: skip
 
 
 def smallest_shift(
     noise: float, samples: int, latest: int = 1, unknown: int = 3, gate: float = 5.0,
-    declared: float | None = None,
+    declared: float | None = None, echo: float = 0.0,
 ) -> float:  # fmt: skip
     """Detection limit: the shift that the windowed form tells after some samples, with ``memory``.
 
@@ -184,6 +207,7 @@ def smallest_shift(
         unknown: parameters that are estimated.
         gate: parameter of the estimator.
         declared: parameter ``noise`` of the estimator; by default 1e-3.
+        echo: as given to :func:`slipctl.rls`.
 
     Returns:
         Size of the shift, in the unit measured; inf where the samples are too few.
@@ -192,7 +216,9 @@ def smallest_shift(
         BadInput: a number that is none or negative.
     """
     declared = 1e-3 if declared is None else declared
-    for name, value in (("noise", noise), ("declared", declared), ("gate", gate)):
+    for name, value in (
+        ("noise", noise), ("declared", declared), ("gate", gate), ("echo", echo)
+    ):  # fmt: skip
         if not 0 <= value < math.inf:
             raise BadInput(f"smallest_shift: {name} = {value:g} must be 0 or positive")
     for name, count in (("samples", samples), ("latest", latest), ("unknown", unknown)):
@@ -202,35 +228,23 @@ def smallest_shift(
         return math.inf
     freedom = BELIEF + seen
     s2 = (BELIEF * declared**2 + seen * noise**2) / freedom
-    return math.sqrt(s2 * freedom * math.expm1(gate**2 / freedom) / latest)
+    weight = sum(c**2 for c in signature(latest, echo))
+    return math.sqrt(s2 * freedom * math.expm1(gate**2 / freedom) / weight)
 
 
-def _normal_equations(model: Model, window: int) -> ca.Function:
+def _normal_equations(model: Model, sums: ca.Function) -> ca.Function:
     """Function (theta, data) -> (J, squares, H, r).
 
     These are the cost, the sum of squared residuals, the Hessian in Gauss-Newton form and minus
     the gradient.
     """
-    n, size = model.n, model.output.size1_in(1)
-    sym: Any = ca.SX.sym if model.law.sx else ca.MX.sym
-    values, sample = sym("values", n), sym("sample", size + 1)
-    weight, constants = sym("weight"), sym("constants", model.output.size1_in(2))
-    y, row = model.output(values, sample[:size], constants)
-    e = sample[size] - y
-    one = ca.Function(
-        "one_sample",
-        [values, sample, weight, constants],
-        [weight * e**2, weight * row.T @ row, weight * row.T * e],
-        {"cse": True},
-    )
-    every = one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])
-
-    theta, kept = ca.MX.sym("theta", n), ca.MX.sym("kept", size + 1, window)
+    n, (rows, window) = model.n, sums.size_in(1)
+    theta, kept = ca.MX.sym("theta", n), ca.MX.sym("kept", rows, window)
     weights, mean = ca.MX.sym("weights", 1, window), ca.MX.sym("mean", n)
     Lambda, sigma2 = ca.MX.sym("Lambda", n, n), ca.MX.sym("sigma2")
     constants = ca.MX.sym("constants", model.output.size1_in(2))
     values, slopes = model.parameters(theta)
-    squares, JJ, Je = every(values, kept, weights, constants)
+    squares, JJ, Je = sums(values, kept, weights, constants)[:3]
     off = mean - theta
     J = (squares / sigma2 + off.T @ Lambda @ off) / 2
     H = slopes.T @ JJ @ slopes / sigma2 + Lambda

@@ -17,8 +17,8 @@ LEAVES = {"c": 0.1048, "a": 1.0710, "b": 2.3801}
 VEHICLE = {"m": 11e3, "J": 120.0, "r": 0.42, "v_start": 45.0}
 """None of the study's: the noise of its meter is .08, of a peak of .286."""
 
-CHOSEN, HELD_OUT = range(1, 4), range(101, 121)
-"""Seeds on which threshold and pauses of the detector were chosen, and seeds that judge them."""
+CHOSEN, HELD_OUT = range(1, 13), range(201, 241)
+"""Seeds on which the settings of estimator and detector were chosen, and seeds that judge them."""
 
 NEAR, USE = 0.2, 0.96
 """Share of the best slip within which the estimate has come back, and of the adhesion then used."""

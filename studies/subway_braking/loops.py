@@ -196,11 +196,11 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
         "ctl.v_s_m": "meter.v_s_m",
         "truth.v_opt": "v_opt",
     }
-    ctl = _estimating(models, law, memory=8, looks=True).with_params(
+    # the meter takes increments of the wheel speed, window to window: its noise comes back
+    ctl = _estimating(models, law, memory=8, looks=True, echo=1.0).with_params(
         **{
-            "estimator.noise": 1e-2,  # the meter's own is .013 to .08, and no white one
-            "estimator.spread": 0.5,
-            "estimator.gate": 4.5,
+            "estimator.noise": 1e-2,  # of .006 to .06 in one end of an increment
+            "estimator.spread": 1.0,
             "estimator.settling": 1.0,  # its window mixes two rails once
             "probe.again": 2.5,  # what a wrong estimate may cost, by what a probe costs
             "probe.look": 0.0,  # a nudge shows nothing in this noise
@@ -214,12 +214,12 @@ def real_online(models: Mapping[str, Any], law: Block) -> Block:
 
 def _estimating(
     models: Mapping[str, Any], law: Block, form: str = "window", memory: int = 32,
-    looks: bool = False,
+    looks: bool = False, echo: float = 0.0,
 ) -> Block:  # fmt: skip
     adh = models["adh"]
     start = START if set(START) <= set(adh.params) else None
     return estimating_controller(
-        law, adh, searcher(adh), start, form=form, memory=memory, looks=looks
+        law, adh, searcher(adh), start, form=form, memory=memory, looks=looks, echo=echo
     )
 
 

@@ -480,8 +480,13 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
     assert report["passed"]
     assert 0 < report["largest_relative"] < 1e-4
     assert report["ticks_undecided"] == 0
-    if name == "subway":  # inputs fill their ranges: 100 kN m before the limit, and no loose one
-        assert report["signals"]["T_b"]["limit"] < 0.6
+    if name == "subway":  # no loose limit
+        # inputs fill their ranges: the torque that is wanted, a sum of two terms, comes to 150 kN m
+        # before it is limited; each of the two roundings there is one last place of it at most
+        wanted = report["signals"]["law.T_wanted"]
+        place = float(np.spacing(np.float32(wanted["absolute"] / wanted["relative"])))
+        allowed = expected.AMPLIFIED * 2 * place + 2 * precision.epsilon("float") * 20e3
+        assert report["signals"]["T_b"]["limit"] < allowed < 0.6
         # a module that is wrong by a millionth of the torque in one part is found out
         source = (tmp_path / "ctl.c").read_text()
         honest = codegen.texts

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput
+from slipctl.models import freight_traction, hst_braking, subway_braking
 from slipctl.models import hst_braking_reference as reference
 from slipctl.models import hst_traction as train
 from slipctl.models import hst_traction_adhesion as adhesion
 from slipctl.models.rolling import Axles
+from slipctl.predict.trials import Driver
 
 
 def test_the_inner_axles_of_a_motor_car_are_driven():
@@ -15,6 +17,17 @@ def test_the_inner_axles_of_a_motor_car_are_driven():
     axles = train.formation((True, False, True))
     driven = [x for x, d in zip(axles.behind, axles.driven, strict=True) if d]
     assert driven == [2.7, 19.0, 52.7, 69.0]
+
+
+@pytest.mark.parametrize("model", [subway_braking, hst_braking, freight_traction])
+def test_a_bound_has_the_signs_and_units_of_its_plant(model):
+    """What the plant without wheels calls like the plant is the same quantity."""
+    bound, plant = model.ideal_plant(), model.plant()
+    same = set(bound.outputs) & set(plant.outputs)
+    assert len(same) >= 2
+    for name in same:
+        a, b = bound.outputs[name], plant.outputs[name]
+        assert (a.unit, a.positive, a.per) == (b.unit, b.positive, b.per), name
 
 
 @pytest.mark.parametrize("form", ["implicit", "explicit"])
@@ -28,11 +41,10 @@ def test_damping_of_the_axle_is_no_adhesion(form):
     J = float(block.params["J"].value)
     t = np.arange(4000) * T_o
     omega = 100 * np.exp(-B_t / J * t)
-    x, seen = {"z1": 100.0}, []
-    values = {"B_t": B_t, "T_o": T_o}
-    for w in omega:
-        x, y = block(**x, omega=float(w), T=0.0, **values)
-        seen.append(y["mu_hat"])
+    tick = Driver(block.with_params(B_t=B_t, T_o=T_o), compile=False)
+    tick.x = np.array([100.0 if n == "z1" else 0.0 for n in block.states])
+    inputs, heard = {"T": 0.0}, list(block.outputs).index("mu_hat")
+    seen = [tick(*((inputs | {"omega": w})[n] for n in block.inputs))[heard] for w in omega]
     r, W, g = (float(block.params[k].value) for k in ("r", "m_axle", "g"))
     damping = B_t * omega[2000] / (r * W * g)  # what one damping would look like as adhesion
     assert np.abs(seen[2000:]).max() < 0.2 * damping

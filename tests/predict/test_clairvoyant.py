@@ -45,6 +45,25 @@ def test_least_time_is_bang_bang():
     assert found.log["time"].values[-1] == pytest.approx(found.value)
 
 
+def test_a_constant_input_acts_all_the_time():
+    """Farthest in 2 s with a wind of 1 N behind the sled of 2 kg: 1.5 m/s^2."""
+
+    @flow()
+    def sailing(
+        x=State("m", 0.0, "position"),
+        v=State("m/s", 0.0, "speed"),
+        F=Input("N", "force", lo=-2, hi=2),
+        wind=Input("N", "force of the wind", value=0.0),
+    ):
+        """A mass, a force and the wind."""
+        return dict(x=v, v=(F + wind) / 2), {}
+
+    for wind in (0.0, 1.0):
+        scenario = Scenario("go", 2.0, inputs={"wind": wind})
+        found = trajectory(sailing, scenario, "F", "-x", tolerance=1e-6)
+        assert found.value == pytest.approx(2 + wind, abs=2e-6)
+
+
 def test_a_rail_by_time_has_a_phase_per_section():
     """Farthest in 4 s: full force, 1 m/s^2 for 1 s, then a quarter of it."""
     rail = Rail([Section(0, "good"), Section(1.0, "poor")])

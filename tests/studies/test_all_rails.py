@@ -53,6 +53,13 @@ def test_a_law_of_ratios_wants_the_torque_of_the_common_form():
     assert y["T_wanted"] == pytest.approx(w.J / w.r * (D + nu), rel=1e-9)
 
 
+def test_a_law_of_ratios_shapes_its_reference_with_the_wheel_that_it_drives():
+    for w in (loops.SUBWAY, loops.SUBWAY._replace(J=300.0, r=0.6)):
+        values = form.of_zhang(feedback_linearisation())(w).param_values()
+        assert float(values["J"]) == w.J
+        assert float(values["r"]) == w.r
+
+
 def test_predictive_model_is_the_common_form_behind_a_lag():
     w = loops.SUBWAY
     model = slip_model(double_exponential, w)

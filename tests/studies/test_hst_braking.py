@@ -277,28 +277,6 @@ def test_no_reason_has_a_number_of_a_run_typed_in():
                 assert not measured.search(reason), f"{claim.id}: {reason}"
 
 
-@pytest.mark.parametrize("name", ["J", "m"])
-def test_reasons_are_those_of_the_run_with_a_parameter_20_percent_larger(name):
-    r = results(1.2, name)
-    data = r.data["base"]
-    bound = float(r.metrics["base"]["ideal"]["distance"].value)
-    assert f"{bound:.4f} m" in verdict("distance_eppfc", r)[1]
-    free = data["eppfc_free"]
-    lam = free["plant.wheel.lam"].values[2000:4000]
-    late = np.flatnonzero(np.abs(lam - free["lam_opt"].values[2000:4000]) > 0.01)
-    why = verdict("optimum_within_50ms_no_prior", r)[1]
-    assert f"moves by {np.ptp(lam[:51]):.3f} in 50 ms" in why
-    assert f"is there after {(late[-1] + 1) * 1e-3:.3f} s" in why
-    slow = data["filter_printed"]
-    off = abs(slow["ctl.filter.F_a"].values[1999] - slow["plant.wheel.F_a"].values[1999])
-    assert f"{off / 1e3:.1f} kN off" in verdict("rapid_adhesion", r)[1]
-    x = {k: float(r.metrics["base"][k]["distance"].value) for k in ("efc", "eppfc")}
-    assert f"{1e3 * (x['efc'] - x['eppfc']):.1f} mm" in verdict("distance_order", r)[1]
-    torque = np.abs(data["pid"]["plant.brake.T_b"].values)
-    past = 100 * (torque[:2000].max() / torque[1500:2000].mean() - 1)
-    assert f"pid {past:.0f} /" in verdict("no_overshoot", r)[1]
-
-
 # ---- errata --------------------------------------------------------------------------------------
 
 

@@ -74,19 +74,16 @@ def test_a_released_brake_limits_how_fast_the_slip_falls():
     assert sections.fastest(2.4, **rail) == pytest.approx(reached, rel=0.03)
 
 
-def test_after_leaves_the_seeds_that_chose_nothing_judge():
-    """The settings were chosen on seeds 1 to 3, where the estimate comes back; others judge.
-
-    Of the two here one comes back and one does not: what the page says of 20 is no promise.
+def test_after_leaves_the_estimate_comes_back_on_seeds_that_chose_nothing():
+    """Some of the forty that judge; the experiment ``leaves`` has all. 101 was lost when the
+    estimator took the meter's noise as white: it stayed at .63 of the best slip.
     """
     loop = loops.real_online(loops.MODELS, super_twisting())
-    assert not set(leaves.CHOSEN) & set(leaves.HELD_OUT)
-    place, used = leaves.run(loop, 106)
-    assert abs(place - 1) < leaves.NEAR
-    assert used > leaves.USE
-    place, used = leaves.run(loop, 101)
-    assert place < 1 - leaves.NEAR
-    assert used < leaves.USE
+    assert not set(leaves.CHOSEN) & {*leaves.HELD_OUT, 101}
+    for seed in (101, *leaves.HELD_OUT[:2]):
+        place, used = leaves.run(loop, seed)
+        assert abs(place - 1) < leaves.NEAR
+        assert used > 0.99  # above leaves.USE: what the page says of all forty
     dry = loops.double_exponential.conditions["dry"]
     assert best(**leaves.LEAVES) == pytest.approx(0.61, abs=0.005)
     assert mu(best(**leaves.LEAVES), **leaves.LEAVES) == pytest.approx(0.03, abs=5e-4)

@@ -18,6 +18,7 @@ from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.write.header import bit
 from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.precision import rounded
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build
 
@@ -190,8 +191,31 @@ def _followed(column: np.ndarray, change: float) -> np.ndarray:
     return found
 
 
-def trial_rows(plan: Plan) -> np.ndarray:
-    """Made-up input elements that fill the ranges evenly, the same on every machine."""
+WIDTHS = (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-6)
+"""Shares of the ranges that made-up inputs may fill; the first with which a block makes a tick."""
+
+
+def made_up(plan: Plan, params: Mapping[str, Any]) -> tuple[Expected, float]:
+    """Run on made-up inputs, and the share of their ranges that they fill.
+
+    Where the block breaks in the first tick they are made up again, nearer to the values that the
+    inputs have if nobody gives them. If none will do, the run has no tick.
+    """
+    for width in WIDTHS:
+        rows = rounded(trial_rows(plan, width), plan.real)
+        run = expected_run(plan, rows, params, whole=False)
+        if len(run.rows):
+            break
+    return run, width
+
+
+def trial_rows(plan: Plan, width: float = 1.0) -> np.ndarray:
+    """Made-up input elements that fill the ranges evenly, the same on every machine.
+
+    Args:
+        plan: the module.
+        width: share of the ranges that they fill, about the declared values.
+    """
     golden = (np.sqrt(5.0) - 1) / 2
     columns = []
     k = 0
@@ -206,5 +230,7 @@ def trial_rows(plan: Plan) -> np.ndarray:
             k += 1
             share = np.modf(np.arange(1, TRIAL + 1) * golden + k * np.sqrt(2.0))[0]
             column = np.round(lo + (hi - lo) * share, 6).clip(lo, hi)
+            if width < 1:
+                column = np.clip(centre, lo, hi) * (1 - width) + column * width
             columns.append(_followed(column, change[k - 1]))
     return np.column_stack(columns) if columns else np.zeros((TRIAL, 0))

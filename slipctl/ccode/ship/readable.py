@@ -30,6 +30,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         table(["bytes of", *memory], [["one instance", *memory.values()]]),
         "## Ranges",
         _unranged(data["without_range"]),
+        *[said for said in [vectors_said(data)] if said],
         *_compiled(data),
         *_replayed(data, layout),
         *_targets(data),
@@ -37,6 +38,22 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_fuzzed(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
+
+
+def vectors_said(data: Mapping[str, Any]) -> str:
+    """What there is to say of inputs that were made up; nothing if they fill their ranges."""
+    width = data["made_up"]
+    if width is not None and not data["ticks"]:
+        return (
+            "No test vectors: the equations give NaN or infinity, or a state leaves its range, in"
+            " the first tick of all made-up inputs; give those of a run."
+        )
+    if width in (None, 1.0):
+        return ""
+    return (
+        f"Made-up inputs fill {100 * width:g} % of their ranges: further from their values the"
+        " equations give NaN or infinity, or a state leaves its range, in the first tick."
+    )
 
 
 def _unranged(names: Sequence[str]) -> str:
