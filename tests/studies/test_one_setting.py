@@ -69,7 +69,7 @@ EMPTY = {
     "b_h": "bias of a sensor",
     "rng": "random numbers",
     **dict.fromkeys(("theta", "scatter", "mean", "Lambda", "unsettled", "damping", "kept",
-                     "shifts"), "fit of a curve; its deviation is stated"),
+                     "shifts", "echoed"), "fit of a curve; its deviation is stated"),
     **dict.fromkeys(("v", "g", "mode", "side", "turn", "xi", "eta", "phase", "a", "th", "awake"),
                     "seeker, begins its search at 0"),
     **dict.fromkeys(("hi", "lo", "k"), "extremes between two rows of a log"),
