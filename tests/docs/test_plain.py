@@ -119,3 +119,11 @@ def test_the_list_of_words_is_sorted_within_its_parts():
     for part in re.split(r"^#.*\n", WORDS.read_text(encoding="utf-8"), flags=re.M):
         lines = part.split()
         assert lines == sorted(set(lines), key=lambda word: (word.lower(), word))
+
+
+def test_a_listed_term_has_an_entry_in_the_glossary():
+    terms = WORDS.read_text(encoding="utf-8").split("# terms")[1].splitlines()[1:]
+    rows = re.findall(r"^\| (.+?) \|", (ROOT / "docs/glossary.md").read_text("utf-8"), re.M)
+    entries = {word.lower() for row in rows for word in re.findall(r"[\w-]+", row)}
+    assert terms
+    assert {term.lower() for term in terms} <= entries
