@@ -88,12 +88,12 @@ def unknown(words: set[str]) -> list[str]:
         ["hunspell", "-d", "en_US", "-i", "utf-8", "-l"],
         input="\n".join(sorted(words)) + "\n", capture_output=True, text=True, check=True,
     )  # fmt: skip
-    return sorted(set(done.stdout.split()) - own_words())
+    return sorted(w for w in set(done.stdout.split()) if w.lower() not in own_words())
 
 
 def own_words() -> set[str]:
     lines = WORDS.read_text(encoding="utf-8").splitlines()
-    return {line for line in lines if not line.startswith("#")}
+    return {line.lower() for line in lines if not line.startswith("#")}
 
 
 @pytest.fixture(scope="module")
