@@ -19,10 +19,13 @@ PAGE = Path(__file__).parent / "claims.md"
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 HEAD = """# What the papers claim, and where each claim is judged
 
-The claims of the four papers that have a number or an order, as we read them. *Asked* is the
-paper's answer with the tolerance that the row allows. *Judged in* is the scenario and the loop of a
-run, and what had to be assumed. Verdicts and our answers stand on the page of the study. Rows that
-are our own promises have the place *ours*. `docs/make_claims.py` makes this page.
+The claims of the four papers that have a number or an order, as we read them in abstract, results
+and conclusions, sentence by sentence. Not among them: what is praised without a measure (parking
+more accurately, a torque that is convex at first), and the convergence of the theorems, which
+`slipctl certify` takes up. *Asked* is the paper's answer with the tolerance that the row allows.
+*Judged in* is the scenario and the loop of a run, and what had to be assumed. Verdicts and our
+answers stand on the page of the study. Rows that are our own promises have the place *ours*.
+`docs/make_claims.py` makes this page.
 """
 
 

@@ -28,7 +28,7 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
 
         @flow(name="brake", choices={"lag": True, "rate": True})
         def limited(
-            T_b=State("N m", 0.0, "brake torque", lo=0, positive="braking"),
+            T_b=State("N m", 0.0, "brake torque", lo=0, hi=1e8, positive="braking"),
             T_cmd=Input("N m", "commanded torque", positive="braking"),
             T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1),
             tau=Param("s", 0.05, "time constant of the cylinder", "typical, guess", lo=1e-3, hi=5),
@@ -42,7 +42,7 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
 
     @flow(name="brake", choices={"lag": True})
     def lagging(
-        T_b=State("N m", 0.0, "brake torque", lo=0, positive="braking"),
+        T_b=State("N m", 0.0, "brake torque", lo=0, hi=1e8, positive="braking"),
         T_cmd=Input("N m", "commanded torque", positive="braking"),
         T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1, hi=1e8),
         tau=Param("s", 0.05, "time constant of the cylinder", "typical, guess", lo=1e-3, hi=5),

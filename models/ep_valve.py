@@ -50,7 +50,7 @@ def air_brake(form: str = "ideal") -> Block:
             name="brake", choices={"form": form},
         )  # fmt: skip
         def lagging(
-            P_c=State("Pa", 0.0, "cylinder pressure"),
+            P_c=State("Pa", 0.0, "cylinder pressure", lo=0, hi=1e9),
             T_cmd=Input("N m", "commanded torque", positive="traction"),
             theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
             P_max=Param("Pa", 600e3, "largest pressure", "guess, not in the paper", lo=1e3, hi=1e9),
@@ -67,7 +67,7 @@ def air_brake(form: str = "ideal") -> Block:
         name="brake", choices={"form": form},
     )  # fmt: skip
     def cylinder(
-        P_c=State("Pa", 0.0, "cylinder pressure"),
+        P_c=State("Pa", 0.0, "cylinder pressure", lo=0, hi=1e9),
         position=Input("1", "valve: 1 fills, 0 holds, -1 vents", lo=-1, hi=1),
         theta=Param("N m/Pa", THETA, "torque per pressure", SOURCE, lo=-1, hi=-1e-6),
         P_max=Param("Pa", 600e3, "supply pressure", "guess, not in the paper", lo=1e3, hi=1e9),

@@ -140,9 +140,9 @@ def resistance(
     name="train",
 )
 def train(
-    x=State("m", 0.0, "position"),
-    v_t=State("m/s", 5.0, "train speed", GUESS),
-    omega_m=State("rad/s", "v_t * R_g / r", "motor speed"),
+    x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+    v_t=State("m/s", 5.0, "train speed", GUESS, lo=-1, hi=200),
+    omega_m=State("rad/s", "v_t * R_g / r", "motor speed", lo=-1e5, hi=1e5),
     T_m=Input("N m", "motor torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_Z=Input("N", "running resistance", value=0.0, positive="braking"),
@@ -188,7 +188,7 @@ def motor(lag: bool = False) -> Block:
 
     @flow(name="motor", choices={"lag": True})
     def lagging(
-        T_m=State("N m", 0.0, "motor torque", positive="traction"),
+        T_m=State("N m", 0.0, "motor torque", lo=-1e6, hi=1e6, positive="traction"),
         T_cmd=Input("N m", "commanded torque", positive="traction"),
         T_max=Param("N m", 12e3, "largest torque", GUESS, lo=1, hi=1e6),
         tau=Param("s", 0.02, "time constant", GUESS, lo=1e-4, hi=1),
@@ -223,8 +223,8 @@ def plant(adhesion: Block = adhesion, motor: Block | None = None) -> Block:
 
 @flow(a_t=Output("m/s^2", "acceleration of the train", positive="traction"))
 def best_train(
-    x=State("m", 0.0, "position"),
-    v_t=State("m/s", 5.0, "train speed", GUESS),
+    x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+    v_t=State("m/s", 5.0, "train speed", GUESS, lo=-1, hi=200),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_Z=Input("N", "running resistance", value=0.0, positive="braking"),
     m=Param("kg", 6e6, "train", f"{TABLE_2}, M", lo=1e4, hi=3e7),

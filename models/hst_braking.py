@@ -182,7 +182,7 @@ def davis(
 def wheel(
     x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
     v=State("m/s", 50.0, "train speed", SECTION_5, lo=-1, hi=200),
-    omega=State("rad/s", "v / r", "wheel speed", SECTION_5),
+    omega=State("rad/s", "v / r", "wheel speed", SECTION_5, lo=-1e4, hi=1e4),
     T_b=Input("N m", "brake torque", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_R=Input("N", "resistance to motion", value=0.0),

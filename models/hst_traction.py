@@ -88,8 +88,8 @@ GROUPED = DISTINCT.grouped()
 
 @flow(a=Output("m/s^2", "acceleration of the train", positive="traction"))
 def body(
-    x=State("m", 0.0, "position"),
-    v=State("m/s", 0.0, "train speed"),
+    x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
+    v=State("m/s", 0.0, "train speed", lo=-1, hi=200),
     F_mu=Input("N", "contact force of an axle", positive="traction"),
     F_d=Input("N", "running resistance", value=0.0, positive="braking"),
     n=Param("1", 32.0, "axles, all alike", SOURCE, lo=1, hi=200),
@@ -106,7 +106,7 @@ def body(
     v_w=Output("m/s", "rim speed"),
 )
 def wheelset(
-    omega=State("rad/s", 0.0, "speed of the axle"),
+    omega=State("rad/s", 0.0, "speed of the axle", lo=-1e4, hi=1e4),
     T=Input("N m", "torque on the axle", positive="traction"),
     mu=Input("1", "adhesion coefficient", positive="traction"),
     v=Input("m/s", "train speed"),
@@ -227,7 +227,9 @@ def motor(form: str = "consistent") -> Block:
         name="motor", choices={"form": form},
     )  # fmt: skip
     def lagging(
-        F_m=State("N", 0.0, "force that the motor's current gives", positive="traction"),
+        F_m=State(
+            "N", 0.0, "force that the motor's current gives", lo=-1e6, hi=1e6, positive="traction"
+        ),
         F_cmd=Input("N", "commanded force at the rims", positive="traction"),
         omega=Input("rad/s", "speed of the axle"),
         v=Input("m/s", "train speed"),
@@ -252,8 +254,14 @@ def motor(form: str = "consistent") -> Block:
     p_ref=Output("Pa", "wanted pressure"),
 )
 def air_brake(
-    p=State("Pa", 0.0, "cylinder pressure", lo=0),
-    q=State("Pa", "p", "integral part of the pressure loop; at the start it keeps the pressure"),
+    p=State("Pa", 0.0, "cylinder pressure", lo=0, hi=2e6),
+    q=State(
+        "Pa",
+        "p",
+        "integral part of the pressure loop; at the start it keeps the pressure",
+        lo=-1e8,
+        hi=1e8,
+    ),
     F_cmd=Input("N", "commanded brake force of one axle", positive="braking"),
     p_max=Param("Pa", 450e3, "supply pressure", GUESS, lo=1e3, hi=2e6),
     F_max=Param("N", 15e3, "brake force of one axle at p_max", GUESS, lo=1, hi=1e5),
@@ -263,10 +271,17 @@ def air_brake(
     gamma_z=Param("1", 2.0, "multiplier of the clamp", GUESS, lo=0.1, hi=20),
     eta_z=Param("1", 0.95, "efficiency of the rigging", GUESS, lo=0.1, hi=1),
     r=Param("m", 0.445, "wheel radius", TABLE_1, lo=0.2, hi=1),
-    d_z=Param("m", "sqrt(4*F_max*r/(pi*p_max*z*phi_k*R_m*gamma_z*eta_z))", "cylinder", "F_max"),
+    d_z=Param(
+        "m",
+        "sqrt(4*F_max*r/(pi*p_max*z*phi_k*R_m*gamma_z*eta_z))",
+        "cylinder",
+        "F_max",
+        lo=0,
+        hi=1e4,
+    ),
     T_p=Param("s", 0.4, "time constant of the cylinder", GUESS, lo=1e-3, hi=5),
     K_p=Param("1", 4.0, "gain of the pressure loop", GUESS, lo=0, hi=100),
-    K_i=Param("1/s", "K_p/T_p", "integral gain", "cancels the cylinder's pole"),
+    K_i=Param("1/s", "K_p/T_p", "integral gain", "cancels the cylinder's pole", lo=0, hi=1e5),
 ):
     """Air brake of one axle with its pressure loop; Wang 2025 eqs (9)-(11), the loop is a guess.
 

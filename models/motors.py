@@ -64,10 +64,10 @@ DATA = f"{GUESS}: per-unit values of the MT205"
     T_m=Output("N m", "torque at the motor", positive="traction"),
 )
 def machine(
-    i_d=State("A", 0.0, "stator current along the flux, amplitude"),
-    i_q=State("A", 0.0, "stator current across the flux, amplitude"),
-    psi_d=State("V s", 0.0, "rotor flux in d"),
-    psi_q=State("V s", 0.0, "rotor flux in q"),
+    i_d=State("A", 0.0, "stator current along the flux, amplitude", lo=-1e5, hi=1e5),
+    i_q=State("A", 0.0, "stator current across the flux, amplitude", lo=-1e5, hi=1e5),
+    psi_d=State("V s", 0.0, "rotor flux in d", lo=-1e3, hi=1e3),
+    psi_q=State("V s", 0.0, "rotor flux in q", lo=-1e3, hi=1e3),
     u_d=Input("V", "stator voltage in d"),
     u_q=Input("V", "stator voltage in q"),
     omega_sl=Input("rad/s", "slip frequency that the controller sets"),

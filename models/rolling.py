@@ -129,9 +129,9 @@ def rolling(
         return replace(widened(signal.named(name), n), **changes)
 
     states = [
-        State("m", 0.0, "position of the first axle").named("x"),
-        State("m/s", 0.0, "train speed").named("v"),
-        each(State("rad/s", "v / r", "speed of an axle"), "omega"),
+        State("m", 0.0, "position of the first axle", lo=-1e7, hi=1e7).named("x"),
+        State("m/s", 0.0, "train speed", lo=-1, hi=200).named("v"),
+        each(State("rad/s", "v / r", "speed of an axle", lo=-1e4, hi=1e4), "omega"),
     ]
     traction, driven = {"positive": "traction"}, len(motors)
     stopping = Input("N m", "largest brake torque of an axle", value=0.0, positive="braking")

@@ -138,8 +138,8 @@ def wheelset(form: str = "consistent") -> Block:
     def wheel(
         x=State("m", 0.0, "position", lo=-1e7, hi=1e7),
         v=State("m/s", 20.0, "vehicle speed", "guess, not in the paper", lo=-1, hi=200),
-        omega=State("rad/s", "v / r", "wheel speed"),
-        phi=State("rad", 0.0, "wheel angle"),
+        omega=State("rad/s", "v / r", "wheel speed", lo=-1e4, hi=1e4),
+        phi=State("rad", 0.0, "wheel angle", lo=-1e8, hi=1e8),
         T_b=Input("N m", "brake torque", positive="braking"),
         mu=Input("1", "adhesion coefficient", positive="braking"),
         f=Input("N", "air resistance", value=0.0),

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -58,27 +59,15 @@ def find(loop: Loop, found: Found) -> Push | None:
     """
     if not found.mu > 0 or not loop.noise:
         return None
-    q, l, h, W = loop[:4]
+    W = loop.W
     ticks = min(MOST_TICKS, math.ceil(6 / (found.mu * W)))
     ends = 2 * np.pi * np.arange(ENDS) / ENDS
     orbit = np.asarray(found.proof.orbit)
     degree = (orbit.shape[1] - 1) // 2
-    (re, im), adjoint = gain(loop, 1), np.zeros((3, ENDS))
-    adjoint[0] = 1.0
     gained, signs = np.zeros(ENDS), np.empty((ticks, ENDS), bool)
-    for i in range(ticks - 1, -1, -1):
-        angle = ends - (ticks - i) * W
-        x, z, _ = orbit @ basis_at(angle, degree)
-        s, c = np.sin(angle), np.cos(angle)
-        heard = s * re + c * im
-        a, b, d = adjoint
-        push = b * l * s + d * h
+    for k, (push, _) in enumerate(_backwards(loop, orbit, basis_at(ends, degree), ticks), 1):
         gained += abs(push)
-        signs[i] = push > 0
-        adjoint = adjoint + W * np.stack([
-            l * s * heard * b + (h * heard + q * z) * d,
-            -q * a - l * b + (q * x - q * q * W * z) * d, -l * s * b - h * d,
-        ])  # fmt: skip
+        signs[ticks - k] = push > 0
     there = orbit[0] @ basis_at(ends, degree)
     best = int((abs(there) + W * loop.noise * gained).argmax())
     outward = signs[:, best] if there[best] >= 0 else ~signs[:, best]
@@ -134,23 +123,10 @@ def at_most(loop: Loop, found: Found) -> float:
     ticks = min(MOST_TICKS, math.ceil(8 / (mu * W)))
     angles = 2 * np.pi * np.arange(NODES) / NODES
     at, size = basis_at(angles, degree), abs(orbit).sum(axis=1)
-    n = np.arange(1, degree + 1)
-    (re, im), rows, most = gain(loop, 1), np.zeros((3, NODES)), 1.0
-    rows[0] = 1.0
-    gained = np.zeros(NODES)
-    for k in range(1, ticks + 1):
-        turned, c, s = orbit.copy(), np.cos(n * k * W), np.sin(n * k * W)
-        turned[:, 1::2] = orbit[:, 1::2] * c - orbit[:, 2::2] * s
-        turned[:, 2::2] = orbit[:, 2::2] * c + orbit[:, 1::2] * s
-        x, z = turned[:2] @ at
-        sine, cosine = at[2] * c[0] - at[1] * s[0], at[1] * c[0] + at[2] * s[0]
-        heard, (a, b, d) = sine * re + cosine * im, rows
-        gained += abs(l * sine * b + h * d)
-        rows = rows + W * np.stack([
-            l * sine * heard * b + (h * heard + loop.q * z) * d,
-            -loop.q * a - l * b + (loop.q * x - q * q * W * z) * d, -l * sine * b - h * d,
-        ])  # fmt: skip
-        most = max(most, float(abs(rows).max()))
+    gained, most = np.zeros(NODES), 1.0
+    for push, rows in _backwards(loop, orbit, at, ticks):
+        gained += abs(push)
+        most = max(most, float(rows.max()), -float(rows.min()))
     away = math.pi / NODES
     dx, dz, de = (v * last for v in found.spreads)
     # of a sum of degree n with coefficients c the slope is at most n sum |c|
@@ -165,6 +141,46 @@ def at_most(loop: Loop, found: Found) -> float:
     slope = abs(_slope(orbit[0]) @ at).max() + away * degree * bend_x
     there = float((abs(orbit[0] @ at) + W * noise * gained).max())
     return (there + away * float(slope) + found.spread * V) * (1 + 1e-9) + blur
+
+
+AT_ONCE = 64
+"""Ticks whose coefficients are computed together."""
+
+
+def _backwards(
+    loop: Loop, orbit: np.ndarray, at: np.ndarray, ticks: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """What a noise does to x at the end, tick by tick backwards: c . (0, l S, h), and the rows c.
+
+    Args:
+        loop: of floats. orbit: its orbit. at: basis at the phases of the ends. ticks: how many.
+    """
+    q, l, h, W = loop[:4]
+    n = np.arange(1, len(at) // 2 + 1)
+    (re, im), own = gain(loop, 1), orbit[:2, None]
+    a, b, d = rows = np.zeros((3, at.shape[1]))
+    a += 1.0
+    turned = np.empty((2, AT_ONCE, len(at)))
+    turned[:, :, 0] = own[:, :, 0]
+    for first in range(1, ticks + 1, AT_ONCE):
+        angle = np.outer(np.arange(first, first + AT_ONCE), n) * W
+        c, s = np.cos(angle), np.sin(angle)
+        turned[:, :, 1::2] = own[:, :, 1::2] * c - own[:, :, 2::2] * s
+        turned[:, :, 2::2] = own[:, :, 2::2] * c + own[:, :, 1::2] * s
+        x, z = turned @ at
+        sine = np.outer(c[:, 0], at[2]) - np.outer(s[:, 0], at[1])
+        cosine = np.outer(c[:, 0], at[1]) + np.outer(s[:, 0], at[2])
+        heard, low = sine * re + cosine * im, l * sine
+        of_a, of_z = W * low * heard, W * (h * heard + q * z)
+        of_x = W * (q * x - q * q * W * z)
+        for k in range(min(AT_ONCE, ticks + 1 - first)):
+            push = low[k] * b + h * d
+            rows = np.empty_like(rows)
+            rows[0] = a + of_a[k] * b + of_z[k] * d
+            rows[1] = b - W * (q * a + l * b) + of_x[k] * d
+            rows[2] = d - W * push
+            a, b, d = rows
+            yield push, rows
 
 
 def _slope(sums: np.ndarray) -> np.ndarray:

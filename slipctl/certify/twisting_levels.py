@@ -179,7 +179,11 @@ class Levels:
             yield (w2 - w) / size, (z - z2) / size
 
     def _shaped(self) -> bool:
-        """Whether it is convex, turns clockwise around the origin, and has 0 < q < 1."""
+        """Whether it is convex, turns clockwise around the origin, and has 0 < q < 1.
+
+        Proof note: no edge rises, and each turns clockwise from the one before. So seen from any
+        edge all later ones go inwards, and all earlier ones came from there.
+        """
         P = self.corners
         if (
             not 4 <= len(P) <= MOST_CORNERS
@@ -193,4 +197,7 @@ class Levels:
             return False
         if any(z * w2 - w * z2 >= 0 for (z, w), (z2, w2) in pairwise(P)):
             return False
-        return all(n >= 0 and all(n * z + m * w <= 1 for z, w in P) for n, m in self.edges())
+        edges = [(z2 - z, w2 - w) for (z, w), (z2, w2) in pairwise(P)]
+        if any(fall > 0 for _, fall in edges):
+            return False
+        return all(z * w2 - w * z2 <= 0 for (z, w), (z2, w2) in pairwise(edges))

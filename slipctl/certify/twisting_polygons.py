@@ -65,17 +65,21 @@ def _best(
 
 
 def _proved(law: Law, corners: np.ndarray, fall: float, value: float) -> Levels | None:
-    """Give it in rationals and in the unit of the law, a little wider if rounding needs it."""
-    least = Fraction(fall).limit_denominator(10**9) * (law.k2 - law.L)
-    scale = 10**10  # fine polygons have little to spare
-    wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(10**10)
-    exact = [(Fraction(round(z * scale), scale) * wide, Fraction(round(w * scale), scale))
-             for z, w in corners]  # fmt: skip
-    for wider in (1.001, 1.01, 1.1, 1.5):
-        level = Fraction(math.ceil(value * wider * 1000), 1000) * law.L
-        found = Levels(law, tuple(exact), level, least)
-        if least > 0 and found.holds():
-            return found
+    """Give it in rationals and in the unit of the law, a little wider if rounding needs it.
+
+    In few digits if it can be; a fine polygon has little to spare for rounding.
+    """
+    for digits in (7, 10):
+        scale = 10**digits
+        least = Fraction(fall).limit_denominator(scale // 10) * (law.k2 - law.L)
+        wide = Fraction(1 / math.sqrt(law.L)).limit_denominator(scale // 10)
+        exact = [(Fraction(round(z * scale), scale) * wide, Fraction(round(w * scale), scale))
+                 for z, w in corners]  # fmt: skip
+        for wider in (1.001, 1.01, 1.1, 1.5):
+            level = Fraction(math.ceil(value * wider * 1000), 1000) * law.L
+            found = Levels(law, tuple(exact), level, least)
+            if least > 0 and found.holds():
+                return found
     return None
 
 

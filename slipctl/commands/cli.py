@@ -99,10 +99,13 @@ def _explain(error: BaseException, verbose: bool) -> int:
         _say(f"run failed: {known}")
         return 1
     except OSError as known:
-        if sys.stdout is not None and known.errno in (errno.ENOSPC, errno.EIO, errno.EBADF):
+        full = known.errno in (errno.ENOSPC, errno.EIO, errno.EBADF)
+        if sys.stdout is not None and full:
             _silence()
-        what = f" {known.filename}" if known.filename else ""
-        _say(f"cannot read or write{what}: {known.strerror or known}")
+        what = f"read or write {known.filename}" if known.filename else "read or write"
+        if full and not known.filename:  # files say their name
+            what = "write to standard output"
+        _say(f"cannot {what}: {known.strerror or known}")
         return 1 if known.errno in (errno.ENOSPC, errno.EIO) else 2
     except (Exception, SystemExit, GeneratorExit) as unknown:
         text = str(unknown).strip().partition("\n")[0]

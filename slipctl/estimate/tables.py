@@ -31,7 +31,7 @@ class Table(NamedTuple):
         """Value of a cell.
 
         Raises:
-            BadInput: it is no finite number.
+            BadInput: it is no finite number, or its square is none.
         """
         try:
             value = float(cell)
@@ -39,7 +39,13 @@ class Table(NamedTuple):
             value = float("nan")
         if value - value != 0.0:
             raise BadInput(f"{self.path}, line {line}: {cell!r} is no number")
+        if abs(value) > LARGEST:
+            raise BadInput(f"{self.path}, line {line}: {cell!r} is beyond what can be squared")
         return value
+
+
+LARGEST = 1e100
+"""Largest number of a table: sums of squares stay far from what a number can hold."""
 
 
 EXCEL = re.compile(r"\s*#(N/A|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!)", re.I)

@@ -413,9 +413,9 @@ def _step_time(run: Run) -> Metric | None:
 
 
 METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
-    "distance": (_distance, "way over the run, its last tick by the speed"),
+    "distance": (_distance, "distance over the run, its last tick by the speed"),
     "ideal_distance": (_ideal_distance, "the same, of the loop `ideal` in this scenario"),
-    "stopping_distance": (_stopping_distance, "way until the speed is below 0.1 m/s"),
+    "stopping_distance": (_stopping_distance, "distance until the speed is below 0.1 m/s"),
     "settling_time": (
         _settling_time,
         "per rail, start included: until the slip stays within 0.05 m/s or 0.01 of the best one,"

@@ -232,7 +232,10 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
             endings = dict.fromkeys(e for n in loop_names for e in _endings(n))
             where = f"loop {s.loop}" if s.loop else f"no loop of {study.name}"
             has = "has no" if s.loop else "has a"
-            raise BadInput(f"{where} {has} parameter {s.name!r}{nearest(s.name, endings)}")
+            last = s.name.rpartition(".")[2].lower()
+            shared = [n for n in endings if "." not in n and n.lower() == last]
+            hint = f"; did you mean {shared[0]!r}, which blocks share?" if shared else ""
+            raise BadInput(f"{where} {has} parameter {s.name!r}{hint or nearest(s.name, endings)}")
         if overruled:
             log.warning("--set %s has no effect where the rail sets it: %s", s.name, overruled)
         cases = changed

@@ -26,57 +26,62 @@ from slipctl.studies.hst_traction import loops as hst_traction_loops
 from slipctl.studies.subway_braking import gains as subway_braking_gains
 from slipctl.studies.subway_braking import loops as subway_braking_loops
 
+Found = Callable[[str], Block]
+"""Loop of a study by its name, the first that has it, or by ``name@scenario``."""
 
-def _all(loops: Any) -> dict[str, Block]:
-    """Loops of a study by name, the first of that name, and by name and scenario."""
-    found: dict[str, Block] = {}
+
+def _of(loops: Any) -> Found:
+    """Loops of a study, each made when it is asked for."""
+    places = {}
     for case in loops.cases(loops.MODELS, True):
-        found |= {k: v for k, v in case.loops.items() if k not in found}
-        found |= {f"{k}@{case.scenario.name}": v for k, v in case.loops.items()}
-    return found
+        for name in case.loops:
+            places.setdefault(name, case)
+            places[f"{name}@{case.scenario.name}"] = case
+    return lambda name: places[name].loops[name.partition("@")[0]]
 
 
-def _traction() -> dict[str, Block]:
+def _traction() -> Found:
     """Loops of hst_traction that are asked about; the others take long to build."""
     models, make = hst_traction_loops.MODELS, hst_traction_loops.loop
-    return {
-        "hosm_limited": make(models, models["hosm"]),
-        "hosm_limited_printed@stress": make(models, higher_order("printed")),
+    made = {
+        "hosm_limited": models["hosm"],
+        "hosm_limited_printed@stress": higher_order("printed"),
     }
+    return lambda name: make(models, made[name])
 
 
-PAPERS: dict[str, tuple[Any, Callable[[], dict[str, Block]]]] = {
-    "subway_braking": (subway_braking_gains, lambda: _all(subway_braking_loops)),
-    "hst_braking": (hst_braking_gains, lambda: _all(hst_braking_loops)),
+PAPERS: dict[str, tuple[Any, Callable[[], Found]]] = {
+    "subway_braking": (subway_braking_gains, lambda: _of(subway_braking_loops)),
+    "hst_braking": (hst_braking_gains, lambda: _of(hst_braking_loops)),
     "hst_traction": (hst_traction_gains, _traction),
-    "freight_traction": (freight_traction_gains, lambda: _all(freight_traction_loops)),
+    "freight_traction": (freight_traction_gains, lambda: _of(freight_traction_loops)),
 }
 """What each paper's study asks of its gains, and its loops."""
 
 
 def papers(context: Context) -> Table:
     """Every controller of the four studies: verdict, the paper's own condition, what it needs."""
-    rows: dict[str, list[Any]] = {
-        k: [] for k in ("study", "gains", "system", "verdict", "own", "unit", "needs")
-    }
-    for study, (gains, loops) in PAPERS.items():
-        found = loops()
+
+    def asked(study: str) -> list[list[Any]]:
+        gains, loops = PAPERS[study]
+        found, rows = loops(), []
         for g in gains.GAINS:
-            report = systems.report(catalogue.system(g.system), g.numbers(found[g.loop]))
+            report = systems.report(catalogue.system(g.system), g.numbers(found(g.loop)))
             own = report.criteria.get(g.condition)
             said = "" if own is None else "holds" if own.holds else "violated"
             unit = None if own is None else own.unit_dependent
-            values = (study, g.name, g.system, report.verdict, said, unit, needs(report))
-            for key, value in zip(rows, values, strict=True):
-                rows[key].append(value)
-        context.progress((list(PAPERS).index(study) + 1) / len(PAPERS))
+            rows.append([study, g.name, g.system, report.verdict, said, unit, needs(report)])
+        return rows
+
+    rows = [row for part in context.each("studies", list(PAPERS), asked) for row in part]
+    columns = [list(column) for column in zip(*rows, strict=True)]
     return Table(
         "Gains as the studies use them",
         {
-            "study": ("", rows["study"]), "gains": ("", rows["gains"]),
-            "certified as": ("", rows["system"]), "verdict": ("", rows["verdict"]),
-            "the paper's own condition": ("", rows["own"]),
-            "it depends on the unit": ("", rows["unit"]), "what it needs": ("", rows["needs"]),
+            "study": ("", columns[0]), "gains": ("", columns[1]),
+            "certified as": ("", columns[2]), "verdict": ("", columns[3]),
+            "the paper's own condition": ("", columns[4]),
+            "it depends on the unit": ("", columns[5]), "what it needs": ("", columns[6]),
         },
         "slipctl certify STUDY tells the numbers and where the bounds come from.",
     )  # fmt: skip

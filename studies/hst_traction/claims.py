@@ -17,6 +17,7 @@ from slipctl.studies.hst_traction.measures import (
     believed,
     carried,
     creep,
+    demand,
     recovers,
     where_lost,
 )
@@ -122,6 +123,15 @@ def used(scenario: str, start: float, stop: float) -> Any:
     )
 
 
+def asked(scenario: str, start: float, stop: float) -> Any:
+    """Mean force in kN that the target asks for, and that rail and motors carry."""
+    span = (scenario, "hosm_limited", start, stop)
+    return lambda r: {
+        "demand": float(np.mean(demand(r, *span))) / 1e3,
+        "rail": float(np.mean(carried(r, *span))) / 1e3,
+    }
+
+
 def misled(loop: str) -> Any:
     """Whether the limit believes in less than 0.95 of what its rule means on wet rail."""
     return lambda r: believed(r, "stress", loop) < 0.95
@@ -191,6 +201,17 @@ SLIP = (
         " train's speed as printed", "number", 200.0,
         lambda r: creep(r, "stress", "smc_motor_printed", "highest"), "km/h", bound="at least",
         scenario="stress", loop="smc_motor_printed",
+    ),
+    *(
+        Claim(
+            f"exceeds_{surface}_{s}", "section 4, Fig. 7", f"what is asked for exceeds what the"
+            f" rail carries, {surface}, {s}", "order", "demand > rail", asked(s, start, stop),
+            "kN", tolerance=0.0, tolerance_why="an order", scenario=s, loop="hosm_limited",
+            assumption="mean of the force that the target asks for, a guess, and of ten axles' on"
+            " this rail",
+        )
+        for s in SCENARIOS
+        for surface, start, stop in (("ice", 115.1, 120.0), ("oily", 120.1, 170.0))
     ),
     *(
         Claim(

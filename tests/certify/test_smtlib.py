@@ -34,7 +34,7 @@ def test_every_certificate_of_the_studies():
     for gains, loops in PAPERS.values():
         found = loops()
         for g in gains.GAINS:
-            numbers = {k: F(str(float(v))) for k, v in g.numbers(found[g.loop]).items()}
+            numbers = {k: F(str(float(v))) for k, v in g.numbers(found(g.loop)).items()}
             _, texts = problems(g.system, numbers)
             for name, text in texts.items():
                 assert answer(text) == "unsat", (g.name, name)

@@ -50,7 +50,7 @@ def test_a_full_output_is_told():
     done = subprocess.run(["sh", "-c", f"{sys.executable} -m slipctl list > /dev/full"],
                           capture_output=True, text=True)  # fmt: skip
     assert done.returncode == 1
-    assert "No space left" in done.stderr
+    assert done.stderr == ("slipctl: cannot write to standard output: No space left on device\n")
     assert "Traceback" not in done.stderr
 
 
@@ -80,6 +80,7 @@ def numbers(file: Path) -> list[float]:
     [
         ("v [m/s],mu\n0.1,0.1\n#N/A,0.3\n", "line 3: '#N/A' is no number"),
         ("v [m/s],mu\n0.1,0.1\n#DIV/0!,0.3\n", "line 3: '#DIV/0!' is no number"),
+        ("v [m/s],mu\n0.1,0.1\n0.2,-1e308\n", "line 3: '-1e308' is beyond what can be squared"),
         ("v [m/s],mu\n" + "1" * 140_000 + ",0.1\n", "line 2: field larger"),
         ("v [m/s],mu\n0.1,0.1\n".encode("utf-16-le").decode(), "is no text"),
     ],

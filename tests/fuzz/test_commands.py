@@ -116,4 +116,5 @@ def attack(cases: int, seed: int) -> list[tuple[list[str], str]]:
 
 
 def test_altered_command_lines_and_files_are_answered_in_one_line():
-    assert attack(150, seed=1) == []
+    """A few; the fuzz job of CI makes as many as a minute holds, with another seed each day."""
+    assert attack(75, seed=1) == []

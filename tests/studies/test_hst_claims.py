@@ -135,6 +135,20 @@ def test_counts_must_be_those_of_the_train(scenario):
         )
 
 
+def test_a_mass_as_the_paper_writes_it_is_led_to_the_one_that_all_blocks_share():
+    """Item 22: ``train.M=250t`` is refused; ``m=250t`` reaches all places, and the patch is asked.
+
+    Half the mass is half the load of each wheel, and so another contact patch.
+    """
+    for setting, words in {
+        "train.M=250t": "did you mean 'm', which blocks share?",
+        "train.m=250t": "meets 1 of the 5 places of m; write m= for all of them",
+        "m=250t": "a, b and c11 are of a wheel with 7.656e+04 N",
+    }.items():
+        with pytest.raises(BadInput, match=re.escape(words)):
+            preparing.prepare(study, settings=[setting], loops=["hosm_limited"], scenarios=["base"])
+
+
 def test_a_mass_that_its_axles_do_not_carry_is_told(caplog):
     with caplog.at_level(logging.WARNING):
         preparing.prepare(

@@ -1,173 +1,42 @@
 """One setting reaches all places: every loop against the same loop built without any share.
 
-The loops by hand are made by the studies too, but with sharing switched off; each place is then
-set by a table of names that knows nothing of shares. ``ONE_SETTING=all`` takes every setting of
-every loop, over whole runs.
+The settings are those of ``one_setting.py``, which takes all of them over whole runs.
 """
 
-import os
-import re
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
+import one_setting
 import pytest
+from one_setting import SETTINGS, STUDIES, cases, compare, loops
 
-from slipctl import BadInput, Block, Case, RunFailed, Scenario, simulate
-from slipctl.block import connection
-from slipctl.study import doors
-
-ALL = os.environ.get("ONE_SETTING") == "all"
-STUDIES = ("subway_braking", "hst_braking", "freight_traction", "hst_traction", "all_rails")
-SPEED = {"freight": "train.v_t", "hst_traction": "train.v"}
-SETTINGS = [("speed", 0.3), ("speed", 0.7), ("speed", 1.3)] + [
-    (what, f) for what in ("m", "r", "J") for f in (0.8, 1.2)
-]
-SCALING_MASS = ("law.scale.m", "law.torque.m", "law.law.m")
-"""Mass of a law that drives another vehicle: a scale of its own, no vehicle has it."""
-
-
-@contextmanager
-def without_shares() -> Iterator[None]:
-    """Connections that ignore ``share``, also when a block is built again with other values."""
-    kept = connection.bind
-    connection.bind = lambda *_: {}
-    try:
-        yield
-    finally:
-        connection.bind = kept
-
-
-def forget() -> None:
-    """Drop the parts that loops have in common: those with shares and those without differ."""
-    for name in ("hst_braking", "subway_braking", "freight_traction", "hst_traction"):
-        made = __import__(f"slipctl.studies.{name}.loops", fromlist=["x"])
-        for f in vars(made).values():
-            getattr(f, "cache_clear", lambda: None)()
-
-
-@cache
-def cases(study: str, shared: bool) -> list[Case]:
-    with nullcontext() if shared else without_shares():
-        if not shared:
-            forget()
-        if study == "all_rails" and not shared:  # its scenarios speak of shared numbers
-            made = __import__("slipctl.studies.all_rails.loops", fromlist=["x"])
-            return [replace(c, loops=made.loops(c.scenario.name.partition("_")[0]))
-                    for c in cases(study, True)]  # fmt: skip
-        found = doors.build_cases(doors.load_study(study), quick=True)
-        # a scenario with a difference on purpose, or a lag set by its shared name
-        return [c for c in found if not c.scenario.name.startswith(("demand", "lag50"))]
-
-
-def loops(study: str) -> list[tuple[str, int, str]]:
-    """Every loop once: those of the scenarios without sensors, then those with."""
-    found: dict[tuple[str, str], tuple[str, int, str]] = {}
-    for k, case in enumerate(cases(study, True)):
-        sensors = case.scenario.name in ("real", "estimated", "noise")
-        world = case.scenario.name.partition("_")[0] if study == "all_rails" else ""
-        for n in case.loops:
-            found.setdefault((n, f"{sensors}{world}{case.scenario.name == 'position'}"),
-                             (study, k, n))  # fmt: skip
-    return list(found.values())
+from slipctl import BadInput, Scenario, simulate
 
 
 def chosen() -> list[tuple[str, int, str, str, float]]:
-    """All settings of all loops, or one of each in turn and all of one per study."""
-    rows = []
-    at = 0
-    for study in STUDIES:
-        for one in loops(study):
-            rows += [(*one, *SETTINGS[k % 9]) for k in (range(9) if ALL else [at])]
-            at += 2
-    return rows
-
-
-def by_hand(block: Block, study: str, scenario: str, what: str, value: float) -> Block:
-    """Block without shares in which each place is set, ``value`` times what it was."""
-    freight = study == "freight_traction" or scenario.startswith("freight")
-    numbers = block.values_by_place()
-    new: dict[str, float | np.ndarray] = {}
-    names = {"m": {"m", "m_axle", "Q"} - ({"m_axle"} if freight else set())}.get(what, {what})
-    for n, v in numbers.items():
-        if n.rpartition(".")[2] in names and block.params[n].unit in ("kg", "kg m^2", "m", "N"):
-            if n in SCALING_MASS and ("law.scale.m" in numbers or freight):
-                continue
-            new[n] = v * value
-    start = {k: float(np.ravel(v)[0]) for k, v in block.start().items() if np.size(v)}
-    speed = next(k for k in start if k.endswith((".wheel.v", ".train.v", ".train.v_t")))
-    v = start[speed] or (30.0 if study == "hst_traction" else 0.0)
-    v *= value if what == "speed" else 1.0
-    new[speed] = v
-    plant = speed.rpartition(".")[0]
-    if f"{plant}.r" not in numbers:
-        return block.with_params(**new)
-    omega = v / float(np.ravel(new.get(f"{plant}.r", numbers[f"{plant}.r"]))[0])
-    for n in [*block.params, *block.states]:
-        last = n.rpartition(".")[2]
-        if last == "omega_start":
-            new[n] = omega
-        elif last == "v_h":
-            new[n] = v
-        elif n.endswith("observer.omega_m"):
-            new[n] = v * float(numbers[f"{plant}.R_g"]) / (v / omega)
-    return block.with_params(**new)
+    """One setting of each loop, in turn."""
+    every = [one for study in STUDIES for one in loops(study)]
+    return [(*one, *SETTINGS[2 * k % 9]) for k, one in enumerate(every)]
 
 
 @pytest.mark.parametrize(("study", "k", "name", "what", "factor"), chosen(), ids=lambda x: f"{x}")
 def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
-    case, bare = cases(study, True)[k], cases(study, False)[k]
-    loop, scenario = case.loops[name], case.scenario
-    with without_shares():  # a loop is made when it is asked for
-        forget()
-        hand = bare.loops[name]
-        forget()
-    freight = study == "freight_traction" or scenario.name.startswith("freight")
-    place = SPEED.get("freight" if freight else study, "wheel.v")
-    full = next(n for n in loop.states if n.endswith("." + place))
-    now = {"m": "m", "J": "J", "r": "r"}
-    if what == "speed":
-        base = float(np.ravel(loop.start()[full])[0]) or 30.0
-        told = {place: base * factor}
-    elif now[what] not in loop.params:
-        pytest.skip(f"{name} has no {what}")  # a bound without wheels
-    else:
-        told = {what: loop.param_values()[what] * factor}
-        if study == "hst_traction":
-            told[place] = 30.0
-    known = {s.name for s in loop.signals if s.role != "param"}
-    log = [n for n in case.log if n in known] if case.log else None
-    solver = sorted(n for n in known if n.endswith((".nmpc.status", ".nmpc.passes")))
-    if log is not None and ALL:
-        log += [n for n in solver if n not in log]
-    length = scenario.duration if ALL else 0.2
-    run = Scenario("s", length, scenario.rail, scenario.inputs, seed=scenario.seed)
-    outcomes = []
-    for shared in (True, False):
-        try:
-            with nullcontext() if shared else without_shares():
-                made = (loop.with_params(**told) if shared
-                        else by_hand(hand, study, scenario.name, what, factor))  # fmt: skip
-                outcomes.append(simulate(made, run, compile=ALL, log=log))
-        except (BadInput, RunFailed) as error:
-            outcomes.append(str(error))
-    one, two = outcomes
-    if isinstance(one, str) or isinstance(two, str):
-        for said in (one, two):  # refused, or a printed law that breaks: in both
-            assert re.search("out of range|too long|became", str(said)), said
-        return
-    assert set(one.data_vars) == set(two.data_vars)
-    for n in one.data_vars:
-        a, b = one[n].values, two[n].values
-        # equal numbers meet in another order of operations: roundings, far below a wrong number. In
-        # whole runs of nmpc they are 1.7e-10 in the estimated curve, and the law, whose command
-        # follows its peak, makes 7.5 times that of them, 1.3e-9; its solver does the same each tick
-        limit = 1e-8 if ALL and name == "nmpc" else 1e-9
-        if n in solver:
-            assert np.array_equal(a, b), n
-        assert np.abs(a - b).max() <= limit * max(1.0, np.abs(b).max()), n
+    (found,) = compare(study, k, name, [(what, factor)], whole=False)
+    if found == "none":
+        pytest.skip(f"{name} has no {what}")
+    assert found in ("equal", "refused")
+
+
+def test_a_place_that_is_left_out_is_found():
+    """The comparison itself: a mass of the plant alone is another run."""
+    study, k, name = next(one for one in loops("subway_braking") if one[2] == "sta")
+    assert compare(study, k, name, [("m", 0.8)], whole=False) == ["equal"]
+    names = one_setting.by_hand
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            one_setting, "by_hand",
+            lambda *a: {n: v for n, v in names(*a).items() if not n.startswith("ctl.")},
+        )  # fmt: skip
+        (found,) = compare(study, k, name, [("m", 0.8)], whole=False)
+    assert "differs by" in found
 
 
 EMPTY = {
@@ -200,7 +69,7 @@ EMPTY = {
     "b_h": "bias of a sensor",
     "rng": "random numbers",
     **dict.fromkeys(("theta", "scatter", "mean", "Lambda", "unsettled", "damping", "kept",
-                     "shifts"), "fit of a curve; its deviation is stated"),
+                     "shifts", "echoed"), "fit of a curve; its deviation is stated"),
     **dict.fromkeys(("v", "g", "mode", "side", "turn", "xi", "eta", "phase", "a", "th", "awake"),
                     "seeker, begins its search at 0"),
     **dict.fromkeys(("hi", "lo", "k"), "extremes between two rows of a log"),

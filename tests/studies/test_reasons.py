@@ -20,9 +20,9 @@ ALL = os.environ.get("REASONS") == "all"
 CHANGES = {
     "subway_braking": ("m", "J", "r", "T_max", "v_start", "ctl.law.g2", "ctl.law.k1"),
     "hst_braking": ("m", "J", "r", "T_max", "v_start", "ctl.law.K1", "ctl.law.eta_inf"),
-    "hst_traction": ("ctl.strategy.law.k_1", "ctl.usable.axle.class.margin", "plant.train.B_t",
-                     "plant.motors.tau", "ctl.strategy.law.k_3"),
-    "freight_traction": ("M", "J", "ctl.seek.rho", "ctl.seek.beta", "ctl.barrier.k_s",
+    "hst_traction": ("ctl.strategy.law.k_1", "r", "B_t",
+                     "tau", "ctl.strategy.law.k_3"),
+    "freight_traction": ("m", "r", "ctl.seek.rho", "ctl.seek.beta", "ctl.barrier.k_s",
                          "ctl.barrier.k"),
 }  # fmt: skip
 """Parameters that are changed: of the vehicle, its brake or motor, and the controller."""

@@ -88,7 +88,8 @@ def _run(n: Cases, share: float, ticks: int, loud: float) -> tuple[np.ndarray, n
             th, xi, eta = (th + T * n["k"] * xi, xi + T * n["w_l"] * (high * s - xi),
                            eta + T * n["w_h"] * high)  # fmt: skip
             phase = np.mod(phase + n["w"] * T, 2 * np.pi)
-            size = np.nan_to_num(np.abs(th), nan=np.inf)
+            size = np.abs(th)
+            size[np.isnan(size)] = np.inf
             most = np.maximum(most, size)
             if i >= ticks - tail:
                 last = np.maximum(last, size)

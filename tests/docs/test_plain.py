@@ -1,0 +1,129 @@
+"""Pages are plain: few words a sentence, spelled as the dictionary or the project's list says."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+WORDS = ROOT / "docs" / "words.txt"
+
+
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("plain", ROOT / "docs" / "plain.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["plain"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+plain = script()
+
+COUNTED = """# A heading is not a sentence. Nor is this.
+
+One two three. One two three
+four `five = 5 + 5` six! Eq. (4) holds, e.g. by 0.5 m/s [of a link](page.md).
+
+| a table | is left out. It is |
+|---|---|
+
+    code by indentation. Left out
+
+* An item
+  of two lines
+* `names`, `more`, 1, 2 and so
+
+```python
+x = 1  # code. Left out
+```
+
+$$
+x = 1. y
+$$
+Last (one).
+"""
+
+
+def test_words_are_counted_as_by_hand():
+    # by hand: One two three | One ... six | Eq (4) holds eg by 0.5 m/s of a link | item | last
+    assert [len(s.words) for s in plain.sentences(COUNTED)] == [3, 6, 10, 5, 2]
+    assert plain.sentences(COUNTED)[0].line == 3
+    assert plain.measure(COUNTED) == plain.Measure(5.2, 0)  # 26 words of 5 sentences
+
+
+def test_a_sentence_of_31_words_is_above_and_one_of_30_is_not():
+    assert plain.measure("word " * 29 + "end.").above == 0
+    assert plain.measure("word " * 30 + "end.").above == 1
+
+
+def test_no_page_is_longer_than_it_may_be():
+    found = {page: plain.measure(text) for page, text in plain.pages().items()}
+    assert len(found) > 20
+    assert plain.faults(found, plain.listed()) == []
+
+
+def test_the_list_only_tightens():
+    measure = plain.Measure
+    found = {"a": measure(19.0, 3), "b": measure(17.0, 0), "c": measure(25.0, 0)}
+    allowed = {"a": measure(20.0, 2), "b": measure(30.0, 9)}
+    assert plain.tightened(found, allowed) == {"a": measure(19.0, 2)}
+    said = "\n".join(plain.faults(found, allowed))
+    assert re.search(r"^a: 3 sentences above 30 words, allowed 2", said, re.M)
+    assert "b:" not in said
+    assert re.search(r"^c: 25.0 words a sentence, allowed 18", said, re.M)
+
+
+def unknown(words: set[str]) -> list[str]:
+    """Words that neither hunspell's en_US nor the project's list has."""
+    done = subprocess.run(
+        ["hunspell", "-d", "en_US", "-i", "utf-8", "-l"],
+        input="\n".join(sorted(words)) + "\n", capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return sorted(w for w in set(done.stdout.split()) if w.lower() not in own_words())
+
+
+def own_words() -> set[str]:
+    lines = WORDS.read_text(encoding="utf-8").splitlines()
+    return {line.lower() for line in lines if not line.startswith("#")}
+
+
+@pytest.fixture(scope="module")
+def dictionary():
+    if shutil.which("hunspell") is None:
+        pytest.skip("no hunspell (Debian: hunspell hunspell-en-us)")
+    known = subprocess.run(["hunspell", "-D"], input="", capture_output=True, text=True)
+    if "en_US" not in known.stderr:
+        pytest.skip("hunspell has no en_US (Debian: hunspell-en-us)")
+
+
+def test_pages_are_spelled_as_the_dictionary_says(dictionary):
+    words = set().union(*(plain.words(text) for text in plain.pages().values()))
+    assert len(words) > 1000
+    assert unknown(words) == [], "correct them, or write them into docs/words.txt"
+
+
+def test_a_wrong_word_is_seen(dictionary):
+    assert unknown({"adhesoin", "adhesion"}) == ["adhesoin"]
+
+
+def test_the_list_of_words_is_sorted_within_its_parts():
+    for part in re.split(r"^#.*\n", WORDS.read_text(encoding="utf-8"), flags=re.M):
+        lines = part.split()
+        assert lines == sorted(set(lines), key=lambda word: (word.lower(), word))
+
+
+def test_a_listed_term_has_an_entry_in_the_glossary():
+    terms = WORDS.read_text(encoding="utf-8").split("# terms")[1].splitlines()[1:]
+    rows = re.findall(r"^\| (.+?) \|", (ROOT / "docs/glossary.md").read_text("utf-8"), re.M)
+    entries = {word.lower() for row in rows for word in re.findall(r"[\w-]+", row)}
+    assert terms
+    assert {term.lower() for term in terms} <= entries
