@@ -15,8 +15,9 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from slipctl.errors import BadInput, RunFailed, nearest
@@ -101,6 +102,13 @@ FILE = "slipctl_file_"
 """How the name of a module begins that is a person's file."""
 
 
+class _AsWritten(SourceFileLoader):
+    """Reads a file as it is written now: no bytecode, which may be older, and none is left."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 def load_file(path: str) -> ModuleType:
     """Import a Python file of the user.
 
@@ -113,9 +121,11 @@ def load_file(path: str) -> ModuleType:
     name = f"{FILE}{abs(hash(str(place.resolve())))}_{place.stem}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, place)
-    if spec is None or spec.loader is None:
+    if place.suffix != ".py":
         raise BadInput(f"{path} is no Python file; it must end in .py")
+    spec = importlib.util.spec_from_file_location(name, place, loader=_AsWritten(name, str(place)))
+    assert spec is not None
+    assert spec.loader is not None  # the one given
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     beside = str(place.resolve().parent)

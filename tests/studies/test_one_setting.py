@@ -22,7 +22,7 @@ def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
     (found,) = compare(study, k, name, [(what, factor)], whole=False)
     if found == "none":
         pytest.skip(f"{name} has no {what}")
-    assert found in ("equal", "refused")
+    assert found.startswith(("equal", "refused"))
 
 
 def test_a_place_that_is_left_out_is_found():
