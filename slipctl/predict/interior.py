@@ -33,7 +33,7 @@ FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 POLISH = 4
 """Passes of the active set from the statuses that were found."""
 
-END = 1e-13
+END = 1e-15
 """Mean product of slack and multiplier, over the largest multiplier, at which it is solved."""
 
 WIDE = 1e3
