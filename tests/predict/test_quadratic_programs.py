@@ -77,7 +77,9 @@ def cost(matrices, numbers, plan):
 def test_hard_and_linear_limits_cost_no_more_than_with_osqp(cap, square):
     """The exact penalty, hard limits given up where they must: the same cost as OSQP's plan."""
     hard = (0, 1) if cap > 100 else ()
-    h, solve, matrices, tied = problem(3, 1, 4, 8, True, limits=((0, 1), (square,) * 2, hard))
+    h, solve, matrices, tied = problem(
+        3, 1, 4, 8, True, rescue=60, limits=((0, 1), (square,) * 2, hard)
+    )
     rng, given_up = np.random.default_rng(5), 0
     for _ in range(25):
         D, end, *rest = draw(rng, h, True, tied)
