@@ -99,7 +99,7 @@ def tracking(context: Context) -> Table:
     from slipctl.studies.all_rails.runs import told
 
     blocks, count = loops(context.quick), 1 if context.quick else SEEDS
-    keys = ("target", "law", "speed", "regret", "worst", "place", "creep", "variation")
+    keys = ("target", "law", "speed", "above", "worst", "place", "creep", "variation")
     rows: dict[str, list[Any]] = {k: [] for k in keys}
     done, total = 0, len(TARGETS) * len(blocks) * count
     for target in TARGETS:
@@ -122,10 +122,10 @@ def tracking(context: Context) -> Table:
                 found.append(context.kept(what | told(block, draw), compute))
                 done += 1
                 context.progress(done / total)
-            lost = [f["speed"] - b for f, b in zip(found, bounds, strict=True)]
+            above = [f["speed"] - b for f, b in zip(found, bounds, strict=True)]
             values = (
-                target, n, float(np.mean([f["speed"] for f in found])), float(np.mean(lost)),
-                max(lost), max(f["place"] for f in found), max(f["creep"] for f in found),
+                target, n, float(np.mean([f["speed"] for f in found])), float(np.mean(above)),
+                max(above), max(f["place"] for f in found), max(f["creep"] for f in found),
                 float(np.mean([f["variation"] for f in found])) / 1e3,
             )  # fmt: skip
             for key, value in zip(keys, values, strict=True):
@@ -136,8 +136,8 @@ def tracking(context: Context) -> Table:
             "target": ("", rows["target"]),
             "law": ("", rows["law"]),
             "rms speed error": ("m/s", rows["speed"]),
-            "mean regret": ("m/s", rows["regret"]),
-            "worst regret": ("m/s", rows["worst"]),
+            "mean above the bound": ("m/s", rows["above"]),
+            "most above the bound": ("m/s", rows["worst"]),
             "largest position error": ("m", rows["place"]),
             "largest creep": ("m/s", rows["creep"]),
             "variation of the command": ("kN/s", rows["variation"]),
