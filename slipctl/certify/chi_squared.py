@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 
 from slipctl.certify.outward import Interval, arctan_over
 
@@ -29,6 +30,7 @@ def log_gamma_after(s: Fraction, digits: int = DIGITS) -> Interval:
     return Interval.of(ratio, digits).ln() + pi(digits).ln() / 2
 
 
+@lru_cache(maxsize=8)
 def below(value: Fraction, freedom: int) -> Interval:
     """Enclose the probability that chi-squared with so many degrees of freedom is below a value.
 

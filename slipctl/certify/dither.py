@@ -273,27 +273,33 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     p_rate = sums.dot(slope)
 
     zero = x * 0.0
-    J = [[zero, zero - q, zero],
-         [l * S * S1, zero - l, zero - l * S],
-         [h * S1 + q * z, q * x - q * q * W * z, zero - h]]  # fmt: skip
-    J = [[J[i][j] * units[j] * Ball.of(1.0).over(units[i]) for j in range(3)] for i in range(3)]
+    J = _table([[zero, zero - q, zero],
+                [l * S * S1, zero - l, zero - l * S],
+                [h * S1 + q * z, q * x - q * q * W * z, zero - h]])  # fmt: skip
+    sizes = np.array(proof.units)
+    J = J * (sizes / sizes[:, None])[..., None]
     PJ = _product(after, J)
     JPJ = _product(_transposed(J), PJ)
     mu = Ball.of(proof.mu)
-    F = [[-(PJ[i][j] + PJ[j][i] + W * JPJ[i][j] + rate[i][j]) - 2.0 * mu * P[i][j]
-          for j in range(3)] for i in range(3)]  # fmt: skip
+    F = -(PJ + _transposed(PJ) + W * JPJ + rate) - 2.0 * mu * P
     if not (proof.mu > 0 and min(proof.units) > 0 and _positive(P, degree)):
         return None
     if not _positive(F, 3 * degree) or not float(mu.high() * W.high()) < 1:
         return None
 
-    N = [[zero, q * 0.5 + zero, zero], [q * 0.5 + zero, q * q * W * -0.5 + zero, zero],
-         [zero, zero, zero]]  # fmt: skip
-    N = [[N[i][j] * units[i] * units[j] * Ball.of(1.0).over(units[2]) for j in range(3)]
-         for i in range(3)]  # fmt: skip
-    nu = _dominated(P, N, degree)
-    corners = [_dominated(P, _corner(zero, units[i] * units[i], i), degree, (-1.0,))
-               for i in range(3)]  # fmt: skip
+    none = q * 0.0
+    N = _table([[none, q * 0.5, none], [q * 0.5, q * q * W * -0.5, none], [none, none, none]])
+    N = N * (sizes * sizes[:, None])
+    roots = np.linalg.inv(np.linalg.cholesky(np.moveaxis(P.mid, 2, 0)))  # of the inverse
+    M = roots @ N.mid / proof.units[2] @ roots.transpose(0, 2, 1)
+    guess = float(abs(np.linalg.eigvalsh(M)).max())
+    nu = _dominated(P, N * (1 / proof.units[2]), degree, guess)
+    corners = []
+    for i in range(3):
+        square = proof.units[i] ** 2
+        own = Ball.of(np.diag([square * (i == j) for j in range(3)]))
+        most = float((roots[:, :, i] ** 2).sum(axis=1).max()) * square
+        corners.append(_dominated(P, own, degree, most, (-1.0,)))
     spreads = tuple(math.sqrt(v) * (1 + 1e-12) for v in corners if v is not None)
     if nu is None or len(spreads) < 3:
         return None
@@ -370,32 +376,35 @@ def basis_at(angles: np.ndarray, degree: int) -> np.ndarray:
     return rows
 
 
-def _matrix(entries: Ball) -> list[list[Ball]]:
-    found: list[list[Ball]] = [[entries[0]] * 3 for _ in range(3)]
-    for n, (i, j) in enumerate(PAIRS):
-        found[i][j] = found[j][i] = entries[n]
-    return found
+WHERE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Place of each entry of a symmetric matrix among the pairs."""
 
 
-def _transposed(A: list[list[Ball]]) -> list[list[Ball]]:
-    return [[A[j][i] for j in range(3)] for i in range(3)]
+def _matrix(entries: Ball) -> Ball:
+    return entries[WHERE]
 
 
-def _product(A: list[list[Ball]], B: list[list[Ball]]) -> list[list[Ball]]:
-    return [[A[i][0] * B[0][j] + A[i][1] * B[1][j] + A[i][2] * B[2][j] for j in range(3)]
-            for i in range(3)]  # fmt: skip
+def _table(rows: Sequence[Sequence[Ball]]) -> Ball:
+    """Matrix of balls as one, (3, 3, ...)."""
+    return Ball(np.array([[x.mid for x in row] for row in rows]),
+                np.array([[x.rad for x in row] for row in rows]))  # fmt: skip
 
 
-def _form(A: list[list[Ball]], d: Sequence[Ball]) -> Ball:
+def _transposed(A: Ball) -> Ball:
+    return Ball(A.mid.swapaxes(0, 1), A.rad.swapaxes(0, 1))
+
+
+def _product(A: Ball, B: Ball) -> Ball:
+    found = [A[:, k, None] * B[None, k] for k in range(3)]
+    return found[0] + found[1] + found[2]
+
+
+def _form(A: Ball, d: Sequence[Ball]) -> Ball:
     found = d[0] * 0.0
     for i in range(3):
         for j in range(3):
             found = found + A[i][j] * d[i] * d[j]
     return found
-
-
-def _corner(zero: Ball, value: Ball, at: int) -> list[list[Ball]]:
-    return [[zero + value if i == j == at else zero for j in range(3)] for i in range(3)]
 
 
 def _between(degree: int) -> float:
@@ -413,7 +422,7 @@ def _most(values: Ball, degree: int) -> float:
     return high + (high - low) / 2 * (_between(degree) - 1) * (1 + 1e-9)
 
 
-def _definite(F: list[list[Ball]], least: float) -> bool:
+def _definite(F: Ball, least: float) -> bool:
     """Whether all eigenvalues at all nodes exceed a number, by Sylvester's minors."""
     a, b, c = (F[i][i] - least for i in range(3))
     r, s, t = F[0][1], F[0][2], F[1][2]
@@ -422,34 +431,41 @@ def _definite(F: list[list[Ball]], least: float) -> bool:
     return all(bool(np.all(m.low() > 0)) for m in (a, second, third))
 
 
-def _positive(F: list[list[Ball]], degree: int) -> bool:
+def _positive(F: Ball, degree: int) -> bool:
     """Whether a symmetric matrix of sums is positive definite at all angles.
 
     Proof note: at a unit vector it is a sum between least and most at the nodes, so it falls below
     least by at most half of most - least times what a sum can rise between nodes.
     """
-    mid = np.array([[F[i][j].mid for j in range(3)] for i in range(3)]).transpose(2, 0, 1)
-    least = float(np.linalg.eigvalsh(mid).min()) * (1 - 1e-6)
+    least = _least(F.mid) * (1 - 1e-6)
     most = max(float((F[i][0].size() + F[i][1].size() + F[i][2].size()).max()) for i in range(3))
     drop = (most - least) / 2 * (_between(degree) - 1)
     return least - drop * (1 + 1e-9) > 0 and _definite(F, least)
 
 
+def _least(A: np.ndarray) -> float:
+    """Least eigenvalue of symmetric matrices (3, 3, n), or a little less; a guess in floats."""
+    mean = np.trace(A) / 3
+    B = A - mean * np.eye(3)[..., None]
+    size = np.sqrt((B * B).sum(axis=(0, 1)) / 6) + 1e-300
+    B = B / size
+    det = (B[0, 0] * (B[1, 1] * B[2, 2] - B[1, 2] ** 2)
+           - B[0, 1] * (B[0, 1] * B[2, 2] - B[1, 2] * B[0, 2])
+           + B[0, 2] * (B[0, 1] * B[1, 2] - B[1, 1] * B[0, 2]))  # fmt: skip
+    turn = np.arccos(np.clip(det / 2, -1, 1)) / 3 + 2 * np.pi / 3
+    return float((mean + 2 * size * np.cos(turn) - 1e-7 * size).min())
+
+
 def _dominated(
-    P: list[list[Ball]], N: list[list[Ball]], degree: int, signs: Sequence[float] = (1.0, -1.0)
+    P: Ball, N: Ball, degree: int, guess: float, signs: Sequence[float] = (1.0, -1.0)
 ) -> float | None:  # fmt: skip
     """Number g with -g P <= N <= g P at all angles; N does not depend on the angle.
 
-    Of an N that is not negative, signs = (-1,): the other half needs no proof.
+    Of an N that is not negative, signs = (-1,): the other half needs no proof. ``guess`` is g at
+    the nodes, about.
     """
-    array = np.array([[[A[i][j].mid for j in range(3)] for i in range(3)] for A in (P, N)])
-    p, n = array.transpose(0, 3, 1, 2)
-    inverse = np.linalg.inv(np.linalg.cholesky(p))
-    sizes = np.linalg.eigvalsh(inverse @ n @ inverse.transpose(0, 2, 1))
+    N = Ball(N.mid[..., None], N.rad[..., None])
     for room in (1.003, 1.03, 1.2):
-        g = float(abs(sizes).max()) * room
-        both = ([[g * P[i][j] + s * N[i][j] for j in range(3)] for i in range(3)]
-                for s in signs)  # fmt: skip
-        if all(_positive(F, degree) for F in both):
-            return g
+        if all(_positive(guess * room * P + s * N, degree) for s in signs):
+            return guess * room
     return None

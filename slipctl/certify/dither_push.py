@@ -108,11 +108,11 @@ def at_least(loop: Loop, noisy: Found, quiet: Found, push: Push) -> float:
 
 
 @lru_cache(maxsize=32)
-def at_most(loop: Loop, found: Found) -> float:
+def at_most(loop: Loop, found: Found, wanted: float = math.inf) -> float:
     """Number that |x| does not exceed in the end, whatever the noise; infinite if none is known.
 
     Args:
-        loop: of floats. found: what is proven of it.
+        loop: of floats. found: what is proven of it. wanted: it stops once it is above that.
     """
     q, l, h, W, noise = (abs(float(v)) for v in loop[:5])
     mu, last = found.proof.mu * (1 - 1e-12), found.last * (1 + 1e-9)
@@ -120,15 +120,21 @@ def at_most(loop: Loop, found: Found) -> float:
         return math.inf
     orbit = np.asarray(found.proof.orbit)
     degree = (orbit.shape[1] - 1) // 2
-    ticks = min(MOST_TICKS, math.ceil(8 / (mu * W)))
+    most_ticks = min(MOST_TICKS, math.ceil(8 / (mu * W)))
     angles = 2 * np.pi * np.arange(NODES) / NODES
     at, size = basis_at(angles, degree), abs(orbit).sum(axis=1)
-    gained, most = np.zeros(NODES), 1.0
-    for push, rows in _backwards(loop, orbit, at, ticks):
-        gained += abs(push)
-        most = max(most, float(rows.max()), -float(rows.min()))
-    away = math.pi / NODES
     dx, dz, de = (v * last for v in found.spreads)
+    state, before = np.array([dx, dz, de]), abs(orbit[0] @ at)
+    gained, most, left, ticks = np.zeros(NODES), 1.0, math.inf, 0
+    for push, rows in _backwards(loop, orbit, at, most_ticks):
+        gained += abs(push)
+        most, ticks = max(most, float(rows.max()), -float(rows.min())), ticks + 1
+        if ticks % AT_ONCE == 0 or ticks == most_ticks:
+            there = float((before + W * noise * gained).max())
+            left = float((state @ abs(rows)).max())
+            if left < 1e-3 * there or there >= wanted:
+                break
+    away = math.pi / NODES
     # of a sum of degree n with coefficients c the slope is at most n sum |c|
     bend_x, bend_z = degree * float(size[0]), degree * float(size[1])
     jump = found.stiff[1] * l * (dx + de + noise) + found.stiff[2] * (
@@ -136,11 +142,11 @@ def at_most(loop: Loop, found: Found) -> float:
     )
     rest = (found.proof.mu - found.mu) * last + found.alpha * last**2
     rest += max(found.rho - found.loud * noise * (1 - 1e-9), 0.0)
-    V = (rest + away * jump) / mu + last * math.exp(-mu * W * ticks)
+    V = (rest + away * jump) / mu
     blur = 1e-11 * ticks * most * (dx + dz + de + noise)
     slope = abs(_slope(orbit[0]) @ at).max() + away * degree * bend_x
-    there = float((abs(orbit[0] @ at) + W * noise * gained).max())
-    return (there + away * float(slope) + found.spread * V) * (1 + 1e-9) + blur
+    left = min(left, found.spread * last * math.exp(-mu * W * ticks))
+    return (there + away * float(slope) + found.spread * V + left) * (1 + 1e-9) + blur
 
 
 AT_ONCE = 64

@@ -46,16 +46,14 @@ def _find(loop: Loop, exact: Loop, start: float, reach: float | None) -> Found |
     if orbit is None:
         return None
     solutions = _solutions(loop, orbit)
-    best: tuple[float, _Trial] | None = None
-    for second in (0.3, 1.0, 3.0, 10.0):
-        for third in 10.0 ** np.arange(-3.5, 0.5, 0.5):
-            trial = _trial(solutions, (second, float(third)))
-            score = None if trial is None else _score(loop, orbit, trial, start, reach)
-            if trial is not None and score is not None and (best is None or score > best[0]):
-                best = score, trial
-    if best is None:
+    weights = np.array([(1.0, second, third) for second in (0.3, 1.0, 3.0, 10.0)
+                        for third in 10.0 ** np.arange(-3.5, 0.5, 0.5)])  # fmt: skip
+    trials = _trials(solutions, weights)
+    score = _scores(loop, orbit, trials, start, reach)
+    if not len(score) or not score.max() > -math.inf:
         return None
-    P, rate = best[1].P, best[1].mu
+    best = int(score.argmax())
+    P, rate = trials.P[best], float(trials.mu[best])
     first, second, third = (2.0 ** -round(math.log2(P[n][0]) / 2) for n in (0, 3, 5))
     units = first, second, third
     scaled = [[v * units[i] * units[j] for v in P[n]] for n, (i, j) in enumerate(PAIRS)]
@@ -166,66 +164,64 @@ def _solutions(loop: Loop, orbit: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("kj,jes->sek", inverse, values.reshape(n, 6, 3)))
 
 
-class _Trial(NamedTuple):
-    """P with some weights of M, at 64 angles too, the inverse of its root, and its rate mu."""
+class _Trials(NamedTuple):
+    """Each P with some weights of M, at 64 angles too, the inverse of its root, and its rate mu."""
 
     P: np.ndarray
     at: np.ndarray
     roots: np.ndarray
-    mu: float
+    mu: np.ndarray
 
 
-def _trial(solutions: np.ndarray, weights: tuple[float, float]) -> _Trial | None:
-    scale = np.array([1.0, *weights])
-    P = np.tensordot(scale, solutions, 1)
-    at = _full(P @ basis_at(FINE, DEGREE))
-    if not np.linalg.eigvalsh(at).min() > 0:
-        return None
-    roots = np.linalg.inv(np.linalg.cholesky(at))
-    M = (roots * scale) @ roots.transpose(0, 2, 1)
-    return _Trial(P, at, roots, float(np.linalg.eigvalsh(M).min()) / 2)
-
-
-def _full(entries: np.ndarray) -> np.ndarray:
-    found = np.zeros((entries.shape[1], 3, 3))
+def _trials(solutions: np.ndarray, weights: np.ndarray) -> _Trials:
+    """Those that are positive definite."""
+    P = np.tensordot(weights, solutions, 1)
+    at = np.zeros((len(P), len(FINE), 3, 3))
+    values = P @ basis_at(FINE, DEGREE)
     for n, (i, j) in enumerate(PAIRS):
-        found[:, i, j] = found[:, j, i] = entries[n]
-    return found
+        at[:, :, i, j] = at[:, :, j, i] = values[:, n]
+    minors = at[..., 0, 0], at[..., 0, 0] * at[..., 1, 1] - at[..., 0, 1] ** 2, np.linalg.det(at)
+    good = np.all([(m > 0).all(axis=1) for m in minors], axis=0)
+    P, at, weights = P[good], at[good], weights[good]
+    roots = np.linalg.inv(np.linalg.cholesky(at))
+    M = (roots * weights[:, None, None, :]) @ roots.swapaxes(2, 3)
+    return _Trials(P, at, roots, np.linalg.eigvalsh(M).min(axis=(1, 2), initial=math.inf) / 2)
 
 
-def _score(
-    loop: Loop, orbit: np.ndarray, trial: _Trial, start: float, reach: float | None
-) -> float | None:
+def _scores(
+    loop: Loop, orbit: np.ndarray, trials: _Trials, start: float, reach: float | None
+) -> np.ndarray:
     """How far from the orbit a proof with these weights carries, or how near it keeps."""
     q, l, h, W, noise = loop[:5]
-    at, roots, mu = trial.at, trial.roots, trial.mu
+    at, roots, mu = trials.at, trials.roots, trials.mu
+    # |q x z - q^2 W z^2/2| over V^2, at most: its two eigenvalues that are not 0
+    one, two = roots[..., 0], roots[..., 1]
+    mean = q * (one * two).sum(-1) / 2 - q * q * W / 4 * (two * two).sum(-1)
     N = np.array([[0, q / 2, 0], [q / 2, -q * q * W / 2, 0], [0, 0, 0]])
-    nu = float(abs(np.linalg.eigvalsh(roots @ N @ roots.transpose(0, 2, 1))).max())
-    alpha = nu * math.sqrt(float(at[:, 2, 2].max()))
+    whole = roots @ N @ roots.swapaxes(2, 3)
+    spread = np.sqrt(np.maximum((whole * whole).sum((-1, -2)) / 2 - mean**2, 0.0))
+    nu = (abs(mean) + spread).max(axis=1)
+    alpha = nu * np.sqrt(at[..., 2, 2].max(axis=1))
     heard = np.stack([0 * FINE, l * np.sin(FINE), h + 0 * FINE], 1)
-    loud = math.sqrt(float(np.einsum("ji,jik,jk->j", heard, at, heard).max()))
+    loud = np.sqrt(np.einsum("ji,sjik,jk->sj", heard, at, heard).max(axis=1))
     rho = noise * loud
-    old = loop.late + loop.lag
+    inverse = (roots * roots).sum(axis=2).max(axis=1)  # of P, its diagonal
+    old, swing = loop.late + loop.lag, abs(orbit @ basis_at(FINE, DEGREE)).max(axis=1)
+    b, d = np.sqrt(inverse[:, 1]), np.sqrt(inverse[:, 0])
     if old:
-        loud *= old * W * abs(q)
-        inverse, swing = np.linalg.inv(at), abs(orbit @ basis_at(FINE, DEGREE)).max(axis=1)
-        b, d = (math.sqrt(float(inverse[:, i, i].max())) for i in (1, 0))
-        a, c = float(swing[1]), float(swing[0]) + 1
+        loud = loud * old * W * abs(q)
+        a, c = swing[1], swing[0] + 1
         alpha, mu = alpha + loud * b * d, mu - loud * (a * d + b * c)
-        if not mu > 0:
-            return None
     room = mu * mu - 4 * alpha * rho
-    if not room > 0:
-        return None
-    farthest = (mu + math.sqrt(room)) / (2 * alpha)
+    root = np.sqrt(np.maximum(room, 0.0))
+    farthest = (mu + root) / (2 * alpha)
     p = orbit @ basis_at(np.zeros(1), DEGREE)[:, 0]
-    worst = max(math.sqrt((far := np.array([s, 0, 0]) - p) @ at[0] @ far) for s in (start, -start))
+    ends = np.array([[s, 0, 0] - p for s in (start, -start)])
+    worst = np.sqrt(np.einsum("ei,sik,ek->se", ends, at[:, 0], ends).max(axis=1))
     if old:
-        worst = max(worst, float(swing[1]) / b, (start + float(swing[0])) / d)
-    if worst <= farthest * 0.95:
-        spread = float(np.linalg.inv(at)[:, 0, 0].max())
-        if reach is not None:
-            return 10 - worst * math.sqrt(spread) / start
-        if noise:
-            return 10 - 2 * rho / (mu + math.sqrt(room)) * math.sqrt(spread) / start
-    return min(farthest / worst, 5.0)
+        worst = np.maximum(worst, np.maximum(swing[1] / b, (start + swing[0]) / d))
+    score = np.minimum(farthest / worst, 5.0)
+    if reach is not None or noise:
+        near = worst if reach is not None else 2 * rho / (mu + root)
+        score = np.where(worst <= farthest * 0.95, 10 - near * d / start, score)
+    return np.where((room > 0) & (mu > 0), score, -math.inf)

@@ -157,7 +157,8 @@ def _bounds_of(n: Numbers, found: dither.Found, target: str) -> Fraction | None:
         return None
     value = reach if target == "reach" else found.rest()
     if target == "rest" and n.get("noise") and not value * n["a"] < n.get("rest", 0):
-        value = min(value, dither_push.at_most(_plain(n), found))
+        wanted = float(n["rest"] / n["a"]) if "rest" in n else math.inf
+        value = min(value, dither_push.at_most(_plain(n), found, wanted))
     return rounded_up(Fraction(value) * Fraction(n["a"]), 9)
 
 

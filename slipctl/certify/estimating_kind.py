@@ -275,9 +275,9 @@ def _consistent(n: Numbers) -> Sequence[Side]:
     if isinstance(nis, Fraction):
         below: Any = chi_squared.below(nis * many, int(many))
     else:
-        from scipy.stats import chi2
+        from scipy.special import gammainc
 
-        below = float(chi2.cdf(nis * many, many))
+        below = float(gammainc(many / 2, nis * many / 2))
     low, high = Fraction(1, 40), Fraction(39, 40)
     return [Side("2.5 % <= chi-squared at the expected NIS", low, below),
             Side("chi-squared at the expected NIS <= 97.5 %", below, high)]  # fmt: skip

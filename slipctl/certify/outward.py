@@ -7,25 +7,36 @@ last place. The arctangent is a series with a bound of its remainder.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
+from functools import cache
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
 
 
+@cache
+def _contexts(digits: int) -> tuple[Context, Context]:
+    """Rounding down and up."""
+    return (Context(prec=digits, rounding=ROUND_FLOOR, Emin=-999999, Emax=999999),
+            Context(prec=digits, rounding=ROUND_CEILING, Emin=-999999, Emax=999999))  # fmt: skip
+
+
 class Interval:
     """Closed interval of decimals with outward rounding."""
 
+    __slots__ = ("digits", "down", "high", "low", "up")
+
     def __init__(self, low: Decimal, high: Decimal, digits: int) -> None:
         self.low, self.high, self.digits = low, high, digits
-        self.down = Context(prec=digits, rounding=ROUND_FLOOR, Emin=-999999, Emax=999999)
-        self.up = Context(prec=digits, rounding=ROUND_CEILING, Emin=-999999, Emax=999999)
+        self.down, self.up = _contexts(digits)
 
     @classmethod
     def of(cls, value: Fraction | int, digits: int) -> Interval:
         """Make the smallest interval around a rational."""
-        top, bottom = Decimal(Fraction(value).numerator), Decimal(Fraction(value).denominator)
+        top, bottom = Decimal(value.numerator), Decimal(value.denominator)
         new = cls(top, top, digits)
         new.low, new.high = new.down.divide(top, bottom), new.up.divide(top, bottom)
         return new
@@ -48,6 +59,9 @@ class Interval:
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
         o = self._as(other)
+        if self.low >= 0 and o.low >= 0:
+            return self._new(self.down.multiply(self.low, o.low),
+                             self.up.multiply(self.high, o.high))  # fmt: skip
         ends = [(x, y) for x in (self.low, self.high) for y in (o.low, o.high)]
         return self._new(
             min(self.down.multiply(x, y) for x, y in ends),
@@ -60,6 +74,9 @@ class Interval:
         o = self._as(other)
         if o.low <= 0 <= o.high:
             raise ZeroDivisionError("division by an interval that contains zero")
+        if self.low >= 0 and o.low > 0:
+            return self._new(self.down.divide(self.low, o.high),
+                             self.up.divide(self.high, o.low))  # fmt: skip
         ends = [(x, y) for x in (self.low, self.high) for y in (o.low, o.high)]
         return self._new(
             min(self.down.divide(x, y) for x, y in ends),
@@ -104,6 +121,12 @@ class Interval:
     def _ordered(self) -> Interval:
         self.low, self.high = self.high, self.low
         return self
+
+
+def over_one(values: Sequence[Fraction]) -> tuple[int, list[int]]:
+    """Give the common denominator of rationals and their numerators over it."""
+    common = math.lcm(*(x.denominator for x in values))
+    return common, [x.numerator * (common // x.denominator) for x in values]
 
 
 def arctan_over(u: Interval) -> Interval:

@@ -27,7 +27,7 @@ def twisting(levels: Levels) -> Iterator[str]:
     law, edges = levels.law, list(levels.edges())
     c = between(law.k2 - law.L, "c", law.k2 + law.L)
     moved = plus(times("z", "z"), times(-law.k1, "z"), "w")
-    kept = levels.kept()
+    kept = levels.kept
     for (P, Q), (n, m) in zip(pairwise(levels.corners), edges, strict=True):
         size = plus(times(n, "z"), times(m, "w"))
         cone = [term("<=", 0, "z"), term("<=", 0, _turn(P, ("z", "w"), -1)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
 
@@ -20,7 +19,7 @@ HALF_PERIODS = (1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 50)
 
 Pair = tuple[Interval, Interval]
 
-Orbit = tuple[list[int], list[int], float]
+Orbit = tuple[tuple[int, ...], tuple[int, ...], float]
 """Signs of s and of d (d = -D, 0 or D) tick by tick, and about where s starts."""
 
 
@@ -41,7 +40,8 @@ def find(law: Relay, band: Fraction) -> Orbit | None:
             signs, d = sides[-n:, column], D[-n:, column]
             if n and (not pushed or np.array_equal(d, D[-2 * n : -n, column])) \
                     and np.array_equal(signs, sides[-2 * n : -n, column]):  # fmt: skip
-                orbit = signs.astype(int).tolist(), d.astype(int).tolist(), float(S[-n, column])
+                told, pushes = (tuple(int(v) for v in x) for x in (signs, d))
+                orbit = told, pushes, 0.0 if law.g1 else float(S[-n, column])
                 if _exceeds(law, orbit, band):
                     return orbit
     return None
@@ -92,8 +92,9 @@ def _exceeds(law: Relay, orbit: Orbit, band: Fraction) -> bool:
         return False
 
 
+@lru_cache(maxsize=8)
 def proved(
-    law: Relay, signs: Sequence[int], pushes: Sequence[int], near: float | Fraction = 0
+    law: Relay, signs: tuple[int, ...], pushes: tuple[int, ...], near: float | Fraction = 0
 ) -> tuple[Fraction, tuple[Fraction, Fraction]]:
     """Lower bound of the largest |s| of a periodic run, and its start (s, a), rounded.
 

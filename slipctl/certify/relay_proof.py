@@ -133,7 +133,7 @@ def _find_orbit(n: Numbers) -> Entries | None:
     return {
         "start": {"s": str(s if not n["g1"] else Fraction(round(s * scale), scale)),
                   "a": str(Fraction(round(a * scale), scale))},
-        "signs": found[0],
+        "signs": list(found[0]),
         "d": [str(n["D"] * push) for push in found[1]],
     }  # fmt: skip
 
@@ -148,8 +148,9 @@ def _replay(n: Numbers, given: Entries) -> str:
         raise DoesNotHold("run: it needs a lag and a period")
     if any(abs(x) not in (0, n["D"]) for x in d):
         raise DoesNotHold("run: d is not -D, 0 or D")
-    pushes = [(x > 0) - (x < 0) for x in d]
-    largest, begin = relay_orbits.proved(law(n), signs, pushes, told[0])
+    pushes = tuple((x > 0) - (x < 0) for x in d)
+    first = Fraction(0) if n["g1"] else told[0]  # with g1 the period itself says where it starts
+    largest, begin = relay_orbits.proved(law(n), tuple(signs), pushes, first)
     near = max(largest, n["T"] * n["g2"]) / 10**6
     if any(abs(x - y) > near * (1 + (i and 1 / n["lag"])) for i, (x, y) in
            enumerate(zip(told, begin, strict=True))):  # fmt: skip

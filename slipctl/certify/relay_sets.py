@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-from slipctl.certify.outward import Interval
+from slipctl.certify.outward import Interval, over_one
 
 Point = tuple[Fraction, Fraction]
 Node = tuple[int, int]
@@ -86,8 +86,8 @@ class Absorbing:
         push = self.law.T * self.law.D
         for left in self.law.left:  # all of it is affine in exp(-T/lag): its ends decide
             (m11, m12, b1), (m21, m22, b2) = self.law.rows(left)
-            Dx, X = _whole_numbers([m11 * s + m12 * a for s, a in half])
-            Dy, Y = _whole_numbers([m21 * s + m22 * a for s, a in half])
+            Dx, X = over_one([m11 * s + m12 * a for s, a in half])
+            Dy, Y = over_one([m21 * s + m22 * a for s, a in half])
             moved = [(Ds * x * Dy, Da * y * Dx) for x, y in zip(X, Y, strict=True)]
             for n, m, size in faces:
                 rest = Ds * (push * abs(n) - n * b1) - Da * m * b2
@@ -100,7 +100,7 @@ class Absorbing:
     def _whole(self) -> tuple[tuple[int, list[int]], tuple[int, list[int]]]:
         """Corners as whole numbers S/Ds, A/Da."""
         s, a = zip(*self.corners, strict=True)
-        return _whole_numbers(s), _whole_numbers(a)
+        return over_one(s), over_one(a)
 
     def _faces(self) -> list[tuple[int, int, int]] | None:
         """Give n, m, size with n Ds s + m Da a = size along each side; None if it is misshapen."""
@@ -118,12 +118,6 @@ class Absorbing:
         if any(n * s + m * a > size for n, m, size in faces for s, a in W):
             return None
         return faces
-
-
-def _whole_numbers(values: Sequence[Fraction]) -> tuple[int, list[int]]:
-    """Common denominator and numerators."""
-    common = math.lcm(*(x.denominator for x in values))
-    return common, [x.numerator * (common // x.denominator) for x in values]
 
 
 def clipped(P: Sequence[Point]) -> list[Point]:

@@ -18,10 +18,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from slipctl.certify.outward import over_one
 from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]
@@ -62,32 +64,34 @@ class Levels:
         Each is convex in lam where it has a root and linear elsewhere: its value and its slope at
         ``level`` decide for all larger ones.
         """
-        k1, lam, fall = self.law.k1, self.level, self.fall
-        a, b = self.law.k2 - self.law.L, self.law.k2 + self.law.L
-        P = self.corners
-        if not self._shaped() or not 0 < fall <= a or lam < b:
+        slow, fast = self.law.k2 - self.law.L, self.law.k2 + self.law.L
+        if not self._shaped() or not 0 < self.fall <= slow or self.level < fast:
             return False
+        # in whole numbers: z and w over D, rates and sizes over R, n and m over S
+        D, P = self._whole
+        R, (k1, a, b, lam, fall) = over_one((self.law.k1, slow, fast, self.level, self.fall))
         q, z1 = -P[-1][1], P[1][0]
-        edges = list(self.edges())
-        quarter = k1 * k1 / 4
-        for j, (n, m) in enumerate(edges):
-            up, down = max(m, Fraction(0)), max(-m, Fraction(0))
+        inside = k1 * k1 * D + 4 * R * q * lam  # k1^2/4 + q lam, over 4 R^2 D
+        end = 2 * z1 * z1 * lam + D * (R * D - k1 * z1)  # of the top edge, over 2 D R z1
+        for j, ((z, w), (z2, w2)) in enumerate(pairwise(P)):
+            n, m, S = (w - w2) * D, (z2 - z) * D, w * z2 - z * w2
+            up, down = max(m, 0), max(-m, 0)
             # across
-            spare = lam - fall - up * (q * lam + b) - down * quarter
-            slope = 1 - up * q
-            inside = quarter + q * lam
-            if spare < 0 or spare**2 < n * n * inside or slope < 0:
+            spare = 4 * R * (S * D * (lam - fall) - up * (q * lam + b * D)) - down * k1 * k1 * D
+            slope = S * D - up * q
+            if spare < 0 or spare**2 < 4 * n * n * inside * R * R * D or slope < 0:
                 return False
-            if 4 * slope**2 * inside < (n * q) ** 2:
+            if slope**2 * inside < (n * q * R) ** 2 * D:
                 return False
             if j == 0:
                 continue
             # from the top edge
-            spare, slope = (1 - up) * lam + up * a - fall, 1 - up
-            if spare < 0 or spare**2 < n * n * lam or 4 * slope**2 * lam < n * n:
+            spare, slope = (S - up) * lam + up * a - S * fall, S - up
+            if spare < 0 or spare**2 < n * n * lam * R or 4 * slope**2 * lam < n * n * R:
                 return False
-            end = z1 * lam + (1 - k1 * z1) / (2 * z1)
-            if 1 - n * z1 - up < 0 or n * end + up * (lam - a) > lam - fall:
+            if (S - up) * D < n * z1:
+                return False
+            if n * end + 2 * D * z1 * up * (lam - a) > 2 * D * z1 * S * (lam - fall):
                 return False
         return self._crossed_inwards()
 
@@ -98,10 +102,8 @@ class Levels:
         bracket/(R D gap) with the common factors left out.
         """
         a, b = self.law.k2 - self.law.L, self.law.k2 + self.law.L
-        D = math.lcm(*(x.denominator for corner in self.corners for x in corner))
-        R = math.lcm(*(x.denominator for x in (self.law.k1, a, b, self.fall)))
-        k1, slow, fast, fall = (int(x * R) for x in (self.law.k1, a, b, self.fall))
-        P = [(int(z * D), int(w * D)) for z, w in self.corners]
+        D, P = self._whole
+        R, (k1, slow, fast, fall) = over_one((self.law.k1, a, b, self.fall))
         top, bottom = self.level.numerator, self.level.denominator
         pull = [w * R - k1 * z for z, w in P]
         limits = []  # of K and K^2 along each edge, times D bottom
@@ -125,6 +127,13 @@ class Levels:
                             return False
         return True
 
+    @cached_property
+    def _whole(self) -> tuple[int, list[tuple[int, int]]]:
+        """Common denominator of the corners, and their numerators."""
+        D, flat = over_one([x for corner in self.corners for x in corner])
+        return D, list(zip(flat[::2], flat[1::2], strict=True))
+
+    @cached_property
     def kept(self) -> Fraction:
         """V stays below this once it has been below ``level``; rounded up.
 
@@ -155,7 +164,7 @@ class Levels:
         Raises:
             OverflowError: that takes too many, or too many units.
         """
-        kept = self.kept()
+        kept = self.kept
         n = math.ceil(kept / grid.height)
         if 2 * n > MOST_ROWS:
             raise OverflowError(f"{2 * n} rows are needed")

@@ -21,7 +21,7 @@ import numpy as np
 from slipctl.certify import super_twisting
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_polygons import find
-from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows
+from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, moved
 
 BITS = 10
 """A row is 2^BITS units of y high."""
@@ -114,7 +114,7 @@ def bound(
     levels = find(law)
     if levels is None:
         return None
-    parts = _parts(law, math.ceil(100 * (law.k2 - law.L) / levels.kept()))
+    parts = _parts(law, math.ceil(100 * (law.k2 - law.L) / levels.kept))
     plan: list[tuple[int, int]] = []
     best, work = None, 0.0
     try:
@@ -167,15 +167,14 @@ class Run:
 def worst_run(law: Law, wanted: Fraction) -> Run | None:
     """Look for a run from the origin with |y| > ``wanted``; None if none is found."""
     found = quick_run(law, wanted)
-    for search in (_by_ends, lambda law, wanted: _by_cells(law, wanted, 150)):
-        found = found or _run(law, wanted, search(law, wanted))
-    return found
+    return found or _run(law, wanted, _by_ends(law, wanted))
 
 
 @lru_cache(maxsize=8)
 def quick_run(law: Law, wanted: Fraction) -> Run | None:
-    """Run that the shortest search finds."""
-    return _run(law, wanted, _by_cells(law, wanted, 60))
+    """Run that the shorter searches find."""
+    found = _run(law, wanted, _by_cells(law, wanted, 60))
+    return found or _run(law, wanted, _by_cells(law, wanted, 150))
 
 
 def _run(law: Law, wanted: Fraction, d: Sequence[Fraction] | None) -> Run | None:
@@ -244,66 +243,57 @@ def _by_ends(law: Law, wanted: Fraction, ticks: int = 1500) -> list[Fraction] | 
     top = np.full(2 * n + 1, EMPTY)
     top[n] = 0.0
     w = np.arange(-n, n + 1) * h
-    history: list[np.ndarray] = []
-    spent = 0.0
-    while len(history) < ticks and spent < MOST_WORK / 2:
-        spent += 2e-4 + 1e-7 * len(w) + 4e-9 * len(w) * (last - first + still)
-        sources = np.stack([top, -top[::-1]])
-        live = np.isfinite(sources)
-        y = np.where(live, sources, 0.0)
-        root = k1 * np.sqrt(abs(y))
-        kinds = (
-            (live & (y == 0), y + w, -still, still),
-            (live & (y > 0), y - root + w, -last, -first),
-            (live & (y < 0), y + root + w, first, last),
-        )
-        new, origin = top.copy(), np.full(len(top), -1)
-        for kind, (usable, value, a, b) in enumerate(kinds):
-            score = np.where(usable, value, EMPTY)
-            which = score.argmax(axis=0)
-            best, place = _sliding(score.max(axis=0), a, b)
-            better = best > EMPTY
-            better[better] = best[better] > new[better] + 1e-9 * abs(best[better])
-            at = place[better]
+    history = [top]
+    reach, spent = ((-still, still), (-last, -first), (first, last)), 0.0
+    while len(history) <= ticks and spent < MOST_WORK / 2:
+        spent += 2e-4 + 1e-7 * len(w)
+        new = top.copy()
+        for score, (a, b) in zip(_scores(k1, top, w), reach, strict=True):
+            best = moved(score.max(axis=0), a, b, last)[last:-last]
+            better = best > new + 1e-9 * abs(np.where(best > EMPTY, best, 0.0))
             new[better] = best[better]
-            origin[better] = 6 * at + 3 * which[at] + kind
-        if (origin < 0).all():
+        if np.array_equal(new, top):
             return None
-        history.append(origin)
+        history.append(new)
         top = new
         if top.max() > float(wanted) * (1 + 1e-9):
-            return _read_back(law, history, int(top.argmax()), n, height)
+            return _read_back(law, history, w, reach, height)
     return None
 
 
-def _sliding(values: np.ndarray, a: int, b: int) -> tuple[np.ndarray, np.ndarray]:
-    """Largest value that moves of ``a`` to ``b`` places bring to each place, and where from."""
-    n = len(values)
-    wide = np.concatenate([np.full(max(b, 0), EMPTY), values, np.full(max(-a, 0), EMPTY)])
-    start = max(b, 0) - b
-    windows = np.lib.stride_tricks.sliding_window_view(wide, b - a + 1)
-    windows = windows[start : start + n]
-    place = windows.argmax(axis=1)
-    best = windows[np.arange(len(windows)), place]
-    if len(best) < n:  # moves away from an end
-        best = np.concatenate([best, np.full(n - len(best), EMPTY)])
-        place = np.concatenate([place, np.zeros(n - len(place), int)])
-    return best, np.clip(np.arange(n) + place - b, 0, n - 1)
+def _scores(k1: float, top: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What becomes of the largest y and of its mirror image at each w, by the sign of y."""
+    sources = np.stack([top, -top[::-1]])
+    live = np.isfinite(sources)
+    y = np.where(live, sources, 0.0)
+    root = k1 * np.sqrt(abs(y))
+    kinds = ((y == 0, y + w), (y > 0, y - root + w), (y < 0, y + root + w))
+    return tuple(np.where(live & usable, value, EMPTY) for usable, value in kinds)
 
 
 def _read_back(
-    law: Law, history: Sequence[np.ndarray], place: int, n: int, height: Fraction
+    law: Law,
+    history: Sequence[np.ndarray],
+    w: np.ndarray,
+    reach: Sequence[tuple[int, int]],
+    height: Fraction,
 ) -> list[Fraction]:
-    """Disturbance of the run that ends in the largest y of a place."""
+    """Disturbance of the run that ends in the largest y of all places."""
     d: list[Fraction] = []
-    mirrored = False
-    for origin in reversed(history):
-        how = int(origin[2 * n - place if mirrored else place])
-        if how < 0:
+    place, mirrored, n = int(history[-1].argmax()), False, len(w) // 2
+    for before, after in zip(history[-2::-1], history[:0:-1], strict=True):
+        at = 2 * n - place if mirrored else place
+        if after[at] == before[at]:
             continue
-        source, rest = divmod(how, 6)
-        which, kind = divmod(rest, 3)
-        sign = (0, 1, -1)[kind]
+        best, source, which, sign = EMPTY, at, 0, 0
+        for score, (a, b), side in zip(
+            _scores(float(law.k1), before, w), reach, (0, 1, -1), strict=True
+        ):
+            begin = max(0, at - b)
+            window = score[:, begin : max(begin, at - a + 1)]
+            if window.size and window.max() > best:
+                row, column = divmod(int(window.argmax()), window.shape[1])
+                best, source, which, sign = window[row, column], begin + column, row, side
         if mirrored:
             source, sign = 2 * n - source, -sign
         d.append((place - source) * height + sign * law.k2)

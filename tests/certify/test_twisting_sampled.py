@@ -146,7 +146,7 @@ def test_the_polygon_shrinks_for_points():
         far = before >= float(levels.level)
         assert far.sum() > 10_000
         assert (after[far] <= before[far] - float(levels.fall) * (1 - 1e-6) + 1e-9).all()
-        assert (after <= np.maximum(float(levels.kept()), before)).all()
+        assert (after <= np.maximum(float(levels.kept), before)).all()
     wrong = Levels(law, levels.corners, levels.level / 4, levels.fall)
     assert not wrong.holds()
 

@@ -40,7 +40,7 @@ class Adversary:
             cases are made and larger where verdicts are tried.
         replays: whether a counterexample of the file makes it false in the plain simulator; gets
             the numbers as floats and the entry ``counterexample``.
-        replays_all: the same for all cases at once, where the counterexample is one in words.
+        replays_all: the same for many cases at once; gets their numbers and their entries.
         grows: by asked number whether a larger one is harder to hold (D, W, T), not easier (band).
         guess: start values of asked numbers that ``draw`` does not draw, of the cases.
         swing: by asked number its value at which the search first succeeds, where a run gives it
@@ -57,7 +57,7 @@ class Adversary:
     swing: dict[str, Callable[[Cases, np.random.Generator], np.ndarray]] = field(
         default_factory=dict
     )
-    replays_all: Callable[[Cases], np.ndarray] | None = None
+    replays_all: Callable[[Cases, list[dict[str, Any]]], np.ndarray] | None = None
 
 
 @dataclass
@@ -268,6 +268,6 @@ def _replayed(adversary: Adversary, refuted: list[tuple[Any, dict[str, float], A
         return [adversary.replays(full, entry) for _, full, entry in refuted]
     if adversary.replays_all is None or not refuted:
         return [False] * len(refuted)
-    names = refuted[0][1]
-    together = {k: np.array([full[k] for _, full, _ in refuted]) for k in names}
-    return list(adversary.replays_all(together))
+    names = dict.fromkeys(k for _, full, _ in refuted for k in full)
+    together = {k: np.array([full.get(k, np.nan) for _, full, _ in refuted]) for k in names}
+    return list(adversary.replays_all(together, [entry for _, _, entry in refuted]))

@@ -6,6 +6,8 @@ of ticks with |x| <= k2 T^2; from the third on |x| counts.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from . import common
@@ -53,7 +55,7 @@ def leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     return _swing(n, rng, effort) > n["band"] * (1 + 1e-9)
 
 
-def replays_all(n: Cases) -> np.ndarray:
+def replays_all(n: Cases, entries: list[Any]) -> np.ndarray:
     """The constant phi' = L, from rest."""
     still = np.zeros_like(n["T"])
     return _run(n, still, still, np.ones((60, 1))) > n["band"] * (1 - 1e-9)

@@ -80,19 +80,19 @@ def _observer_leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndar
     return _decay(n) < wanted * (1 - 5e-3)
 
 
-def _refuted(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
+def _refuted(n: Cases, entries: list[dict[str, Any]]) -> np.ndarray:
     """The sides are in closed form; the run from a start does not die out, or too slowly."""
-    one = {k: np.array([v]) for k, v in n.items()}
     if "K" in n:
-        return bool(_lagged_run(one, 21) > _lagged_run(one, 20) - 1e-6)
-    wanted = n.get("slowest", 0.0)
-    return bool(_decay(one)[0] <= wanted * (1 + 5e-3) + 1e-9)
+        return _lagged_run(n, 21) > _lagged_run(n, 20) - 1e-6
+    wanted = np.nan_to_num(n["slowest"]) if "slowest" in n else 0.0
+    return _decay(n) <= wanted * (1 + 5e-3) + 1e-9
 
 
 ADVERSARIES = (
-    Adversary("lagged_loop", _lagged_draw, ("K", "T"), _lagged_leaves, _refuted),
+    Adversary("lagged_loop", _lagged_draw, ("K", "T"), _lagged_leaves,
+              replays_all=_refuted),
     Adversary(
-        "load_observer", _observer_draw, ("slowest",), _observer_leaves, _refuted,
-        guess={"slowest": lambda n: np.abs(n["L1"]) / 2},
+        "load_observer", _observer_draw, ("slowest",), _observer_leaves,
+        replays_all=_refuted, guess={"slowest": lambda n: np.abs(n["L1"]) / 2},
     ),
 )  # fmt: skip

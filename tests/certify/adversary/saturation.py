@@ -13,7 +13,7 @@ STEP = 0.05
 """Step as a share of the fastest time, 1/(k1 + k3), or of what the command takes to reach zero."""
 
 
-def _turns(n: Cases, first: float, steps: int) -> np.ndarray:
+def _turns(n: Cases, first: float | np.ndarray, steps: int) -> np.ndarray:
     """Largest |e1| at a rest after one whole turn, from rest at ``first`` times the start.
 
     The need is F_high while e2 < 0 and F_low while e2 > 0; 0 if it does not turn twice in time.
@@ -54,12 +54,14 @@ def leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
     return worst > 1.02 * n["start"]
 
 
-def _replays(n: dict[str, float], counterexample: dict[str, Any]) -> bool:
-    if "run" not in counterexample:  # a constant need that is out of reach
-        return n["F_high"] >= n["F_max"] or n["F_low"] <= n["F_min"]
-    one = {k: np.array([v]) for k, v in n.items()}
-    side = -1.0 if counterexample["run"]["e1"].startswith("-") else 1.0
-    return bool(_turns(one, side, 20_000)[0] > 0.98 * n["start"])
+def _replays(n: Cases, entries: list[dict[str, Any]]) -> np.ndarray:
+    """A constant need that is out of reach, or the worst need from the start of the file."""
+    constant = np.array(["run" not in entry for entry in entries])
+    out = (n["F_high"] >= n["F_max"]) | (n["F_low"] <= n["F_min"])
+    starts = [entry.get("run", {}).get("e1", "") for entry in entries]
+    side = np.array([-1.0 if text.startswith("-") else 1.0 for text in starts])
+    with np.errstate(all="ignore"):
+        return np.where(constant, out, _turns(n, side, 20_000) > 0.98 * n["start"])
 
 
 def _draw(rng: np.random.Generator, n: int) -> Cases:
@@ -93,5 +95,5 @@ def _ordered(rng: np.random.Generator, n: int) -> Cases:
     return drawn
 
 
-ADVERSARY = Adversary("saturation_compensation", _ordered, ("start",), leaves, _replays,
-                      swing={"start": _first})  # fmt: skip
+ADVERSARY = Adversary("saturation_compensation", _ordered, ("start",), leaves,
+                      replays_all=_replays, swing={"start": _first})  # fmt: skip

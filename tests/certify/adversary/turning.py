@@ -145,7 +145,7 @@ def _draw_adaptive(rng: np.random.Generator, n: int) -> Cases:
     return {"k4": k4, "alpha": k4**2 / 2, "beta": beta, "eta": eta}
 
 
-def _replays(n: Cases) -> np.ndarray:
+def _replays(n: Cases, entries: list[Any]) -> np.ndarray:
     """The disturbance of the file, in words: d = L while x1 grows, -L while it falls."""
     return (_observer if "K1" in n else _adaptive)(n, np.ones(1), 0.9) >= 1 - BLUR
 
