@@ -1,6 +1,8 @@
 """Model predictive control: reference values, the QP against another solver, limits, fallback."""
 
+import json
 import math
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -191,6 +193,17 @@ def test_problems_with_rates_and_hard_limits_cost_what_ipopt_says():
         assert ours["residual"] < 1e-9
         assert ours["cost"] == pytest.approx(theirs["cost"], rel=1e-6)
     assert ours["slip"] == pytest.approx(bench.HARDEST, abs=1e-5)  # it leans on its limit
+
+
+def test_the_page_has_the_costs_of_its_evidence():
+    root = Path(__file__).resolve().parents[2]
+    found = json.loads((root / "docs/evidence/predictive.json").read_text(encoding="utf-8"))
+    page = (root / "docs/nmpc.md").read_text(encoding="utf-8")
+    for name, rows in found["numbers"]["predictive"]["problems"].items():
+        costs = [rows[w]["cost"] if w in rows else 0.0 for w in bench.WAYS]
+        told = ("refused" if c is None else f"{c:.3f}" if c else "" for c in costs)
+        assert f"| `{name}` | " + " | ".join(told) + " |" in page
+        assert rows["one iteration"]["unsettled"] == rows["three iterations"]["unsettled"] == 0
 
 
 @pytest.mark.parametrize("solver", ["osqp", "qrqp"])
