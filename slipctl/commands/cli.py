@@ -29,7 +29,7 @@ at Python's own pace takes a fifth of the time of a run."""
 
 NAMES = (
     "list", "show", "new", "schema", "copy", "run", "sweep", "replay", "compare", "fit", "c", "pil",
-    "certify", "check",
+    "certify", "check", "docs",
 )  # fmt: skip
 """Commands in the order of the help."""
 
