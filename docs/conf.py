@@ -1,14 +1,19 @@
 """The site of these pages: ``sphinx-build -W docs out/docs`` (the ``docs`` extra)."""
 
+import sys
+from pathlib import Path
+
 from slipctl import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py stands here
 
 project = "slipctl"
 author = "slipctl developers"
 version = release = __version__
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "pictures"]
 # equations are code in these pages: no MathJax, so nothing is loaded from the network
 myst_heading_anchors = 4
 html_theme = "furo"
 html_title = f"slipctl {release}"
 html_show_sourcelink = False
-exclude_patterns = ["evidence"]
+exclude_patterns = ["evidence", "made"]

@@ -44,6 +44,7 @@ _WHERE = {
     ],
     "analysis.optimum": ["argmax", "argmax_block"],
     "analysis.lookup": ["argmax_table"],
+    "predict.mhe": ["mhe"],
     "predict.nmpc": ["nmpc"],
     "predict.trials": ["feasibility", "Feasibility"],
     "predict.trajectory": ["trajectory", "Trajectory"],
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from slipctl.estimate.fitting import Fitted, fit
     from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
     from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
+    from slipctl.predict.mhe import mhe
     from slipctl.predict.nmpc import nmpc
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility

@@ -5,7 +5,7 @@ name (``# my_law.py``) is written to that file, and so is a ``toml`` block. What
 prints is compared with the ``text`` block that follows it. In ``console`` blocks each line after
 ``$`` is run by the shell, and its output is compared with the lines below it; output that starts
 with ``slipctl:`` is an error and must exit with 2. ``...`` stands for anything. Other blocks are
-not run.
+not run. A ``{picture}`` block is run by itself: it needs nothing from the page.
 
 The first ``slipctl`` of a page is started by the shell, as a person does. The others are the same
 ``main`` in a process forked from this one, which has imported what they need: to import it again
@@ -28,7 +28,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+FENCE = re.compile(r"^```(\w*|\{\w+\})(?: [^\n]*)?\n(.*?)^```$", re.M | re.S)
 
 
 FAILED = "the block fails: "
@@ -48,7 +48,11 @@ def run_page(text: str) -> list[str]:
     wrong: list[str] = []
     started: list[str] = []
     for (language, body), (next_language, expected) in zip(code, following, strict=True):
-        if language == "python":
+        if language == "{picture}":
+            printed = run_python(body, {"__name__": "__main__"})
+            if FAILED in printed:
+                return [*wrong, f"{body}\nends with\n{printed}"]
+        elif language == "python":
             file = re.match(r"# (\w+\.py)\n", body)
             if file:
                 Path(file[1]).write_text(body, encoding="utf-8")

@@ -273,4 +273,8 @@ def parser() -> Parser:
 
     p = command("check", "Check a certificate again with rational arithmetic alone.")
     p.add_argument("file", metavar="FILE")
+
+    p = command("docs", "Open the pages of slipctl in a browser; they need no network.")
+    p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
+    p.add_argument("--where", action="store_true", help="only print the file")
     return top

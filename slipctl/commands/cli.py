@@ -29,7 +29,7 @@ at Python's own pace takes a fifth of the time of a run."""
 
 NAMES = (
     "list", "show", "new", "schema", "copy", "run", "sweep", "replay", "compare", "fit", "c", "pil",
-    "certify", "check",
+    "certify", "check", "docs",
 )  # fmt: skip
 """Commands in the order of the help."""
 
@@ -67,11 +67,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             if closed:
                 _say("standard output is closed; nothing was printed")
             return code or int(closed)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         # an interrupt in text that Python ran (a dataclass that is made) is kept as unheard, and
         # the process would end by the signal: running text, even none, makes Python forget it
         exec("")
-        _say("stopped; what had finished is written")
+        _say("; ".join(["stopped", *map(str, stopped.args)]))
         return 130
     except BrokenPipeError:
         _silence()

@@ -92,7 +92,7 @@ class _Run:
         except KeyboardInterrupt:
             stopping.heard()
             self._stopped()
-            raise
+            raise KeyboardInterrupt(stopping.KEPT) from None
         print(self._summary(verdicts))
         for where, why in results.failed.items():
             log.error("%s failed: %s", where, why)

@@ -100,7 +100,7 @@ class ActiveSet:
         m, N = self.h.nu + self.h.nc, self.h.stages
         columns = [S[m * k : m * (k + 1)] for k in range(N)]
         columns = [*columns[1:], columns[-1]]
-        return self._tie(columns, S[m * N :])
+        return self._tie(columns, S[m * N :] if self.h.nc else ca.MX(0, 1))
 
     def first(self) -> Any:
         """Statuses without any guess."""

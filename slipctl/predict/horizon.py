@@ -15,7 +15,6 @@ with g = J'r, and c with its slope C, packed to one column of their structural n
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -23,11 +22,9 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from slipctl.block.block import Block
-from slipctl.block.connection import connect
-from slipctl.block.signals import Signal
 from slipctl.block.timing import sampled
-from slipctl.block.units import dimension_equal
 from slipctl.errors import BadInput, nearest
+from slipctl.predict.joining import check_lag, joined
 
 UNROLL = 200_000
 """Instructions of one stage above which the problem is refused: the C code would not compile."""
@@ -74,11 +71,13 @@ class Horizon:
     Attributes:
         model: plant and cost, connected and discretised.
         controls: inputs of the model that are decided.
-        held: its other inputs, which keep their present value over the horizon.
-        residuals: outputs that are squared; ``last`` those of the last stage.
+        held: its other inputs, which keep their present value over the horizon or are previewed.
+        residuals: outputs that are squared; ``last`` those of the last stage, ``own`` those that
+            count there alone.
         soft: outputs or states with limits; ``limits`` what they are.
         stages: N.
         scale: size of each control.
+        tail: further residuals of the last stage, L x + M d + c.
     """
 
     model: Block
@@ -90,27 +89,46 @@ class Horizon:
     limits: tuple[Soft, ...]
     stages: int
     scale: tuple[float, ...]
+    own: tuple[str, ...] = ()
+    tail: tuple[Any, Any, Any] | None = None
 
     @classmethod
     def of(
         cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
         soft: Mapping[str, Soft], stages: int, h: float, method: str, substeps: int,
-        scale: Mapping[str, float],
+        scale: Mapping[str, float], laws: Mapping[str, Block] | None = None,
     ) -> Horizon:  # fmt: skip
-        """Connect plant and cost by the names of their signals, and discretise."""
+        """Connect plant, cost and further laws by the names of their signals, and discretise.
+
+        The names of ``soft`` begin with the part that they belong to: ``plant``, or a law.
+        """
         where = f"nmpc({plant.name})"
-        model, alias = _joined(where, plant, cost)
+        laws = dict(laws or {})
+        model, alias = joined(where, plant, {"cost": cost, **laws})
         expressions(where, plant)
         controls = tuple(alias[plant.find(c, "input")] for c in control)
-        _check_lag(where, plant, model, controls, stages * h)
+        check_lag(where, plant, model, controls, stages * h)
         model = sampled(model, h, method, substeps)
         residuals = tuple(f"cost.{n}" for n in cost.outputs)
-        limited = tuple(f"plant.{plant.find(n, 'state', 'output')}" for n in soft)
         horizon = cls(
             model, controls, tuple(n for n in model.inputs if n not in controls), residuals, (),
-            limited, tuple(soft.values()), stages, tuple(scale[c] for c in control),
+            tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
+            tuple(f"last.{n}" for n in laws["last"].outputs) if "last" in laws else (),
         )  # fmt: skip
+        horizon._refuse_controls_at_the_end(where)
         return horizon._with_last(where, cost, terminal)
+
+    def _refuse_controls_at_the_end(self, where: str) -> None:
+        """Refuse a law of the last stage that reads a control, which that stage does not have."""
+        x, u, d, p = self.symbols()
+        y = self._outputs(x, u, d, p)
+        for n in (*self.own, *(s for s in self.soft if s.startswith("final."))):
+            if ca.depends_on(y[n], u):
+                part, short = n.split(".", 1)
+                raise BadInput(
+                    f"{where}: {short} of the {part} law depends on the control, which the last"
+                    " stage does not have; write it of states and references"
+                )
 
     def _with_last(self, where: str, cost: Block, terminal: Sequence[str] | None) -> Horizon:
         """Choose the residuals of the last stage, which has no control."""
@@ -118,7 +136,7 @@ class Horizon:
         y = self._outputs(x, u, d, p)
         free = [n for n in self.residuals if not ca.depends_on(y[n], u)]
         if terminal is None:
-            last = free
+            last = [] if self.own else free
         else:
             last = []
             for n in terminal:
@@ -135,7 +153,7 @@ class Horizon:
         for n in self.residuals:
             if not ca.depends_on(y[n], ca.vertcat(x, u)):
                 raise BadInput(f"{where}: the residual {n[5:]} depends on no state and no control")
-        return replace(self, last=tuple(last))
+        return replace(self, last=(*last, *self.own))
 
     # ---- sizes and symbols --------------------------------------------------------------------
 
@@ -180,7 +198,12 @@ class Horizon:
     @property
     def nq(self) -> int:
         """Number of constants: parameters, weights, and (lo, hi, weight, linear) of each limit."""
-        return self.np_ + len(self.residuals) + 4 * len(self.soft)
+        return self.np_ + len(self.weighed) + 4 * len(self.soft)
+
+    @property
+    def weighed(self) -> tuple[str, ...]:
+        """Outputs with a weight: residuals of every stage, and those of the last one alone."""
+        return (*self.residuals, *self.own)
 
     @property
     def np_(self) -> int:
@@ -211,12 +234,23 @@ class Horizon:
         return y | self.model.unpack("state", x)
 
     def _rows(self, y: Mapping[str, Any], names: Sequence[str], q: Any) -> Any:
-        weights = q[self.np_ : self.np_ + len(self.residuals)]
-        return ca.vertcat(*[weights[self.residuals.index(n)] * y[n] for n in names])
+        weights = q[self.np_ : self.np_ + len(self.weighed)]
+        return ca.vertcat(*[weights[self.weighed.index(n)] * y[n] for n in names])
+
+    def _last_rows(self, y: Mapping[str, Any], x: Any, d: Any, q: Any) -> Any:
+        """Weighted residuals of the last stage."""
+        r = self._rows(y, self.last, q) if self.last else ca.SX(0, 1)
+        if self.tail is not None:
+            L, M, c = (ca.DM(m) for m in self.tail)
+            r = ca.vertcat(r, ca.sparsify(L) @ x + ca.sparsify(M) @ d + c)
+        return r
 
     def _soft_rows(self, y: Mapping[str, Any], q: Any) -> Any:
-        at, rows = self.np_ + len(self.residuals), []
+        at, rows = self.np_ + len(self.weighed), []
         for k, n in enumerate(self.soft):
+            if n not in y:  # no row of this stage: far below its limit
+                rows += [ca.SX(-1), ca.SX(-1)]
+                continue
             lo, hi, weight, linear = ca.vertsplit(q[at + 4 * k : at + 4 * k + 4])
             per = weight if self.limits[k].weight > 0 else linear
             rows += [per * (y[n] - hi), per * (lo - y[n])]
@@ -224,7 +258,7 @@ class Horizon:
 
     def _caps(self, q: Any) -> Any:
         """Largest multiplier of each capped row, without that of its square."""
-        at, caps = self.np_ + len(self.residuals), []
+        at, caps = self.np_ + len(self.weighed), []
         for i in self.capped:
             limit = self.limits[i // 2]
             weight, linear = q[at + 4 * (i // 2) + 2], q[at + 4 * (i // 2) + 3]
@@ -237,11 +271,11 @@ class Horizon:
         x, u, d, _ = self.symbols()
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
-        excess = ca.sumsqr(ca.fmax(0, self._soft_rows(y, q)))
+        excess = ca.sumsqr(ca.fmax(0, self._soft_rows(_on_the_way(y), q)))
         stage = (ca.sumsqr(self._rows(y, self.residuals, q)) + excess) / 2
         end, layout = self.end()
         _, _, c, _, _ = layout.unpack(end(x, d, q))
-        last = (ca.sumsqr(self._rows(y, self.last, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
+        last = (ca.sumsqr(self._last_rows(y, x, d, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
         return (
             ca.Function("stage_cost", [x, u, d, q], [stage], {"cse": True}),
             ca.Function("end_cost", [x, d, q], [last], {"cse": True}),
@@ -261,7 +295,7 @@ class Horizon:
         n, _ = self.step()(x, v, d, q[: self.np_])
         y = self._outputs(x, v, d, q[: self.np_])
         z = ca.vertcat(x, u)
-        r, c = self._rows(y, self.residuals, q), self._soft_rows(y, q)
+        r, c = self._rows(y, self.residuals, q), self._soft_rows(_on_the_way(y), q)
         slope, J, C = ca.jacobian(n, z), ca.jacobian(r, z), ca.jacobian(c, z)
         H, g = ca.triu(J.T @ J), ca.densify(J.T @ r)
         pieces = [
@@ -286,17 +320,17 @@ class Horizon:
         x, u, d, _ = self.symbols()
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u, d, q[: self.np_])
-        soft = {n: v for n, v in y.items() if n in self.soft and not ca.depends_on(v, u)}
-        r = self._rows(y, self.last, q) if self.last else ca.SX(0, 1)
-        # a soft output that the control feeds through has no last row: it is far below its limit
-        c = self._soft_rows({n: soft.get(n, ca.SX(0)) for n in self.soft}, q)
-        for k, n in enumerate(self.soft):
-            if n not in soft:
-                c[2 * k], c[2 * k + 1] = -1, -1
+        r = self._last_rows(y, x, d, q)
+        c = self._soft_rows({n: v for n, v in y.items() if not ca.depends_on(v, u)}, q)
         J, C = ca.jacobian(r, x), ca.jacobian(c, x)
         pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, self._caps(q)]
         layout = Layout.of(pieces)
         return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
+
+
+def _on_the_way(y: Mapping[str, Any]) -> dict[str, Any]:
+    """Outputs of a stage that is not the last one."""
+    return {n: v for n, v in y.items() if not n.startswith("final.")}
 
 
 @dataclass(frozen=True)
@@ -389,75 +423,3 @@ def reciprocals(f: ca.Function) -> ca.Function:
         return ca.Function(f.name(), arguments, columns, {"cse": True})
     finally:
         ca.GlobalOptions.setSimplificationOnTheFly(before)
-
-
-def _joined(where: str, plant: Block, cost: Block) -> tuple[Block, dict[str, str]]:
-    """Plant and cost as one flow, and the name that each input of the plant has there."""
-    if plant.kind != "flow":
-        raise BadInput(f"{where}: {plant.name} is a {plant.kind}; give the flow, not yet sampled")
-    if cost.kind != "law":
-        raise BadInput(f"{where}: the cost {cost.name} is a {cost.kind}; give a law of residuals")
-    if any(s.shape != () for s in (*plant.inputs.values(), *cost.inputs.values())):
-        raise BadInput(f"{where}: inputs of plant and cost must be scalars")
-    short = [n.rpartition(".")[2] for n in plant.inputs]
-    alias = {
-        n: s if short.count(s) == 1 else n.replace(".", "_")
-        for n, s in zip(plant.inputs, short, strict=True)
-    }
-    wires = {f"plant.{n}": a for n, a in alias.items()}
-    for n in cost.inputs:
-        wires[f"cost.{n}"] = _source(where, plant, alias, n)
-    return connect("model", wires, plant=plant, cost=cost), alias
-
-
-def _source(where: str, plant: Block, alias: Mapping[str, str], name: str) -> str:
-    """Signal of the plant that an input of the cost reads, or its own name: a reference."""
-    for known, found in ((plant.states, "plant.{}"), (plant.outputs, "plant.{}"), (alias, "{}")):
-        hits = [n for n in known if n == name or n.rpartition(".")[2] == name]
-        if name in known:
-            hits = [name]
-        if len(hits) > 1:
-            raise BadInput(f"{where}: {name!r} of the cost could be {' or '.join(hits)}")
-        if hits:
-            return found.format(alias[hits[0]] if known is alias else hits[0])
-    return name
-
-
-def _check_lag(
-    where: str, plant: Block, model: Block, controls: Sequence[str], length: float
-) -> None:
-    """Refuse a horizon shorter than the lag of the actuator that a control drives.
-
-    An actuator follows its command, in the command's unit. Another state that a control drives has
-    a time constant of its own, that of a mass with its drag, of which a plan need not see the end.
-    """
-    try:
-        x, p = model.start(), model.param_values()
-    except BadInput:
-        return  # numbers that come later
-    f = model.f
-    slopes = f.factory("slopes", ["x", "u", "p"], ["jac:n:x", "jac:n:u"])
-    u = [_middle(s) for s in model.inputs.values()]
-    A, B = (
-        ca.DM(m).full() for m in slopes(model.pack("state", x), ca.DM(u), model.pack("param", p))
-    )
-    names = list(model.inputs)
-    states = [(n, s.unit) for n, s in model.states.items() for _ in range(s.size)]
-    for control in controls:
-        for k, effect in enumerate(B[:, names.index(control)]):
-            if not dimension_equal(states[k][1], model.inputs[control].unit):
-                continue
-            rate = -float(A[k, k])
-            if effect != 0 and rate > 0 and math.isfinite(rate) and rate * length < 1:
-                raise BadInput(
-                    f"{where}: the horizon of {length:g} s is shorter than the lag of"
-                    f" {1 / rate:.3g} s from {control} to {states[k][0].removeprefix('plant.')};"
-                    f" take at least {1 / rate:.3g} s"
-                )
-
-
-def _middle(s: Signal) -> float:
-    """A value of an input to linearise at: its own, or the number of its range nearest to zero."""
-    if s.value is not None and not isinstance(s.value, str):
-        return float(s.value)
-    return float(min(max(0.0, s.lo), s.hi))

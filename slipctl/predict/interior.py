@@ -33,8 +33,14 @@ FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 POLISH = 4
 """Passes of the active set from the statuses that were found."""
 
-END = 1e-13
+END = 1e-15
 """Mean product of slack and multiplier, over the largest multiplier, at which it is solved."""
+
+ENOUGH = 1e-13
+"""The same, where rounding brings no more digits or no step is left."""
+
+NEARLY = 0.5
+"""Mark of a state that is near enough, from which steps may still lead nearer."""
 
 WIDE = 1e3
 """Distance, in sizes of a control, at which a bound is none."""
@@ -260,7 +266,7 @@ class Interior:
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
         state = ca.MX.sym("state", edges[-1])
         X, V, *rest = [state[i:j] for i, j in pairwise(edges)]
-        now, (mean, _, _, steps) = rest[:4], rest[4:]
+        now, (mean, was, before, steps) = rest[:4], rest[4:]
         solve = self._solution()
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
         whole = solve(*now, *zero, 0, *data)[2:]
@@ -282,10 +288,15 @@ class Interior:
         # no more digits come, as in float
         still = ca.logic_and(ca.logic_and(residual < SMALL, left > mean / 2), moved < 10 * SMALL)
         solved = ca.logic_or(residual < END, still)
-        open_ = 1 - ca.logic_and(solved, short < SMALL)
+        enough = ca.logic_and(residual < ENOUGH, short < SMALL)
+        solved = ca.logic_and(solved, short < SMALL)
+        open_ = ca.if_else(solved, 0, ca.if_else(enough, NEARLY, 1))
         good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, steps + 1)
         bad = ca.vertcat(state[:-3], -2, 1, steps + 1)
         after = ca.if_else(sound, good, bad)
+        worse = ca.logic_not(ca.logic_and(sound, ca.logic_and(open_ < 1, residual < before)))
+        kept = ca.vertcat(state[:-3], 0, before, steps + 1)
+        after = ca.if_else(ca.logic_and(was == NEARLY, worse), kept, after)
         go = ca.Function("ip_step", [state, *data], [after])
         stay = ca.Function("ip_done", [state, *data], [state])
         return ca.Function.if_else("ip_maybe", go, stay)
@@ -404,6 +415,7 @@ class Interior:
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
         X, V, l, s, t, n, _, open_, residual, steps = (state[i:j] for i, j in pairwise(edges))
         S = self._statuses(self._by_stage([l, s, t, n]))
+        open_ = ca.if_else(open_ == NEARLY, 0, open_)
         over = self._given_up(s, t)
         sound = open_ >= 0
         inner = ca.vertcat(X, V, S, M0, open_, residual, over, passes0 + steps)

@@ -11,18 +11,26 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
+from slipctl.errors import BadInput
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
+from slipctl.predict.asked import (
+    Limit,
+    bounds_of,
+    by_name,
+    check_numbers,
+    previewed,
+    rates_of,
+    scale_of,
+    tied_of,
+    weights_of,
+)  # fmt: skip
 from slipctl.predict.horizon import Horizon, Soft
-from slipctl.predict.limits import entries_of, hard_limits, soft_limits
-from slipctl.predict.reference import DEVIATION, Sparse, available, nonlinear
-
-SOLVERS = ("riccati", "osqp", "qrqp", "ipopt", "fatrop")
+from slipctl.predict.limits import limits_of
+from slipctl.predict.reference import DEVIATION, Sparse, nonlinear
+from slipctl.predict.terminal import with_lqr, with_matrix
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
 """What the output ``status`` says, in words."""
-
-Limit = float | str
 
 
 def nmpc(
@@ -33,15 +41,19 @@ def nmpc(
     h: float,
     horizon: int = 20,
     weights: Mapping[str, float] | None = None,
-    terminal: Sequence[str] | None = None,
+    terminal: Sequence[str] | str | Block | Any = None,
+    at: Mapping[str, float] | None = None,
+    preview: Sequence[str] = (),
     bounds: Mapping[str, tuple[Limit, Limit]] | None = None,
     rates: Mapping[str, float] | None = None,
     soft: Mapping[str, tuple[float | None, ...]] | None = None,
     hard: Mapping[str, tuple[float | None, float | None]] | None = None,
+    path: Block | None = None,
+    final: Block | None = None,
     moves: Sequence[int] | None = None,
     iterations: int = 1,
     passes: int = 20,
-    rescue: int = 30,
+    rescue: int | None = None,
     method: str = "rk4",
     substeps: int = 1,
     solver: str = "riccati",
@@ -52,8 +64,8 @@ def nmpc(
     Multiple shooting with a Gauss-Newton Hessian, in real-time iterations (Diehl 2001): each tick
     the last plan is shifted by a stage, the plant linearised along it, one quadratic program
     solved, and the first control applied. Inputs of the plant that are not controls, and the
-    references of the cost, keep their present value over the horizon; so an adhesion estimate that
-    feeds one of them makes the controller free of offset.
+    references of the cost, keep their present value over the horizon or are previewed; so an
+    adhesion estimate that feeds one of them makes the controller free of offset.
 
     Args:
         plant: a flow. Its states are measured: they become inputs of the controller.
@@ -64,8 +76,16 @@ def nmpc(
         h: length of a stage and period of the controller in s.
         horizon: number of stages.
         weights: weight of each output of the cost per its unit, by default 1.
-        terminal: outputs of the cost that count in the last stage, by default all that do not
-            depend on the control.
+        terminal: what counts in the last stage. Names of outputs of the cost, by default all that
+            do not depend on the control; or a law of residuals of its own (their weights stand in
+            ``weights`` too); or ``"lqr"``, the cost to go of the linear quadratic regulator
+            (:mod:`slipctl.predict.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with the
+            best steady state x_s. The last two are of the plant linearised at ``at``, with the
+            parameters and weights given here: what is set later does not change them. x_s follows
+            the held inputs, linearly.
+        at: the point for that: values of states, controls and held inputs, else the declared ones.
+        preview: held inputs, and bounds with a name, that are known ahead: such an input of the
+            controller is an array of horizon + 1 values, now and after each stage.
         bounds: (lo, hi) of a control, by default its declared range. A name instead of a number
             is an input of the controller (the limit of an anti-slip law, say).
         rates: largest rate of a control, in its unit per second.
@@ -77,11 +97,15 @@ def nmpc(
             stage where any control allows it. Where none does, the bounds and rates of the
             controls are kept, then the sum of what the hard limits are exceeded by, each over its
             size, is made as small as can be, then the cost; ``status`` is 3.
+        path: a law whose outputs are kept within their declared ``lo`` and ``hi`` at every stage;
+            its inputs are read as those of the cost. They are hard, but for those that ``soft``
+            names. final: the same at the end of the horizon alone.
         moves: number of stages over which each free control is held; their sum is the horizon.
         iterations: real-time iterations per tick.
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
-            or went in a circle; 0 for none, where the time of a tick has to be short.
+            or went in a circle, by default 30, and 60 where limits are hard or linear; 0 for none,
+            where the time of a tick has to be short.
         method, substeps: integration over a stage, as of :func:`sampled`.
         solver: ``"riccati"`` (:mod:`slipctl.predict.active_set`; generated as C, float
             included). For comparison: the same iterations by ``"osqp"`` or ``"qrqp"``, and each
@@ -104,28 +128,50 @@ def nmpc(
     where = f"nmpc({as_block('nmpc: the plant', plant).name})"
     as_block(f"{where}: the cost", cost)
     controls = [control] if isinstance(control, str) else list(control)
-    _check_numbers(where, h, horizon, iterations, passes, rescue, solver)
+    check_numbers(where, h, horizon, iterations, passes, 30 if rescue is None else rescue, solver)
     if not controls:
         raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
     full = {c: plant.find(c, "input") for c in controls}
-    limits = _bounds(where, plant, full, _by_name(where, "bounds", bounds))
-    rate = _rates(where, controls, _by_name(where, "rates", rates))
-    softs = soft_limits(where, plant, _by_name(where, "soft", soft))
-    softs |= hard_limits(where, plant, _by_name(where, "hard", hard), softs)
-    if not rescue and any(s.hard or s.linear for s in softs.values()):
-        raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
-    if softs and solver in ("ipopt", "fatrop") and any(s.hard or s.linear for s in softs.values()):
-        raise BadInput(f"{where}: {solver} takes no hard and no linear limits; use solver='osqp'")
-    scale = {c: _scale(*limits[c]) for c in controls}
-    tied = _tied(where, horizon, moves)
-    problem = Horizon.of(
-        plant, cost, controls, terminal, softs, horizon, h, method, substeps, scale
+    limits = bounds_of(where, plant, full, by_name(where, "bounds", bounds))
+    rate = rates_of(where, controls, by_name(where, "rates", rates))
+    own = terminal if isinstance(terminal, Block) else None
+    given = {"path": path, "final": final, "last": own}
+    laws = {k: as_block(f"{where}: {k}", v) for k, v in given.items() if v is not None}
+    softs = limits_of(
+        where, plant, laws, by_name(where, "soft", soft), by_name(where, "hard", hard)
     )
-    weigh = _weights(where, cost, _by_name(where, "weights", weights))
+    firm = any(s.hard or s.linear for s in softs.values())
+    rescue = (60 if firm else 30) if rescue is None else int(rescue)
+    if not rescue and firm:
+        raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
+    if firm and solver in ("ipopt", "fatrop"):
+        raise BadInput(f"{where}: {solver} takes no hard and no linear limits; use solver='osqp'")
+    scale = {c: scale_of(*limits[c]) for c in controls}
+    tied = tied_of(where, horizon, moves)
+    weigh = weights_of(where, [cost, *([own] if own else [])], by_name(where, "weights", weights))
+    names = terminal if isinstance(terminal, (list, tuple)) and _all_names(terminal) else None
+    problem = Horizon.of(
+        plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws
+    )
+    if terminal is not None and own is None and names is None:
+        point = by_name(where, "at", at)
+        if isinstance(terminal, str) and terminal == "lqr":
+            problem = with_lqr(where, problem, weigh, point)
+        else:
+            problem = with_matrix(where, problem, weigh, point, terminal)
+    elif at:
+        raise BadInput(f"{where}: at= is the point of terminal='lqr' or of a matrix; leave it out")
+    ahead = previewed(where, preview, [*problem.held, *(b for p in limits.values() for b in p)])
+    if moves is not None and any(b in ahead for p in limits.values() for b in p):
+        raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return _Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), int(rescue)), solver,
+        (int(passes), rescue), solver, ahead,
     ).block(name, h, plant, cost)  # fmt: skip
+
+
+def _all_names(given: Sequence[Any]) -> bool:
+    return all(isinstance(n, str) for n in given)
 
 
 class _Controller:
@@ -135,8 +181,9 @@ class _Controller:
         self, where: str, problem: Horizon, controls: list[str],
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
         weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
-        solver: str,
+        solver: str, ahead: tuple[str, ...] = (),
     ) -> None:  # fmt: skip
+        self.ahead = ahead
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
         self.short = dict(zip(controls, problem.controls, strict=True))
@@ -167,13 +214,17 @@ class _Controller:
             b: self.h.model.inputs[self.short[c]]
             for c, pair in self.limits.items() for b in pair if isinstance(b, str)
         }  # fmt: skip
-        return [*held, *(_named_limit(b, s) for b, s in limits.items())]
+        signals = [*held, *(_named_limit(b, s) for b, s in limits.items())]
+        return [
+            replace(s, shape=(self.h.stages + 1,)) if s.name in self.ahead else s for s in signals
+        ]
 
     def settings(self) -> list[Signal]:
         """Weights, bounds, rates and soft limits, as parameters."""
         found = []
         for n, w in self.weights.items():
-            unit = self.h.model.outputs[f"cost.{n}"].unit
+            outputs = self.h.model.outputs
+            unit = (outputs.get(f"cost.{n}") or outputs[f"last.{n}"]).unit
             found.append(
                 Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12).named(
                     f"weight_{n}"
@@ -199,7 +250,7 @@ class _Controller:
                 ).named(f"{self.short[c]}_rate")
             )
         for n, limit in self.softs.items():
-            short = n.replace(".", "_")
+            short = _short(n)
             unit = self._signal(n).unit
             kind = "hard" if limit.hard else "soft"
             found += [
@@ -218,7 +269,7 @@ class _Controller:
 
     def _signal(self, name: str) -> Signal:
         model = self.h.model
-        return (model.outputs | model.states)[f"plant.{name}"]
+        return (model.outputs | model.states)[name]
 
     def _command(self, c: str) -> Signal:
         """Control as an output, in the range of the bounds that are parameters."""
@@ -276,49 +327,71 @@ class _Controller:
         model = self.h.model.pack("param", {n: p[n] for n in self.h.model.params})
         rows = [p[f"weight_{n}"] for n in self.weights]
         for n, limit in self.softs.items():
-            short = n.replace(".", "_")
+            short = _short(n)
             rows += [p[f"{short}_min"], p[f"{short}_max"]]
             rows += [p.get(f"{short}_weight", limit.weight), p.get(f"{short}_linear", limit.linear)]
         return ca.vertcat(model, *rows)
 
     def bounds(self, u: Exprs, p: Exprs) -> Any:
-        """(lo, hi, rate per stage) of all controls, scaled."""
+        """(lo, hi, rate per stage) of all controls, scaled: a column, or one per stage."""
         lows: list[Any] = []
         highs: list[Any] = []
         rates: list[Any] = []
         for c, (lo, hi) in self.limits.items():
             short = self.short[c]
-            lows.append(u[lo] if isinstance(lo, str) else p[f"{short}_lo"])
-            highs.append(u[hi] if isinstance(hi, str) else p[f"{short}_hi"])
+            lows.append(self._bound(u, lo, p, f"{short}_lo"))
+            highs.append(self._bound(u, hi, p, f"{short}_hi"))
             rates.append(
                 p[f"{short}_rate"] * self.h.model.period if c in self.rate else ca.MX(1e30)
             )
-        columns = [ca.vertcat(*v) / self.scale for v in (lows, highs, rates)]
+        wide = max(v.shape[1] for v in (*lows, *highs))
+        columns = [
+            ca.vertcat(*[m if m.shape[1] == wide else ca.repmat(m, 1, wide) for m in v])
+            / ca.repmat(self.scale, 1, wide)
+            for v in (lows, highs, rates)
+        ]
         return ca.vertcat(columns[0], ca.fmax(columns[0], columns[1]), columns[2])
+
+    def _bound(self, u: Exprs, given: Limit, p: Exprs, name: str) -> Any:
+        """A bound, or those of the stages in a row."""
+        if not isinstance(given, str):
+            return p[name]
+        return u[given][: self.h.stages].T if given in self.ahead else u[given]
+
+    def held(self, u: Exprs) -> tuple[Any, Any]:
+        """Held inputs of the stages, one per column, and of the last one."""
+        N = self.h.stages
+        if not any(n in self.ahead for n in self.h.held):
+            d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
+            return ca.repmat(d, 1, N), d
+        rows = [u[n].T if n in self.ahead else ca.repmat(u[n], 1, N + 1) for n in self.h.held]
+        d = ca.vertcat(*rows)
+        return d[:, :N], d[:, N]
 
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         x0 = ca.vertcat(*[u[s.name] for s in self.measured()])
-        d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
+        d, d_last = self.held(u)
         q, bounds = self.constants(p), self.bounds(u, p)
-        lo, hi = bounds[:nu], bounds[nu : 2 * nu]
+        lo, hi = bounds[:nu, 0], bounds[nu : 2 * nu, 0]
         begun = xs["planned"] > 0
         start = ca.fmin(hi, ca.fmax(lo, ca.vertcat(*[self._start(n) for n in self.h.controls])))
         before = ca.if_else(begun, xs["applied"], start)
 
         X, V = xs["X"], xs["U"]
-        following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d, q[: self.h.np_])
+        following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d[:, -1], q[: self.h.np_])
         X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.repmat(x0, N + 1, 1))
-        V = ca.if_else(begun, ca.vertcat(V[nu:], V[-nu:]), ca.repmat(start, N, 1))
+        later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
+        V = ca.if_else(begun, later, ca.repmat(start, N, 1))
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first())
         plan = V[:nu]
         bounds, contradict = self.reachable(bounds, before)
         open_, made, over = ca.MX(0), ca.MX(0), ca.MX(0)
         if self.whole is not None:
-            X, V, residual = self.whole(x0, d, q, before, bounds, X, V)
+            X, V, residual = self.whole(x0, d, d_last, q, before, bounds, X, V)
         else:
             for _ in range(self.iterations):
-                found = self.iterate(X, V, S, x0, d, q, before, bounds)
+                found = self.iterate(X, V, S, x0, (d, d_last), q, before, bounds)
                 X, V, S, open_, over = X + found.X, V + found.U, found.S, found.open, found.over
                 made, residual = made + found.passes, found.residual
 
@@ -346,16 +419,31 @@ class _Controller:
     def reachable(self, bounds: Any, before: Any) -> tuple[Any, Any]:
         """Bounds of each stage, opened where the rate does not lead back to them; whether so."""
         nu, N = self.h.nu, self.h.stages
-        lo, hi, rate = bounds[:nu], bounds[nu : 2 * nu], bounds[2 * nu :]
+        constant = bounds.shape[1] == 1
+        each = ca.repmat(bounds, 1, N) if constant else bounds
         if not self.rate:
-            return ca.repmat(bounds, 1, N), ca.MX(0)
-        columns, changes = [], 0
+            return each, ca.MX(0)
+        rate = bounds[2 * nu :, 0]
+        lows, highs, outside, changes = [], [], [], 0
+        low = high = before
         for k in range(N):
             changes += not self.tied[k]
-            low, high = before - changes * rate, before + changes * rate
-            columns.append(ca.vertcat(ca.fmin(lo, high), ca.fmax(hi, low), rate))
-        outside = ca.fmax(before - rate - hi, lo - before - rate)
-        return ca.horzcat(*columns), ca.mmax(outside) > SMALL
+            lo, hi = each[:nu, k], each[nu : 2 * nu, k]
+            if constant:
+                low, high = before - changes * rate, before + changes * rate
+            else:
+                low, high = low - rate, high + rate
+            outside += [low - hi, lo - high] if k == 0 or not constant else []
+            lows.append(ca.fmin(lo, high))
+            highs.append(ca.fmax(hi, low))
+            if not constant:
+                low, high = ca.fmax(low, lows[k]), ca.fmin(high, highs[k])
+        if not constant:  # what lies beyond where the rate leads back in time is none
+            for k in reversed(range(N - 1)):
+                lows[k] = ca.fmax(lows[k], lows[k + 1] - rate)
+                highs[k] = ca.fmin(highs[k], highs[k + 1] + rate)
+        columns = [ca.vertcat(a, b, rate) for a, b in zip(lows, highs, strict=True)]
+        return ca.horzcat(*columns), ca.mmax(ca.vertcat(*outside)) > SMALL
 
     def _start(self, name: str) -> float:
         """Control of the first guess: the value of the input, else 0."""
@@ -364,100 +452,15 @@ class _Controller:
         return value / self.h.scale[self.h.controls.index(name)]
 
     def iterate(
-        self, X: Any, V: Any, S: Any, x0: Any, d: Any, q: Any, before: Any, bounds: Any
-    ) -> Found:
+        self, X: Any, V: Any, S: Any, x0: Any, held: tuple[Any, Any], q: Any, before: Any,
+        bounds: Any,
+    ) -> Found:  # fmt: skip
         """One real-time iteration on (X, V, S): linearise and solve the QP; its step."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
-        D = self.stage.map(N)(
-            states[:, :-1], v, ca.repmat(d, 1, N), ca.repmat(q, 1, N), states[:, 1:]
-        )
-        E = self.end(states[:, -1], d, q)
+        D = self.stage.map(N)(states[:, :-1], v, held[0], ca.repmat(q, 1, N), states[:, 1:])
+        E = self.end(states[:, -1], held[1], q)
         return self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
-
-
-# ---- what is asked for ------------------------------------------------------------------------
-
-
-def _check_numbers(
-    where: str, h: float, horizon: int, iterations: int, passes: int, rescue: int, solver: str
-) -> None:
-    check_positive(f"{where}: h", h, "s")
-    check_whole(f"{where}: rescue", rescue, 0)
-    for word, count in (("horizon", horizon), ("iterations", iterations), ("passes", passes)):
-        check_whole(f"{where}: {word}", count)
-    if solver not in SOLVERS:
-        raise BadInput(f"{where} has no solver {solver!r}; it has {', '.join(SOLVERS)}")
-    if solver != "riccati":
-        available(where, solver)
-
-
-def _bounds(
-    where: str, plant: Block, full: Mapping[str, str], given: Mapping[str, tuple[Limit, Limit]]
-) -> dict[str, tuple[Limit, Limit]]:
-    for n in given:
-        if n not in full:
-            raise BadInput(f"{where}: bounds of {n!r}, which is no control{nearest(n, full)}")
-    found = {}
-    for c, n in full.items():
-        s = plant.inputs[n]
-        lo, hi = entries_of(f"{where}: bounds of {c}", given.get(c, (s.lo, s.hi)), "(lo, hi)")
-        for b in (lo, hi):
-            if not isinstance(b, str):
-                check_number(f"{where}: bounds of {c}: an end", b, s.unit)
-        if not isinstance(lo, str) and not isinstance(hi, str) and not lo < hi:
-            raise BadInput(
-                f"{where}: {c} from {lo:g} to {hi:g} {s.unit} leaves nothing; give lo < hi"
-            )
-        for b in (lo, hi):
-            if isinstance(b, str) and not b.isidentifier():
-                raise BadInput(f"{where}: {b!r} is no name for the input that bounds {c}")
-            if not isinstance(b, str) and not math.isfinite(b):
-                raise BadInput(
-                    f"{where}: {c} is unbounded; give bounds={{{c!r}: (lo, hi)}} in {s.unit}"
-                )
-        found[c] = (lo, hi)
-    return found
-
-
-def _by_name(where: str, what: str, given: Any) -> dict[str, Any]:
-    """Settings by name, none where they are left out."""
-    if not isinstance(given, Mapping | None):
-        raise BadInput(f"{where}: {what} = {given!r}; give {what}={{name: ...}}")
-    return dict(given or {})
-
-
-def _scale(lo: Limit, hi: Limit) -> float:
-    numbers = [abs(b) for b in (lo, hi) if not isinstance(b, str)]
-    return max(numbers, default=1.0) or 1.0
-
-
-def _rates(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> dict[str, float]:
-    for c, r in rates.items():
-        if c not in controls:
-            raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
-        check_positive(f"{where}: rate of {c}", r)
-    return dict(rates)
-
-
-def _weights(where: str, cost: Block, weights: Mapping[str, float]) -> dict[str, float]:
-    for n, w in weights.items():
-        if n not in cost.outputs:
-            raise BadInput(f"{where}: the cost has no residual {n!r}{nearest(n, cost.outputs)}")
-        check_positive(f"{where}: weight of {n}", w)
-    return {n: float(weights.get(n, 1.0)) for n in cost.outputs}
-
-
-def _tied(where: str, horizon: int, moves: Sequence[int] | None) -> list[bool]:
-    if moves is None:
-        return [False] * horizon
-    if not isinstance(moves, Sequence):
-        raise BadInput(f"{where}: moves = {moves!r} is no list of whole numbers")
-    for m in moves:
-        check_whole(f"{where}: moves: a length", m)
-    if sum(moves) != horizon:
-        raise BadInput(f"{where}: moves = {list(moves)} must have the sum {horizon}")
-    return [k > 0 for m in moves for k in range(int(m))]
 
 
 def _per(unit: str) -> str:
@@ -466,3 +469,8 @@ def _per(unit: str) -> str:
 
 def _named_limit(name: str, s: Signal) -> Signal:
     return Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(name)
+
+
+def _short(name: str) -> str:
+    """Name of a limited signal within its part, as a parameter has it."""
+    return name.split(".", 1)[1].replace(".", "_")

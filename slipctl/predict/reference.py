@@ -136,7 +136,7 @@ def _regular(nx: int, nu: int) -> Any:
 
 
 def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates: bool) -> Any:
-    """Function (x0, d, q, before, bounds, guess X, guess V) -> (X, V, residual).
+    """Function (x0, d, d last, q, before, bounds, guess X, guess V) -> (X, V, residual).
 
     Raises:
         BadInput: FATROP with rate limits or tied moves, which couple controls of two stages.
@@ -145,7 +145,8 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         raise BadInput(f"{where}: FATROP takes no rates and no moves; use solver='ipopt'")
     nx, nu, N = problem.nx, problem.nu, problem.stages
     scale = ca.DM(problem.scale)
-    x0, d, q = ca.MX.sym("x0", nx), ca.MX.sym("d", problem.nd), ca.MX.sym("q", problem.nq)
+    x0, q = ca.MX.sym("x0", nx), ca.MX.sym("q", problem.nq)
+    d, d_last = ca.MX.sym("d", problem.nd, N), ca.MX.sym("d_last", problem.nd)
     before, bounds = ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu, N)
     X = [ca.MX.sym(f"X{k}", nx) for k in range(N + 1)]
     V = [ca.MX.sym(f"V{k}", nu) for k in range(N)]
@@ -154,8 +155,8 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     z: list[Any] = []
     for k in range(N):
         z += [X[k], V[k]]
-        f += cost(X[k], V[k], d, q)
-        g.append(X[k + 1] - step(X[k], V[k] * scale, d, q[: problem.np_])[0])
+        f += cost(X[k], V[k], d[:, k], q)
+        g.append(X[k + 1] - step(X[k], V[k] * scale, d[:, k], q[: problem.np_])[0])
         equal += [True] * nx
         room.append(ca.MX.zeros(nx))
         if k == 0:
@@ -167,7 +168,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
             equal += [False] * nu
             room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k])
     z.append(X[N])
-    f += last(X[N], d, q)
+    f += last(X[N], d_last, q)
     options: dict[str, Any] = dict(QUIET)
     if solver == "fatrop":
         options |= {"structure_detection": "auto", "equality": equal, "fatrop.print_level": 0}
@@ -181,7 +182,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     unlimited = ca.MX.ones(nx) * ca.inf
     lbx = ca.vertcat(*[m for k in range(N) for m in (-unlimited, bounds[:nu, k])], -unlimited)
     ubx = ca.vertcat(*[m for k in range(N) for m in (unlimited, bounds[nu : 2 * nu, k])], unlimited)
-    every = ca.vertcat(x0, d, q, before, ca.vec(bounds))
+    every = ca.vertcat(x0, ca.vec(d), d_last, q, before, ca.vec(bounds))
     variables, rows = ca.vertcat(*z), ca.vertcat(*g)
     nlp = ca.nlpsol(
         "nlp", solver, {"x": variables, "f": f, "g": rows, "p": every}, options,
@@ -210,7 +211,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         ca.vertcat(done["lam_g"], done["lam_x"]),
     )  # fmt: skip
     return ca.Function(
-        "to_the_end", [x0, d, q, before, bounds, guess_x, guess_v],
+        "to_the_end", [x0, d, d_last, q, before, bounds, guess_x, guess_v],
         [ca.vertcat(*pieces[0::2]), ca.vertcat(*pieces[1::2]), left],
     )  # fmt: skip
 

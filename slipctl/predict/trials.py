@@ -52,9 +52,11 @@ class Driver:
         self.p = build.column(block.pack("param", block.param_values()))
         self._roll = build.rolling(block.f, compile)
 
-    def __call__(self, *inputs: float) -> np.ndarray:
-        """Outputs of the next tick."""
-        u = np.array([inputs], dtype=float)
+    def __call__(self, *inputs: Any) -> np.ndarray:
+        """Outputs of the next tick; an input that is previewed may be one number for all stages."""
+        signals = zip(self.block.inputs.values(), inputs, strict=True)
+        u = np.concatenate([np.broadcast_to(v, s.shape).ravel() for s, v in signals])[None]
+        u = np.ascontiguousarray(u, dtype=float)
         x_log, y = np.empty((1, self.x.size)), np.empty((1, self.block.f.size1_out(1)))
         if self._roll(self.x, u, self.p, x_log, y) < 1:
             lost = [n for n, v in self.block.unpack("state", ca.DM(self.x)).items()

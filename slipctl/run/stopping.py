@@ -17,6 +17,9 @@ from typing import Any
 AGAIN = 0.1
 """Time in s after which an interrupt that nobody heard is raised again."""
 
+KEPT = "what had finished is written"
+"""What a stopped command says, where it is so."""
+
 
 class _State:
     """What was asked for, and how many files are being written."""

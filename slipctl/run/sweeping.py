@@ -134,6 +134,7 @@ def _run_all(
     except BaseException as error:  # what was rolling is kept too
         if isinstance(error, KeyboardInterrupt):
             stopping.heard()
+            error.args = (stopping.KEPT,)
         stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
         _write(kept, {f for f in waiting if f.done() and not f.cancelled()})

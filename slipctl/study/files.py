@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import io
+import logging
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -23,6 +24,8 @@ from slipctl.study.texts import tolerance_text
 
 if TYPE_CHECKING:
     import xarray
+
+message = logging.getLogger("slipctl")
 
 
 def draft_log(data: xarray.Dataset, folder: Path, loop: str) -> list[tuple[Path, Path]]:
@@ -215,10 +218,15 @@ def save_pages(
     parts = report.constant(results)
     jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
     done: dict[str, Any] = {}
+    left: list[str] = []
     with closing(each(jobs, cores or Cores(1), lambda name, share: None)) as outcomes:
         for name, outcome in outcomes:
-            with noted(results, name):
+            with noted(results, name, left):
                 done[name] = outcome.get()
+    if len(left) > 1:
+        message.info("%d figures are left out: what they show was not run (-v: which)", len(left))
+    for line in left:
+        message.log(logging.INFO if len(left) == 1 else logging.DEBUG, line)
     drawn = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
     texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
     store.write_text(out / "report.html", report.page(results, verdicts, drawn, command, texts))

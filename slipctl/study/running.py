@@ -150,14 +150,18 @@ def _load(study: Study) -> None:
 
 
 @contextmanager
-def noted(results: Results, what: str) -> Iterator[None]:
-    """Note what breaks, so that the rest goes on and nothing computed is lost."""
+def noted(results: Results, what: str, left: list[str] | None = None) -> Iterator[None]:
+    """Note what breaks, so that the rest goes on and nothing computed is lost.
+
+    What asks for what was not run is told, in ``left`` if that is given.
+    """
     try:
         yield
     except LeftToFull:
         log.debug("%s is left to --full", what)
     except NotRun as missing:
-        log.info("%s is left out: %s", what, missing)
+        told = f"{what} is left out: {missing}"
+        (log.info if left is None else left.append)(told)
     except Exception as error:
         results.failed[what] = reason(error)
         log.debug("%s", what, exc_info=True)

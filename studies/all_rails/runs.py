@@ -165,31 +165,36 @@ def seeds(context: Context) -> dict[str, Table]:
         k: [] for k in ("vehicle", "rail", "loop", "mean", "deviation", "worst", "slide", "over",
                         "ripple", "behind")
     }  # fmt: skip
-    done, total = 0, len(pairs) * count * (len(NAMES) + 3)
     draws: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "seed", *NAMES)}
     duel: dict[str, list[Any]] = {
         k: [] for k in ("vehicle", "rail", "rival", "lead", "error", "ahead")
     }
     checks: dict[str, list[Any]] = {k: [] for k in ("vehicle", "rail", "least", "change")}
+    blocks = {vehicle: loops(vehicle) for vehicle in dict.fromkeys(v for v, _ in pairs)}
+    for block in (b for ours in blocks.values() for b in ours.values()):
+        _ = block.f  # built once, before the processes part
+
+    def work(what: Sequence[Any]) -> dict[str, Any]:
+        """All controllers on one draw, and the optimum of the draw, from the best of them."""
+        vehicle, rail, seed = what
+        draw, ours = drawn(vehicle, rail, seed), blocks[vehicle]
+        ran = {n: run(context, vehicle, rail, n, ours[n], seed, draw) for n in NAMES}
+        sign = -1 if VEHICLES[vehicle].driven else 1
+        nearest = min(NAMES, key=lambda n: sign * ran[n]["way"])
+        return {"runs": ran, "bound": optimum_of(context, vehicle, rail, draw, ours, (nearest,))}
+
+    wanted = [(*pair, seed) for pair in pairs for seed in range(FIRST, FIRST + count)]
+    outcomes = dict(zip(wanted, context.each("draws", wanted, work), strict=True))
     for vehicle, rail in pairs:
-        blocks = loops(vehicle)
         found: dict[str, list[dict[str, Any]]] = {n: [] for n in NAMES}
         lost: dict[str, list[float]] = {n: [] for n in NAMES}
         change = 0.0
         for seed in range(FIRST, FIRST + count):
-            draw = drawn(vehicle, rail, seed)
-            for n in NAMES:
-                found[n].append(run(context, vehicle, rail, n, blocks[n], seed, draw))
-                done += 1
-                context.progress(done / total)
-            sign = -1 if VEHICLES[vehicle].driven else 1
-            nearest = min(NAMES, key=lambda n: sign * found[n][-1]["way"])
-            bound = optimum_of(context, vehicle, rail, draw, blocks, (nearest,))
+            ran, bound = (outcomes[vehicle, rail, seed][k] for k in ("runs", "bound"))
             change = max(change, bound["change"])
-            done += 3
-            context.progress(done / total)
             for n in NAMES:
-                lost[n].append(regret(vehicle, found[n][-1]["way"], bound["way"]))
+                found[n].append(ran[n])
+                lost[n].append(regret(vehicle, ran[n]["way"], bound["way"]))
             row = (vehicle, rail, seed, *(lost[n][-1] for n in NAMES))
             for key, value in zip(draws, row, strict=True):
                 draws[key].append(value)

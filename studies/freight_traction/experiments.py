@@ -86,14 +86,20 @@ def reached(context: Context) -> Table:
     rows: dict[str, list[Any]] = {
         k: [] for k in ("scenario", "loop", "rail", "lock", "found", "use", "creep", "torque")
     }
-    for scenario in ("base", "moving_optimum", "real"):
-        for seek in SEEKERS:
-            loop, where = context.loop(scenario, f"{seek}_robust")
-            log = log_of(loop, where, context.compile)
-            for rail, span in sections(where):
-                found = outcome(log, span, *best(context.models["adh"], rail))
-                for k, v in {"scenario": scenario, "loop": seek, "rail": rail, **found}.items():
-                    rows[k].append(v)
+
+    def work(what: Sequence[str]) -> list[dict[str, Any]]:
+        loop, where = context.loop(what[0], f"{what[1]}_robust")
+        log = log_of(loop, where, context.compile)
+        return [
+            {"rail": rail, **outcome(log, span, *best(context.models["adh"], rail))}
+            for rail, span in sections(where)
+        ]
+
+    wanted = [(s, seek) for s in ("base", "moving_optimum", "real") for seek in SEEKERS]
+    for (scenario, seek), parts in zip(wanted, context.each("loops", wanted, work), strict=True):
+        for found in parts:
+            for k, v in {"scenario": scenario, "loop": seek, **found}.items():
+                rows[k].append(v)
     return Table(
         "What each seeker reaches under the robust law",
         {

@@ -157,6 +157,18 @@ def test_a_part_of_a_study_leaves_claims_open(capsys: pytest.CaptureFixture[str]
     assert "figure fig01 is left out: base was not run" in capsys.readouterr().err
 
 
+def test_stopped_while_a_study_is_built_nothing_is_said_to_be_written(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*args: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("slipctl.study.preparing.prepare", interrupted)
+    assert main(["run", TOY, "--quick"]) == 130
+    assert capsys.readouterr().err == "slipctl: stopped\n"
+    assert not Path("out").exists()
+
+
 def test_a_failed_run_ends_with_1_and_keeps_the_rest(capsys: pytest.CaptureFixture[str]) -> None:
     file = study_file("study.py", """
 from casadi import exp, sqrt

@@ -176,20 +176,24 @@ def test_rows_of_a_display() -> None:
     assert [bool(right) for _, right in rows] == [True, False, True]
 
 
-@pytest.mark.parametrize(
-    "name", [f"{m}.{b}" for m, (_, blocks) in doors.models().items() for b in blocks]
-)
-def test_every_model_has_well_formed_equations(name: str) -> None:
-    try:
-        block = doors.load_block(name)
-    except BadInput as error:
-        if "is a function that needs" not in str(error):
-            raise
-        pytest.skip(str(error))
-    for left, right in mathml.page(show.latex(block)):
-        for side in (left, right):
-            ElementTree.fromstring(f"<math>{side}</math>")
-        assert "<mtext>" not in right or "otherwise" in right or "built" in right
+@pytest.mark.parametrize("model", doors.models())
+def test_every_model_has_well_formed_equations(model: str) -> None:
+    """Of each block; a function that needs arguments makes none by its name alone."""
+    shown = False
+    for name in doors.models()[model][1]:
+        try:
+            block = doors.load_block(f"{model}.{name}")
+        except BadInput as error:
+            if "is a function that needs" not in str(error):
+                raise
+            continue
+        shown = True
+        for left, right in mathml.page(show.latex(block)):
+            for side in (left, right):
+                ElementTree.fromstring(f"<math>{side}</math>")
+            assert "<mtext>" not in right or "otherwise" in right or "built" in right, name
+    blocks = doors.models()[model][1]
+    assert shown or not blocks or model in ("converters", "ranges", "rolling")
 
 
 def test_chatter_hides_no_other_signal():

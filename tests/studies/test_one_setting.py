@@ -12,16 +12,17 @@ from slipctl import BadInput, Scenario, simulate
 
 
 def chosen() -> list[tuple[str, int, str, str, float]]:
-    """One setting of each loop, in turn."""
+    """One setting of each loop, in turn; of a bound without wheels ``m`` for ``r`` and ``J``."""
     every = [one for study in STUDIES for one in loops(study)]
-    return [(*one, *SETTINGS[2 * k % 9]) for k, one in enumerate(every)]
+    turn = [(*one, *SETTINGS[2 * k % 9]) for k, one in enumerate(every)]
+    wheels = {"r": "m", "J": "m"}
+    return [(study, k, name, wheels.get(what, what) if name.startswith("ideal") else what, factor)
+            for study, k, name, what, factor in turn]  # fmt: skip
 
 
 @pytest.mark.parametrize(("study", "k", "name", "what", "factor"), chosen(), ids=lambda x: f"{x}")
 def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
     (found,) = compare(study, k, name, [(what, factor)], whole=False)
-    if found == "none":
-        pytest.skip(f"{name} has no {what}")
     assert found.startswith(("equal", "refused"))
 
 
