@@ -23,8 +23,8 @@ HEAD = """\
 # API reference
 
 Made from the docstrings by `python docs/make_api.py`; a test fails when it is out of date. Public
-is what `slipctl` exports; the modules of bounds and the models are listed after it. Units are SI.
-The ideas behind the names are in [concepts](concepts.md).
+is what `slipctl` exports; figures, the modules of bounds and the models are listed after it. Units
+are SI. The ideas behind the names are in [concepts](concepts.md).
 """
 
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes|Kinds|Proof note):\s*(.*)$")
@@ -37,6 +37,9 @@ def page() -> str:
         found = importlib.import_module(f"slipctl.{module}")
         parts.append(f"## slipctl.{module}\n\n{first_line(found)}\n")
         parts += [entry(name, getattr(found, name), 3) for name in names]
+    figures = importlib.import_module("slipctl.draw.plots")
+    parts.append(f"## slipctl.draw.plots\n\n{first_line(figures)}\n")
+    parts += [entry(k, v, 3) for k, v in own(figures)]
     for title, package in (("Bounds", "slipctl.certify"), ("Models", "slipctl.models")):
         home = importlib.import_module(package)
         parts.append(f"## {title}\n\n{first_line(home)}\n")
