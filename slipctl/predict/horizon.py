@@ -281,6 +281,18 @@ class Horizon:
             ca.Function("end_cost", [x, d, q], [last], {"cse": True}),
         )
 
+    def firm(self) -> tuple[ca.Function, ca.Function]:
+        """Functions (x, v, d, q) and (x, d, q) -> excess of the hard limits, at most 0 if kept."""
+        x, u, d, _ = self.symbols()
+        q = ca.SX.sym("q", self.nq)
+        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
+        still = {n: v for n, v in y.items() if not ca.depends_on(v, u)}
+        rows, last = (self._soft_rows(v, q)[list(self.hard)] for v in (_on_the_way(y), still))
+        return (
+            ca.Function("stage_limits", [x, u, d, q], [rows]),
+            ca.Function("end_limits", [x, d, q], [last]),
+        )
+
     # ---- one stage ------------------------------------------------------------------------------
 
     def stage(self, where: str) -> tuple[ca.Function, Layout]:

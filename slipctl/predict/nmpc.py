@@ -144,8 +144,8 @@ def nmpc(
     rescue = (60 if firm else 30) if rescue is None else int(rescue)
     if not rescue and firm:
         raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
-    if firm and solver in ("ipopt", "fatrop"):
-        raise BadInput(f"{where}: {solver} takes no hard and no linear limits; use solver='osqp'")
+    if any(s.linear for s in softs.values()) and solver in ("ipopt", "fatrop"):
+        raise BadInput(f"{where}: {solver} takes no linear limits; use solver='osqp'")
     scale = {c: scale_of(*limits[c]) for c in controls}
     tied = tied_of(where, horizon, moves)
     weigh = weights_of(where, [cost, *([own] if own else [])], by_name(where, "weights", weights))

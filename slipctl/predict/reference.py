@@ -152,6 +152,9 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     V = [ca.MX.sym(f"V{k}", nu) for k in range(N)]
     step, cost, last = problem.step(), *problem.costs()
     f, g, equal, room = ca.MX(0), [], [], []
+    low: list[Any] = []
+    firm, firm_end = problem.firm()
+    beyond = ca.MX.ones(len(problem.hard)) * -ca.inf
     z: list[Any] = []
     for k in range(N):
         z += [X[k], V[k]]
@@ -167,7 +170,18 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
             g.append(V[k] - (V[k - 1] if k else before))
             equal += [False] * nu
             room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k])
+        low += [-v for v in room[len(low) :]]
+        if problem.hard and k:  # what is measured is what it is
+            g.append(firm(X[k], V[k], d[:, k], q))
+            equal += [False] * len(problem.hard)
+            room.append(ca.MX.zeros(len(problem.hard)))
+            low.append(beyond)
     z.append(X[N])
+    if problem.hard:
+        g.append(firm_end(X[N], d_last, q))
+        equal += [False] * len(problem.hard)
+        room.append(ca.MX.zeros(len(problem.hard)))
+        low.append(beyond)
     f += last(X[N], d_last, q)
     options: dict[str, Any] = dict(QUIET)
     if solver == "fatrop":
@@ -201,13 +215,13 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         ],
         guess_x[-nx:],
     )
-    limits = ca.vertcat(*room)
-    done = nlp(x0=start, p=every, lbx=lbx, ubx=ubx, lbg=-limits, ubg=limits)
+    most, least = ca.vertcat(*room), ca.vertcat(*low)
+    done = nlp(x0=start, p=every, lbx=lbx, ubx=ubx, lbg=least, ubg=most)
     pieces = ca.vertsplit(done["x"], [*_edges(nx, nu, N)])
     down, back, held = slopes(done["x"], every, done["lam_g"])
     left = remains(
         down + back + done["lam_x"], down, ca.vertcat(held, done["x"]),
-        ca.vertcat(-limits, lbx), ca.vertcat(limits, ubx),
+        ca.vertcat(least, lbx), ca.vertcat(most, ubx),
         ca.vertcat(done["lam_g"], done["lam_x"]),
     )  # fmt: skip
     return ca.Function(
