@@ -14,30 +14,33 @@ OLDEST = 5000
 """Longest dead time of a run, in ticks."""
 
 
-def ticks(n: Mapping[str, float], start: float, late: int, outward: bool) -> Iterator[float]:
-    """The seeker tick by tick, in floats: th - v* after each tick, for as long as it is asked.
+def ticks(
+    n: Mapping[str, float], start: float, late: int, outward: bool, most: int, beyond: float = -1
+) -> Iterator[tuple[int, float]]:
+    """The seeker tick by tick, in floats: number of the tick, from 1, and th - v* after it.
 
     Before the first tick the dither alone has run, so that what is heard is at rest with it.
 
     Args:
         n: numbers of the system. start: th - v*. late: ticks of the dead time.
         outward: whether the noise drives th outward; there is none otherwise.
+        most: ticks. beyond: only those are given in which |th - v*| is more.
     """
     k, w, w_l, w_h, a, c, T = (float(n[x]) for x in ("k", "w", "w_l", "w_h", "a", "curvature", "T"))
     noise = float(n.get("noise", 0)) if outward else 0.0
     E = math.exp(-T / n["lag"]) if n.get("lag") else 0.0
     line = deque((start + a * math.sin(-w * T * j)) ** 2 for j in range(late, 0, -1))
-    th, xi, eta, i = start, 0.0, c / 2 * start * start, 0
+    th, xi, eta = start, 0.0, c / 2 * start * start
     heard = _at_rest(start, a, w * T, late, E) if E else 0.0
-    while True:
+    for i in range(most):
         s = math.sin(w * T * i)
         line.append((th + a * s) ** 2)
         y = line.popleft()
         heard = y + E * (heard - y) if E else y
-        high = c / 2 * heard - eta + math.copysign(noise, s * start * k)
+        high = c / 2 * heard - eta + (noise and math.copysign(noise, s * start * k))
         th, xi, eta = th + T * k * xi, xi + T * w_l * (high * s - xi), eta + T * w_h * high
-        i += 1
-        yield th
+        if not abs(th) <= beyond:
+            yield i + 1, th
 
 
 def _at_rest(start: float, a: float, W: float, late: int, E: float) -> float:

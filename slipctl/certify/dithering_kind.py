@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
-from itertools import islice
 from typing import Any
 
 from slipctl.certify import dither, dither_flight, dither_push, dither_search, sliding
@@ -143,16 +142,21 @@ def _decimal(text: Any, where: str) -> float:
 
 def _check_return(n: Numbers, entries: Entries, target: str) -> None:
     found = _read_return(n, opened(n, entries, PROOF, "evidence"))
-    value = _bounds_of(n, found, target)
-    if value is None:
+    if found.reach(_first(n)) is None:
         raise DoesNotHold("evidence: it does not return from as far as that")
-    if target in n and not value < n[target]:
+    value = _bounds_of(n, found, target) if target in n else None
+    if value is not None and not value < n[target]:
         raise DoesNotHold(f"evidence: {target} is {float(value):.6g}, more than what was asked")
+
+
+def _first(n: Numbers) -> float:
+    """Farthest start in amplitudes, rounded up."""
+    return float(_from(n) / n["a"]) * (1 + 1e-12)
 
 
 def _bounds_of(n: Numbers, found: dither.Found, target: str) -> Fraction | None:
     """What is proven in m/s, as a rational that is rounded up."""
-    reach = found.reach(float(_from(n) / n["a"]) * (1 + 1e-12))
+    reach = found.reach(_first(n))
     if reach is None:
         return None
     value = reach if target == "reach" else found.rest()
@@ -192,11 +196,11 @@ def _find_flight(n: Numbers, constants: float = LATER) -> Entries | None:
     most = min(int(constants / slowest) + 100 * SOON, MOST_DITHER_TICKS)
     for against in dict.fromkeys((bool(n.get("noise")), False)):
         for side in (1, -1):
-            run = dither_flight.ticks(plain, float(side * _from(n)), _late(n), against)
-            tick = next((i for i, th in enumerate(islice(run, most), 1) if not abs(th) <= limit), 0)
-            if tick:
+            run = dither_flight.ticks(plain, float(side * _from(n)), _late(n), against, most, limit)
+            left = next(run, None)
+            if left:
                 return sealed(n, {
-                    "start": str(side * _from(n)), "ticks": tick,
+                    "start": str(side * _from(n)), "ticks": left[0],
                     "noise": "outward" if against else "none",
                 })  # fmt: skip
     return None
@@ -329,8 +333,8 @@ def _perturbation_witness(n: Numbers) -> Witness:
     first, T, kept = float(_from(n)), float(n["T"]), [(0.0, float(_from(n)))]
     plain = {k: float(v) for k, v in n.items()}
     most = MOST_DITHER_TICKS if _late(n) <= dither_flight.OLDEST else 0
-    run = dither_flight.ticks(plain, first, min(_late(n), dither_flight.OLDEST), False)
-    for i, th in enumerate(islice(run, most), 1):
+    late = min(_late(n), dither_flight.OLDEST)
+    for i, th in dither_flight.ticks(plain, first, late, False, most):
         kept.append((i * T, th))
         if not abs(th) <= 1e3 * max(float(n["a"]), first):
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import warnings
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -36,10 +37,14 @@ def lagged(K: float, lag: float, T: float) -> Any:
     Without a lag it is K T/(z - 1).
     """
     import control
+    from scipy.signal import BadCoefficients
 
     if lag == 0:
         return control.tf([K * T], [1, -1], T)
-    return control.sample_system(control.tf([K], [lag, 1, 0]), T)
+    with warnings.catch_warnings():
+        # for lag >> T the first coefficients, below 1e-14 of the others, are left out
+        warnings.simplefilter("ignore", BadCoefficients)
+        return control.sample_system(control.tf([K], [lag, 1, 0]), T)
 
 
 def held(lag: float, T: float) -> tuple[float, float, float]:

@@ -61,18 +61,18 @@ def _runs(
     s = np.tile(size * reach * np.cos(angle), (ways, 1))
     a = np.tile(size * reach * np.sin(angle), (ways, 1)) / float(law.lag)
     g2, half = float(law.g2), np.array(HALF_PERIODS)[:, None]
+    seen = np.empty((4, kept, *s.shape))
     d = np.zeros_like(s)
-    seen = []
+    waves = 1.0 - 2.0 * ((np.arange(settle + kept)[:, None, None] // half) % 2)
     for i in range(settle + kept):
         side = np.sign(s)
         if e:
-            d[0], d[1], d[2], d[3] = 1.0, np.sign(a[1]), side[2], -side[3]
-            d[4], d[5] = np.sign(a[4] - side[4] * g2), -np.sign(a[5])
-            d[6:] = 1.0 - 2.0 * ((i // half) % 2)
+            d[0], d[2], d[3], d[6:] = 1.0, side[2], -side[3], waves[i]
+            d[1], d[4], d[5] = np.sign(a[1]), np.sign(a[4] - side[4] * g2), -np.sign(a[5])
         if i >= settle:
-            seen.append((s, a, side, d.copy()))
+            seen[:, i - settle] = s, a, side, d
         s, a = m11 * s + m12 * a - b1 * side + e * d, m21 * s + m22 * a - b2 * side
-    S, A, sides, D = (np.stack(x).reshape(len(seen), -1) for x in zip(*seen, strict=True))
+    S, A, sides, D = seen.reshape(4, kept, -1)
     return S, A, sides, D
 
 

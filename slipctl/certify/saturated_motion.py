@@ -68,10 +68,6 @@ def motion(k1: Any, k3: Any, M: Any, F_min: Any, F_max: Any, F_low: Any, F_high:
     )  # fmt: skip
 
 
-def _root(x: Any) -> Any:
-    return x.sqrt() if isinstance(x, Decimal) else math.sqrt(x)
-
-
 def half_turn(
     law: Saturated, s: Any, above: bool = True, steps: int = STEPS
 ) -> tuple[Any, Any] | None:
@@ -84,37 +80,43 @@ def half_turn(
         of what the worst need does.
     """
     strong, weak = law.left
-    h, q, E, top = s / steps, -s, s - s, s - s
-    wide = SLOP if isinstance(s, Decimal) else 0.0
+    stiff, damp, none = law.stiff, law.damp, s - s
+    h, q, E, top, v = s / steps, -s, none, none, none
+    exact = isinstance(s, Decimal)
+    root: Any = Decimal.sqrt if exact else math.sqrt
+    wide = SLOP if exact else 0.0
     for _ in range(1000 * steps):
-        v = _root(2 * E)
         if above:
-            slope = _cut(-law.stiff * q - law.damp * v + wide * (law.stiff * s + law.damp * v),
-                         strong, weak)  # fmt: skip
+            slope = -stiff * q - damp * v
+            if exact:
+                slope += wide * (stiff * s + damp * v)
+            slope = max(-weak, min(strong, slope))
             if slope < 0:
                 least = E - weak * h
-                v = _root(2 * least) if least > 0 else E - E
-                slope = _cut(-law.stiff * q - law.damp * v
-                             + wide * (law.stiff * s + law.damp * v), strong, weak)  # fmt: skip
+                v = root(2 * least) if least > 0 else none
+                slope = -stiff * q - damp * v
+                if exact:
+                    slope += wide * (stiff * s + damp * v)
+                slope = max(-weak, min(strong, slope))
         else:
-            first = _cut(-law.stiff * q - law.damp * v, strong, weak)
-            v = _root(2 * (E + max(first, 0) * h))
-            slope = _cut(-law.stiff * (q + h) - law.damp * v
-                         - wide * (law.stiff * s + law.damp * v), strong, weak)  # fmt: skip
+            first = min(strong, -stiff * q - damp * v)
+            if first > 0:
+                v = root(2 * (E + first * h))
+            slope = -stiff * (q + h) - damp * v
+            if exact:
+                slope -= wide * (stiff * s + damp * v)
+            slope = max(-weak, min(strong, slope))
         after = E + slope * h
         if after <= 0:
             if slope < 0 and q - E / slope > 0:
                 return (q - E / slope) * (1 + (wide if above else -wide)), top
             if not above:
-                return s - s, top
-            after = E - E
-        E = after * (1 + (wide if above else -wide))
-        q, top = q + h, max(top, _root(2 * E))
+                return none, top
+            after = none
+        E = after * (1 + (wide if above else -wide)) if exact else after
+        v = root(2 * E)
+        q, top = q + h, max(top, v)
     return None
-
-
-def _cut(y: Any, strong: Any, weak: Any) -> Any:
-    return max(-weak, min(strong, y))
 
 
 def turn(law: Saturated, s: Any, above: bool = True, steps: int = STEPS) -> Any:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from decimal import Context, Decimal, localcontext
+from decimal import Context, Decimal, getcontext, localcontext
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -140,7 +140,13 @@ def _funnel_roots(load: float) -> tuple[float, float]:
 
 
 def _atanh(y: Any) -> Any:
-    return ((1 + y) / (1 - y)).ln() / 2 if isinstance(y, Decimal) else math.atanh(y)
+    return _decimal_atanh(y, getcontext().prec) if isinstance(y, Decimal) else math.atanh(y)
+
+
+@lru_cache(4096)
+def _decimal_atanh(y: Decimal, digits: int) -> Decimal:
+    """Of a pull and of its slope at the same place; ``digits`` are those of the context."""
+    return ((1 + y) / (1 - y)).ln() / 2
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]
 
-MOST_CORNERS = 250
+MOST_CORNERS = 600
 """Most corners of a polygon."""
 
 
@@ -117,13 +117,12 @@ class Levels:
             bracket = [
                 lean * z - D * (across * p - rate * z) for (z, _), p in zip(P, pull, strict=True)
             ]
-            gap = [size + across * z + along * w for z, w in P]
             for i, (of_K, of_square) in enumerate(limits, 1):
                 for x in (i, i + 1):
                     if bracket[x] > 0:
-                        scale = R * D * gap[x]
+                        gap = R * D * (size + across * P[x][0] + along * P[x][1])
                         K = bracket[x] * bottom * D
-                        if of_K * scale < K and K * bracket[x] > of_square * scale * R * D * gap[x]:
+                        if of_K * gap < K and K * bracket[x] > of_square * gap * gap:
                             return False
         return True
 

@@ -52,6 +52,8 @@ def _best(
                 best, value = tried, found
     if value == below:
         return math.inf, best
+    if best["fall"] < 0.0012 and "tick" in best:
+        return value, best
     for factor in (2.0, 1.4, 1.15):
         for name in best:
             for move in (factor, 1 / factor):
@@ -130,11 +132,14 @@ def _paced(k1: float, k2: float) -> tuple[Shape, ...]:
     g = -super_twisting.log_ratio(k1, k2, 1.0)
     if not 0 < g < 0.5:
         return ()
+    # very near as small as it gets, without a search: each takes long
+    turns, ticks, damps = [0.12, 0.08, 0.05], [0.5, 0.25, 0.12], [0.03, 0.15]
+    if g < 0.06:
+        turns, ticks, damps = [0.05, 0.035], [0.17], [0.5]
     return tuple(
         {"first": 0.6 * math.sqrt(g), "turn": turn * math.sqrt(g), "damp": damp * g,
          "fall": 0.02 * g, "push": 0.05 * g, "tick": tick * g / (k2 + 1)}
-        for turn, tick, damp in itertools.product(
-            (0.12, 0.08, 0.05), (0.5, 0.25, 0.12), (0.03, 0.15))
+        for turn, tick, damp in itertools.product(turns, ticks, damps)
     )  # fmt: skip
 
 

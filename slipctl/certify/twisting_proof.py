@@ -18,15 +18,14 @@ from slipctl.certify.twisting_rows import Law
 from slipctl.certify.twisting_sampled import (
     MOST_WORK,
     Bound,
+    Plan,
     Run,
     bound,
     quick_run,
     replay_run,
     worst_run,
 )
-
-MOST_TICKS = 20_000
-"""Most ticks of a run or a plan that are gone through."""
+from slipctl.certify.twisting_swings import MOST_TICKS
 
 
 def law(n: Numbers) -> tuple[Law, Fraction] | None:
@@ -52,11 +51,7 @@ def _find(n: Numbers) -> Entries | None:
     if at is None:
         return None
     wanted = n["band"] / at[1] if "band" in n else None
-    found = bound(at[0], wanted, MOST_WORK if wanted is None else MOST_WORK / 10)
-    if wanted is not None and found is not None and found.y > wanted:
-        if worst_run(at[0], wanted):
-            return None  # a bound would be in vain
-        found = bound(at[0], wanted, 0.7 * MOST_WORK)
+    found = bound(at[0], wanted, MOST_WORK if wanted is None else 0.7 * MOST_WORK)
     if found is None or (wanted is not None and found.y > wanted):
         return None
     levels = found.levels
@@ -64,6 +59,7 @@ def _find(n: Numbers) -> Entries | None:
         "corners": [[str(z), str(w)] for z, w in levels.corners],
         "level": str(levels.level),
         "fall": str(levels.fall),
+        "half turns": [list(entry) for entry in found.turns],
         "ticks": [list(entry) for entry in found.plan],
         "bound": str(rounded_up(found.y * at[1])),
         "x2": str(rounded_up(found.w * at[1] / n["T"])),
@@ -86,19 +82,24 @@ def levels_step(n: Numbers, entry: Entries) -> list[str]:
     return [] if at is None else list(polygon_steps.twisting(_levels(at[0], entry["evidence"])))
 
 
+def _plan(given: Any, where: str) -> Plan:
+    """Pairs of rows in k2 - L and of how often."""
+    found = []
+    for step in rows(given, where, 40):
+        parts, count = rows(step, where, 2, 2)
+        found.append((whole(parts, where, 1, 10**6), whole(count, where, 0, MOST_TICKS)))
+    return tuple(found)
+
+
 def _check(n: Numbers, given: Entries) -> None:
-    names = ("corners", "level", "fall", "ticks", "bound", "x2")
+    names = ("corners", "level", "fall", "half turns", "ticks", "bound", "x2")
     entry = mapping(given, names, "evidence", True)
     at = law(n)
     if at is None:
         raise DoesNotHold("evidence: no bound is known at these numbers")
-    plan = []
-    for step in rows(entry["ticks"], "evidence.ticks", 40):
-        parts, ticks = rows(step, "evidence.ticks", 2, 2)
-        plan.append((whole(parts, "evidence.ticks", 1, 10**6),
-                     whole(ticks, "evidence.ticks", 1, MOST_TICKS)))  # fmt: skip
+    turns, plan = (_plan(entry[k], f"evidence.{k}") for k in ("half turns", "ticks"))
     limit, x2 = (rational(entry[k], f"evidence.{k}") for k in ("bound", "x2"))
-    found = Bound(_levels(at[0], entry), tuple(plan), limit / at[1], x2 * n["T"] / at[1])
+    found = Bound(_levels(at[0], entry), turns, plan, limit / at[1], x2 * n["T"] / at[1])
     if not found.holds():
         raise DoesNotHold("evidence: the polygon does not shrink, or its ticks do not come so far")
     if "band" in n and limit > n["band"]:

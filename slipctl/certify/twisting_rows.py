@@ -227,14 +227,20 @@ def _noisy(grid: Grid, up: Ends) -> tuple[Ends, Ends, Ends]:
 
 def moved(values: Ends, first: int, last: int, room: int) -> Ends:
     """Largest value that rows moved by ``first`` to ``last`` bring; ``room`` more each side."""
-    n, width, done = len(values), last - first + 1, 1
+    n, width = len(values), last - first + 1
     wide = np.full(n + 2 * room + width - 1, EMPTY)
     # out[t] = max of values[t - room - last .. t - room - first]
     begin = room + last
     wide[begin : begin + n] = values
+    return windows(wide, width)[: n + 2 * room]
+
+
+def windows(values: Ends, width: int) -> Ends:
+    """Largest value of each so many neighbours."""
+    done = 1
     while 2 * done <= width:
-        wide = np.maximum(wide[:-done], wide[done:])
+        values = np.maximum(values[:-done], values[done:])
         done *= 2
     if done < width:
-        wide = np.maximum(wide[: len(wide) - (width - done)], wide[width - done :])
-    return wide[: n + 2 * room]
+        values = np.maximum(values[: done - width], values[width - done :])
+    return values

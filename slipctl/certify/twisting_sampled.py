@@ -1,11 +1,12 @@
 """Explicit super-twisting as sampled: a bound of |x1| from every start, and runs that exceed one.
 
-The bound: a polygon into which every run comes (``twisting_levels``), then rows that hold what is
-left of it tick after tick (``twisting_rows``). A certificate names the polygon and how many ticks
+The bound: a polygon into which every run comes (``twisting_levels``), then half turns by which it
+shrinks (``twisting_turns``), and where these are short, rows that hold what is left of it tick
+after tick (``twisting_rows``). A certificate names the polygon, and how many half turns and ticks
 in rows of which height; going through them again is no search. Lengths: y = x1/T^2.
 
-A run: point by point along w = j h the largest y that can be reached from the origin; its
-disturbance is read back, and replayed by whole numbers with interval bounds.
+A run: cell by cell, or half turn after half turn (``twisting_swings``), what can be reached from
+the origin; its disturbance is read back, and replayed by whole numbers with interval bounds.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from slipctl.certify import super_twisting
+from slipctl.certify import super_twisting, twisting_swings
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_polygons import find
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, moved
+from slipctl.certify.twisting_turns import Sweep, bounds, cost, half_turn, rows_of, swept
 
 BITS = 10
 """A row is 2^BITS units of y high."""
@@ -33,16 +35,22 @@ MOST_WORK = 1.0
 """Limit of ``_work``, about seconds."""
 
 
+SHORT = 25
+"""Ticks at w = k2 - L each into which |w| at a crossing may be divided for ticks of rows to pay."""
+
+
 @dataclass(frozen=True)
 class Bound:
     """A bound of |y| in the end, from every start, under every disturbance.
 
     Attributes:
-        levels: the polygon into which every run comes. plan: what is done then.
+        levels: the polygon into which every run comes. turns: half turns that are gone through
+            then. plan: ticks after these.
         y, w: bounds of |y| and |w| after that.
     """
 
     levels: Levels
+    turns: Plan
     plan: Plan
     y: Fraction
     w: Fraction
@@ -51,8 +59,8 @@ class Bound:
         """Whether it does, by going through it once more."""
         if not self.levels.holds():
             return False
-        rows = replay(self.levels, self.plan)
-        return rows is not None and rows.largest() <= self.y and rows.widest() <= self.w
+        found = replay(self.levels, self.turns, self.plan)
+        return found is not None and found[0] <= self.y and found[1] <= self.w
 
 
 def _work(rows: Rows) -> float:
@@ -60,17 +68,27 @@ def _work(rows: Rows) -> float:
     return 9e-5 + 4e-8 * len(rows.ends)
 
 
-def replay(levels: Levels, plan: Plan) -> Rows | None:
-    """Rows after the ticks of a plan; None if they take too much.
+def replay(levels: Levels, turns: Plan, plan: Plan) -> tuple[Fraction, Fraction] | None:
+    """Bounds of |y| and |w| after the half turns and ticks of a plan; None if they take too much.
 
-    Proof note: every start leads to V <= ``level``, and then V <= ``kept``. What is in rows that
-    hold that set is, n ticks later, in the rows after n ticks.
+    Proof note: every start leads to V <= ``level``, and then V <= ``kept``, which is above |w|.
+    After each half turn the next crossing is within what the last one leads to. What is in rows
+    that hold that set is, n ticks later, in the rows after n ticks.
     """
-    rows, work = None, 0.0
+    work, w = 0.0, levels.kept
+    rows: Rows | None = None
+    sweep: Sweep | None = None
     try:
+        for parts, count in turns:
+            grid = Grid(levels.law, parts, BITS)
+            work += cost(grid, w) * (count + 1)
+            if work > 2 * MOST_WORK:
+                return None
+            w, sweep = swept(grid, w, count)
         for parts, ticks in plan:
             if rows is None:
-                rows = levels.rows(Grid(levels.law, parts, BITS))
+                grid = Grid(levels.law, parts, BITS)
+                rows = rows_of(grid, swept(grid, w, 0)[1]) if turns else levels.rows(grid)
             elif parts % rows.grid.parts:
                 return None
             else:
@@ -82,7 +100,9 @@ def replay(levels: Levels, plan: Plan) -> Rows | None:
                     return None
     except OverflowError:
         return None
-    return rows
+    if rows is not None:
+        return rows.largest(), rows.widest()
+    return None if sweep is None else bounds(grid, w, sweep)
 
 
 def _parts(law: Law, least: int) -> int:
@@ -115,10 +135,21 @@ def bound(
     if levels is None:
         return None
     parts = _parts(law, math.ceil(100 * (law.k2 - law.L) / levels.kept))
+    best: Bound | None = None
+    turns: Plan = ()
+    work = 0.0
+    if _lost(law) < NEAR:
+        best, work = _by_half_turns(levels, parts, wanted, most_work)
+        if best is None or (wanted is not None and best.y <= wanted):
+            return best
+        turns, crossing = best.turns, best.w - law.k2 - law.L
+        if crossing > SHORT * (law.k2 - law.L):
+            return best
     plan: list[tuple[int, int]] = []
-    best, work = None, 0.0
+    last: Fraction | None = None
     try:
-        rows = levels.rows(Grid(law, parts, BITS))
+        grid = Grid(law, parts, BITS)
+        rows = rows_of(grid, swept(grid, crossing, 0)[1]) if turns else levels.rows(grid)
         while work < most_work:
             ticks, before, settled = 0, math.inf, False
             pause = max(32, int(rows.widest() / (law.k2 - law.L)))  # a quarter turn or more
@@ -133,19 +164,64 @@ def bound(
                     size = float(rows.ends[rows.ends > EMPTY].sum() * len(rows.ends))
                     settled, before = settled or size > 0.998 * before, size
             plan.append((rows.grid.parts, ticks))
-            y = rows.largest()
-            if best is not None and not y < best.y:
-                break
-            near = best is not None and y > best.y * Fraction(999, 1000)
-            if best is not None and wanted is not None and y - 2 * (best.y - y) > wanted:
+            y, last, before_y = rows.largest(), rows.largest(), last
+            if best is None or y < best.y:
+                best = Bound(levels, turns, tuple(plan), y, rows.widest())
+            near = before_y is not None and y > before_y * Fraction(999, 1000)
+            if before_y is not None and wanted is not None and y - 2 * (before_y - y) > wanted:
                 near = True  # what finer rows gain halves from one to the next: it is in vain
-            best = Bound(levels, tuple(plan), y, rows.widest())
             if near or (wanted is not None and y <= wanted):
                 break
             rows = rows.finer(2)
     except OverflowError:
         pass
     return best
+
+
+def _by_half_turns(
+    levels: Levels, parts: int, wanted: Fraction | None, most_work: float
+) -> tuple[Bound | None, float]:
+    """Bound after half turns in finer and finer rows, and the work that it took."""
+    turns: list[tuple[int, int]] = []
+    best, work, w = None, 0.0, levels.kept
+    lost = _lost(levels.law)
+    try:
+        while work < most_work:
+            grid, count = Grid(levels.law, parts, BITS), 0
+            most = math.ceil(w / grid.height)
+            allowed = (
+                wanted
+                and lost < NEAR
+                and float(wanted) * (2 if not turns else 1.25 if len(turns) == 1 else 1.1)
+            )
+            while True:
+                sweep = half_turn(grid, most)
+                work += cost(grid, most * grid.height)
+                y, far = bounds(grid, most * grid.height, sweep)
+                fall = most + sweep[0]
+                if fall < 0.001 * most or work > most_work or (wanted is not None and y <= wanted):
+                    break
+                left = max(1 - fall / lost / most, 0.0)  # a half turn leads to q w and some more
+                if allowed and float(y) * left * left > allowed:
+                    return best, most_work  # it is in vain
+                most, count = -sweep[0], count + 1
+            turns.append((parts, count))
+            w, before = most * grid.height, best
+            if best is None or y < best.y:
+                best = Bound(levels, tuple(turns), (), y, far)
+            if wanted is not None and y <= wanted:
+                break
+            if before is not None and y > before.y * Fraction(99, 100):
+                break
+            parts *= 2
+    except OverflowError:
+        pass
+    return best, work
+
+
+def _lost(law: Law) -> float:
+    """Share of x2 that the worst half turn in continuous time takes."""
+    return 1 - super_twisting.worst_ratio(float(law.k1), float(law.k2), float(law.L))
 
 
 # ---- runs ---------------------------------------------------------------------------------------
@@ -163,10 +239,16 @@ class Run:
     y: Fraction
 
 
+NEAR = 0.3
+"""Share that a half turn loses below which runs take many turns to swing far."""
+
+
 @lru_cache(maxsize=8)
 def worst_run(law: Law, wanted: Fraction) -> Run | None:
     """Look for a run from the origin with |y| > ``wanted``; None if none is found."""
     found = quick_run(law, wanted)
+    if found is None and law.k2 > law.L and law.k1 > 0 and _lost(law) < NEAR:
+        return _run(law, wanted, twisting_swings.search(law, wanted, 0.6 * MOST_WORK))
     return found or _run(law, wanted, _by_ends(law, wanted))
 
 

@@ -316,9 +316,13 @@ def find_block(module: ModuleType, name: str, where: str) -> Block:
         return found
     if not callable(found):
         raise BadInput(f"{where}:{name} is no block; decorate it with @law, @flow or @step")
+    try:
+        signature = inspect.signature(found)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where}:{name} has arguments that cannot be read: {error}") from None
     needed = [
         p.name
-        for p in inspect.signature(found).parameters.values()
+        for p in signature.parameters.values()
         if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     ]
     if needed:

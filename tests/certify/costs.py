@@ -75,9 +75,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    numbers: dict[str, Any] = {}
+    kept: dict[str, Any] = {}
     if options.out and options.out.exists():  # systems that are not run keep what they had
-        numbers = json.loads(options.out.read_text(encoding="utf-8"))["numbers"]
+        kept = json.loads(options.out.read_text(encoding="utf-8"))
+    numbers: dict[str, Any] = kept.get("numbers", {})
     for name in options.systems or known:
         numbers[name] = measured(name, options.cases, options.seed)
         for what, found in numbers[name].items():
@@ -90,7 +91,7 @@ def main() -> int:
         from slipctl.studies.bench import speed
 
         command = f"python tests/certify/costs.py --cases {options.cases} --seed {options.seed}"
-        store.write_json(options.out, {
+        store.write_json(options.out, kept | {
             "format": 1, "command": command, "date": datetime.date.today().isoformat(),
             "versions": speed.machine(), "numbers": dict(sorted(numbers.items())),
         })  # fmt: skip

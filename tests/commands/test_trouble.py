@@ -20,6 +20,7 @@ LAW = "from slipctl import law, Output, Input\n@law(mu=Output('1'))\ndef g(v=Inp
         ("import sys\nsys.exit()\n", "own.py, line 2: SystemExit"),
         ("raise GeneratorExit\n", "own.py, line 1: GeneratorExit"),
         (LAW + "import sys\n    sys.exit()\n", "own.py, line 5: SystemExit"),
+        ("def g(): pass\ng.__signature__ = 3\n", "own.py:g has arguments that cannot be read"),
         ("x = " + "-" * 100_000 + "1\n", "nested too deeply"),
     ],
 )
@@ -29,6 +30,13 @@ def test_a_file_cannot_end_slipctl(text, said, tmp_path, monkeypatch, capsys):
     Path("own.py").write_text(text)
     assert main(["show", "own.py:g"]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("lag", ["1e9", "1e30"])
+def test_a_lag_far_above_the_tick_is_no_word_of_a_library(lag, capsys):
+    assert main(["certify", "lagged_loop", "--set", "K=1", "T=1", f"lag={lag}"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def command(*words: str, **options) -> subprocess.CompletedProcess:

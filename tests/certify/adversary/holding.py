@@ -30,11 +30,13 @@ class Loop:
         self.lag, self.noise = told(n, "lag"), told(n, "noise")
         self.left = np.exp(-self.T / np.where(self.lag > 0, self.lag, 1.0)) * (self.lag > 0)
         self.wait = np.minimum(np.ceil(told(n, "dead") / self.T * (1 - 1e-12)), 200).astype(int)
+        self.missed, self.pushed = self.lag * (1 - self.left), self.push()
         self.t, self.i = 0.0 * self.T, 0
         low, high = self.bounds()
         self.e = self.place(np.asarray(share), low, high)
         self.a = np.zeros_like(self.e)
         self.line = [np.zeros_like(self.e) for _ in range(int(self.wait.max()) + 1)]
+        self.waits = [(int(late), self.wait == late) for late in np.unique(self.wait) if late]
         self.out = np.zeros(self.e.shape, bool)
 
     def place(self, share: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -58,12 +60,11 @@ class Loop:
         seen = np.where(self.out, (low + high) / 2, seen)
         self.line = [self.command(seen), *self.line[:-1]]
         u = self.line[0]
-        for late in range(1, len(self.line)):
-            if (self.wait == late).any():
-                u = np.where(self.wait == late, self.line[late], u)
-        moved = self.T * u + self.lag * (self.a - u) * (1 - self.left)
-        self.e = self.e + moved + self.T * w * self.push()
-        self.a = u + (self.a - u) * self.left
+        for late, those in self.waits:
+            u = np.where(those, self.line[late], u)
+        behind = self.a - u
+        self.e = self.e + self.T * (u + w * self.pushed) + self.missed * behind
+        self.a = u + behind * self.left
         self.t, self.i = self.t + self.T, self.i + 1
 
     def far(self) -> np.ndarray:
@@ -79,13 +80,15 @@ class Loop:
 class FunnelLoop(Loop):
     """Zhang 2021 (10)-(17), (34), with the plus sign in (15)."""
 
+    def __init__(self, n: Cases, share: np.ndarray, standing: bool = False) -> None:
+        last = n["eta_inf"]
+        self.rate = told(n, "k")
+        self.fall = np.maximum(told(n, "eta_0"), last) - last
+        super().__init__(n, share, standing)
+
     def eta(self) -> np.ndarray:
         last = self.n["eta_inf"]
-        if self.standing:
-            return last
-        return last + (told(self.n, "eta_0", 0.0) > 0) * (
-            np.maximum(told(self.n, "eta_0"), last) - last
-        ) * np.exp(-told(self.n, "k") * self.t)
+        return last if self.standing else last + self.fall * np.exp(-self.rate * self.t)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         eta = self.eta()
@@ -96,7 +99,7 @@ class FunnelLoop(Loop):
         zeta, lower, upper = seen / eta, self.n["delta_l"], self.n["delta_u"]
         eps = np.log((zeta + lower) / (upper - zeta)) / 2
         ell = (1 / (zeta + lower) + 1 / (upper - zeta)) / (2 * eta)
-        return -self.n["K1"] * eps / ell + seen * -told(self.n, "k") * (eta - last) / eta
+        return -self.n["K1"] * eps / ell - seen * self.rate * (eta - last) / eta
 
     def push(self) -> np.ndarray:
         n = self.n
@@ -153,22 +156,21 @@ def _stepped(kind: type[Loop], n: Cases, rng: np.random.Generator, effort: int) 
 
 
 def _run(loop: Loop, rows: list[Any], rng: np.random.Generator, ticks: int) -> np.ndarray:
-    side = np.array([s for _, s, _ in rows])[:, None]
-    against = np.array([x for _, _, x in rows])[:, None]
-    kinds = np.array([w[0] for w, _, _ in rows])[:, None]
-    size = np.array([w[1] for w, _, _ in rows])[:, None]
-    rate = 1 / np.maximum(loop.lag, loop.T)
-    wander = side * np.ones_like(loop.e)
+    side, against, size = (
+        np.array(x)[:, None] for x in ([s for _, s, _ in rows], [x for _, _, x in rows],
+                                       [float(w[1]) for w, _, _ in rows]))  # fmt: skip
+    kinds = np.array([w[0] for w, _, _ in rows])
+    lean, wave, wander = (np.flatnonzero(kinds == k) for k in ("lean", "wave", "random"))
+    period, reach = size[wave].astype(int), size[lean] * np.maximum(loop.lag, loop.T)
+    w = side * np.ones_like(loop.e)
     for i in range(ticks):
-        lean = np.where(loop.e + size * loop.a / rate >= 0, 1.0, -1.0)
-        wave = np.where((i // np.maximum(size, 1).astype(int)) % 2, -side, side)
-        flip = rng.random(loop.e.shape) > size
-        wander = np.where(flip, -wander, wander)
-        w = np.where(kinds == "stay", side, np.where(kinds == "lean", lean,
-                     np.where(kinds == "wave", wave, wander)))  # fmt: skip
-        turned = np.where(loop.far() < 0.62, 1.0, -1.0)
-        loop.tick(w, against * w * turned)
-        if loop.out.any(axis=0).all():
+        w[lean] = np.where(loop.e[lean] + reach * loop.a[lean] >= 0, 1.0, -1.0)
+        w[wave] = np.where((i // period) % 2, -side[wave], side[wave])
+        if len(wander):
+            flip = rng.random((len(wander), w.shape[1])) > size[wander]
+            w[wander] = np.where(flip, -w[wander], w[wander])
+        loop.tick(w, against * w * np.where(loop.far() < 0.62, 1.0, -1.0))
+        if i % 8 == 7 and loop.out.any(axis=0).all():
             break
     return loop.out.any(axis=0)
 

@@ -20,7 +20,7 @@ from . import common
 from .common import Adversary, Cases
 
 Field = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""(y', x2') of y, x2, d and the cases that these belong to."""
+"""(y', x2') of y, x2, d and the numbers of the cases that these belong to, one row per number."""
 
 STEP = 0.1
 """Step of a run over the shorter of its two time constants; RK4 is right to STEP^4/120 there."""
@@ -29,8 +29,8 @@ TICKS = 1200
 """Most steps of a half turn."""
 
 
-def growth(field: Field, k1: np.ndarray, k2: np.ndarray, L: np.ndarray, v: np.ndarray,
-           shares: np.ndarray, creeps: float) -> np.ndarray:  # fmt: skip
+def growth(field: Field, numbers: np.ndarray, k1: np.ndarray, k2: np.ndarray, L: np.ndarray,
+           v: np.ndarray, shares: np.ndarray, creeps: float) -> np.ndarray:  # fmt: skip
     """Largest g over the shares, per case; infinite where x1 does not come back.
 
     The step in which d turns, or x1 comes back, is cut short where it does. A run that has not
@@ -40,56 +40,70 @@ def growth(field: Field, k1: np.ndarray, k2: np.ndarray, L: np.ndarray, v: np.nd
     found = np.full((len(k1), len(shares)), np.inf)
     case, column = (i.ravel() for i in np.indices(found.shape))
     y, z = np.zeros(len(case)), v[case]
-    turned, halfway = np.zeros(len(case), bool), z
-    size = STEP / np.maximum(k1, np.sqrt(2 * (k2 + L)))
+    turned, on, halfway = np.zeros(len(case), bool), np.ones(len(case), bool), z
+    of, own = numbers[:, case], np.stack([
+        STEP / np.maximum(k1, np.sqrt(2 * (k2 + L))), L, k1, v])[:, case]  # fmt: skip
+    slope = shares[column] * own[2]
     for tick in range(TICKS):
+        if tick % 16 == 0 and not on.all():
+            case, column, y, z, turned = (x[on] for x in (case, column, y, z, turned))
+            halfway, slope, of, own, on = halfway[on], slope[on], of[:, on], own[:, on], on[on]
+            if not len(case):
+                break
         halfway = z if tick == TICKS // 2 else halfway
-        h, d = size[case], np.where(turned, -1.0, 1.0) * L[case]
-        new_y, new_z = _step(field, case, y, z, d, h)
-        slope = shares[column] * k1[case]
-        turns = ~turned & (new_z < slope * new_y)
-        back = turned & (new_y <= 0)
+        h, d = own[0], np.where(turned, -own[1], own[1])
+        new_y, new_z = _step(field, of, y, z, d, h)
+        turns = on & ~turned & (new_z < slope * new_y)
+        back = on & turned & (new_y <= 0)
         for cut, level in ((turns, slope), (back, None)):
             at = np.flatnonzero(cut)
             if len(at):
-                new_y[at], new_z[at] = _cut(field, case[at], y[at], z[at], d[at], h[at],
+                new_y[at], new_z[at] = _cut(field, of[:, at], y[at], z[at], d[at], h[at],
                                             None if level is None else level[at])  # fmt: skip
         turned |= turns
-        found[case[back], column[back]] = np.abs(new_z[back]) / v[case[back]]
-        still = np.hypot(new_y * k1[case], new_z) < 1e-7 * v[case]
-        found[case[still], column[still]] = 0.0  # it creeps into the origin
-        on = ~back & ~still
-        y, z = new_y, new_z
-        if not on.all():
-            case, column, y, z, turned = (x[on] for x in (case, column, y, z, turned))
-            halfway = halfway[on]
-        if not len(case):
-            break
-    fell = (z < creeps * halfway) & (z < v[case])
+        if back.any():
+            found[case[back], column[back]] = np.abs(new_z[back]) / own[3][back]
+        still = on & (np.maximum(new_y * own[2], np.abs(new_z)) < 1e-7 * own[3])
+        if still.any():
+            found[case[still], column[still]] = 0.0  # it creeps into the origin
+        on &= ~(back | still)
+        y, z = np.where(on, new_y, 0.0), np.where(on, new_z, 0.0)
+    case, column, y, z, halfway, own = case[on], column[on], y[on], z[on], halfway[on], own[:, on]
+    fell = (z < creeps * halfway) & (z < own[3])
     found[case[fell], column[fell]] = 0.0
     return found.max(axis=1)
 
 
-def _step(field: Field, case: np.ndarray, y: np.ndarray, z: np.ndarray, d: np.ndarray,
+def _step(field: Field, of: np.ndarray, y: np.ndarray, z: np.ndarray, d: np.ndarray,
           h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """One step of Runge and Kutta."""
-    a1, b1 = field(y, z, d, case)
-    a2, b2 = field(y + h / 2 * a1, z + h / 2 * b1, d, case)
-    a3, b3 = field(y + h / 2 * a2, z + h / 2 * b2, d, case)
-    a4, b4 = field(y + h * a3, z + h * b3, d, case)
+    a1, b1 = field(y, z, d, of)
+    a2, b2 = field(y + h / 2 * a1, z + h / 2 * b1, d, of)
+    a3, b3 = field(y + h / 2 * a2, z + h / 2 * b2, d, of)
+    a4, b4 = field(y + h * a3, z + h * b3, d, of)
     return y + h / 6 * (a1 + 2 * (a2 + a3) + a4), z + h / 6 * (b1 + 2 * (b2 + b3) + b4)
 
 
-def _cut(field: Field, case: np.ndarray, y: np.ndarray, z: np.ndarray, d: np.ndarray,
+def _cut(field: Field, of: np.ndarray, y: np.ndarray, z: np.ndarray, d: np.ndarray,
          h: np.ndarray, slope: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """State within the step where x2 = slope y, or y = 0, by halving between its ends."""
+    """State within the step where x2 = slope y, or y = 0: the line through both ends, 8 times."""
+
+    def rest(y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return y if slope is None else z - slope * y
+
     low, high = np.zeros_like(h), np.ones_like(h)
-    for _ in range(26):
-        middle = (low + high) / 2
-        at_y, at_z = _step(field, case, y, z, d, h * middle)
-        past = at_y <= 0 if slope is None else at_z < slope * at_y
+    above, below = rest(y, z), rest(*_step(field, of, y, z, d, h))
+    kept = np.zeros_like(h)
+    for _ in range(8):
+        middle = low + (high - low) * above / np.maximum(above - below, 1e-300)
+        value = rest(*_step(field, of, y, z, d, h * middle))
+        past = value <= 0
         low, high = np.where(past, low, middle), np.where(past, middle, high)
-    return _step(field, case, y, z, d, h * high)
+        # an end that stays counts half, so that the other one comes near too
+        above = np.where(past, np.where(kept > 0, above / 2, above), value)
+        below = np.where(past, value, np.where(kept < 0, below / 2, below))
+        kept = np.where(past, 1.0, -1.0)
+    return _step(field, of, y, z, d, h * high)
 
 
 def _shares(effort: int) -> np.ndarray:
@@ -101,24 +115,27 @@ def _shares(effort: int) -> np.ndarray:
 def _observer(n: Cases, shares: np.ndarray, creeps: float) -> np.ndarray:
     K1, K2, K3, L = (n[k] for k in ("K1", "K2", "K3", "L"))
 
-    def field(y: Any, z: Any, d: Any, case: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        bend = K3[case] * y * y
+    def field(y: Any, z: Any, d: Any, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        K1, K2, K3 = of
+        bend = K3 * y * y
         phi = y + bend * y
-        return z - K1[case] * phi, 2 * y * d - K2[case] * phi * (1 + 3 * bend)
+        return z - K1 * phi, 2 * y * d - K2 * phi * (1 + 3 * bend)
 
     # near to the origin, where K3 y^2 is below 1e-10
     v = np.where(K3 > 0, 1e-5 / np.sqrt(np.maximum(K3, 1e-30)), 1.0) * np.sqrt(K2)
-    return growth(field, K1, K2 / 2, L, v, shares, creeps)
+    return growth(field, np.stack([K1, K2, K3]), K1, K2 / 2, L, v, shares, creeps)
 
 
 def _adaptive(n: Cases, shares: np.ndarray, creeps: float) -> np.ndarray:
     k1, k2, L = n["k4"], 2 * n["beta"] * n["k4"], n["eta"]
 
-    def field(y: Any, z: Any, d: Any, case: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def field(y: Any, z: Any, d: Any, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        k1, k2 = of
         phi = y + y * y
-        return z - k1[case] * phi, 2 * y * d - k2[case] * phi * (1 + 2 * y)
+        return z - k1 * phi, 2 * y * d - k2 * phi * (1 + 2 * y)
 
-    return growth(field, k1, k2 / 2, L, 1e-10 * np.sqrt(k2 + L), shares, creeps)
+    v = 1e-10 * np.sqrt(k2 + L)
+    return growth(field, np.stack([k1, k2]), k1, k2 / 2, L, v, shares, creeps)
 
 
 SURE = 1 - 1e-6
