@@ -247,7 +247,7 @@ class Vehicle(NamedTuple):
         wheel: its wheel, as the controller knows it.
         world: maker of the block.
         curve: law that its estimator fits, braking positive.
-        driven: whether the way shall be long, not short.
+        driven: whether the distance shall be long, not short.
         adhesion: law of the rail, whose input ``slip`` is the slip.
         slip: name of that input.
         heights: parameters of the law that scale with its height.

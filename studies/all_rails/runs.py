@@ -48,7 +48,7 @@ SLIDE = 2.0
 
 
 def way(log: Any) -> float:
-    """Way in m at the end of the run; the log ends a tick before."""
+    """Distance in m at the end of the run; the log ends a tick before."""
     v = log["world.v_true"].values
     return float(log["world.x_true"].values[-1] + (1.5 * v[-1] - 0.5 * v[-2]) * H)
 
@@ -60,7 +60,7 @@ def longest(flags: np.ndarray) -> int:
 
 
 def outcome(vehicle: str, rail: str, log: Any) -> dict[str, float]:
-    """Numbers of a run: way, longest slide, torque ripple, largest slip over the best."""
+    """Numbers of a run: distance, longest slide, torque ripple, largest slip over the best."""
     v = VEHICLES[vehicle]
     ticks = round(v.length / H)
     places = np.repeat([best(vehicle, c)[0] for c in v.rails[rail]], ticks)[: len(log["time"])]
@@ -108,7 +108,7 @@ def as_guess(vehicle: str, log: Any) -> xarray.Dataset:
 
 
 def optimum(vehicle: str, rail: str, draw: Draw, guesses: Sequence[Any]) -> dict[str, Any]:
-    """Clairvoyant optimum of a draw: way in m, its meshes, and where each guess leads."""
+    """Clairvoyant optimum of a draw: distance in m, its meshes, and where each guess leads."""
     v, world = VEHICLES[vehicle], scenario(vehicle, rail, draw=draw, of="")
     lo, hi = sorted((0.0, v.wheel.T_max / v.unit))
     inside = 1e-6 * (hi - lo)  # the actuator's own limits have no derivative
@@ -220,7 +220,7 @@ def seeds(context: Context) -> dict[str, Table]:
             checks[key].append(value)
     return {
         "regret": Table(
-            "Regret: way lost against the clairvoyant optimum",
+            "Regret: distance lost against the clairvoyant optimum",
             {
                 "vehicle": ("", rows["vehicle"]),
                 "rail": ("", rows["rail"]),
@@ -288,8 +288,8 @@ def guesses(context: Context) -> Table:
         {
             "scenario": ("", rows["scenario"]),
             "optimum": ("m", rows["way"]),
-            "shortest way from a guess": ("m", rows["low"]),
-            "longest way from a guess": ("m", rows["high"]),
+            "shortest distance from a guess": ("m", rows["low"]),
+            "longest distance from a guess": ("m", rows["high"]),
             "guesses from which IPOPT finds nothing": ("1", rows["lost"]),
         },
         "Nominal plant, silent runs; the last mesh starts from the best of the first.",

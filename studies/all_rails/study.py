@@ -106,7 +106,8 @@ FIGURES = {
         ripple,
     ),
     "subway_start": Figure(
-        "Subway: the first 0.6 s, in which most way is lost.", changes("subway_table_1", (0, 0.6))
+        "Subway: the first 0.6 s, in which most distance is lost.",
+        changes("subway_table_1", (0, 0.6)),
     ),
     "subway_change": Figure(
         "Subway: from dry to wet at 2 s.", changes("subway_table_1", (1.9, 2.7))
@@ -125,8 +126,8 @@ study = Study(
     name="all_rails",
     title="Every controller on every wheel and rail, against the best that physics allows",
     source=SOURCE,
-    doc="Which controller loses how much way on which rail, with the same estimator, with noise,"
-    " lag, and masses and adhesion that are not what it was told?",
+    doc="Which controller loses how much distance on which rail, with the same estimator, with"
+    " noise, lag, and masses and adhesion that are not what it was told?",
     cases=cases,
     signals=Signals(
         speed="world.v_true",
