@@ -37,8 +37,8 @@ HOLDS = """\
 
 Back to back with Python over the run of the study, with the state carried in C. *Double* is the
 largest difference of any output or state, of the largest value of its signal. *Float* is the
-largest part of its limit that a signal takes ([how limits are found](c_interface.md#float)). Both are on this
-machine. *Ends* counts the signals of which only the least and the greatest value is compared,
+largest part of its limit that a signal takes ([how limits are found](c_interface.md#float)). Both are on
+this machine. *Ends* counts the signals of which only the least and the greatest value is compared,
 *open* those that arithmetic alone decides; they are named below. *Targets* are the M4 and the M7,
 in double and in float, with the first 20000 ticks at most. *MISRA* counts findings of required
 rules in what slipctl writes and, after it, in CasADi's text. *FMU* is the version that FMPy
@@ -50,8 +50,8 @@ COSTS = """\
 ## What it takes in float on a Cortex-M4
 
 Bytes of text, of an instance (state with scratch memory), of stack (64 stands for at most 64).
-Then instructions of a step, guards and status included, beside those of CasADi's own float output of
-the same block. *Wanted* is ten times fewer where functions such as `exp` and `log` are called,
+Then instructions of a step, guards and status included, beside those of CasADi's own float output
+of the same block. *Wanted* is ten times fewer where functions such as `exp` and `log` are called,
 and five elsewhere.
 """
 
