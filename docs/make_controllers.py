@@ -37,8 +37,9 @@ HOLDS = """\
 
 Back to back with Python over the run of the study, with the state carried in C. *Double* is the
 largest difference of any output or state, of the largest value of its signal. *Float* is the
-largest part of its limit that a signal takes ([how limits are found](c_interface.md#float)). Both are on
-this machine. *Ends* counts the signals of which only the least and the greatest value is compared,
+largest part of its limit that a signal takes ([how limits are found](c_interface.md#float)). Both
+are on this machine. *Ends* counts the signals of which only the least and the greatest value is
+compared,
 *open* those that arithmetic alone decides; they are named below. *Targets* are the M4 and the M7,
 in double and in float, with the first 20000 ticks at most. *MISRA* counts findings of required
 rules in what slipctl writes and, after it, in CasADi's text. *FMU* is the version that FMPy
