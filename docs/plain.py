@@ -1,9 +1,7 @@
 """Words per sentence on each page: ``python docs/plain.py`` prints them; needs no package.
 
-A page has at most 18 words a sentence on average, and no sentence above 30. Pages that were longer
-stand in ``plain.toml`` with their numbers, which may only fall: ``--tighten`` writes smaller ones,
-and takes out a page that no longer needs them. ``python docs/plain.py PAGE`` prints its long
-sentences with their lines.
+A page has at most 18 words a sentence on average, and no sentence above 30. ``python docs/plain.py
+PAGE`` prints its long sentences with their lines.
 
 Left out are code, tables, headings, equations, and lists of names (more than half of the sentence
 is code or numbers). Code within a sentence is one word. An item of a list is a paragraph.
@@ -13,13 +11,11 @@ from __future__ import annotations
 
 import re
 import sys
-import tomllib
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LISTED = ROOT / "docs" / "plain.toml"
 AVERAGE, LONGEST = 18, 30
 GENERATED = {"docs/api.md"}  # of docstrings: plain when they are
 
@@ -44,9 +40,6 @@ class Measure:
 
     average: float
     above: int
-
-    def plain(self) -> bool:
-        return self.average <= AVERAGE and not self.above
 
 
 def paragraphs(text: str) -> list[tuple[int, str]]:
@@ -128,57 +121,23 @@ def pages() -> dict[str, str]:
     }
 
 
-def listed() -> dict[str, Measure]:
-    """Pages that may be longer, and how much."""
-    table = tomllib.loads(LISTED.read_text(encoding="utf-8"))
-    return {page: Measure(float(row["average"]), int(row["above"])) for page, row in table.items()}
-
-
-def faults(found: dict[str, Measure], allowed: dict[str, Measure]) -> list[str]:
-    """What is too long, a line each; and what stands in the list and is no page."""
+def faults(found: dict[str, Measure]) -> list[str]:
+    """What is too long, a line each."""
     lines = []
     for page, seen in found.items():
-        limit = allowed.get(page, Measure(AVERAGE, 0))
-        if seen.average > max(limit.average, AVERAGE):
-            lines.append(f"{page}: {seen.average} words a sentence, allowed {limit.average}")
-        if seen.above > limit.above:
+        if seen.average > AVERAGE:
+            lines.append(f"{page}: {seen.average} words a sentence, allowed {AVERAGE}")
+        if seen.above:
             lines.append(
-                f"{page}: {seen.above} sentences above {LONGEST} words, allowed {limit.above}; "
-                f"see python docs/plain.py {page}"
+                f"{page}: {seen.above} sentences above {LONGEST} words;"
+                f" see python docs/plain.py {page}"
             )
-    for page in allowed:
-        if page not in found:
-            lines.append(f"{page}: stands in docs/plain.toml and is no page")
     return lines
-
-
-def tightened(found: dict[str, Measure], allowed: dict[str, Measure]) -> dict[str, Measure]:
-    """The list with the smaller of old and present numbers, without pages that are plain."""
-    return {
-        page: Measure(min(limit.average, found[page].average), min(limit.above, found[page].above))
-        for page, limit in allowed.items()
-        if page in found and not found[page].plain()
-    }
-
-
-def written(rows: dict[str, Measure]) -> str:
-    """The list as a file."""
-    head = (
-        f"# Pages above {AVERAGE} words a sentence or with sentences above {LONGEST}: what they\n"
-        "# may have at most. The numbers only fall (python docs/plain.py --tighten).\n\n"
-    )
-    return head + "".join(
-        f'"{page}" = {{ average = {row.average}, above = {row.above} }}\n'
-        for page, row in sorted(rows.items())
-    )
 
 
 def main(words: list[str]) -> int:
     """The command line of this script."""
     found = {page: measure(text) for page, text in pages().items()}
-    if words == ["--tighten"]:
-        LISTED.write_text(written(tightened(found, listed())), encoding="utf-8", newline="\n")
-        return 0
     for page in words:
         if page not in found:
             print(f"{page} is no page; pages are {', '.join(found)}", file=sys.stderr)
@@ -189,7 +148,7 @@ def main(words: list[str]) -> int:
     if not words:
         for page, row in found.items():
             print(f"{page:28} {row.average:5.1f} {row.above:4d}")
-    lines = faults(found, listed())
+    lines = faults(found)
     print("\n".join(lines), file=sys.stderr)
     return int(bool(lines))
 
