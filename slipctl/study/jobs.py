@@ -139,16 +139,19 @@ def each(
             yield name, _attempt(job, lambda share, name=name: tell(name, share))  # type: ignore[misc]
         return
     waiting, running = deque(jobs.items()), dict[Connection, _Running]()
-    mine = True  # whether this process's own token is free
+    free = 1  # tokens held that no job uses; this process came with its own
     try:
         while waiting or running:
             stopping.check()
-            while waiting and (mine or cores.borrow()):
+            while waiting and (free or cores.borrow()):
                 name, job = waiting.popleft()
-                started = _Running(name, job, cores, borrowed=not mine, others=tuple(running))
+                started = _Running(name, job, cores, others=tuple(running))
                 running[started.pipe] = started
-                mine = False
+                free = max(free - 1, 0)
                 tell(name, 0.0)
+            while free and running:  # none waits: others may use the core, also within a job
+                cores.give_back()
+                free -= 1
             watched: list[Any] = [*running, *([cores._tokens[0]] if waiting else [])]
             for pipe in wait(watched, timeout=1.0):
                 if not isinstance(pipe, Connection):
@@ -160,26 +163,22 @@ def each(
                     continue
                 del running[pipe]
                 job_.end()
-                if job_.borrowed:
-                    cores.give_back()
-                else:
-                    mine = True
+                free += 1
                 yield job_.name, value
     finally:
         with stopping.unbroken():  # a process that is left behind would go on writing
             _stop(list(running.values()))
-            for job_ in running.values():
-                if job_.borrowed:
-                    cores.give_back()
+            for _ in range(len(running) + free - 1):
+                cores.give_back()
 
 
 class _Running:
     """A job in its process."""
 
     def __init__(
-        self, name: str, job: Job[Any], cores: Cores, borrowed: bool, others: tuple[Connection, ...]
+        self, name: str, job: Job[Any], cores: Cores, others: tuple[Connection, ...]
     ) -> None:
-        self.name, self.borrowed = name, borrowed
+        self.name = name
         fork = multiprocessing.get_context("fork")
         self.pipe, theirs = fork.Pipe(duplex=False)
         with warnings.catch_warnings():

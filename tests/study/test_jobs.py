@@ -71,6 +71,30 @@ def test_jobs_of_jobs_share_the_cores(tmp_path: Path) -> None:
 
 
 @forked
+@pytest.mark.parametrize("order", ["short first", "short last"])
+def test_the_last_job_has_all_cores(tmp_path: Path, order: str) -> None:
+    """Whichever job's token is whose: parts of the one that is left run side by side."""
+
+    def part(k: int) -> bool:
+        (tmp_path / f"{k}").touch()
+        end = time.monotonic() + 60
+        while not (tmp_path / f"{1 - k}").exists():  # the other part, while this one runs
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.01)
+        return True
+
+    with Cores(2) as cores:
+        context = Context(True, {}, [], cores=cores)
+        jobs = {"short": lambda tell: [True], "long": lambda tell: context.each("p", [0, 1], part)}
+        if order == "short last":
+            jobs = dict(reversed(jobs.items()))
+        assert all(all(outcome.get()) for _, outcome in each(jobs, cores, silent))
+        assert cores.borrow()  # as many tokens as before
+        assert not cores.borrow()
+
+
+@forked
 def test_a_killed_process_fails_its_job_and_the_others_go_on() -> None:
     jobs = {"dies": lambda tell: os.kill(os.getpid(), 9), "lives": lambda tell: 1}
     with Cores(2) as cores:
