@@ -28,8 +28,8 @@ RARELY = (100_000, 50, 100)
 at Python's own pace takes a fifth of the time of a run."""
 
 NAMES = (
-    "list", "show", "new", "schema", "copy", "run", "sweep", "replay", "compare", "fit", "c", "pil",
-    "certify", "check", "docs",
+    "list", "show", "new", "schema", "copy", "run", "sweep", "tune", "replay", "compare", "fit",
+    "c", "pil", "certify", "check", "docs",
 )  # fmt: skip
 """Commands in the order of the help."""
 

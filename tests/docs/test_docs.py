@@ -26,7 +26,7 @@ DOCS = ROOT / "docs"
 RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
-    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md", "own_vehicle.md",
+    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "python_control.md", "own_figures.md", "notebook.md",
     "gallery.md",
 )  # fmt: skip
