@@ -64,8 +64,10 @@ def test_a_draw_is_the_loop_with_these_numbers_on_that_rail() -> None:
     assert 0.8 <= by <= 1.2
     assert 6e3 <= mass <= 9e3
     heights = {"dry": 1.0, "wet": 0.29, "ice": 0.1}  # Table 1 of Huang 2020
-    sections = [Section(s.start, s.condition, {**s.values, "plant.adh.c": by * heights[s.condition]})
-                for s in SCENARIO.rail.sections]  # fmt: skip
+    sections = [
+        Section(s.start, s.condition, {**s.values, "plant.adh.c": by * heights[s.condition]})
+        for s in SCENARIO.rail.sections
+    ]
     alone = simulate(LOOP.with_params(**{"plant.wheel.m": mass, "ctl.law.k1": 9.0}),
                      SCENARIO.but(rail=Rail(sections)), compile=False)  # fmt: skip
     found = world.metrics({"ctl.law.k1": 9.0}, draw)
