@@ -129,6 +129,12 @@ def test_api_reference_is_fresh():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_pages_of_commands_and_metrics_are_fresh():
+    command = [sys.executable, str(DOCS / "make_reference.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
     command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
