@@ -30,4 +30,4 @@ def test_every_file_of_models_with_blocks_has_its_page():
 def test_parts_stand_in_the_order_in_which_people_want_them():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     captions = re.findall(r"^:caption: (.*)$", index, re.M)
-    assert captions == ["Start", "How to", "Models", "Studies", "Reference", "Errata"]
+    assert captions == ["Start", "How to", "Models", "Studies", "Theory", "Reference", "Errata"]
