@@ -28,7 +28,7 @@ PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
     "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "python_control.md", "own_figures.md", "notebook.md",
-    "gallery.md",
+    "gallery.md", "predictive.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
@@ -212,12 +212,12 @@ def test_public_names_stay_where_they_are():
     for name in bounds:
         assert importlib.util.find_spec(f"slipctl.certify.{name}")
     stems = ("subway_braking", "hst_braking", "hst_traction", "freight_traction", "all_rails",
-             "gain_bounds")  # fmt: skip
+             "gain_bounds", "predictive")  # fmt: skip
     assert set(stems) <= set(doors.studies())
     for stem in stems:
         module = importlib.import_module(f"slipctl.studies.{stem}")
         assert isinstance(module.study, slipctl.Study)
-        if stem not in ("all_rails", "gain_bounds"):
+        if stem not in ("all_rails", "gain_bounds", "predictive"):
             assert importlib.util.find_spec(f"slipctl.models.{stem}")
     for bench in ("speed", "c_targets", "endurance", "fmus"):
         assert importlib.import_module(f"slipctl.studies.{bench}").main
