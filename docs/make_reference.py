@@ -39,10 +39,11 @@ def metrics() -> str:
     from slipctl.run.metrics import METRICS
 
     units = _units()
-    rows = [
-        f"| `{name}` | {' or '.join(units.get(name, [])) or 'see the run'} | {text.replace('|', chr(92) + '|')} |"
-        for name, (_, text) in METRICS.items()
-    ]
+    rows = []
+    for name, (_, text) in METRICS.items():
+        unit = " or ".join(units.get(name, [])) or "see the run"
+        meaning = text.replace("|", r"\|")
+        rows.append(f"| `{name}` | {unit} | {meaning} |")
     head = (
         "# Metrics\n\nMade from the code by `python docs/make_reference.py`. A metric that has no"
         " meaning for a run is left out.\nOne with several values says which rail each is of."
