@@ -1,4 +1,4 @@
-"""Write docs/commands.md and docs/metrics.md; ``python docs/make_reference.py --check`` compares."""
+"""Write docs/commands.md and docs/metrics.md: ``python docs/make_reference.py [--check]``."""
 
 from __future__ import annotations
 
