@@ -339,7 +339,8 @@ class Study:
         claims: the paper's claims.
         figures: figures by file stem.
         gains: what ``slipctl certify STUDY`` asks about.
-        plain: scenarios that run without ``--full``; of a study that has none of them, all do.
+        plain: scenarios and experiments that run without ``--full``; of a study that has none of
+            these scenarios, all do.
         ensembles: what differs from draw to draw where ``slipctl tune`` runs a loop, by scenario;
             the first scenario that has the loop is taken.
     """
