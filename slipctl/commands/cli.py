@@ -45,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # matrices here are small: a second thread of numpy's would only wait; and so no sum depends on
     # how many cores there are
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if "matplotlib" not in sys.modules and "MPLBACKEND" in os.environ:
+        os.environ["MPLBACKEND"] = "agg"  # a notebook's, which may not be installed here
     closed = sys.stdout is None
     if closed:  # started with >&-
         sys.stdout = io.StringIO()
