@@ -38,7 +38,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             scenario=case.scenario, signals=study.signals, known=case.known,
             gains=of_loop(study.gains, loop, case.scenario.name), out=out,
             samples=options.samples, seed=options.seed, runs=options.runs,
-            held_out=options.held_out,
+            held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
             tell=log.info,
             about={"loop": name, "set": options.settings,
@@ -50,12 +50,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
             f"{out / 'gains.toml'} has the best so far; the same line goes on; {stopping.KEPT}"
         ) from None
     write_gains(found, out, command)
-    if found.promises.gains:
-        said = written.certificate_of(found, command)
+    certified = bool(found.promises.gains) or found.statement is not None
+    if certified:
+        said = written.certificate_of(found, command, options.settings, options.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
     store.write_text(out / "report.html", page.page(found, command))
     print(page.text(found))
-    names = ["gains.toml", *(["certificate.json"] if found.promises.gains else []), "report.html"]
+    names = ["gains.toml", *(["certificate.json"] if certified else []), "report.html"]
     print("\n" + "\n".join(str(out / n) for n in names))
     return 0
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.certify.promise import CERTIFIED
+from slipctl.design import statement
 from slipctl.design.judging import CLOSE, Slice
 from slipctl.design.tune import Tuned
 from slipctl.design.tuning import TRAINING
@@ -95,6 +96,8 @@ def text(found: Tuned) -> str:
               difference(found)]  # fmt: skip
     if found.promises.gains:
         blocks.append(_table(promise_rows(found)))
+    if found.statement is not None:
+        blocks += statement.lines(found.statement)
     return "\n\n".join(blocks)
 
 
@@ -161,6 +164,10 @@ def page(found: Tuned, command: str) -> str:
                 ("Held-out draws", _html(judged_rows(found)) + _p(difference(found)))]  # fmt: skip
     if found.promises.gains:
         sections.append(("Certificates", _html(promise_rows(found)) + _promised(found)))
+    if found.statement is not None:
+        said = "".join(_p(line) for line in statement.lines(found.statement))
+        none = _p("It says nothing of vehicles and rails outside the ensemble.")
+        sections.append(("Statement", said + none))
     sections.append(("Pictures", "".join(_figure(c, svg) for c, svg in drawn.items())))
     sections.append(("Search", _searched(found) + f"<pre>{escape(command)}</pre>"))
     body = "".join(f"<section><h2>{t}</h2>{text}</section>" for t, text in sections)

@@ -56,6 +56,10 @@ class Rolls:
             self.done += len(asked)
         return [self._kept[key] for key in keys]
 
+    def count(self, stream: int) -> int:
+        """Runs of a stream that were kept."""
+        return sum(key // MANY // MANY == stream for key in self._kept)
+
     def draw(self, stream: int, k: int) -> Draw:
         """Draw, made once."""
         if stream > 1:  # draws of a statement are used once

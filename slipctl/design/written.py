@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from slipctl import __version__
 from slipctl.certify import certificate as certificates
 from slipctl.certify.entries import mapping, rows
+from slipctl.design import statement
 from slipctl.design.promises import certificate
 from slipctl.design.tune import Tuned
 from slipctl.errors import BadInput
@@ -15,7 +16,7 @@ from slipctl.run import store
 
 KIND = "certificate of gains"
 FORMAT = 1
-ENTRIES = ("format", "kind", "slipctl", "command", "loop", "gains", "exact")
+ENTRIES = ("format", "kind", "slipctl", "command", "loop", "gains", "exact", "statistical")
 
 
 def gains_text(found: Tuned, command: str) -> str:
@@ -33,7 +34,9 @@ def value(number: float, unit: str) -> str:
     return f"{number!r}" if unit == "1" else f"{number!r} {unit}"
 
 
-def certificate_of(found: Tuned, command: str) -> dict[str, Any]:
+def certificate_of(
+    found: Tuned, command: str, settings: Sequence[str] = (), swaps: Sequence[str] = ()
+) -> dict[str, Any]:
     """Entries of ``certificate.json``."""
     loop = found.tuned_loop()
     asked = {g.name: margin for g, margin, _ in found.promises.needed()}
@@ -43,10 +46,14 @@ def certificate_of(found: Tuned, command: str) -> dict[str, Any]:
             said = certificate(g, loop, found.promises, margin)
             exact.append({"name": g.name, "bounds_times": repr(margin), "certificate": said})
     gains = {f.name: {"value": repr(found.gains[f.name]), "unit": f.unit} for f in found.frees}
-    return {
+    entries: dict[str, Any] = {
         "format": FORMAT, "kind": KIND, "slipctl": __version__, "command": command,
         "loop": found.name, "gains": gains, "exact": exact,
     }  # fmt: skip
+    if found.statement is not None:
+        given = {"set": list(settings), "swapped": list(swaps)}
+        entries["statistical"] = {**found.statement, **given}
+    return entries
 
 
 def check(payload: Mapping[str, Any]) -> str:
@@ -64,4 +71,6 @@ def check(payload: Mapping[str, Any]) -> str:
         if not isinstance(entry["certificate"], Mapping):
             raise BadInput(f"exact[{k}].certificate must hold a certificate")
         lines.append(f"{entry['name']!s:.40}: {certificates.check(entry['certificate'])}")
+    if "statistical" in found:
+        lines += statement.lines(found["statistical"])
     return "\n".join(lines)
