@@ -35,6 +35,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     study = doors.load_study(options.study)
     out = Path(options.out or Path("out") / study.name)
     store.check_folder(out)
+    options.settings = preparing.opened(options.settings)
     preparing.read_swaps(study, options.swaps)  # their files belong to the key
     key = key_of(study, quick=options.quick, settings=options.settings, swaps=options.swaps)
     keep = Keep(out, key)

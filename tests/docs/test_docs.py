@@ -26,7 +26,7 @@ DOCS = ROOT / "docs"
 RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
-    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md", "own_vehicle.md",
+    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "python_control.md", "own_figures.md", "notebook.md",
     "gallery.md", "predictive.md",
 )  # fmt: skip
@@ -125,6 +125,12 @@ def test_tutorial_runs(tmp_path, needs_compiler):
 
 def test_api_reference_is_fresh():
     command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_pages_of_commands_and_metrics_are_fresh():
+    command = [sys.executable, str(DOCS / "make_reference.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
