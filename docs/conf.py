@@ -5,15 +5,17 @@ from pathlib import Path
 
 from slipctl import __version__
 
-sys.path.insert(0, str(Path(__file__).parent))  # pictures.py stands here
+sys.path.insert(0, str(Path(__file__).parent))  # the extensions stand here
 
 project = "slipctl"
 author = "slipctl developers"
 version = release = __version__
-extensions = ["myst_parser", "pictures"]
-# equations are code in these pages: no MathJax, so nothing is loaded from the network
+extensions = ["myst_parser", "model_pages", "pictures"]
+# equations are MathML, which browsers know: no MathJax, so nothing is loaded from the network
 myst_heading_anchors = 4
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_title = f"slipctl {release}"
 html_show_sourcelink = False
 exclude_patterns = ["evidence", "made"]

@@ -26,6 +26,7 @@ _WHERE = {
     "run.rail": ["Section", "Rail", "Scenario"],
     "run.simulation": ["simulate"],
     "run.prepared": ["prepare", "Prepared"],
+    "run.ensemble": ["Ensemble"],
     "run.sweeping": ["sweep", "open_sweep", "Sweep"],
     "estimate.least_squares": ["rls", "probe", "peak_bound", "opened"],
     "estimate.kalman.filters": ["ctukf", "ekf", "observability", "lipschitz"],
@@ -53,6 +54,7 @@ _WHERE = {
     "run.results": ["Case", "Known", "Results", "Table"],
     "study.declaration": ["Study", "Claim", "Context", "Experiment", "Figure", "Gains"],
     "ccode.codegen": ["c_module", "CModule"],
+    "design.tune": ["tune", "Tuned"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
@@ -72,6 +74,7 @@ if TYPE_CHECKING:
     from slipctl.block.units import one
     from slipctl.block.written import from_text
     from slipctl.ccode.codegen import CModule, c_module
+    from slipctl.design.tune import Tuned, tune
     from slipctl.errors import BadInput, RunFailed
     from slipctl.estimate.fitting import Fitted, fit
     from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
@@ -80,6 +83,7 @@ if TYPE_CHECKING:
     from slipctl.predict.nmpc import nmpc
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility
+    from slipctl.run.ensemble import Ensemble
     from slipctl.run.prepared import Prepared, prepare
     from slipctl.run.rail import Rail, Scenario, Section
     from slipctl.run.results import Case, Known, Results, Table

@@ -484,6 +484,23 @@ class OwnLaw(Part):
 Controller = SlipLaw | Predictive | DemandAlone | OwnLaw
 
 
+# ---- what slipctl tune draws ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn(Part):
+    """What differs from draw to draw where gains are tuned."""
+
+    seeds: bool = told(False, "whether the noise is drawn anew")
+    draw: Mapping[str, str] = told({}, "range of each number that is drawn, m = '36t:42t'")
+    scale: Mapping[str, str] = told({}, "factors and what each multiplies, '0.8:1.2 of c'")
+
+    def misfits(self) -> Iterator[Fault]:
+        """An ensemble that is empty."""
+        if not (self.draw or self.scale or self.seeds):
+            yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
+
+
 # ---- all of it -----------------------------------------------------------------------------------
 
 
@@ -501,6 +518,7 @@ class Trip(Part):
     reference: Reference = told(Searched(), "slip that the controllers go to")
     control: SlipControl = told(SlipControl(), "when slip control takes over")
     controllers: Mapping[str, Controller] = told(MISSING, "controllers by a name of one's own")
+    ensemble: Drawn | None = told(None, "what differs from draw to draw where gains are tuned")
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
 

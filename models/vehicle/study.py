@@ -6,6 +6,7 @@ from typing import Any
 
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.trip import case
+from slipctl.run.ensemble import Ensemble
 from slipctl.run.roles import Signals
 from slipctl.study.declaration import Figure, Study
 
@@ -53,6 +54,10 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
             found = replace(found, scenario=short)
         return [replace(found, log=LOG)]
 
+    drawn = trip.ensemble
+    ensembles = (
+        {} if drawn is None else {"base": Ensemble(drawn.draw, drawn.scale, seeds=drawn.seeds)}
+    )
     vehicle = trip.vehicle
     doc = (
         f"A {'braked' if vehicle.mode == 'brake' else 'driven'} vehicle of"
@@ -61,6 +66,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
     )
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases, signals=SIGNALS,
+        ensembles=ensembles,
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the way", _slip),

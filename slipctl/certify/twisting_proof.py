@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 from slipctl.certify import polygon_steps, twisting_late
@@ -18,6 +19,7 @@ from slipctl.certify.twisting_rows import Law
 from slipctl.certify.twisting_sampled import (
     MOST_WORK,
     Bound,
+    Crossings,
     Plan,
     Run,
     bound,
@@ -26,6 +28,7 @@ from slipctl.certify.twisting_sampled import (
     worst_run,
 )
 from slipctl.certify.twisting_swings import MOST_TICKS
+from slipctl.certify.twisting_turns import MOST_TURNS
 
 
 def law(n: Numbers) -> tuple[Law, Fraction] | None:
@@ -59,7 +62,7 @@ def _find(n: Numbers) -> Entries | None:
         "corners": [[str(z), str(w)] for z, w in levels.corners],
         "level": str(levels.level),
         "fall": str(levels.fall),
-        "half turns": [list(entry) for entry in found.turns],
+        "crossings": [list(entry) for entry in found.turns],
         "ticks": [list(entry) for entry in found.plan],
         "bound": str(rounded_up(found.y * at[1])),
         "x2": str(rounded_up(found.w * at[1] / n["T"])),
@@ -91,13 +94,24 @@ def _plan(given: Any, where: str) -> Plan:
     return tuple(found)
 
 
+def _crossings(given: Any) -> Crossings:
+    """Rows in k2 - L, and bounds in them, of each entry."""
+    where, found = "evidence.crossings", []
+    for i, step in enumerate(rows(given, where, 40)):
+        numbers = [whole(x, where, 1, 10**6) for x in rows(step, f"{where}[{i}]", MOST_TURNS + 1)]
+        if len(numbers) < 2 or any(b >= a for a, b in pairwise(numbers[1:])):
+            raise DoesNotHold(f"{where}[{i}]: no bounds that fall")
+        found.append(tuple(numbers))
+    return tuple(found)
+
+
 def _check(n: Numbers, given: Entries) -> None:
-    names = ("corners", "level", "fall", "half turns", "ticks", "bound", "x2")
+    names = ("corners", "level", "fall", "crossings", "ticks", "bound", "x2")
     entry = mapping(given, names, "evidence", True)
     at = law(n)
     if at is None:
         raise DoesNotHold("evidence: no bound is known at these numbers")
-    turns, plan = (_plan(entry[k], f"evidence.{k}") for k in ("half turns", "ticks"))
+    turns, plan = _crossings(entry["crossings"]), _plan(entry["ticks"], "evidence.ticks")
     limit, x2 = (rational(entry[k], f"evidence.{k}") for k in ("bound", "x2"))
     found = Bound(_levels(at[0], entry), turns, plan, limit / at[1], x2 * n["T"] / at[1])
     if not found.holds():

@@ -2,8 +2,8 @@
 
 The bound: a polygon into which every run comes (``twisting_levels``), then half turns by which it
 shrinks (``twisting_turns``), and where these are short, rows that hold what is left of it tick
-after tick (``twisting_rows``). A certificate names the polygon, and how many half turns and ticks
-in rows of which height; going through them again is no search. Lengths: y = x1/T^2.
+after tick (``twisting_rows``). A certificate names the polygon, the bounds at the crossings, and
+how many ticks in rows of which height; going through them is no search. Lengths: y = x1/T^2.
 
 A run: cell by cell, or half turn after half turn (``twisting_swings``), what can be reached from
 the origin; its disturbance is read back, and replayed by whole numbers with interval bounds.
@@ -23,13 +23,16 @@ from slipctl.certify import super_twisting, twisting_swings
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_polygons import find
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, moved
-from slipctl.certify.twisting_turns import Sweep, bounds, cost, half_turn, rows_of, swept
+from slipctl.certify.twisting_turns import Sweep, cost, falling, sweep
 
 BITS = 10
 """A row is 2^BITS units of y high."""
 
 Plan = tuple[tuple[int, int], ...]
 """Rows in k2 - L, ticks in them; each entry twice or more as fine as the one before."""
+
+Crossings = tuple[tuple[int, ...], ...]
+"""Rows in k2 - L, then bounds of |w| at crossings in such rows, falling; each entry finer."""
 
 MOST_WORK = 1.0
 """Limit of ``_work``, about seconds."""
@@ -44,13 +47,13 @@ class Bound:
     """A bound of |y| in the end, from every start, under every disturbance.
 
     Attributes:
-        levels: the polygon into which every run comes. turns: half turns that are gone through
-            then. plan: ticks after these.
+        levels: the polygon into which every run comes. turns: bounds at the crossings of y = 0,
+            each of which leads to the next. plan: ticks after these.
         y, w: bounds of |y| and |w| after that.
     """
 
     levels: Levels
-    turns: Plan
+    turns: Crossings
     plan: Plan
     y: Fraction
     w: Fraction
@@ -68,27 +71,30 @@ def _work(rows: Rows) -> float:
     return 9e-5 + 4e-8 * len(rows.ends)
 
 
-def replay(levels: Levels, turns: Plan, plan: Plan) -> tuple[Fraction, Fraction] | None:
+def replay(levels: Levels, turns: Crossings, plan: Plan) -> tuple[Fraction, Fraction] | None:
     """Bounds of |y| and |w| after the half turns and ticks of a plan; None if they take too much.
 
     Proof note: every start leads to V <= ``level``, and then V <= ``kept``, which is above |w|.
-    After each half turn the next crossing is within what the last one leads to. What is in rows
-    that hold that set is, n ticks later, in the rows after n ticks.
+    Each crossing after that is within what the one before leads to, so within the next bound. What
+    is in rows that hold that set is, n ticks later, in the rows after n ticks.
     """
     work, w = 0.0, levels.kept
     rows: Rows | None = None
-    sweep: Sweep | None = None
+    last: Sweep | None = None
     try:
-        for parts, count in turns:
+        for parts, *most in turns:
             grid = Grid(levels.law, parts, BITS)
-            work += cost(grid, w) * (count + 1)
-            if work > 2 * MOST_WORK:
+            work += cost(grid, most)
+            if work > 2 * MOST_WORK or most[0] * grid.height < w:
                 return None
-            w, sweep = swept(grid, w, count)
+            last = sweep(grid, most)
+            if not last.falls():
+                return None
+            w = most[-1] * grid.height
         for parts, ticks in plan:
             if rows is None:
                 grid = Grid(levels.law, parts, BITS)
-                rows = rows_of(grid, swept(grid, w, 0)[1]) if turns else levels.rows(grid)
+                rows = _at_crossing(grid, w).rows() if turns else levels.rows(grid)
             elif parts % rows.grid.parts:
                 return None
             else:
@@ -102,7 +108,12 @@ def replay(levels: Levels, turns: Plan, plan: Plan) -> tuple[Fraction, Fraction]
         return None
     if rows is not None:
         return rows.largest(), rows.widest()
-    return None if sweep is None else bounds(grid, w, sweep)
+    return None if last is None else last.bounds()
+
+
+def _at_crossing(grid: Grid, w: Fraction) -> Sweep:
+    """Half turn from crossings with |w| <= w."""
+    return sweep(grid, [math.ceil(w / grid.height)])
 
 
 def _parts(law: Law, least: int) -> int:
@@ -136,20 +147,23 @@ def bound(
         return None
     parts = _parts(law, math.ceil(100 * (law.k2 - law.L) / levels.kept))
     best: Bound | None = None
-    turns: Plan = ()
+    turns: Crossings = ()
     work = 0.0
     if _lost(law) < NEAR:
         best, work = _by_half_turns(levels, parts, wanted, most_work)
         if best is None or (wanted is not None and best.y <= wanted):
             return best
-        turns, crossing = best.turns, best.w - law.k2 - law.L
-        if crossing > SHORT * (law.k2 - law.L):
+        turns = best.turns
+        finest, *_, crossing = turns[-1]
+        if crossing > SHORT * finest:
             return best
     plan: list[tuple[int, int]] = []
     last: Fraction | None = None
     try:
         grid = Grid(law, parts, BITS)
-        rows = rows_of(grid, swept(grid, crossing, 0)[1]) if turns else levels.rows(grid)
+        rows = levels.rows(grid)
+        if turns:
+            rows = _at_crossing(grid, crossing * Grid(law, finest, BITS).height).rows()
         while work < most_work:
             ticks, before, settled = 0, math.inf, False
             pause = max(32, int(rows.widest() / (law.k2 - law.L)))  # a quarter turn or more
@@ -181,35 +195,23 @@ def bound(
 def _by_half_turns(
     levels: Levels, parts: int, wanted: Fraction | None, most_work: float
 ) -> tuple[Bound | None, float]:
-    """Bound after half turns in finer and finer rows, and the work that it took."""
-    turns: list[tuple[int, int]] = []
+    """Bound after half turns in finer and finer rows, and the work that it took.
+
+    What finer rows gain falls from one to the next: with much more to gain than ``REFINED`` a
+    wanted bound is in vain.
+    """
+    turns: list[tuple[int, ...]] = []
     best, work, w = None, 0.0, levels.kept
-    lost = _lost(levels.law)
     try:
         while work < most_work:
-            grid, count = Grid(levels.law, parts, BITS), 0
-            most = math.ceil(w / grid.height)
-            allowed = (
-                wanted
-                and lost < NEAR
-                and float(wanted) * (2 if not turns else 1.25 if len(turns) == 1 else 1.1)
-            )
-            while True:
-                sweep = half_turn(grid, most)
-                work += cost(grid, most * grid.height)
-                y, far = bounds(grid, most * grid.height, sweep)
-                fall = most + sweep[0]
-                if fall < 0.001 * most or work > most_work or (wanted is not None and y <= wanted):
-                    break
-                left = max(1 - fall / lost / most, 0.0)  # a half turn leads to q w and some more
-                if allowed and float(y) * left * left > allowed:
-                    return best, most_work  # it is in vain
-                most, count = -sweep[0], count + 1
-            turns.append((parts, count))
-            w, before = most * grid.height, best
+            found = falling(Grid(levels.law, parts, BITS), w)
+            work += 3 * cost(found.grid, found.most)
+            turns.append((parts, *found.most))
+            w, before = found.most[-1] * found.grid.height, best
+            y, far = found.bounds()
             if best is None or y < best.y:
                 best = Bound(levels, tuple(turns), (), y, far)
-            if wanted is not None and y <= wanted:
+            if wanted is not None and not wanted < y <= wanted * REFINED[min(len(turns), 3) - 1]:
                 break
             if before is not None and y > before.y * Fraction(99, 100):
                 break
@@ -217,6 +219,10 @@ def _by_half_turns(
     except OverflowError:
         pass
     return best, work
+
+
+REFINED = (2, Fraction(5, 4), Fraction(11, 10))
+"""Over a wanted bound, where finer rows may still come to it: of the first, second, third rows."""
 
 
 def _lost(law: Law) -> float:

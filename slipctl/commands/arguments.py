@@ -27,6 +27,16 @@ A run is kept as soon as it ends. The same line again goes on where it was stopp
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
 """
 
+TUNE = """\
+The gains set by hand are a candidate. What has no certificate is not run. The same line again goes
+on where it was stopped.
+
+  slipctl tune subway_braking:sta --free k1=1:60 k2=1:60 --minimise distance --out out/sta
+  slipctl tune hst_braking:eppfc --free K1=5:50 --minimise slip_error_rms \\
+      --subject-to 'torque_ripple<=8kN m' 'margin>=1.2' --samples 40 --out out/eppfc
+  slipctl run subway_braking --loop sta --set out/sta/gains.toml
+"""
+
 REPLAY = """\
   slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
       --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
@@ -156,6 +166,49 @@ def parser() -> Parser:
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
+    p = command("tune", "Find gains on an ensemble: proved first, then run, then judged.")
+    p.epilog, p.formatter_class = TUNE, argparse.RawDescriptionHelpFormatter
+    p.add_argument(
+        "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
+    )
+    p.add_argument(
+        "--free", metavar="P=LO:HI", nargs="+", action="extend", default=[], dest="free",
+        help="numbers that are searched, each in its range; ends may have units",
+    )  # fmt: skip
+    p.add_argument(
+        "--minimise", metavar="METRIC", dest="objective",
+        help="a metric, or a weighted sum: 'distance + 0.001*torque_ripple'",
+    )  # fmt: skip
+    p.add_argument(
+        "--subject-to", metavar="LIMIT", nargs="+", action="extend", default=[], dest="limits",
+        help="'torque_ripple<=8kN m' in every draw, 'slip_max@0.95<=2m/s' in 95 %% of them,"
+        " 'margin>=1.2' of the certificates, certified",
+    )  # fmt: skip
+    p.add_argument("--samples", metavar="N", type=int, default=20, help="draws of the search (20)")
+    p.add_argument("--seed", metavar="S", type=int, default=1, help="of draws and search (1)")
+    p.add_argument(
+        "--ensemble", metavar="FILE.toml", help="what differs from draw to draw (as declared)"
+    )
+    p.add_argument(
+        "--held-out", metavar="N", type=int, default=200, help="draws of the judgement (200)"
+    )
+    p.add_argument("--runs", metavar="N", type=int, help="most runs of the search (250 a number)")
+    p.add_argument(
+        "--prove", action="store_true",
+        help="state what 1375 fresh draws prove: 99 %% of all draws, confidence 1 - 1e-6",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+    p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value in every run",
+    )  # fmt: skip
+    p.add_argument(
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study",
+    )  # fmt: skip
+    p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
     p = command("replay", "Run an estimator or a controller over a recorded log.")
     p.epilog, p.formatter_class = REPLAY, argparse.RawDescriptionHelpFormatter
     p.add_argument("log", metavar="LOG.csv", help="a head and a row per sample")
@@ -240,6 +293,10 @@ def parser() -> Parser:
         help="what the FMUs hold binaries for; by default each that a compiler is installed for",
     )  # fmt: skip
     p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set parameters of the loop, or FILE.toml with gains",
+    )  # fmt: skip
+    p.add_argument(
         "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
     )
     p.add_argument(
@@ -273,6 +330,10 @@ def parser() -> Parser:
 
     p = command("check", "Check a certificate again with rational arithmetic alone.")
     p.add_argument("file", metavar="FILE")
+    p.add_argument(
+        "--rerun", metavar="N", type=int,
+        help="run N draws of a statement again, from the study or file that it names",
+    )  # fmt: skip
 
     p = command("docs", "Open the pages of slipctl in a browser; they need no network.")
     p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
+from slipctl.block.block import Block
 from slipctl.ccode import codegen
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
-from slipctl.study import doors
+from slipctl.run.results import Case
+from slipctl.study import doors, preparing
+from slipctl.study.declaration import Study
 
 log = logging.getLogger("slipctl")
 
@@ -17,6 +21,7 @@ log = logging.getLogger("slipctl")
 def answer(options: argparse.Namespace, command: str) -> int:
     """Write the C, and check it if asked."""
     name, out = options.name, Path(options.out)
+    options.settings = preparing.opened(options.settings)
     if not options.out:
         raise BadInput("--out names no folder; write one, or . for this one")
     if options.fuzz is not None and options.fuzz < 1:
@@ -29,6 +34,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         colon and not doors.is_written(name) and (not left.endswith(".py") or doors.has_study(left))
     )
     block = None if is_loop else doors.load_block(name)
+    if block is not None and options.settings:
+        raise BadInput(f"{name} is no loop and has no --set; write its numbers into the file")
     if block is not None and options.part:
         raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")
 
@@ -44,7 +51,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         report = codegen.export(block, out, options.module, **wanted)
     else:
         study = doors.load_study(left)
-        loop, case = doors.find_loop(study, loop_name)
+        loop, case = found_loop(study, loop_name, options.settings)
         part = options.part or study.controller
         words = [] if part == study.controller else part.split(".")
         try:
@@ -69,3 +76,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0
+
+
+def found_loop(study: Study, name: str, settings: Sequence[str]) -> tuple[Block, Case]:
+    """Loop and its case, with what was set."""
+    if not settings:
+        return doors.find_loop(study, name)
+    loop, _, scenario = name.partition("@")
+    scenario = scenario or doors.find_loop(study, name)[1].scenario.name
+    cases, _ = preparing.prepare(study, settings=settings, loops=[loop], scenarios=[scenario])
+    return cases[0].loops[loop], cases[0]

@@ -265,7 +265,11 @@ def check(file: str) -> str:
         RunFailed: it does not hold.
     """
     payload = reading.read(Path(file))
+    from slipctl.design import written
+
     try:
+        if payload.get("kind") == written.KIND:
+            return f"{file} holds:\n{written.check(payload)}"
         return f"{file} holds: {certificate.check(payload)}"
     except certificate.DoesNotHold as error:
         raise RunFailed(f"{file} does not hold: {error}") from None

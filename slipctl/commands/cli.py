@@ -28,8 +28,8 @@ RARELY = (100_000, 50, 100)
 at Python's own pace takes a fifth of the time of a run."""
 
 NAMES = (
-    "list", "show", "new", "schema", "copy", "run", "sweep", "replay", "compare", "fit", "c", "pil",
-    "certify", "check", "docs",
+    "list", "show", "new", "schema", "copy", "run", "sweep", "tune", "replay", "compare", "fit",
+    "c", "pil", "certify", "check", "docs",
 )  # fmt: skip
 """Commands in the order of the help."""
 
@@ -45,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # matrices here are small: a second thread of numpy's would only wait; and so no sum depends on
     # how many cores there are
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if "matplotlib" not in sys.modules and "MPLBACKEND" in os.environ:
+        os.environ["MPLBACKEND"] = "agg"  # a notebook's, which may not be installed here
     closed = sys.stdout is None
     if closed:  # started with >&-
         sys.stdout = io.StringIO()

@@ -1,8 +1,9 @@
 """``slipctl run``: metrics, claims, logs, figures and a report of a study.
 
-A plain run answers in seconds: the scenarios ``base`` and ``real``, and the claims that they can
-answer. ``--scenario`` runs others, ``--full`` all of them and the experiments. What an earlier run
-of the same left in the folder is taken; what another one left is removed.
+A plain run answers in seconds: the scenarios ``base`` and ``real``, or what else a study names as
+plain, and the claims that they can answer. ``--scenario`` runs others, ``--full`` all of them and
+the experiments. What an earlier run of the same left in the folder is taken; what another one left
+is removed.
 """
 
 from __future__ import annotations
@@ -34,11 +35,14 @@ def answer(options: argparse.Namespace, command: str) -> int:
     study = doors.load_study(options.study)
     out = Path(options.out or Path("out") / study.name)
     store.check_folder(out)
+    options.settings = preparing.opened(options.settings)
     preparing.read_swaps(study, options.swaps)  # their files belong to the key
     key = key_of(study, quick=options.quick, settings=options.settings, swaps=options.swaps)
     keep = Keep(out, key)
     chosen = bool(options.loops or options.scenarios)
-    everything = options.full and not chosen
+    experiments = (
+        () if chosen else tuple(n for n in study.experiments if options.full or n in study.plain)
+    )
     plain = None if options.full or options.scenarios else {} if chosen else keep.logs()
     left: list[str] = []
     cases, models = preparing.prepare(
@@ -46,11 +50,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
         loops=options.loops, scenarios=options.scenarios, plain=plain, left=left,
     )  # fmt: skip
     changed = preparing.in_words(options.swaps, options.settings)
-    if not everything:
-        left += [n for n in study.experiments if keep.tables(n) is None]
+    left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
     results = running.new_results(study, cases, options.quick, changed, () if chosen else left)
     with Cores(options.jobs) as cores:
-        return _Run(options, command, results, models, keep, cores, everything).answer()
+        return _Run(options, command, results, models, keep, cores, experiments).answer()
 
 
 class _Run:
@@ -58,14 +61,14 @@ class _Run:
 
     def __init__(
         self, options: argparse.Namespace, command: str, results: Results, models: Any, keep: Keep,
-        cores: Cores, everything: bool,
+        cores: Cores, experiments: Sequence[str],
     ) -> None:  # fmt: skip
         self.options, self.command, self.results, self.models = options, command, results, models
-        self.keep, self.cores, self.everything = keep, cores, everything
-        study, cases = results.study, results.cases
-        if study.experiments and options.settings and everything:
+        self.keep, self.cores, self.experiments = keep, cores, experiments
+        cases = results.cases
+        if experiments and options.settings:
             log.info("--set reaches the loops of the scenarios, not those that experiments build")
-        total = sum(len(c.loops) for c in cases) + (len(study.experiments) if everything else 0)
+        total = sum(len(c.loops) for c in cases) + len(experiments)
         self.progress = Progress(total, sys.stderr, options.quiet)
 
     def answer(self) -> int:
@@ -77,7 +80,7 @@ class _Run:
         try:
             running.run(
                 results.study, results.cases, self.models, quick=results.quick,
-                compile=not self.options.no_compile, experiments=self.everything,
+                compile=not self.options.no_compile, experiments=self.experiments,
                 report=self.progress, results=results, keep=self.keep, command=self.command,
                 cores=self.cores,
             )  # fmt: skip
@@ -102,10 +105,10 @@ class _Run:
 
     def _found_tables(self) -> None:
         """Take what an earlier run has found in experiments that this one leaves out."""
-        if self.everything or self.options.loops or self.options.scenarios:
+        if self.options.loops or self.options.scenarios:
             return
         for name in self.results.study.experiments:
-            found = self.keep.tables(name)
+            found = None if name in self.experiments else self.keep.tables(name)
             if found is not None:
                 self.results.tables[name] = found
 

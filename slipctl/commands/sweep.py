@@ -32,6 +32,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
+    options.settings = preparing.opened(options.settings)
     study, case, loop = _case(options)
     progress = Progress(1, sys.stderr, options.quiet)
     try:

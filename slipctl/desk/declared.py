@@ -127,6 +127,8 @@ class _Reader:
                 return given
             if get_origin(c) in (Mapping, dict) or getattr(c, "__origin__", None) is Mapping:
                 return self.table(get_args(c)[1], given, keys, f)
+        if bool in single and isinstance(given, bool):
+            return given
         if str in single and (isinstance(given, str) or float not in single):
             if not isinstance(given, str):
                 return self.fault(keys, f"is {_shown(given)}, wanted is a text")
@@ -258,6 +260,8 @@ def _types(kind: Any, f: Field[Any], found: dict[str, Any]) -> Iterator[dict[str
             yield {"type": "object", "additionalProperties": values}
         elif unit is not None and unit != "1":
             yield {"type": "string", "examples": [f"1 {unit}"]}
+        elif c is bool:
+            yield {"type": "boolean"}
         elif c is int:
             yield {"type": "integer"}
         elif c is float:

@@ -26,7 +26,7 @@ from slipctl.predict.asked import (
 )  # fmt: skip
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.limits import limits_of
-from slipctl.predict.reference import DEVIATION, Sparse, nonlinear
+from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
@@ -192,7 +192,7 @@ class _Controller:
         self.end, last = problem.end()
         layouts = (problem, layout, last, tied, bool(rate), *most)
         self.tied = tied
-        self.qp = Sparse(solver, *layouts) if solver in ("osqp", "qrqp") else ActiveSet(*layouts)
+        self.qp = Sparse(solver, *layouts) if solver in QUADRATIC else ActiveSet(*layouts)
         self.whole = None
         if solver in ("ipopt", "fatrop"):
             self.whole = nonlinear(where, problem, solver, tied, bool(rate))

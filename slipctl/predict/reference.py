@@ -18,6 +18,9 @@ OSQP: dict[str, Any] = {
     "osqp": {"verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polish": True},
     "error_on_fail": False,
 }
+STEADY: dict[str, Any] = OSQP | {"osqp": OSQP["osqp"] | {"alpha": 1.0}}
+"""Without over-relaxation, by which OSQP may stand still where a bound and a rate meet."""
+
 DEVIATION = 1e-6
 """Residual of the conditions of optimality at which an answer is refused."""
 
@@ -27,6 +30,9 @@ QRQP: dict[str, Any] = {
     "print_info": False,
     "error_on_fail": False,
 }
+QUADRATIC = {"osqp": (OSQP, STEADY), "qrqp": (QRQP,)}
+"""Solvers of one quadratic program per iteration, with options to be tried in turn."""
+
 QUIET = {"print_time": False, "error_on_fail": False}
 
 
@@ -50,10 +56,28 @@ class Sparse(ActiveSet):
 
     def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Found:
         """As of :class:`ActiveSet`; the statuses are left as they are."""
+        data = (D, E, U, before, bounds, dx)
+        z, left = self._solved(data, True, QUADRATIC[self.solver][0])
+        tries = [(True, o) for o in QUADRATIC[self.solver][1:]]
+        if self.h.hard:  # no control keeps the limits, or it has not found one
+            tries += [(False, o) for o in QUADRATIC[self.solver]]
+        for firm, options in tries:
+            other, rest = self._solved(data, firm, options)
+            z = ca.if_else(left < DEVIATION, z, other)
+            left = ca.if_else(left < DEVIATION, left, rest)
+        edge = self.h.nx * (self.h.stages + 1)
+        X, V = z[:edge], z[edge : edge + self.h.nu * self.h.stages]
+        return Found(X, V, S, S, ca.MX(0), left, ca.MX(0), ca.MX(1))
+
+    def _solved(self, data: Any, firm: bool, options: dict[str, Any]) -> tuple[Any, Any]:
+        """Answer of the solver, and what it leaves of the conditions of optimality.
+
+        Hard limits are rows that have to be kept, or have a price: a million in the cost is more
+        than the digits of a first-order method bear.
+        """
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
-        build = self._matrices()
-        H, g, A, lba, uba, lbx, ubx = build(D, E, U, before, bounds, dx)
-        options = OSQP if self.solver == "osqp" else QRQP
+        build = self._matrices(firm)
+        H, g, A, lba, uba, lbx, ubx = build(*data)
         qp = ca.conic(
             "qp", self.solver, {"h": build.sparsity_out(0), "a": build.sparsity_out(2)}, options
         )
@@ -65,11 +89,14 @@ class Sparse(ActiveSet):
             slope, g[: nx * (N + 1) + nu * N], held, ca.vertcat(lba, lbx), ca.vertcat(uba, ubx),
             ca.vertcat(done["lam_a"], done["lam_x"]),
         )  # fmt: skip
-        X, V = z[: nx * (N + 1)], z[nx * (N + 1) : nx * (N + 1) + nu * N]
-        return Found(X, V, S, S, ca.MX(0), left, ca.MX(0), ca.MX(1))
+        return z, left
 
-    def _matrices(self) -> ca.Function:
-        """Function (D, E, U, before, bounds, dx) -> (H, g, A, lba, uba, lbx, ubx)."""
+    def _matrices(self, firm: bool = False) -> ca.Function:
+        """Function (D, E, U, before, bounds, dx) -> (H, g, A, lba, uba, lbx, ubx).
+
+        With ``firm`` hard limits have no excess, and no price; but where only the measured state
+        decides, they are what they are.
+        """
         nx, nu, N, nc = self.h.nx, self.h.nu, self.h.stages, self.h.nc
         D, E = ca.SX.sym("D", self.stage.size, N), ca.SX.sym("E", self.end.size)
         U, before = ca.SX.sym("U", nu * N), ca.SX.sym("before", nu)
@@ -90,7 +117,8 @@ class Sparse(ActiveSet):
             A = _at(n, x[k + 1], -ca.SX.eye(nx)) + _at(n, z, ca.horzcat(stage.A, stage.B))
             rows.append((A, -stage.b, -stage.b))
             if nc:
-                rows.append((_at(n, z, stage.C) + _at(n, t[k], -ca.SX.eye(nc)), -inf, -stage.c))
+                kept = [i for i in self.h.hard if firm and (k or stage.C[i, nx:].nnz())]
+                rows.append((_at(n, z, stage.C) + _at(n, t[k], _excess(nc, kept)), -inf, -stage.c))
             earlier = U[nu * (k - 1) : nu * k] if k else before
             now, rate = U[nu * k : nu * (k + 1)], bounds[2 * nu :, k]
             if self.rates or self.tied[k]:
@@ -102,16 +130,17 @@ class Sparse(ActiveSet):
         H[x[N], x[N]] = ca.triu2symm(Hx)
         g[x[N]] = gx
         if nc:
-            rows.append((_at(n, x[N], C) + _at(n, t[N], -ca.SX.eye(nc)), -inf, -c))
+            kept = list(self.h.hard) if firm else []
+            rows.append((_at(n, x[N], C) + _at(n, t[N], _excess(nc, kept)), -inf, -c))
             every = [i for r in t for i in r]
             square = [1.0] * nc
             for i, q in zip(self.h.capped, self.h.square, strict=True):
-                square[i] = float(q)
+                square[i] = float(q or (firm and i in self.h.hard))
             H[every, every] = ca.diag(ca.DM(square * (N + 1)))
             for k in range(N + 1):
                 caps = self._unpack(D[:, k]).w if k < N else w
                 for j, i in enumerate(self.h.capped):
-                    g[t[k][i]] = caps[j]
+                    g[t[k][i]] = 0 if firm and i in self.h.hard else caps[j]
         low, high = -ca.SX.ones(n) * ca.inf, ca.SX.ones(n) * ca.inf
         for k in range(N + 1):
             low[[t[k][i] for i in self.h.capped]] = 0
@@ -129,6 +158,11 @@ def _at(n: int, columns: Any, block: Any) -> Any:
     wide = ca.SX(block.shape[0], n)
     wide[:, list(columns)] = block
     return wide
+
+
+def _excess(nc: int, kept: list[int]) -> Any:
+    """Slope of the rows by what they are exceeded by, 0 where they are kept."""
+    return -ca.diag(ca.SX([0.0 if i in kept else 1.0 for i in range(nc)]))
 
 
 def _regular(nx: int, nu: int) -> Any:

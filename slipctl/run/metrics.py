@@ -448,7 +448,7 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
     "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
     "above_ideal": (
         _above_ideal,
-        "way lost to the bound, the loop `ideal`: beyond its way, in traction short of it",
+        "distance beyond that of the bound, the loop `ideal`; in traction short of it",
     ),
     "step_time": (_step_time, "longest time to compute one tick"),
 }

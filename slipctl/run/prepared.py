@@ -17,7 +17,7 @@ from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
 from slipctl.run.feeding import begun, feeds, pieces, rail_values
 from slipctl.run.numbers import Template, template
-from slipctl.run.rail import Scenario
+from slipctl.run.rail import Rail, Scenario
 
 if TYPE_CHECKING:
     import xarray
@@ -94,6 +94,7 @@ class Prepared:
         numbers: Mapping[str, Any] | None = None,
         *,
         seed: int | None = None,
+        rail: Rail | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Log:
         """Roll with these numbers.
@@ -102,6 +103,7 @@ class Prepared:
             numbers: parameters and start values by name, as :meth:`Block.with_params` takes them:
                 a shared number reaches all its places. None rolls the loop as it is.
             seed: of the noise; None is the scenario's.
+            rail: another rail; None is the scenario's.
             progress: called with the share done, 0 to 1.
 
         Returns:
@@ -112,6 +114,7 @@ class Prepared:
             RunFailed: a state became NaN or infinite; says block, signal and time.
         """
         scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
+        scenario = scenario if rail is None else scenario.but(rail=rail)
         block = self._numbered(numbers) if numbers else self._begun
         x = build.column(block.pack("state", block.start()))
         u, roll, parts = self._parts(block, scenario)
@@ -155,7 +158,9 @@ class Prepared:
         """Inputs tick by tick, what rolls, and (first tick, last tick, parameters) of each part."""
         h = float(block.period or 0.0)
         inputs, params = rail_values(block, scenario)
-        key = (scenario.seed, {n: [np.asarray(v).tolist() for v in vs] for n, vs in inputs.items()})
+        starts = None if scenario.rail is None else tuple(scenario.rail.starts)
+        values = {n: [np.asarray(v).tolist() for v in vs] for n, vs in inputs.items()}
+        key = (scenario.seed, starts, values)
         fed = self._feed
         if fed is None or fed[0] != key:
             fed = self._feed = (key, feeds(block, scenario, self.ticks, h, inputs))

@@ -124,19 +124,21 @@ class Store:
                 )
 
 
-def begin(folder: Path, about: Mapping[str, Any]) -> Store:
+def begin(folder: Path, about: Mapping[str, Any], file: str = FILE, what: str = "sweep") -> Store:
     """Open the store of a sweep, or make it.
 
     Args:
         folder: of the sweep.
         about: what it is; a store of another sweep is refused.
+        file: name of the store.
+        what: it belongs to, in words.
 
     Raises:
         BadInput: it holds another sweep, told by what differs, or is no store.
     """
     store.check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    found = _opened(folder / FILE)
+    found = _opened(folder / file)
     try:
         found._db.executescript(_TABLES)
         found._db.execute("pragma journal_mode=wal")
@@ -144,7 +146,7 @@ def begin(folder: Path, about: Mapping[str, Any]) -> Store:
         before = found.about()
         if before:
             store.check_format(str(found.path), before.get("format"))
-            _same(folder, before, {k: store.plain(v) for k, v in about.items()})
+            _same(folder, before, {k: store.plain(v) for k, v in about.items()}, what)
         most = max(int(about["samples"]), int(before.get("samples", 0)))
         found.tell({"format": store.FORMAT, **about, "samples": most})
     except sqlite3.DatabaseError as error:
@@ -186,7 +188,7 @@ def _broken(path: Path, error: Exception) -> str:
     return f"{path} cannot be used as the store of a sweep: {error}; choose another --out"
 
 
-def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any], what: str) -> None:
     """Refuse to mix two sweeps."""
     fixed = ("samples",) if "lhs" in (before.get("design"), now.get("design")) else ()
     keys = [k for k in now if k not in GROWS or k in fixed]
@@ -203,6 +205,6 @@ def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> No
     said = f" ({shown[0]} there, {shown[1]} now)" if "other" not in shown.values() else ""
     verb = "differ" if k.endswith("s") else "differs"
     raise BadInput(
-        f"{folder} holds another sweep: its {k.replace('_', ' ')} {verb}{said};"
+        f"{folder} holds another {what}: its {k.replace('_', ' ')} {verb}{said};"
         " choose another --out"
     )

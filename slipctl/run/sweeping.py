@@ -231,17 +231,33 @@ class Measured:
         except (BadInput, RunFailed) as error:
             return Ended(run, numbers, failed=str(error))
 
-    def metrics(self, log: Log) -> dict[str, Any]:
-        """Metrics of a log."""
+    def on(
+        self, numbers: Mapping[str, float], scenario: Scenario, known: Mapping[str, Known],
+        wanted: Sequence[str] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Metrics with the seed and the rail of another scenario, and what is known of it.
+
+        Raises:
+            BadInput, RunFailed: as the run does.
+        """
+        log = self._run(numbers, seed=scenario.seed, rail=scenario.rail)
+        return self.metrics(log, scenario, known, wanted)
+
+    def metrics(
+        self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None,
+        wanted: Sequence[str] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Metrics of a log; of another scenario and what is known of it, where they are given."""
+        scenario = scenario or self.scenario
         seen: Any = _Seen(log, float(self.loop.period or 0.0))
-        rail = self.scenario.rail
+        rail = scenario.rail
         where = None if rail is None else place(seen, rail, self.signals)
-        for name, known in self.known.items():
-            whole: Any = log.dataset() if callable(known.values) else log
-            seen.add(name, known_column(known, rail, where, whole), known.unit)
-        changes = rail_changes(seen, self.scenario, self.signals)
-        names = rail_names(self.scenario, changes)
-        return measure(Run(seen, self.signals, changes, rails=names), MEASURED)
+        for name, known_ in (self.known if known is None else known).items():
+            whole: Any = log.dataset() if callable(known_.values) else log
+            seen.add(name, known_column(known_, rail, where, whole), known_.unit)
+        changes = rail_changes(seen, scenario, self.signals)
+        names = rail_names(scenario, changes)
+        return measure(Run(seen, self.signals, changes, rails=names), wanted or MEASURED)
 
     def fingerprint(self) -> str:
         """Hash of the loop's own run: its numbers, its inputs, and how this machine computes."""

@@ -50,8 +50,11 @@ class Axis:
         return [self.name, self.lo, self.hi, self.points, self.unit]
 
 
-def read_axis(text: str, loop: Block, scenario: Scenario) -> Axis:
+def read_axis(text: str, loop: Block, scenario: Scenario, door: str = "--vary") -> Axis:
     """Read ``P=lo:hi:n`` (a grid axis of n values) or ``P=lo:hi`` (a uniform draw).
+
+    Args:
+        text: what a person wrote. loop, scenario: what runs. door: where it stands, for refusals.
 
     Raises:
         BadInput: another form, an unknown name, a range that is none or lies off that of the
@@ -61,30 +64,30 @@ def read_axis(text: str, loop: Block, scenario: Scenario) -> Axis:
     parts = [p.strip() for p in values.split(":")]
     if not equals or not name or len(parts) not in (2, 3) or not all(parts):
         raise BadInput(
-            f"--vary {text!r}: write P=lo:hi:n for n values, P=lo:hi for a draw, such as"
+            f"{door} {text!r}: write P=lo:hi:n for n values, P=lo:hi for a draw, such as"
             " ctl.k1=5:50:10"
         )
     points = None
     if len(parts) == 3:
         if not parts[2].isdigit() or not 2 <= int(parts[2]) <= MOST:
-            raise BadInput(f"--vary {text!r}: {parts[2]!r} is no number of values; write 2 or more")
+            raise BadInput(f"{door} {text!r}: {parts[2]!r} is no number of values; write 2 or more")
         points = int(parts[2])
     ends = []
-    for n in _meant(name, loop, scenario):
+    for n in _meant(name, loop, scenario, door):
         signal = loop.declared(n)
         if signal.shape:
-            raise BadInput(f"--vary {name}: {n} has several numbers, shape {signal.shape}")
+            raise BadInput(f"{door} {name}: {n} has several numbers, shape {signal.shape}")
         ends.append((signal, [parse_quantity(p, signal.unit, name) for p in parts[:2]]))
     signal, (lo, hi) = ends[0]
     if not lo < hi:
-        raise BadInput(f"--vary {text!r}: {lo:g} to {hi:g} is no range; write lo < hi")
+        raise BadInput(f"{door} {text!r}: {lo:g} to {hi:g} is no range; write lo < hi")
     for other, values_ in ends:
         for v in values_:
-            other.check(f"--vary {name}", v)
+            other.check(f"{door} {name}", v)
     return Axis(name, lo, hi, points, signal.unit)
 
 
-def _meant(name: str, loop: Block, scenario: Scenario) -> list[str]:
+def _meant(name: str, loop: Block, scenario: Scenario, door: str) -> list[str]:
     """Parameters and start values that a name sets; refuses what has no effect."""
     found = targets(loop, name, ("param", "state"))
     if not found:
@@ -96,13 +99,13 @@ def _meant(name: str, loop: Block, scenario: Scenario) -> list[str]:
     by_rail = {n for group in rail_values(begun(loop, scenario), scenario) for n in group}
     if ruled := [n for n in found if n in by_rail]:
         raise BadInput(
-            f"--vary {name}: the rail sets {ruled[0]} in scenario {scenario.name}, so it has no"
+            f"{door} {name}: the rail sets {ruled[0]} in scenario {scenario.name}, so it has no"
             " effect; vary what the rail does not set"
         )
     for given in (*scenario.params, *scenario.start):
         if set(targets(loop, given, ("param", "state"))) & set(found):
             raise BadInput(
-                f"--vary {name}: scenario {scenario.name} sets {given}; it has no effect"
+                f"{door} {name}: scenario {scenario.name} sets {given}; it has no effect"
             )
     return found
 

@@ -38,6 +38,7 @@ from slipctl.run.store import plain, read_json, write_json
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
+    from slipctl.run.ensemble import Ensemble
     from slipctl.run.rail import Scenario
     from slipctl.study.jobs import Cores
 
@@ -338,7 +339,10 @@ class Study:
         claims: the paper's claims.
         figures: figures by file stem.
         gains: what ``slipctl certify STUDY`` asks about.
-        plain: scenarios that run without ``--full``; of a study that has none of them, all do.
+        plain: scenarios and experiments that run without ``--full``; of a study that has none of
+            these scenarios, all do.
+        ensembles: what differs from draw to draw where ``slipctl tune`` runs a loop, by scenario;
+            the first scenario that has the loop is taken.
     """
 
     name: str
@@ -355,6 +359,7 @@ class Study:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     gains: Sequence[Gains] = ()
     plain: Sequence[str] = ("base", "real")
+    ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))

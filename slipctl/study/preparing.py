@@ -19,6 +19,7 @@ from slipctl.run.prepared import Log, Prepared
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
 from slipctl.run.starting import told_starts
+from slipctl.study import equation_files
 from slipctl.study.declaration import Study
 from slipctl.study.doors import (
     blame,
@@ -62,6 +63,28 @@ class Setting:
             BadInput: more than one, without a ``*``; only some places of a shared number.
         """
         return targets(loop, self.name)
+
+
+def opened(settings: Sequence[str]) -> list[str]:
+    """Settings with each file of gains in place of its name.
+
+    Raises:
+        BadInput: no such file, or it holds no gains.
+    """
+    found: list[str] = []
+    for text in settings:
+        if "=" in text or not text.strip().endswith(".toml"):
+            found.append(text)
+            continue
+        path = text.strip()
+        _, content = equation_files.read(path)
+        gains, loop = content.get("gains"), content.get("loop")
+        if not isinstance(gains, Mapping) or not gains or not isinstance(loop, str):
+            raise BadInput(f"--set {path} holds no gains; slipctl tune ... --out DIR writes some")
+        store.check_format(path, content.get("format"))
+        name = loop.rpartition(":")[2].partition("@")[0]
+        found += [f"{name}:{n}={v}" for n, v in gains.items()]
+    return found
 
 
 def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def run(
     *,
     quick: bool = False,
     compile: bool = True,
-    experiments: bool = True,
+    experiments: bool | Sequence[str] = True,
     report: Report | None = None,
     results: Results | None = None,
     keep: Keep | None = None,
@@ -62,7 +62,7 @@ def run(
         models: from :func:`prepare`, for the experiments.
         quick: as told to :func:`prepare`.
         compile: compile the loops where there is a compiler.
-        experiments: run them too.
+        experiments: run them too, or those named.
         report: told how far each run is.
         results: filled as the runs finish, so that an interrupted call leaves what was done.
         keep: folder in which logs and finished experiments are kept, and from which those of an
@@ -76,9 +76,11 @@ def run(
     jobs: dict[str, Job[Any]] = {}
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
-    first = cases[:1] if experiments else cases
+    wanted = experiments if not isinstance(experiments, bool) else study.experiments
+    chosen = list(wanted) if experiments else []
+    first = cases[:1] if chosen else cases
     _add_runs(jobs, results, first, compile, keep, command)
-    for name in study.experiments if experiments else ():
+    for name in chosen:
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
     _add_runs(jobs, results, cases[len(first) :], compile, keep, command)
     runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}

@@ -77,11 +77,14 @@ def ripple(r: Results) -> Any:
     vehicles = list(dict.fromkeys(t["vehicle"]))
     fig, axes = plots.panels(len(vehicles), 1, height=1.9)
     for axis, vehicle in zip(axes[:, 0], vehicles, strict=True):
+        rows = [k for k, v in enumerate(t["vehicle"]) if v == vehicle]
+        rails = list(dict.fromkeys(t["rail"][k] for k in rows))
+        called = dict(zip(rails, ("rails of the paper", "other rails"), strict=True))
         groups: dict[str, dict[str, float]] = {n: {} for n in NAMES}
-        for k, n in enumerate(t["loop"]):
-            if t["vehicle"][k] == vehicle:
-                groups[n][t["rail"][k]] = t[what][k]
-        plots.bars(groups, ("ripple", "%"), axis=axis, log=True, title=vehicle)
+        for k in rows:
+            groups[t["loop"][k]][called[t["rail"][k]]] = t[what][k]
+        title = f"{vehicle}: {' and '.join(rails)}"
+        plots.bars(groups, ("ripple", "%"), axis=axis, log=True, title=title)
     return fig
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from slipctl import (
     Block,
     Case,
+    Ensemble,
     Input,
     Known,
     Output,
@@ -291,3 +292,18 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
             )
         )  # fmt: skip
     return found
+
+
+# ---- what slipctl tune draws ---------------------------------------------------------------------
+
+LOADS = {"plant.m": "7t:12t"}
+"""Mass of wheel and load, empty to crush-laden; the controller is told 8 t."""
+
+PEAKS = {"peak_adhesion": "0.8:1.2 of plant.adh.c, rail.best_adhesion"}
+"""Every rail a fifth worse or better; its best slip stays."""
+
+ENSEMBLES = {
+    "real": Ensemble({**LOADS, "tau": "1ms:50ms"}, PEAKS, seeds=True),
+    "base": Ensemble(LOADS, PEAKS),
+}
+"""By scenario; a brake without lag has no ``tau``, and 1 ms is the least that the model takes."""

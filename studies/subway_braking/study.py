@@ -12,7 +12,14 @@ from slipctl.draw import plots
 from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.claims import CLAIMS
 from slipctl.studies.subway_braking.gains import GAINS
-from slipctl.studies.subway_braking.loops import MODELS, MOVING, TABLE_1, best, cases
+from slipctl.studies.subway_braking.loops import (
+    ENSEMBLES,
+    MODELS,
+    MOVING,
+    TABLE_1,
+    best,
+    cases,
+)
 from slipctl.studies.subway_braking.sections import ESTIMATE
 
 # ---- figures -------------------------------------------------------------------------------------
@@ -249,5 +256,6 @@ study = Study(
     figures=FIGURES,
     experiments=experiments.EXPERIMENTS,
     gains=GAINS,
+    ensembles=ENSEMBLES,
     plain=("base", "real", "curves"),  # the paper's rows on curves need one run a loop
 )

@@ -489,7 +489,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        ([], "say what to do: list, show, new, schema, copy, run, sweep, replay, compare, fit,"),
+        ([], "say what to do: list, show, new, schema, copy, run, sweep, tune, replay, compare,"),
         (["rnu"], "there is no command 'rnu'; did you mean 'run'?"),
         (["run"], "the following arguments are required: STUDY; see slipctl run --help"),
         (["run", TOY, "--quik"], "unrecognized arguments: --quik"),

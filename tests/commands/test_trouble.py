@@ -1,5 +1,6 @@
 """Files that end the program, closed outputs, letters that a terminal lacks: told in one line."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -108,3 +109,13 @@ def test_a_compiler_that_says_nothing_is_named(tmp_path, monkeypatch):
 
     with pytest.raises(RunFailed, match=r"false .* ended with code 1 and said nothing"):
         compilers.link("false", [], tmp_path / "x")
+
+
+def test_the_backend_of_a_notebook_is_not_asked_for():
+    """A cell with ``!slipctl`` hands its own matplotlib backend on, which may be missing here."""
+    line = "from slipctl.commands.cli import main; main(['--version']); import matplotlib.pyplot"
+    done = subprocess.run(
+        [sys.executable, "-c", line], env=os.environ | {"MPLBACKEND": "module://nowhere"},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -26,9 +26,9 @@ DOCS = ROOT / "docs"
 RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
-    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "replay.md", "own_vehicle.md",
+    "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "python_control.md", "own_figures.md", "notebook.md",
-    "gallery.md",
+    "gallery.md", "predictive.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
@@ -129,6 +129,12 @@ def test_api_reference_is_fresh():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_pages_of_commands_and_metrics_are_fresh():
+    command = [sys.executable, str(DOCS / "make_reference.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
     command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -206,12 +212,12 @@ def test_public_names_stay_where_they_are():
     for name in bounds:
         assert importlib.util.find_spec(f"slipctl.certify.{name}")
     stems = ("subway_braking", "hst_braking", "hst_traction", "freight_traction", "all_rails",
-             "gain_bounds")  # fmt: skip
+             "gain_bounds", "predictive")  # fmt: skip
     assert set(stems) <= set(doors.studies())
     for stem in stems:
         module = importlib.import_module(f"slipctl.studies.{stem}")
         assert isinstance(module.study, slipctl.Study)
-        if stem not in ("all_rails", "gain_bounds"):
+        if stem not in ("all_rails", "gain_bounds", "predictive"):
             assert importlib.util.find_spec(f"slipctl.models.{stem}")
     for bench in ("speed", "c_targets", "endurance", "fmus"):
         assert importlib.import_module(f"slipctl.studies.{bench}").main

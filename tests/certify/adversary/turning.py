@@ -34,8 +34,8 @@ def growth(field: Field, numbers: np.ndarray, k1: np.ndarray, k2: np.ndarray, L:
     """Largest g over the shares, per case; infinite where x1 does not come back.
 
     The step in which d turns, or x1 comes back, is cut short where it does. A run that has not
-    come back at the end creeps into the origin, g = 0, if its x2 is below its start and has fallen
-    by the factor ``creeps`` since half of it.
+    come back at the end creeps into the origin, g = 0, if its |x2| is below its start and has
+    fallen by the factor ``creeps`` since half of it. Far below zero x2 comes back from afar.
     """
     found = np.full((len(k1), len(shares)), np.inf)
     case, column = (i.ravel() for i in np.indices(found.shape))
@@ -69,7 +69,7 @@ def growth(field: Field, numbers: np.ndarray, k1: np.ndarray, k2: np.ndarray, L:
         on &= ~(back | still)
         y, z = np.where(on, new_y, 0.0), np.where(on, new_z, 0.0)
     case, column, y, z, halfway, own = case[on], column[on], y[on], z[on], halfway[on], own[:, on]
-    fell = (z < creeps * halfway) & (z < own[3])
+    fell = (np.abs(z) < creeps * halfway) & (np.abs(z) < own[3])
     found[case[fell], column[fell]] = 0.0
     return found.max(axis=1)
 

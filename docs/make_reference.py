@@ -1,0 +1,73 @@
+"""Write docs/commands.md and docs/metrics.md: ``python docs/make_reference.py [--check]``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from made import made
+
+os.environ["COLUMNS"] = "88"  # the width of every help
+
+DOCS = Path(__file__).parent
+
+
+def commands() -> str:
+    """Help of each command, as the terminal shows it."""
+    from slipctl.commands.arguments import parser
+
+    top = parser()
+    choices = next(a.choices for a in top._actions if isinstance(a, argparse._SubParsersAction))
+    parts = [
+        "# Commands\n",
+        "Made from `slipctl COMMAND --help` by `python docs/make_reference.py`. Exit codes: 0"
+        " finished,\nwhatever the verdicts; 1 a run failed; 2 bad input, told in one line; 130"
+        " stopped by Ctrl-C.\n",
+    ]
+    for name, command in choices.items():
+        text = "\n".join(line.rstrip() for line in command.format_help().splitlines())
+        parts.append(f"## slipctl {name}\n\n```text\n{text}\n```\n")
+    return "\n".join(parts)
+
+
+def metrics() -> str:
+    """Each metric with its units and its meaning."""
+    from slipctl.run.metrics import METRICS
+
+    units = _units()
+    rows = []
+    for name, (_, text) in METRICS.items():
+        unit = " or ".join(units.get(name, [])) or "see the run"
+        meaning = text.replace("|", r"\|")
+        rows.append(f"| `{name}` | {unit} | {meaning} |")
+    head = (
+        "# Metrics\n\nMade from the code by `python docs/make_reference.py`. A metric that has no"
+        " meaning for a run is left out.\nOne with several values says which rail each is of."
+        " Units are those that the studies have.\n\n| metric | unit | meaning |\n|---|---|---|\n"
+    )
+    return head + "\n".join(rows) + "\n"
+
+
+def _units() -> dict[str, list[str]]:
+    """Units of each metric in the evidence of the studies."""
+    found: dict[str, set[str]] = {}
+
+    def walk(node: Any) -> None:
+        if isinstance(node, dict):
+            for name, value in node.items():
+                if isinstance(value, dict) and {"value", "unit"} <= set(value):
+                    found.setdefault(name, set()).add(value["unit"])
+                else:
+                    walk(value)
+
+    for file in sorted((DOCS / "evidence").glob("*.json")):
+        walk(json.loads(file.read_text(encoding="utf-8"))["numbers"].get("metrics", {}))
+    return {name: sorted(units) for name, units in found.items()}
+
+
+if __name__ == "__main__":
+    sys.exit(made(DOCS / "commands.md", commands()) | made(DOCS / "metrics.md", metrics()))

@@ -1,0 +1,96 @@
+"""``slipctl tune``: gains found on an ensemble, with certificate, judgement and report."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+from slipctl.design import page, written
+from slipctl.design.promises import of_loop
+from slipctl.design.tune import Stopped, Tuned, tune
+from slipctl.errors import BadInput
+from slipctl.run import stopping, store
+from slipctl.run.ensemble import Ensemble, load_ensemble
+from slipctl.run.results import Case
+from slipctl.study import doors, preparing
+from slipctl.study.declaration import Study
+
+log = logging.getLogger("slipctl")
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Search what is missing, write gains, certificate and report, and print what was found."""
+    if options.name is None:
+        raise BadInput("say what to tune: slipctl tune STUDY:LOOP --free k1=1:60 --minimise METRIC")
+    if not options.objective:
+        raise BadInput("--minimise names no metric; write one, such as --minimise distance")
+    if not options.out:
+        raise BadInput("--out names no folder; write one")
+    out = Path(options.out)
+    store.check_folder(out)
+    options.settings = preparing.opened(options.settings)
+    study, case, loop, ensemble = _case(options)
+    name = f"{options.name.rpartition(':')[0]}:{loop}@{case.scenario.name}"
+    try:
+        found = tune(
+            case.loops[loop], options.free, options.objective, ensemble, options.limits,
+            scenario=case.scenario, signals=study.signals, known=case.known,
+            gains=of_loop(study.gains, loop, case.scenario.name), out=out,
+            samples=options.samples, seed=options.seed, runs=options.runs,
+            held_out=options.held_out, prove=options.prove,
+            controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
+            tell=log.info,
+            about={"loop": name, "set": options.settings,
+                   "swapped": options.swaps, "command": command},
+        )  # fmt: skip
+    except Stopped as stopped:
+        write_gains(stopped.best, out, command)
+        raise KeyboardInterrupt(
+            f"{out / 'gains.toml'} has the best so far; the same line goes on; {stopping.KEPT}"
+        ) from None
+    write_gains(found, out, command)
+    certified = bool(found.promises.gains) or found.statement is not None
+    if certified:
+        said = written.certificate_of(found, command, options.settings, options.swaps)
+        store.write_text(out / "certificate.json", store.json_text(said))
+    store.write_text(out / "report.html", page.page(found, command))
+    print(page.text(found))
+    names = ["gains.toml", *(["certificate.json"] if certified else []), "report.html"]
+    print("\n" + "\n".join(str(out / n) for n in names))
+    return 0
+
+
+def write_gains(found: Tuned, out: Path, command: str) -> None:
+    """Write ``gains.toml``."""
+    store.write_text(out / "gains.toml", written.gains_text(found, command))
+
+
+def _case(options: argparse.Namespace) -> tuple[Study, Case, str, Ensemble]:
+    """Study, case, loop and ensemble that a name stands for, with what was set and swapped."""
+    left, colon, right = options.name.rpartition(":")
+    if not colon:
+        if options.name in doors.studies() or options.name.endswith((".py", ".toml")):
+            raise doors.no_loop(options.name, doors.load_study(options.name))
+        doors.load_block(options.name)  # says what it is not
+        raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
+    given = load_ensemble(options.ensemble) if options.ensemble else None
+    study = doors.load_study(left)
+    loop, _, scenario = right.partition("@")
+    if not scenario:
+        cases = doors.build_cases(study)
+        having = [c.scenario.name for c in cases if loop in c.loops]
+        declared = [s for s in study.ensembles if s in having]
+        if not having:
+            doors.pick_loop(study, cases, right)  # says what there is
+        scenario = (declared or having)[0]
+    ensemble = given or study.ensembles.get(scenario)
+    if ensemble is None:
+        raise BadInput(
+            f"{study.name} declares no ensemble for {loop} in scenario {scenario}; write one in a"
+            " file, --ensemble FILE.toml, see slipctl docs tune"
+        )
+    cases, _ = preparing.prepare(
+        study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
+    )
+    return study, cases[0], loop, ensemble

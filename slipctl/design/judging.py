@@ -1,0 +1,154 @@
+"""What tuned numbers are worth: beside the hand-set ones on draws of their own, and one by one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slipctl.design.goals import Limit, Score, paired
+from slipctl.design.ranges import Free
+from slipctl.design.tuning import HELD_OUT, Candidate, Search, add
+
+POINTS = 9
+"""Points of a slice along the range of a number, both ends included."""
+
+DRAWS = 10
+"""Draws of the search on which a slice is taken."""
+
+CLOSE = 0.01
+"""Share of the objective within which it counts as kept."""
+
+NUDGE = 0.1
+"""Share by which a number is moved to see how the objective answers."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Tuned and hand-set numbers on the same held-out draws.
+
+    Attributes:
+        tuned, by_hand: what both gave. difference: mean of the paired differences of the objective,
+            tuned minus hand-set. error: its standard error.
+    """
+
+    tuned: Score
+    by_hand: Score
+    difference: float
+    error: float
+
+    def kept(self, limits: Sequence[Limit]) -> list[tuple[Limit, int, int]]:
+        """Each limit with the draws in which the tuned and the hand-set numbers keep it."""
+        found = []
+        for k, limit in enumerate(limits):
+            tuned, by_hand = (sum(r[k] <= 0 for r in s.overs) for s in (self.tuned, self.by_hand))
+            found.append((limit, tuned, by_hand))
+        return found
+
+
+@dataclass(frozen=True)
+class Slice:
+    """The objective along one number, the others as tuned.
+
+    Attributes:
+        free: the number. values: along its range. means: of the objective, NaN where nothing is
+            proved or a limit is missed. at: mean of the tuned numbers on the same draws.
+        lo, hi: range about the tuned number in which the objective stays within :data:`CLOSE`.
+        answer: change of the objective in percent for one percent more of the number; NaN where a
+            neighbour has none.
+    """
+
+    free: Free
+    values: Sequence[float]
+    means: Sequence[float]
+    at: float
+    lo: float
+    hi: float
+    answer: float
+
+
+def judge(search: Search, draws: int) -> Judged:
+    """Both sets of numbers on draws that the search has not seen."""
+    found = []
+    for c in (search.best, search.by_hand):
+        score = Score([], [])
+        asked = [(c.number, c.numbers, k) for k in range(draws)]
+        for metrics in search.rolls.all(HELD_OUT, asked):
+            add(score, metrics, search.objective, search.limits)
+        found.append(score)
+    difference, error = paired(found[0].values, found[1].values)
+    if search.best is search.by_hand:
+        difference, error = 0.0, 0.0
+    return Judged(found[0], found[1], difference, error)
+
+
+def slices(search: Search) -> list[Slice]:
+    """The objective along each number."""
+    draws = min(DRAWS, search.samples)
+    base = search.best.score.values[:draws]
+    asked: list[tuple[int, Candidate | None]] = []
+    for k, free in enumerate(search.frees):
+        here = search.best.numbers[free.name]
+        values = [*_along(search, k), *(x for x in (here * (1 - NUDGE), here * (1 + NUDGE)))]
+        asked += [(k, _at(search, free, x)) for x in values]
+    rolled = [c for _, c in asked if c is not None]
+    search.extend(rolled, draws)
+    found = []
+    for k, free in enumerate(search.frees):
+        row = [c for which, c in asked if which == k]
+        means = [_mean(c, search.limits) for c in row]
+        values = [*_along(search, k)]
+        at = float(np.mean(base))
+        lo, hi = _close(free, values, means[:-2], search.best.numbers[free.name], at)
+        down, up = means[-2:]
+        answer = (up - down) / (2 * NUDGE) / abs(at) if at else math.nan
+        found.append(Slice(free, values, means[:-2], at, lo, hi, answer))
+    return found
+
+
+def _along(search: Search, k: int) -> list[float]:
+    """Values along the range of a number, evenly in the search's own scale."""
+    shares = np.tile(search.best.share, (POINTS, 1))
+    shares[:, k] = np.linspace(0, 1, POINTS)
+    return [float(search.box.point(s)[k]) for s in shares]
+
+
+def _at(search: Search, free: Free, value: float) -> Candidate | None:
+    """The tuned numbers with one of them changed; None where nothing is proved."""
+    search.thought += 1
+    numbers: Mapping[str, float] = {**search.best.numbers, free.name: value}
+    if not free.lo <= value <= free.hi or search.refusal(numbers):
+        return None
+    return Candidate(search.thought, numbers, search.best.share)
+
+
+def _mean(c: Candidate | None, limits: Sequence[Limit]) -> float:
+    if c is None or c.score.missed(limits) > 0:
+        return math.nan
+    return c.score.mean()
+
+
+def _close(
+    free: Free, values: Sequence[float], means: Sequence[float], here: float, at: float
+) -> tuple[float, float]:
+    """Range about the tuned number in which the objective is kept, linear between the points."""
+    allowed = CLOSE * abs(at)
+    others = [(x, y) for x, y in zip(values, means, strict=True) if x != here]
+    points = sorted([(here, at), *others])
+    middle = points.index((here, at))
+
+    def end(way: int) -> float:
+        x, y = here, at
+        k = middle + way
+        while 0 <= k < len(points):
+            x1, y1 = points[k]
+            if math.isnan(y1):
+                return x
+            if y1 > at + allowed:
+                return x + (x1 - x) * (at + allowed - y) / (y1 - y)
+            x, y, k = x1, y1, k + way
+        return x
+
+    return end(-1), end(1)

@@ -1,0 +1,111 @@
+"""Runs of candidates on draws: on all cores, kept as they end, so that nothing is run twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+
+from slipctl.errors import BadInput, RunFailed
+from slipctl.run import stopping
+from slipctl.run.ensemble import Draw, World
+from slipctl.run.metrics import Metric
+from slipctl.run.sweep_store import Ended, Store
+
+FILE = "runs.sqlite"
+"""Name of the store in the folder of a search."""
+
+MANY = 1_000_000
+"""Draws of a stream, and candidates of a search, that a number of a run can tell apart."""
+
+Asked = tuple[int, Mapping[str, float], int]
+"""Number of a candidate, its numbers, number of the draw."""
+
+
+class Rolls:
+    """What runs candidates on the draws of a world.
+
+    Args:
+        world: loop, scenario and ensemble.
+        jobs: runs at once.
+        store: keeps what ends; None keeps it in memory only.
+
+    Attributes:
+        done: runs of the search itself, kept ones too.
+    """
+
+    def __init__(self, world: World, jobs: int = 1, store: Store | None = None) -> None:
+        self.world, self.jobs, self.store, self.done = world, jobs, store, 0
+        self._draws: dict[tuple[int, int], Draw] = {}
+        self._kept: dict[int, Mapping[str, Metric] | None] = {}
+        if store is not None:
+            units = store.units()
+            for run, _, metrics, failed in store.runs():
+                made = {n: Metric(v, *units[n]) for n, v in metrics.items()}
+                self._kept[run] = None if failed else made
+
+    def all(self, stream: int, asked: Sequence[Asked]) -> list[Mapping[str, Metric] | None]:
+        """Metrics of each, None where the run failed; in their order, on all cores.
+
+        A run that is refused or breaks is kept as failed.
+        """
+        keys = [((stream * MANY) + number + 1) * MANY + k for number, _, k in asked]
+        missing = {key: a for key, a in zip(keys, asked, strict=True) if key not in self._kept}
+        if missing:
+            self._run(stream, missing)
+        if stream == 0:
+            self.done += len(asked)
+        return [self._kept[key] for key in keys]
+
+    def count(self, stream: int) -> int:
+        """Runs of a stream that were kept."""
+        return sum(key // MANY // MANY == stream for key in self._kept)
+
+    def draw(self, stream: int, k: int) -> Draw:
+        """Draw, made once."""
+        if stream > 1:  # draws of a statement are used once
+            return self.world.draw(stream, k)
+        if (stream, k) not in self._draws:
+            self._draws[stream, k] = self.world.draw(stream, k)
+        return self._draws[stream, k]
+
+    def _run(self, stream: int, missing: Mapping[int, Asked]) -> None:
+        """Run on threads; this one alone writes, as runs end."""
+        tasks = iter(missing.items())
+        stopped = False
+
+        def one(key: int, asked: Asked) -> tuple[Ended, Mapping[str, Metric] | None] | None:
+            if stopped:
+                return None
+            _, numbers, k = asked
+            try:
+                metrics = self.world.metrics(numbers, self.draw(stream, k))
+                return Ended(key, numbers, metrics), metrics
+            except (BadInput, RunFailed) as error:
+                return Ended(key, numbers, failed=str(error)), None
+
+        pool = ThreadPoolExecutor(self.jobs)
+        waiting: set[Future[tuple[Ended, Mapping[str, Metric] | None] | None]] = set()
+        try:
+            while True:
+                while len(waiting) < 4 * self.jobs and (task := next(tasks, None)) is not None:
+                    waiting.add(pool.submit(one, *task))
+                if not waiting:
+                    break
+                ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                self._keep(f.result() for f in ended)
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt):
+                stopping.heard()
+            stopped = True
+            pool.shutdown(wait=True, cancel_futures=True)
+            self._keep(f.result() for f in waiting if f.done() and not f.cancelled())
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _keep(self, ended: Iterable[tuple[Ended, Mapping[str, Metric] | None] | None]) -> None:
+        found = [e for e in ended if e is not None]
+        if self.store is not None:
+            with stopping.unbroken():
+                self.store.add([e for e, _ in found])
+        self._kept |= {e.run: metrics for e, metrics in found}

@@ -1,0 +1,218 @@
+"""``tune``: from free numbers, an objective and an ensemble to gains, proved and judged."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl import __version__
+from slipctl.block.block import Block, as_block
+from slipctl.certify.promise import CERTIFIED
+from slipctl.design import judging, statement
+from slipctl.design.judging import Judged, Slice
+from slipctl.design.promises import Promises
+from slipctl.design.ranges import Free, read_frees
+from slipctl.design.rolls import FILE, Rolls
+from slipctl.design.tuning import HELD_OUT, RUNS, TRAINING, Candidate, Search, wanted
+from slipctl.errors import BadInput, check_whole
+from slipctl.run import machine, stopping, sweep_store
+from slipctl.run.ensemble import Ensemble, World
+from slipctl.run.rail import Scenario
+from slipctl.run.results import Known
+from slipctl.run.roles import Signals
+from slipctl.study.declaration import Gains
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Gains that were found, and what they are worth.
+
+    Attributes:
+        loop: with its hand-set numbers. name: as a command takes it. frees: what was free.
+        gains: tuned numbers by name. search: how they were found.
+        judged: both on held-out draws; None where the search was stopped.
+        slices: the objective along each number.
+        margins: by certificate, the factor on its bounds up to which it is proved, tuned and
+            hand-set; 0 where it is not proved.
+        statement: what fresh draws prove, as a certificate holds it; None where not asked for.
+    """
+
+    loop: Block
+    name: str
+    frees: tuple[Free, ...]
+    gains: Mapping[str, float]
+    search: Search
+    judged: Judged | None
+    slices: tuple[Slice, ...]
+    margins: Mapping[str, tuple[float, float]]
+    statement: Mapping[str, Any] | None = None
+
+    @property
+    def promises(self) -> Promises:
+        """Certificates of the loop."""
+        return self.search.promises
+
+    def tuned_loop(self) -> Block:
+        """The loop with the tuned numbers."""
+        return self.loop.with_params(**self.gains)
+
+
+class Stopped(KeyboardInterrupt):
+    """The search was stopped; it has the best so far.
+
+    Attributes:
+        best: what was found.
+    """
+
+    def __init__(self, best: Tuned) -> None:
+        super().__init__()
+        self.best = best
+
+
+def tune(
+    loop: Block,
+    free: Sequence[str] | Mapping[str, Any],
+    objective: str,
+    ensemble: Ensemble,
+    subject_to: Sequence[str] = (),
+    *,
+    scenario: Scenario,
+    signals: Signals | None = None,
+    known: Mapping[str, Known] | None = None,
+    gains: Sequence[Gains] = (),
+    out: str | Path | None = None,
+    samples: int = 20,
+    seed: int = 1,
+    held_out: int = 200,
+    runs: int | None = None,
+    prove: bool = False,
+    controller: str = "ctl",
+    jobs: int | None = None,
+    compile: bool = True,
+    tell: Callable[[str], None] | None = None,
+    about: Mapping[str, Any] | None = None,
+) -> Tuned:
+    """Find numbers of a loop that make an objective small on an ensemble.
+
+    A candidate is first asked for its certificates, then run on the draws, the same for all. The
+    hand-set numbers are a candidate. The best is run on draws of its own, beside the hand-set ones.
+
+    Args:
+        loop: the loop, with its hand-set numbers.
+        free: what is searched, ``{"ctl.law.k1": (1, 60)}`` or ``["k1=1:60"]``.
+        objective: a metric, or a weighted sum, ``"distance + 0.001*torque_ripple"``.
+        ensemble: what differs from draw to draw.
+        subject_to: ``["torque_ripple<=8kN m", "slip_max@0.95<=2m/s", "margin>=1.2"]``.
+        scenario: what happens.
+        signals, known: what the metrics speak of, as of a :class:`Case`.
+        gains: certificates of the loop, as a study declares them. What the hand-set numbers have
+            proved has to stay so.
+        out: folder in which what was run is kept; the same call goes on there. None keeps nothing.
+        samples: draws of the search.
+        seed: of draws and search.
+        held_out: draws on which both sets of numbers are judged.
+        runs: most runs of the search; by default 250 for each free number.
+        prove: state what 1375 fresh draws prove: kept in 99 % of all draws, confidence 1 - 1e-6.
+        controller: part of the loop that a bare name is looked for in.
+        jobs: runs at once; by default one for each core. The result is the same.
+        compile: compile the loop when a C compiler is there.
+        tell: told a line from time to time.
+        about: what else kept runs have to agree in.
+
+    Returns:
+        The gains and what they are worth.
+
+    Raises:
+        BadInput: a number without a range, a metric that the loop has not, a constraint that
+            nothing meets.
+        Stopped: Ctrl-C; has the best so far.
+    """
+    as_block("tune: the loop", loop)
+    check_whole("--samples", samples, 4, 10_000)
+    check_whole("--seed", seed, 0, 2**62)
+    check_whole("the held-out draws", held_out, 2, 100_000)
+    check_whole("--jobs", jobs or 1, 1)
+    name = str((about or {}).get("loop", loop.name))
+    frees = read_frees(free, loop, scenario, controller)
+    runs = RUNS * len(frees) if runs is None else runs
+    check_whole("--runs", runs, 1)
+    world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
+                  free=[f.name for f in frees], compile=compile)  # fmt: skip
+    _apart(frees, world)
+    numbers = {f.name: f.now for f in frees}
+    there = world.metrics(numbers, world.draw(TRAINING, 0))
+    goal, limits, proved = wanted(objective, subject_to, there, name, [g.name for g in gains])
+    world.wanted = tuple(dict.fromkeys((*goal.metrics, *(limit.metric for limit in limits))))
+    promises = Promises(tuple(gains), tuple(proved))
+    kept = [g.name for g in gains if promises.verdict(g, loop) == CERTIFIED]
+    promises = Promises(promises.gains, promises.wanted, tuple(kept))
+    told = {
+        "scenario": scenario.name, "free": [[f.name, f.lo, f.hi, f.unit] for f in frees],
+        "objective": goal.text, "constraints": list(subject_to), "ensemble": ensemble.hash,
+        "draws": samples, "runs": runs, "seed": seed, "slipctl": __version__,
+        "casadi": ca.CasadiMeta.version(), "numpy": np.__version__, "machine": platform.machine(),
+        "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
+        "numbers": world.measured.fingerprint(), "samples": 0, **(about or {}),
+    }  # fmt: skip
+    store = sweep_store.begin(Path(out), told, FILE, "search") if out is not None else None
+    try:
+        rolls = Rolls(world, jobs or machine.cores(), store)
+        search = Search(loop, frees, rolls, goal, limits, promises, samples, runs, seed,
+                        tell or (lambda text: None))  # fmt: skip
+        found = Tuned(loop, name, tuple(frees), numbers, search, None, (), {})
+        try:
+            best = search.run()
+            judged = judging.judge(search, held_out)
+            along = tuple(judging.slices(search))
+            stated = statement.prove(search) if prove else None
+        except KeyboardInterrupt:
+            stopping.heard()
+            raise Stopped(_with(found, search.best, None, ())) from None
+        return _with(found, best, judged, along, stated)
+    finally:
+        if store is not None:
+            store.close()
+
+
+def _with(
+    found: Tuned, best: Candidate, judged: Judged | None, along: tuple[Slice, ...],
+    stated: Mapping[str, Any] | None = None,
+) -> Tuned:  # fmt: skip
+    """What was found, of this candidate, with the margins of both."""
+    margins = {}
+    if judged is not None:
+        tuned = found.loop.with_params(**best.numbers)
+        for g in found.promises.gains:
+            margins[g.name] = (
+                found.promises.margin(g, tuned),
+                found.promises.margin(g, found.loop),
+            )
+    return Tuned(
+        found.loop,
+        found.name,
+        found.frees,
+        best.numbers,
+        found.search,
+        judged,
+        along,
+        margins,
+        stated,
+    )
+
+
+def _apart(frees: Sequence[Free], world: World) -> None:
+    """Refuse a number that is both free and drawn."""
+    drawn = {a.name for a in world.axes} | {n for f in world.factors for n in f.numbers}
+    for f in frees:
+        if f.name in drawn:
+            raise BadInput(f"{f.name} is free, and the ensemble draws it; choose one")
+
+
+__all__ = ["HELD_OUT", "Stopped", "Tuned", "tune"]

@@ -1,0 +1,89 @@
+"""Loops of the study ``predictive``: axle and quarter car under prediction and under PI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from casadi import fmax, fmin
+
+from slipctl import Block, Case, Input, Output, Param, Scenario, State, connect, sampled, step
+from slipctl.run.results import Loops
+from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, make
+from slipctl.studies.predictive.problems import (
+    AXLE_H,
+    CAR_H,
+    ROAD,
+    TRACTION,
+    car,
+    car_controller,
+)
+
+GAINS = {"axle": (480.0, 160.0), "car": (7600.0, 1e6)}
+"""K_p and K_i of the PI laws in kN m or N m, and that per second: the best nearly."""
+
+
+def pi(plant: Block, h: float, gains: tuple[float, float]) -> Block:
+    """PI law of the slip for a plant's first input, its integral part within the input's range."""
+    name, control = next(iter(plant.inputs.items()))
+
+    @step(**{name: Output(control.unit, "torque command")}, period=h, name="pi")
+    def law(
+        part=State("1", 0.1, "integral part over the largest torque", lo=0, hi=1),
+        s=Input("1", "slip", **TRACTION),
+        s_ref=Input("1", "slip reference", **TRACTION),
+        K_p=Param("1", gains[0] / control.hi, "gain over the largest torque", lo=0),
+        K_i=Param("1/s", gains[1] / control.hi, "integral gain over it", lo=0),
+        T_max=Param(control.unit, control.hi, "largest torque", lo=0),
+        T=Param("s", h, "period", lo=0),
+    ):
+        """Torque T_max clip(K_p e + i) of the slip error e, i' = K_i e within 0 and 1."""
+        e = s_ref - s
+        share = fmin(1, fmax(0, K_p * e + part))
+        return dict(part=fmin(1, fmax(0, part + T * K_i * e))), {name: T_max * share}
+
+    return law
+
+
+def loop(plant: Block, h: float, ctl: Block, told: Mapping[str, str] | None = None) -> Block:
+    """A plant in closed loop; ``told`` names what an input of the controller is in truth."""
+    control, *known = plant.inputs
+    wires = {f"plant.{control}": f"ctl.{control}"}
+    wires |= {f"plant.{n}": n for n in known}
+    for n in ctl.inputs:
+        measured = n in plant.states or n in plant.outputs
+        wires[f"ctl.{n}"] = f"plant.{n}" if measured else (told or {}).get(n, n)
+    return connect("loop", wires, plant=sampled(plant, h, "rk4", 4), ctl=ctl)
+
+
+def by_tick(values: np.ndarray, h: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Feed that has a value per tick."""
+    return lambda t: values[np.minimum(np.rint(t / h).astype(int), len(values) - 1)]
+
+
+def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
+    """The axle over three rails, and the car from dry to wet; ``nmpc_told_dry`` knows no other."""
+    base = Scenario(
+        "base", 5.0, inputs={"mu_p": by_tick(PEAKS, AXLE_H), "s_ref": 0.02},
+        doc="the problem reference: three rails, perfect sensors",
+    )  # fmt: skip
+    road = Scenario(
+        "car", 0.18, inputs={"grip": by_tick(ROAD, CAR_H), "s_ref": 0.08},
+        doc="the problem car: dry, wet from 0.12 s on",
+    )  # fmt: skip
+    axles = {
+        "pid": lambda: loop(axle, AXLE_H, pi(axle, AXLE_H, GAINS["axle"])),
+        "nmpc": lambda: loop(axle, AXLE_H, make()),
+        "nmpc_told_dry": lambda: loop(
+            axle, AXLE_H, make(name="nmpc_told_dry"), {"mu_p": "mu_told"}
+        ),
+    }
+    cars = {
+        "pid": lambda: loop(car, CAR_H, pi(car, CAR_H, GAINS["car"])),
+        "nmpc": lambda: loop(car, CAR_H, car_controller()),
+        "nmpc_told_dry": lambda: loop(
+            car, CAR_H, car_controller(name="nmpc_told_dry"), {"grip": "told"}
+        ),
+    }
+    return [Case(base, Loops(axles)), Case(road, Loops(cars))]

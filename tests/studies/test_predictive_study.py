@@ -1,0 +1,75 @@
+"""The study ``predictive``: its helpers against code that shares nothing with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipctl import Experiment, RunFailed, Table, simulate
+from slipctl.commands.cli import main
+from slipctl.predict import reference
+from slipctl.predict.trials import Driver
+from slipctl.studies.predictive import experiments, study
+from slipctl.studies.predictive.loops import GAINS, cases
+from slipctl.studies.predictive.problems import (
+    ROAD,
+    axle_problem,
+    car_price,
+    problems,
+    rolled,
+    run,
+)  # fmt: skip
+
+
+def test_every_row_can_be_answered_without_full():
+    """Each experiment that a row may ask for is among those of a plain run."""
+    assert set(study.experiments) <= set(study.plain)
+    assert len([c for c in study.claims if c.ours is not None]) >= 8
+
+
+def test_the_grid_of_pi_gains_rolls_the_loop_of_the_study():
+    """The same cost as the connected loop, simulated; both are rounding apart."""
+    case = cases({}, False)[1]
+    log = simulate(case.loops["pid"], case.scenario, compile=False)
+    x = np.column_stack([log[f"plant.{n}"].values for n in ("v", "q", "xi")])
+    u = log["ctl.T"].values
+    costs = [car_price(b, a) for a, b in zip(u, x[1:], strict=False)]  # all but the last tick
+    p = problems()["car"]
+    part = p._replace(given=p.given[: len(ROAD) - 1])
+    found, _ = experiments.pi_costs(part, [GAINS["car"][0]], [GAINS["car"][1]])
+    assert found[0] == pytest.approx(sum(costs), rel=1e-9)
+
+
+def test_a_wrong_answer_has_no_numbers(monkeypatch):
+    """OSQP stopped after five steps: its row is empty, as its answer leaves the conditions."""
+    poor = reference.OSQP | {"osqp": {"verbose": False, "max_iter": 5}}
+    monkeypatch.setattr(reference, "QUADRATIC", {"osqp": (poor,)})
+    assert run(problems()["reference"], slice(0, 3), solver="osqp")["cost"] is None
+    with pytest.raises(RunFailed):
+        rolled(problems()["reference"], Driver(axle_problem().make(solver="osqp"), compile=False))
+
+
+def test_osqp_keeps_a_hard_limit_and_prices_one_that_nobody_can_keep():
+    """As rows where a control keeps them; with a price from a slip that is beyond its limit."""
+    hard = axle_problem(hard={"s": (-0.1, 0.019)}, horizon=6)
+    ticks = {w: Driver(hard.make(**o), compile=False) for w, o in experiments.WAYS.items()
+             if w in ("one iteration", "OSQP")}  # fmt: skip
+    for given in ((10, 10.05, 1, 0, 0.3, 0.02), (10, 10.4, 4, 0, 0.3, 0.02)):
+        ours, theirs = (t(*given) for t in ticks.values())
+        assert theirs[0] == pytest.approx(ours[0], abs=1e-6)
+        assert theirs[3] < reference.DEVIATION
+    assert ours[1] == 3
+
+
+def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_path, capsys):
+    small = {n: Experiment(n, lambda context: Table("t", {"one": ("1", [1.0])})) for n in "ab"}
+    case = cases({}, False)[1]
+    few = replace(
+        study, experiments=small, plain=("car", "a"), claims=(), figures={},
+        cases=lambda models, quick: [replace(case, loops={"pid": case.loops["pid"]})],
+    )  # fmt: skip
+    monkeypatch.setattr("slipctl.study.doors.load_study", lambda name: few)
+    assert main(["run", "predictive", "--out", str(tmp_path / "o"), "--no-compile", "-q"]) == 0
+    text = (tmp_path / "o" / "tables.json").read_text(encoding="utf-8")
+    assert '"a"' in text
+    assert '"b"' not in text
