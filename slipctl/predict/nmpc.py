@@ -27,6 +27,7 @@ from slipctl.predict.asked import (
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.limits import limits_of
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
+from slipctl.predict.repeating import apart
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
@@ -312,7 +313,7 @@ class _Controller:
             ),
         ]
         return make_block(
-            name, "step", self._body, states=states,
+            name, "step", apart("tick", self._body), states=states,
             inputs=[*self.measured(), *self.given()],
             params=[*model.params.values(), *self.settings()], outputs=outputs,
             period=h, sx=False, doc=about(nmpc),
@@ -380,9 +381,9 @@ class _Controller:
 
         X, V = xs["X"], xs["U"]
         following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d[:, -1], q[: self.h.np_])
-        X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.repmat(x0, N + 1, 1))
+        X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.vec(ca.repmat(x0, 1, N + 1)))
         later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
-        V = ca.if_else(begun, later, ca.repmat(start, N, 1))
+        V = ca.if_else(begun, later, ca.vec(ca.repmat(start, 1, N)))
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first())
         plan = V[:nu]
         bounds, contradict = self.reachable(bounds, before)
