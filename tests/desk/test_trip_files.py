@@ -42,6 +42,7 @@ def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
     assert trip.actuator == parts.Lag(torque=8e3, lag=0.06, dead_time=0.02)
     assert trip.sensors.wheel_speed == parts.ToothWheel(teeth=120)
     assert [s.place for s in trip.rail.sections] == [0, 45, 75]
+    assert (trip.limits.stopping_distance, trip.limits.lock_time) == (140, 0.3)
     assert trip.controllers["super_twisting"].gains == {"k1": "20 m^.5/s^1.5", "k2": "10 m/s^3"}
 
 
