@@ -68,7 +68,7 @@ def surface_curves(results: Results | None = None) -> plots.Figure:
         marks={name: peak(40.0, name)[:2] for name in SURFACES},
     )  # fmt: skip
     v = np.linspace(0.0, 90.0, 91)
-    table = contact.peak_table()
+    table = contact.peak_table(polach)  # the one of the controllers
     heights = np.array([table(v=float(x))["value"] for x in v])
     tops = {n: (v, heights[:, k]) for k, n in enumerate(SURFACES)}
     limit = np.array([contact.curtius_kniffler(float(x)) for x in v])
