@@ -12,6 +12,7 @@ from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, squared, start_value
+from slipctl.predict import telling
 from slipctl.predict.active_set import SMALL
 from slipctl.predict.horizon import Soft
 from slipctl.predict.limits import FAR, entries_of
@@ -235,6 +236,16 @@ class _Estimator:
                 "measured": ", ".join(s.name for s in problem.measured),
                 "estimate": ", ".join(s.name for s in problem.unknown),
             },
+            solves=(self.lines(), {problem.block.name: problem.block}),
+        )  # fmt: skip
+
+    def lines(self) -> list[tuple[str, str]]:
+        """The problem in mathematics."""
+        w, problem = self.w, self.w.problem
+        return telling.estimator(
+            f"{problem.block.name} over {w.period:g} s",
+            [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
+            w.samples, telling.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def shared(self, p: Exprs) -> tuple[Any, Any]:

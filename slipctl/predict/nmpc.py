@@ -12,6 +12,7 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput
+from slipctl.predict import telling
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.asked import (
     Limit,
@@ -168,7 +169,7 @@ def nmpc(
     return _Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
         (int(passes), rescue), solver, ahead,
-    ).block(name, h, plant, cost)  # fmt: skip
+    ).block(name, h, [plant, cost, *laws.values()], (method, substeps))  # fmt: skip
 
 
 def _all_names(given: Sequence[Any]) -> bool:
@@ -285,8 +286,9 @@ class _Controller:
 
     # ---- the block ------------------------------------------------------------------------------
 
-    def block(self, name: str, h: float, plant: Block, cost: Block) -> Block:
-        """The controller as a step block."""
+    def block(self, name: str, h: float, told: list[Block], over: tuple[str, int]) -> Block:
+        """The controller as a step block; ``told``: plant, cost and laws; ``over``: a stage."""
+        plant, cost = told[:2]
         model, N = self.h.model, self.h.stages
         states = [
             State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
@@ -321,6 +323,17 @@ class _Controller:
                 "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
                 "horizon": N, "iterations": self.iterations, "solver": self.solver,
             },
+            solves=(self.lines(plant.name, h, over), {b.name: b for b in told}),
+        )  # fmt: skip
+
+    def lines(self, plant: str, h: float, over: tuple[str, int]) -> list[tuple[str, str]]:
+        """The problem in mathematics."""
+        method, substeps = over
+        steps = "a step" if substeps == 1 else f"{substeps} steps"
+        return telling.controller(
+            self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
+            list(self.rate), self.ahead, self.tied,
+            telling.solver(self.solver, self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def constants(self, p: Exprs) -> Any:
