@@ -17,7 +17,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -246,7 +245,6 @@ def peak(
     return argmax(adhesion, "v_s", "mu", lo=0.0, hi=max(20.0, abs(v)), at=at, proven=proven)
 
 
-@lru_cache(maxsize=8)
 def peak_table(adhesion: Block = polach, fastest: float = 90.0, error: float = 1e-3) -> Block:
     """Law from ``v`` to the best creep and the largest adhesion on each surface, for C.
 
