@@ -433,6 +433,20 @@ class SlipControl(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Limits(Part):
+    """Largest values that are accepted: a run that is above one is marked."""
+
+    distance: float | None = number("m", None, "over the run", lo=0)
+    stopping_distance: float | None = number("m", None, "until standstill", lo=0)
+    settling_time: float | None = number("s", None, "after each change of the rail", lo=0)
+    lock_time: float | None = number("s", None, "with a wheel that stands still", lo=0)
+    slip_max: float | None = number("m/s", None, "slip speed", lo=0)
+    slip_error_rms: float | None = number("m/s", None, "slip minus its reference", lo=0)
+    torque_ripple: float | None = number("N m", None, "before each change of the rail", lo=0)
+    jerk_rms: float | None = number("m/s^3", None, "of the vehicle", lo=0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SlipLaw(Part):
     """A slip law of the papers, with its own gains."""
 
@@ -518,6 +532,7 @@ class Trip(Part):
     reference: Reference = told(Searched(), "slip that the controllers go to")
     control: SlipControl = told(SlipControl(), "when slip control takes over")
     controllers: Mapping[str, Controller] = told(MISSING, "controllers by a name of one's own")
+    limits: Limits = told(Limits(), "what a run may not exceed")
     ensemble: Drawn | None = told(None, "what differs from draw to draw where gains are tuned")
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)

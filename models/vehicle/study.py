@@ -66,6 +66,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
     )
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases, signals=SIGNALS,
+        limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles,
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -65,6 +65,7 @@ class Block:
             equations too, whatever the numbers of the parts are.
         guard: refuses numbers, by name, for which the block may not be made: a step that is too
             long for them, say. What else its making refuses is no matter of numbers.
+        solves: lines of the problem that it solves, and the blocks that these speak of.
     """
 
     def __init__(
@@ -96,6 +97,7 @@ class Block:
         sharing: Sharing = ALONE,
         by_structure: bool = False,
         guard: Callable[[Mapping[str, Any]], None] | None = None,
+        solves: tuple[Sequence[tuple[str, str]], Mapping[str, Block]] | None = None,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -126,7 +128,7 @@ class Block:
         self.own = frozenset(own)
         self.sharing = sharing
         self.by_structure = by_structure
-        self.guard = guard
+        self.guard, self.solves = guard, solves
         self._body, self._rebuild = body, rebuild
         self._made: dict[Any, Any] = {}
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
@@ -574,6 +576,7 @@ class Block:
             leaves_out=self.leaves_out,
             prefixed=self.prefixed, transparent=self.transparent, own=self.own,
             sharing=self.sharing, by_structure=self.by_structure, guard=self.guard,
+            solves=self.solves,
         )  # fmt: skip
         block._made = self._made
         return block

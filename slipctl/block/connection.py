@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -265,10 +265,14 @@ def _schedule(
             known |= {(whole, n) for n in outputs}
             del waiting[whole]
             continue
+        missing = {
+            b: [inner[b, n] for n in blocks[b].inputs if not is_known(b, n)] for b in waiting
+        }
+        wanted = _leading_to(missing[_on_circle(missing)], blocks, inner, known)
         for b in waiting:
             ready = [
                 n for n, needs in blocks[b].feedthrough().items()
-                if (b, n) not in known and all(is_known(b, k) for k in needs)
+                if (b, n) in wanted and all(is_known(b, k) for k in needs)
             ]  # fmt: skip
             if ready:
                 plan.append((b, ready, False))
@@ -277,6 +281,34 @@ def _schedule(
         else:
             raise BadInput(f"{name}: algebraic loop {_loop_path(blocks, inner, known)}")
     return plan
+
+
+def _on_circle(missing: Mapping[str, Sequence[tuple[str, str]]]) -> str:
+    """Part that waits for itself: the walk back from part to part comes to it again."""
+    trail = [next(iter(missing))]
+    while trail[-1] not in trail[:-1]:
+        trail.append(missing[trail[-1]][0][0])
+    return trail[-1]
+
+
+def _leading_to(
+    ends: Sequence[tuple[str, str]],
+    blocks: Mapping[str, Block],
+    inner: Mapping[tuple[str, str], tuple[str, str]],
+    known: set[tuple[str, str]],
+) -> set[tuple[str, str]]:
+    """Unknown outputs that some outputs need, themselves included.
+
+    A part is called for no others before its turn, so that nothing dear is worked out twice.
+    """
+    found: set[tuple[str, str]] = set()
+    ahead = list(ends)
+    while ahead:
+        b, n = ahead.pop()
+        if (b, n) not in found | known:
+            found.add((b, n))
+            ahead += [inner[b, k] for k in blocks[b].feedthrough()[n] if (b, k) in inner]
+    return found
 
 
 def _loop_path(

@@ -18,12 +18,14 @@ number of stages.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
 
 from slipctl.predict.horizon import Horizon, Layout, Stage
+from slipctl.predict.repeating import Repeated, scan
 
 FREE, HIGH, FASTER, TIED = 0.0, 1.0, 2.0, 3.0
 """Status of a control; -1 and -2 are the low bound and the fastest fall."""
@@ -98,24 +100,22 @@ class ActiveSet:
     def shifted(self, S: Any) -> Any:
         """Statuses of the plan one stage later, with the ties where they belong."""
         m, N = self.h.nu + self.h.nc, self.h.stages
-        columns = [S[m * k : m * (k + 1)] for k in range(N)]
-        columns = [*columns[1:], columns[-1]]
-        return self._tie(columns, S[m * N :] if self.h.nc else ca.MX(0, 1))
+        stages: Any = ca.reshape(S[: m * N], m, N)
+        last = ca.reshape(S[m * N :], self.h.nc, 1)
+        return self._tie(ca.horzcat(stages[:, 1:], stages[:, -1]), last)
 
     def first(self) -> Any:
         """Statuses without any guess."""
         m, N = self.h.nu + self.h.nc, self.h.stages
-        return self._tie([ca.MX.zeros(m) for _ in range(N)], ca.MX.zeros(self.h.nc))
+        return self._tie(ca.MX.zeros(m, N), ca.MX.zeros(self.h.nc))
 
-    def _tie(self, columns: list[Any], last: Any) -> Any:
-        if not any(self.tied):
-            return ca.vertcat(*columns, last)
-        nu, done = self.h.nu, []
-        for column, tied in zip(columns, self.tied, strict=True):
-            u = column[:nu]
-            kept = ca.MX.ones(nu) * TIED if tied else ca.if_else(u == TIED, FREE, u)
-            done.append(ca.vertcat(kept, ca.reshape(column[nu:], self.h.nc, 1)))
-        return ca.vertcat(*done, last)
+    def _tie(self, stages: Any, last: Any) -> Any:
+        if any(self.tied):
+            nu = self.h.nu
+            held = ca.repmat(ca.DM([[float(t) for t in self.tied]]), nu, 1)
+            kept = ca.if_else(stages[:nu, :] == TIED, FREE, stages[:nu, :])
+            stages = ca.vertcat(ca.if_else(held, TIED, kept), stages[nu:, :])
+        return ca.vertcat(ca.vec(stages), last)
 
     def solve(self, D: Any, E: Any, S: Any, U: Any, before: Any, bounds: Any, dx: Any) -> Found:
         """Solve the QP around a guess.
@@ -152,42 +152,32 @@ class ActiveSet:
 
     def passed(self, z: Any, passes: int, data: tuple[Any, ...]) -> Any:
         """Make at most so many passes from a column of :class:`Found`."""
-        once = self._one_pass()
-        for _ in range(passes):
-            z = once(z[-4] > 0, z, *data)
-        return z
+        return self._passing(passes, z, *data)
+
+    @cached_property
+    def _passing(self) -> Repeated:
+        return Repeated(self._one_pass(), -4)
 
     def _one_pass(self) -> ca.Function:
-        """Function (go on?, z, data) -> z, z the fields of :class:`Found` in one column."""
+        """Function (z, data) -> z, z the fields of :class:`Found` in one column."""
         nx, nu, nc, N = self.h.nx, self.h.nu, self.h.nc, self.h.stages
         m = nu + nc
         data = self.data()
         D, E, U, before, bounds, dx = data
         z = ca.MX.sym("z", sum(self.sizes))
         S, mark = self.split(z)[2:4]
-        columns, b = ca.horzsplit(D), ca.horzsplit(bounds)
-        s = ca.vertsplit(S, [*range(0, m * N + 1, m), *([m * N + nc] if nc else [])])
-        last = s[N] if nc else ca.MX(0, 1)
-        u = ca.vertsplit(U, nu)
+        s: Any = ca.reshape(S[: m * N], m, N)
+        last = S[m * N :] if nc else ca.MX(0, 1)
+        u: Any = ca.reshape(U, nu, N)
+        stages = (D, s, u, ca.horzcat(before, u[:, :-1]), bounds)
         P, p = self._start(E, last)
-        gains: list[Any] = [None] * N
-        for k in reversed(range(N)):
-            earlier = u[k - 1] if k else before
-            P, p, gains[k] = self._backward(P, p, columns[k], s[k], u[k], earlier, b[k])
+        _, _, gains = scan(self._backward, N, 2, backward=True)(P, p, *stages)
         step = ca.vertcat(dx, ca.MX.zeros(self.nz - nx))
-        X, V, statuses, wrong, beyond = [dx], [], [], [], []
-        for k in range(N):
-            earlier = u[k - 1] if k else before
-            step, dv, status, off, excess = self._forward(
-                step, gains[k], columns[k], s[k], u[k], earlier, b[k]
-            )
-            X.append(step[:nx])
-            V.append(dv)
-            statuses.append(status)
-            wrong.append(off)
-            beyond.append(excess)
+        _, after, V, kept, off, excess = scan(self._forward, N, 1)(step, gains, *stages)
+        X, statuses = ca.vertcat(dx, ca.vec(after)), [ca.vec(kept)]
+        wrong, beyond = [ca.vec(off)], [ca.vec(excess)]
         if nc:
-            status, off, excess = self._last_statuses()(X[-1], E, last)
+            status, off, excess = self._last_statuses()(X[-nx:], E, last)
             statuses.append(status)
             wrong.append(off)
             beyond.append(excess)
@@ -200,10 +190,8 @@ class ActiveSet:
         open_ = ca.if_else(ca.logic_and(changed, residual > TINY), 1 - 2 * again, -(over > SMALL))
         due = sum(made == 2**i for i in range(8))  # Brent (1980): a mark at powers of two
         mark = ca.if_else(due, found, mark)
-        after = ca.vertcat(*X, *V, found, mark, open_, ca.fmax(residual, over), 0, made)
-        go = ca.Function("qp_pass", [z, *data], [after])
-        stay = ca.Function("qp_done", [z, *data], [z])
-        return ca.Function.if_else("qp_maybe", go, stay)
+        after = ca.vertcat(X, ca.vec(V), found, mark, open_, ca.fmax(residual, over), 0, made)
+        return ca.Function("qp_pass", [z, *data], [after])
 
     def data(self) -> tuple[Any, ...]:
         """Symbols of (D, E, U, before, bounds, dx)."""
@@ -327,8 +315,8 @@ class ActiveSet:
     def _make_forward(self) -> ca.Function:
         """Function of one stage of the roll.
 
-        From (z, gains, column, statuses, u, earlier, bounds) to (z after, dv, statuses, residual,
-        excess of hard rows).
+        From (z, gains, column, statuses, u, earlier, bounds) to (z after, state after, dv,
+        statuses, residual, excess of hard rows).
         """
         nx, nu, nz = self.h.nx, self.h.nu, self.nz
         column, s, u, earlier, bounds = self._symbols()
@@ -380,7 +368,7 @@ class ActiveSet:
         return ca.Function(
             "qp_forward", [z, G, column, s, u, earlier, bounds],
             [
-                ca.densify(after), dv, ca.densify(ca.vertcat(status, counts)),
+                ca.densify(after), ca.densify(x), dv, ca.densify(ca.vertcat(status, counts)),
                 ca.fmax(_most(wrong), flipped), over,
             ], {"cse": True},
         )  # fmt: skip

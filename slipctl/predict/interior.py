@@ -27,6 +27,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.predict.active_set import FASTER, FREE, HIGH, NONE, SMALL, TIED, ActiveSet
+from slipctl.predict.repeating import Repeated, scan
 
 FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 
@@ -158,7 +159,7 @@ class Interior:
         return f_, gains.numel()
 
     def _make_forward(self) -> ca.Function:
-        """Function (z, gains, column, u, earlier, bounds, a, target) -> (z, dv, rows' next, r)."""
+        """Function (z, gains, column, u, earlier, bounds, a, target) -> (z, x, dv, rows' next)."""
         of, nu, nx, nz = self.of, self.h.nu, self.h.nx, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
         z, G, target = ca.SX.sym("z", nz), ca.SX.sym("G", self._gains), ca.SX.sym("target")
@@ -171,8 +172,10 @@ class Interior:
         after = ca.vertcat(x, dv) if of.memory else x
         return ca.Function(
             "ip_forward", [z, G, column, u, earlier, bounds, a, target],
-            [ca.densify(after), dv, self._after(self.kinds, t.w, r, pieces, target)],
-            {"cse": True},
+            [
+                ca.densify(after), ca.densify(x), dv,
+                self._after(self.kinds, t.w, r, pieces, target),
+            ], {"cse": True},
         )  # fmt: skip
 
     def _make_ends(self) -> tuple[ca.Function, ca.Function]:
@@ -199,33 +202,23 @@ class Interior:
         rows, capped = self.m * N + nc, self.mc * (N + 1)
         return [rows, rows, capped, capped]
 
-    def _by_stage(self, pieces: list[Any]) -> list[Any]:
-        """Columns of (l, s, t, n, corrections), one per stage, the last one's too."""
-        N, found = self.h.stages, []
-        for k in range(N + 1):
-            size = self.m if k < N else self.h.nc
-            found.append(
-                ca.vertcat(
-                    *[
-                        v[self.m * k : self.m * k + size]
-                        if j in (0, 1, 4)
-                        else v[self.mc * k : self.mc * (k + 1)]
-                        for j, v in enumerate(pieces)
-                    ]
-                )
-            )
-        return found
+    def _by_stage(self, pieces: list[Any]) -> tuple[Any, Any]:
+        """(l, s, t, n, corrections), a column per stage, and those of the last one."""
+        N, nc, stages, last = self.h.stages, self.h.nc, [], []
+        for j, v in enumerate(pieces):
+            m, end = (self.m, nc) if j in (0, 1, 4) else (self.mc, self.mc)
+            stages.append(ca.reshape(v[: m * N], m, N))
+            last.append(ca.reshape(v[m * N : m * N + end], end, 1))
+        return ca.vertcat(*stages), ca.vertcat(*last)
 
-    def _together(self, columns: list[Any]) -> list[Any]:
-        """(l, s, t, n) of all stages from those of each."""
-        N = self.h.stages
-        found: list[list[Any]] = [[], [], [], []]
-        for k, column in enumerate(columns):
-            m = self.m if k < N else self.h.nc
-            edges = [0, m, 2 * m, 2 * m + self.mc, 2 * m + 2 * self.mc]
-            for j, (i, e) in enumerate(pairwise(edges)):
-                found[j].append(column[i:e])
-        return [ca.vertcat(*v) for v in found]
+    def _together(self, stages: Any, last: Any) -> list[Any]:
+        """(l, s, t, n) of all stages from the columns of the stages, and that of the last one."""
+        found, nc = [], self.h.nc
+        edges = [0, self.m, 2 * self.m, 2 * self.m + self.mc, 2 * (self.m + self.mc)]
+        ends = [0, nc, 2 * nc, 2 * nc + self.mc, 2 * (nc + self.mc)]
+        for (i, e), (k, g) in zip(pairwise(edges), pairwise(ends), strict=True):
+            found.append(ca.vertcat(ca.vec(stages[i:e, :]), ca.reshape(last[k:g], g - k, 1)))
+        return found
 
     def _solution(self) -> ca.Function:
         """Function (a of all stages, target, data) -> (X, V, (l, s, t, n) of the whole step)."""
@@ -234,30 +227,22 @@ class Interior:
         sizes = [*self._lengths, self._lengths[0], self._lengths[2]]
         pieces = [ca.MX.sym(f"a{i}", n) for i, n in enumerate(sizes)]
         target = ca.MX.sym("target")
-        a = self._by_stage(pieces)
-        columns, u, b = ca.horzsplit(D), ca.vertsplit(U, nu), ca.horzsplit(bounds)
-        P, p = self._start(E, a[N], target)
-        gains: list[Any] = [None] * N
-        for k in reversed(range(N)):
-            earlier = u[k - 1] if k else before
-            P, p, gains[k] = self._backward(
-                P, p, columns[k], float(of.tied[k]), u[k], earlier, b[k], a[k], target
-            )
-        z, X, V, after = ca.vertcat(dx, ca.MX.zeros(of.nz - nx)), [dx], [], []
-        for k in range(N):
-            earlier = u[k - 1] if k else before
-            z, dv, rows = self._forward(z, gains[k], columns[k], u[k], earlier, b[k], a[k], target)
-            X.append(z[:nx])
-            V.append(dv)
-            after.append(rows)
-        after.append(self._end(X[N], E, a[N], target))
-        found = self._together(after)
-        return ca.Function(
-            "ip_solution", [*pieces, target, *data], [ca.vertcat(*X), ca.vertcat(*V), *found]
+        a, last = self._by_stage(pieces)
+        u: Any = ca.reshape(U, nu, N)
+        earlier = ca.horzcat(before, u[:, :-1])
+        tied = ca.MX(ca.DM([[float(t) for t in of.tied]]))
+        P, p = self._start(E, last, target)
+        _, _, gains = scan(self._backward, N, 2, 1, backward=True)(
+            P, p, D, tied, u, earlier, bounds, a, target
         )
+        z = ca.vertcat(dx, ca.MX.zeros(of.nz - nx))
+        _, x, V, rows = scan(self._forward, N, 1, 1)(z, gains, D, u, earlier, bounds, a, target)
+        X = ca.vertcat(dx, ca.vec(x))
+        found = self._together(rows, self._end(X[-nx:], E, last, target))
+        return ca.Function("ip_solution", [*pieces, target, *data], [X, ca.vec(V), *found])
 
     def _step(self) -> ca.Function:
-        """Function (go on?, state, data) -> state: one step of Mehrotra's method.
+        """Function (state, data) -> state: one step of Mehrotra's method.
 
         The state is (X, V, l, s, t, n, mean product, open, residual, steps).
         """
@@ -297,9 +282,7 @@ class Interior:
         worse = ca.logic_not(ca.logic_and(sound, ca.logic_and(open_ < 1, residual < before)))
         kept = ca.vertcat(state[:-3], 0, before, steps + 1)
         after = ca.if_else(ca.logic_and(was == NEARLY, worse), kept, after)
-        go = ca.Function("ip_step", [state, *data], [after])
-        stay = ca.Function("ip_done", [state, *data], [state])
-        return ca.Function.if_else("ip_maybe", go, stay)
+        return ca.Function("ip_step", [state, *data], [after])
 
     def _make_begin(self, kinds: list[str], stage: bool) -> ca.Function:
         """Function of a stage's point and a mean product -> (l, s, t, n) to begin with."""
@@ -351,7 +334,7 @@ class Interior:
             most = ca.fmax(most, row)
         return ca.Function("ip_excess", [x, dv, column], [most], {"cse": True})
 
-    def _statuses(self, columns: list[Any]) -> Any:
+    def _statuses(self, stages: Any, last: Any) -> Any:
         """Statuses as the multipliers tell them, all stages in one column."""
         a = ca.SX.sym("a", 2 * self.m + 2 * self.mc)
         l, s = a[: self.m], a[self.m : 2 * self.m]
@@ -370,16 +353,13 @@ class Interior:
             0 if kind == CAPPED else on[first + j] > 0 for j, kind in enumerate(self.last_kinds)
         ]
         read = ca.Function("ip_statuses", [a], [ca.densify(ca.vertcat(*found, *rows))])
-        done = []
-        for k, column in enumerate(columns[:-1]):
-            told: Any = read(column)
-            if self.of.tied[k]:
-                kept = ca.reshape(told[nu:], self.h.nc, 1)
-                told = ca.vertcat(ca.MX.ones(nu) * TIED, kept)
-            done.append(told)
-        nc, last = self.h.nc, columns[-1]
+        told: Any = read.map(self.h.stages)(stages)
+        if any(self.of.tied):
+            held = ca.repmat(ca.DM([[float(t) for t in self.of.tied]]), nu, 1)
+            told = ca.vertcat(ca.if_else(held, TIED, told[:nu, :]), told[nu:, :])
+        nc = self.h.nc
         marks = ca.DM([kind != CAPPED for kind in self.last_kinds])
-        return ca.vertcat(*done, (last[:nc] > last[nc : 2 * nc]) * marks)
+        return ca.vertcat(ca.vec(told), (last[:nc] > last[nc : 2 * nc]) * marks)
 
     def _begun(self, X: Any, V: Any, data: tuple[Any, ...]) -> Any:
         """State of :meth:`_step` to begin with."""
@@ -388,19 +368,16 @@ class Interior:
         begin = self._make_begin(self.kinds, True)
         at, size = of.stage.gradient
         mean = ca.fmax(1, ca.mmax(ca.fabs(ca.vec(D[at : at + size, :]))))
-        x, v, u = ca.vertsplit(X, nx), ca.vertsplit(V, nu), ca.vertsplit(U, nu)
-        columns, packed = ca.horzsplit(D), []
-        excess = self._make_excess()
-        for k in range(N):
-            mean = ca.fmax(mean, excess(x[k], v[k], columns[k]))
-        for k in range(N):
-            z = x[k]
-            if of.memory:
-                z = ca.vertcat(z, v[k - 1] if k else ca.MX.zeros(nu))
-            earlier = u[k - 1] if k else before
-            packed.append(begin(z, v[k], columns[k], u[k], earlier, bounds[:, k], mean))
-        packed.append(self._make_begin(self.last_kinds, False)(x[N], E, mean))
-        now = self._together(packed)
+        u: Any = ca.reshape(U, nu, N)
+        v: Any = ca.reshape(V, nu, N)
+        z: Any = ca.reshape(X[: nx * N], nx, N)
+        mean = ca.fmax(mean, ca.mmax(self._make_excess().map(N)(z, v, D)))
+        if of.memory:
+            z = ca.vertcat(z, ca.horzcat(ca.MX.zeros(nu), v[:, :-1]))
+        earlier = ca.horzcat(before, u[:, :-1])
+        each = ca.repmat(mean, 1, N)
+        last = self._make_begin(self.last_kinds, False)(X[nx * N :], E, mean)
+        now = self._together(begin.map(N)(z, v, D, u, earlier, bounds, each), last)
         return ca.vertcat(X, V, *now, _mean(now), 1, 1, 0)
 
     def _rescue(self) -> ca.Function:
@@ -408,13 +385,11 @@ class Interior:
         of, data = self.of, self.of.data()
         z = ca.MX.sym("z", sum(of.sizes))
         X0, V0, S0, M0, _, residual0, _, passes0 = of.split(z)
-        state, once = self._begun(X0, V0, data), self._step()
-        for _ in range(of.rescue):
-            state = once(state[-3] > 0, state, *data)
+        state = Repeated(self._step(), -3)(of.rescue, self._begun(X0, V0, data), *data)
         sizes = [*of.sizes[:2], *self._lengths, 1, 1, 1, 1]
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
         X, V, l, s, t, n, _, open_, residual, steps = (state[i:j] for i, j in pairwise(edges))
-        S = self._statuses(self._by_stage([l, s, t, n]))
+        S = self._statuses(*self._by_stage([l, s, t, n]))
         open_ = ca.if_else(open_ == NEARLY, 0, open_)
         over = self._given_up(s, t)
         sound = open_ >= 0
@@ -431,13 +406,13 @@ class Interior:
     def _given_up(self, s: Any, t: Any) -> Any:
         """Largest excess of the hard rows."""
         h, N = self.h, self.h.stages
-        rows = []
-        for k in range(N + 1):
-            first = self.m * k + (self.m - h.nc if k < N else 0)
-            for j, i in enumerate(h.capped):
-                if i in h.hard:
-                    rows.append(t[self.mc * k + j] - s[first + i])
-        return ca.mmax(ca.vertcat(0, *rows)) if rows else ca.MX(0)
+        if not h.hard:
+            return ca.MX(0)
+        slack: Any = ca.reshape(s[: self.m * N], self.m, N)[self.m - h.nc :, :]
+        slack = ca.horzcat(slack, s[self.m * N :])
+        excess: Any = ca.reshape(t, self.mc, N + 1)
+        which = [j for j, i in enumerate(h.capped) if i in h.hard]
+        return ca.fmax(0, ca.mmax(excess[which, :] - slack[list(h.hard), :]))
 
     def solve(self, z: Any, data: tuple[Any, ...]) -> Any:
         """Go on from a column of :class:`~slipctl.predict.active_set.Found`, where it is open."""

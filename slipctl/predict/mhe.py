@@ -12,9 +12,11 @@ from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, squared, start_value
+from slipctl.predict import telling
 from slipctl.predict.active_set import SMALL
 from slipctl.predict.horizon import Soft
 from slipctl.predict.limits import FAR, entries_of
+from slipctl.predict.repeating import apart
 from slipctl.predict.window import TINY, Window
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken, begins afresh", 3: "limits given up"}
@@ -226,13 +228,24 @@ class _Estimator:
                 "residual"),
         ]  # fmt: skip
         return make_block(
-            name, "step", self._body, states=states, inputs=[*measured, *there, *problem.known],
+            name, "step", apart("estimate", self._body), states=states,
+            inputs=[*measured, *there, *problem.known],
             params=self.params(), outputs=outputs, period=w.period, sx=False, doc=about(mhe),
             choices={
                 "flow": problem.block.name, "samples": M, "iterations": self.iterations,
                 "measured": ", ".join(s.name for s in problem.measured),
                 "estimate": ", ".join(s.name for s in problem.unknown),
             },
+            solves=(self.lines(), {problem.block.name: problem.block}),
+        )  # fmt: skip
+
+    def lines(self) -> list[tuple[str, str]]:
+        """The problem in mathematics."""
+        w, problem = self.w, self.w.problem
+        return telling.estimator(
+            f"{problem.block.name} over {w.period:g} s",
+            [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
+            w.samples, telling.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def shared(self, p: Exprs) -> tuple[Any, Any]:
@@ -266,9 +279,9 @@ class _Estimator:
         lower = ca.vertcat(*[prior[i, j] for i in range(n) for j in range(i + 1)])
         P = ca.if_else(begun, ca.if_else(full, P, xs["P"]), lower)
         newest, _, _ = self.move(X[n * (M - 1) :], K[nk * (M - 1) :], params)
-        X = ca.if_else(begun, ca.vertcat(X[n:], newest), ca.repmat(first, M, 1))
+        X = ca.if_else(begun, ca.vertcat(X[n:], newest), ca.vec(ca.repmat(first, 1, M)))
         Y = ca.vertcat(ca.if_else(begun, Y[2 * ny :], 0), sample)
-        K = ca.vertcat(ca.if_else(begun, K[nk:], ca.repmat(known, M - 1, 1)), known)
+        K = ca.vertcat(ca.if_else(begun, K[nk:], ca.vec(ca.repmat(known, 1, M - 1))), known)
         live = ca.vertcat(ca.if_else(begun, live[1:], 0), 1)
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first()) if w.nc else ca.MX(0)
         predicted = ca.if_else(begun, newest, first)

@@ -12,6 +12,7 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
 from slipctl.errors import BadInput
+from slipctl.predict import telling
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.asked import (
     Limit,
@@ -27,6 +28,7 @@ from slipctl.predict.asked import (
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.limits import limits_of
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
+from slipctl.predict.repeating import apart
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
@@ -167,7 +169,7 @@ def nmpc(
     return _Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
         (int(passes), rescue), solver, ahead,
-    ).block(name, h, plant, cost)  # fmt: skip
+    ).block(name, h, [plant, cost, *laws.values()], (method, substeps))  # fmt: skip
 
 
 def _all_names(given: Sequence[Any]) -> bool:
@@ -284,8 +286,9 @@ class _Controller:
 
     # ---- the block ------------------------------------------------------------------------------
 
-    def block(self, name: str, h: float, plant: Block, cost: Block) -> Block:
-        """The controller as a step block."""
+    def block(self, name: str, h: float, told: list[Block], over: tuple[str, int]) -> Block:
+        """The controller as a step block; ``told``: plant, cost and laws; ``over``: a stage."""
+        plant, cost = told[:2]
         model, N = self.h.model, self.h.stages
         states = [
             State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
@@ -312,7 +315,7 @@ class _Controller:
             ),
         ]
         return make_block(
-            name, "step", self._body, states=states,
+            name, "step", apart("tick", self._body), states=states,
             inputs=[*self.measured(), *self.given()],
             params=[*model.params.values(), *self.settings()], outputs=outputs,
             period=h, sx=False, doc=about(nmpc),
@@ -320,6 +323,17 @@ class _Controller:
                 "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
                 "horizon": N, "iterations": self.iterations, "solver": self.solver,
             },
+            solves=(self.lines(plant.name, h, over), {b.name: b for b in told}),
+        )  # fmt: skip
+
+    def lines(self, plant: str, h: float, over: tuple[str, int]) -> list[tuple[str, str]]:
+        """The problem in mathematics."""
+        method, substeps = over
+        steps = "a step" if substeps == 1 else f"{substeps} steps"
+        return telling.controller(
+            self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
+            list(self.rate), self.ahead, self.tied,
+            telling.solver(self.solver, self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def constants(self, p: Exprs) -> Any:
@@ -380,9 +394,9 @@ class _Controller:
 
         X, V = xs["X"], xs["U"]
         following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d[:, -1], q[: self.h.np_])
-        X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.repmat(x0, N + 1, 1))
+        X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.vec(ca.repmat(x0, 1, N + 1)))
         later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
-        V = ca.if_else(begun, later, ca.repmat(start, N, 1))
+        V = ca.if_else(begun, later, ca.vec(ca.repmat(start, 1, N)))
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first())
         plan = V[:nu]
         bounds, contradict = self.reachable(bounds, before)

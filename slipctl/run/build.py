@@ -58,7 +58,14 @@ long long slipctl_roll(long long ticks, long long nx, long long nu, long long ny
 }
 """
 
-_SMALLER = """#include <math.h>
+_HEAD = """#include <math.h>
+#if defined(__GNUC__) && !defined(__clang__)
+/* Several elements of a vector at a time; a short loop that clears or copies stays a loop. */
+#pragma GCC optimize ("vect-cost-model=dynamic", "no-tree-loop-distribute-patterns")
+#define SLIPCTL_WIDE __attribute__((optimize("O3")))
+#else
+#define SLIPCTL_WIDE
+#endif
 #if defined(__x86_64__) && defined(__GLIBC__)
 /* What CasADi's virtual machine gives, zeros and NaN too: of equal ones the first. No call. */
 static inline double slipctl_fmin(double x, double y) { return y < x || x != x ? y : x; }
@@ -68,22 +75,39 @@ static inline double slipctl_fmax(double x, double y) { return y > x || x != x ?
 #endif
 """
 
-_PRODUCT = "void casadi_mtimes_dense("
+_DENSE = "void casadi_mtimes_dense("
 
-_BY_ROWS = """      for (j=0; j<nrow_x; ++j) {
+_DENSE_LOOP = """      for (j=0; j<nrow_x; ++j) {
         for (k=0; k<ncol_x; ++k) {
           z[j + i*nrow_x] += x[j + k*nrow_x] * y[k + i*ncol_x];
 """
 
-_BY_COLUMNS = """      for (k=0; k<ncol_x; ++k) {
-        const casadi_real yk = y[k + i*ncol_x];
-        for (j=0; j<nrow_x; ++j) {
-          z[j + i*nrow_x] += x[j + k*nrow_x] * yk;
+_EIGHT_ROWS = """      for (j=0; j+8<=nrow_x; j+=8) {
+        casadi_real sum[8];
+        casadi_int r;
+        for (r=0; r<8; ++r) sum[r] = z[j + r + i*nrow_x];
+        for (k=0; k<ncol_x; ++k) {
+          for (r=0; r<8; ++r) sum[r] += x[j + r + k*nrow_x] * y[k + i*ncol_x];
+        }
+        for (r=0; r<8; ++r) z[j + r + i*nrow_x] = sum[r];
+      }
+      for (; j<nrow_x; ++j) {
+        for (k=0; k<ncol_x; ++k) {
+          z[j + i*nrow_x] += x[j + k*nrow_x] * y[k + i*ncol_x];
 """
 
-_WIDE = """#if defined(__GNUC__) && !defined(__clang__)
-__attribute__((optimize("O3")))
-#endif
+_SPARSE_LOOP = """  } else {
+    for (cc=0; cc<ncol_y; ++cc) {
+      casadi_int kk;
+      for (kk=colind_z[cc]; kk<colind_z[cc+1]; ++kk) {
+        w[row_z[kk]] = z[kk];
+"""
+
+_ON_A_VECTOR = """  } else if (ncol_y == 1 && colind_y[1] == sp_y[0] && colind_z[1] == sp_z[0]) {
+    casadi_int k, at;
+    for (k=0; k<sp_y[0]; ++k) {
+      for (at=colind_x[k]; at<colind_x[k+1]; ++at) z[row_x[at]] += x[at]*y[k];
+    }
 """
 
 
@@ -194,7 +218,7 @@ def _key(content: str, cc: str, flags: Sequence[str]) -> str:
         _compiler_version(cc),
         platform.machine(),
         " ".join(flags),
-        _hastened(_PRODUCT + _BY_ROWS) + _ROLL,
+        _hastened(_DENSE + _DENSE_LOOP + _SPARSE_LOOP) + _ROLL,
         "sealed",
     ):
         key.update(part.encode())
@@ -267,11 +291,12 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
 def _hastened(text: str) -> str:
     """C of CasADi that takes less time for the same bits.
 
-    Smaller and larger of two without a call, and a dense product column by column: each entry of it
-    is summed in the same order, and no sum waits for the one before.
+    Smaller and larger of two without a call; a dense product eight rows at a time, a sparse one on
+    a dense vector in place: each entry is summed in the same order as before.
     """
-    wide = text.replace(_PRODUCT, _WIDE + _PRODUCT).replace(_BY_ROWS, _BY_COLUMNS)
-    return _SMALLER + (wide if _BY_ROWS in text else text)
+    if _DENSE_LOOP in text:
+        text = text.replace(_DENSE, "SLIPCTL_WIDE " + _DENSE).replace(_DENSE_LOOP, _EIGHT_ROWS)
+    return _HEAD + text.replace(_SPARSE_LOOP, _ON_A_VECTOR + _SPARSE_LOOP)
 
 
 def roll_interpreted(

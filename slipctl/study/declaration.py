@@ -31,7 +31,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from slipctl.errors import BadInput, check_kinds
+from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.run.metrics import METRICS
 from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
 from slipctl.run.roles import Signals
 from slipctl.run.store import plain, read_json, write_json
@@ -343,6 +344,7 @@ class Study:
             these scenarios, all do.
         ensembles: what differs from draw to draw where ``slipctl tune`` runs a loop, by scenario;
             the first scenario that has the loop is taken.
+        limits: largest accepted value of a metric, in its own unit; a run above one is marked.
     """
 
     name: str
@@ -360,9 +362,13 @@ class Study:
     gains: Sequence[Gains] = ()
     plain: Sequence[str] = ("base", "real")
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))
+        for name in self.limits:
+            if name not in METRICS:
+                raise BadInput(f"study {self.name}: a limit of {name!r}{nearest(name, METRICS)}")
         seen: set[str] = set()
         for c in self.claims:
             if c.id in seen:

@@ -20,7 +20,7 @@ from slipctl.study.declaration import Verdict
 from slipctl.study.jobs import Cores, Job, each
 from slipctl.study.provenance import provenance, stamp
 from slipctl.study.running import noted
-from slipctl.study.texts import tolerance_text
+from slipctl.study.texts import beyond, tolerance_text
 
 if TYPE_CHECKING:
     import xarray
@@ -131,6 +131,9 @@ def save_metrics(results: Results, out: Path, command: str, state: str = "") -> 
     if state:
         payload["state"] = state
     payload["scenarios"] = scenarios
+    if results.study.limits:
+        payload["limits"] = dict(results.study.limits)
+        payload["above_limits"] = {s: beyond(results, s) for s in results.metrics}
     if results.failed:
         payload["failed"] = results.failed
     store.write_json(out / "metrics.json", payload | provenance(results, command))

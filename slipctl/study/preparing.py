@@ -166,9 +166,12 @@ def prepare(
         said: dict[str, None] = {}
         for case in cases:
             for name, loop in case.loops.items():
-                check_sample_times(begun(loop, case.scenario))
                 store.check_names(Path(case.scenario.name, name))
-                said |= dict.fromkeys(told(loop, case.scenario, _try(case, name, loop)))
+                started = begun(loop, case.scenario)  # once: it makes the loop again
+                check_sample_times(started)
+                rest = case.scenario.but(params={}, start={})
+                first = _try(replace(case, scenario=rest), name, started)
+                said |= dict.fromkeys(told(started, rest, first))
                 study.check(name, loop, case.scenario)
         for line in said:
             log.warning("%s", line)

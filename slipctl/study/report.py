@@ -32,6 +32,7 @@ from slipctl.study.texts import (
     judged,
     left_out,
     left_to_full,
+    limits_broken,
     metric_rows,
     number,
     times,
@@ -231,6 +232,7 @@ def _metrics(results: Results) -> str:
             group = [0, *range(first, min(first + LOOPS, len(head)))]
             shown = [[r[k] for k in group] for r in rows if any(r[k] for k in group[1:])]
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
+        out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
                 left_out(results.metrics[scenario])]  # fmt: skip
     meanings = [(n, doc) for n, (_, doc) in METRICS.items()]

@@ -153,6 +153,7 @@ def wrapped(rows: Sequence[Sequence[str]], widths: Sequence[int]) -> str:
 def metric_rows(results: Results, scenario: str) -> list[list[str]]:
     """Table of one scenario: a metric per row, a loop per column, the head first."""
     loops = results.metrics[scenario]
+    above = beyond(results, scenario)
     rows = [["metric", *loops]]
     for name in METRICS:
         found = {loop: m[name] for loop, m in loops.items() if name in m}
@@ -167,11 +168,48 @@ def metric_rows(results: Results, scenario: str) -> list[list[str]]:
         shown = [k for k in range(max(map(len, lists.values()))) if k not in still]
         for k in shown:  # a list goes down, an entry per row
             cells = [
-                number(v[k], digits) if k < len(v := lists.get(loop, [])) else "" for loop in loops
-            ]
+                number(v[k], digits) + MARK * (k in above[loop].get(name, ()))
+                if k < len(v := lists.get(loop, [])) else "" for loop in loops
+            ]  # fmt: skip
             rail = f", {named[k]}" if k < len(named) else ""
             rows.append([f"{label}{rail}" if k == shown[0] or rail else "", *cells])
     return rows
+
+
+MARK = " !"
+"""After a number that is above a limit of the study."""
+
+
+def beyond(results: Results, scenario: str) -> dict[str, dict[str, list[int]]]:
+    """By loop and metric, which of its values are above the study's limit; none at all is, too."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for loop, metrics in results.metrics[scenario].items():
+        found[loop] = {}
+        for name, limit in results.study.limits.items():
+            values = times(metrics[name].value, 1.0) if name in metrics else []
+            above = [k for k, v in enumerate(values) if v is None or v > limit]
+            if above or not values:
+                found[loop][name] = above
+    return found
+
+
+def limits_broken(results: Results, scenario: str) -> list[str]:
+    """A line for each loop that is above a limit, with its numbers."""
+    lines = []
+    for loop, names in beyond(results, scenario).items():
+        said = []
+        for name, above in names.items():
+            limit, metric = results.study.limits[name], results.metrics[scenario][loop].get(name)
+            if metric is None:
+                said.append(f"it has no {name}, which may be {number(limit)} at most")
+                continue
+            worst = max((v for v in (times(metric.value, 1.0)[k] for k in above) if v is not None),
+                        default=None)  # fmt: skip
+            told = "for ever" if worst is None else with_unit(worst, metric.unit)
+            said.append(f"{name} {told}, at most {with_unit(limit, metric.unit)}")
+        if said:
+            lines.append(f"! {loop} is above its limits: {'; '.join(said)}")
+    return lines
 
 
 def times(value: Any, factor: float) -> list[Any]:
@@ -213,7 +251,7 @@ def metric_table(results: Results, scenario: str, width: int = 132) -> str:
             cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
             lines.append("  " + "  ".join(cells).rstrip())
         lines.append("")
-    for text in left_out(results.metrics[scenario]):
+    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario])]:
         lines[-1:] = [*textwrap.wrap(text, width - 2, initial_indent="  ",
                                      subsequent_indent="  "), ""]  # fmt: skip
     return "\n".join(lines[:-1])

@@ -403,6 +403,32 @@ def test_a_part_called_in_pieces_is_not_computed_twice():
     assert not [k for k in range(early.n_instructions()) if early.instruction_MX(k).is_call()]
 
 
+def test_a_piece_is_what_the_circle_needs():
+    """What only others read, the dear output here, waits for the whole call and is made once."""
+    plant = make_block(
+        "plant", "step",
+        lambda x, u, p: ({"s": x["s"] + u["F"]}, {"early": 2 * x["s"], "dear": ca.sin(x["s"])}),
+        states=[State("1", 1.0).named("s")], inputs=[Input("1").named("F")],
+        outputs=[Output("1").named("early"), Output("1").named("dear")], sx=False, period=1.0,
+    )  # fmt: skip
+    ctl = make_block(
+        "ctl", "law", lambda x, u, p: ({}, {"F": -u["e"]}),
+        inputs=[Input("1").named("e")], outputs=[Output("1").named("F")],
+    )  # fmt: skip
+    seen = make_block(
+        "seen", "law", lambda x, u, p: ({}, {"y": 3 * u["d"]}),
+        inputs=[Input("1").named("d")], outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    wires = {"seen.d": "plant.dear", "ctl.e": "plant.early", "plant.F": "ctl.F"}
+    loop = connect("loop", wires, seen=seen, plant=plant, ctl=ctl)
+    calls = [loop.f.instruction_MX(k) for k in range(loop.f.n_instructions())]
+    called = [c.which_function() for c in calls if c.is_call()]
+    assert [f.size1_out(1) for f in called if "part" in f.name()] == [1]
+    following, found = loop()
+    assert found["seen.y"] == pytest.approx(3 * math.sin(1.0), rel=1e-15)  # sine of two libraries
+    assert (found["plant.early"], following["plant.s"]) == (2.0, -1.0)
+
+
 def test_a_mirror_keeps_the_number_and_changes_the_convention():
     """A driven wheel as a braked one: creep 0.3 m/s is slip 0.3 m/s, where flip_sign says -0.3."""
     seen = mirror("m/s", "braking", "speed")

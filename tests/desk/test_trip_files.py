@@ -42,17 +42,19 @@ def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
     assert trip.actuator == parts.Lag(torque=8e3, lag=0.06, dead_time=0.02)
     assert trip.sensors.wheel_speed == parts.ToothWheel(teeth=120)
     assert [s.place for s in trip.rail.sections] == [0, 45, 75]
+    assert (trip.limits.stopping_distance, trip.limits.lock_time) == (140, 0.3)
     assert trip.controllers["super_twisting"].gains == {"k1": "20 m^.5/s^1.5", "k2": "10 m/s^3"}
 
 
 def test_a_file_declares_its_ensemble(tmp_path):
     table = '[ensemble]\nseeds = true\ndraw = { m = "36t:42t" }\n'
     path = tmp_path / "my.toml"
-    path.write_text(METRO + table, encoding="utf-8")
+    without = METRO[: METRO.index("[ensemble]")] + METRO[METRO.index("[controllers.none]") :]
+    path.write_text(without + table, encoding="utf-8")
     found = doors.load_study(str(path)).ensembles["base"]
     assert (found.seeds, found.draw, found.scale) == (True, {"m": "36t:42t"}, {})
-    assert "wanted" in told(tmp_path, METRO + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
-    assert "empty" in told(tmp_path, METRO + "[ensemble]\n")[0]
+    assert "wanted" in told(tmp_path, without + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
+    assert "empty" in told(tmp_path, without + "[ensemble]\n")[0]
 
 
 def test_new_writes_a_file_and_its_schema_and_never_over_another(tmp_path, monkeypatch, capsys):

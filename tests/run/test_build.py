@@ -57,3 +57,17 @@ def test_a_dense_product_is_summed_in_the_same_order(shape: tuple[int, int]) -> 
     rows = rng.normal(size=(40, shape[1])) * 10.0 ** rng.uniform(-8, 8, (40, shape[1]))
     compiled, interpreted = _both(f, rows)
     assert (compiled.view(np.int64) == interpreted.view(np.int64)).all()
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_a_sparse_product_is_summed_in_the_same_order(columns: int) -> None:
+    """On a vector (in place) and on several columns (as CasADi writes it)."""
+    rng = np.random.default_rng(5)
+    size = (30, 40)
+    some = np.where(rng.random(size) < 0.2, rng.normal(size=size) * 10.0 ** rng.uniform(-8, 8), 0)
+    u = ca.MX.sym("u", 40)
+    wide = ca.horzcat(*(u * (k + 1) for k in range(columns)))
+    f = _function(u, ca.vec(ca.mtimes(ca.MX(ca.sparsify(ca.DM(some))), wide)))
+    rows = rng.normal(size=(40, 40)) * 10.0 ** rng.uniform(-8, 8, (40, 40))
+    compiled, interpreted = _both(f, rows)
+    assert (compiled.view(np.int64) == interpreted.view(np.int64)).all()

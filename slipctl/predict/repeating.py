@@ -1,0 +1,122 @@
+"""Functions that go over stages and passes in few calls: short C, the same numbers.
+
+A Function that is called once per stage makes lines of C for each. Here it is called a few times
+by one that stands for some stages, and that a few times by the whole: 9 calls for 20 stages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Exprs
+
+
+def chunk(N: int) -> int:
+    """Number of stages of a part, so that whole and part have fewest calls."""
+    return min(range(1, N + 1), key=lambda c: c + N // c + N % c)
+
+
+def scan(
+    step: ca.Function, N: int, carried: int, constant: int = 0, backward: bool = False
+) -> ca.Function:
+    """Go over N stages.
+
+    Args:
+        step: Function (carried..., columns of a stage..., constants...) -> (carried..., columns of
+            results...).
+        N: number of stages.
+        carried: how many of its first arguments and results go from stage to stage.
+        constant: how many of its last arguments are the same for all stages.
+        backward: from the last stage to the first.
+
+    Returns:
+        Function of the same, with a column per stage in each matrix.
+    """
+    c = chunk(N)
+    if c in (1, N):
+        return _over(step, step, [1] * N, carried, constant, backward)
+    part = _over(step, step, [1] * c, carried, constant, backward)
+    widths = [c] * (N // c) + [1] * (N % c)
+    return _over(step, part, widths, carried, constant, backward)
+
+
+def _over(
+    step: ca.Function, part: ca.Function, widths: Sequence[int], carried: int, constant: int,
+    backward: bool,
+) -> ca.Function:  # fmt: skip
+    """Function over sum(widths) stages by calls of step (width 1) and part."""
+    n_in, n_out, N = step.n_in(), step.n_out(), sum(widths)
+    edges = [sum(widths[:k]) for k in range(len(widths) + 1)]
+    given = [
+        ca.MX.sym(
+            f"i{i}", step.size1_in(i),
+            N if carried <= i < n_in - constant else step.size2_in(i),
+        )
+        for i in range(n_in)
+    ]  # fmt: skip
+    carry, fixed = given[:carried], given[n_in - constant :]
+    pieces = [ca.horzsplit(m, edges) for m in given[carried : n_in - constant]]
+    found: list[list[Any]] = [[] for _ in range(n_out - carried)]
+    order = range(len(widths))
+    for k in reversed(order) if backward else order:
+        f = step if widths[k] == 1 else part
+        results = f.call([*carry, *[p[k] for p in pieces], *fixed], False, True)
+        carry = results[:carried]
+        for rows, value in zip(found, results[carried:], strict=True):
+            rows.append(value)
+    whole = [ca.horzcat(*(reversed(rows) if backward else rows)) for rows in found]
+    return ca.Function(f"{step.name()}_{N}", given, [*carry, *whole])
+
+
+def apart(
+    name: str, body: Callable[[Exprs, Exprs, Exprs], tuple[Exprs, Exprs]]
+) -> Callable[[Exprs, Exprs, Exprs], tuple[Exprs, Exprs]]:
+    """Body of a block as one Function that is called: its C is that of loops and calls."""
+
+    def called(*given: Exprs) -> tuple[Exprs, Exprs]:
+        flat = [v for named in given for v in named.values()]
+        symbols = [ca.MX.sym(f"i{k}", *v.shape) for k, v in enumerate(flat)]
+        rest = iter(symbols)
+        nxt, out = body(*({n: next(rest) for n in named} for named in given))
+        f = ca.Function(name, symbols, [*map(ca.MX, nxt.values()), *map(ca.MX, out.values())])
+        results = f.call(flat, False, True)
+        return (
+            dict(zip(nxt, results[: len(nxt)], strict=True)),
+            dict(zip(out, results[len(nxt) :], strict=True)),
+        )
+
+    return called
+
+
+class Repeated:
+    """Apply a Function (z, constants...) -> z again and again, as long as z[going] is above 0.
+
+    Two times it, four times it and so on are Functions of their own, each skipped where nothing is
+    left to do.
+    """
+
+    def __init__(self, once: ca.Function, going: int) -> None:
+        self.name, self.going = once.name(), going
+        self.given = [ca.MX.sym(f"i{i}", once.sparsity_in(i)) for i in range(once.n_in())]
+        self.stay = ca.Function(f"{self.name}_done", self.given, [self.given[0]])
+        self.powers = [self._maybe(once)]
+
+    def _maybe(self, f: ca.Function) -> ca.Function:
+        return ca.Function.if_else(f"{f.name()}_maybe", f, self.stay)
+
+    def __call__(self, most: int, z: Any, *constants: Any) -> Any:
+        """Result of at most so many times, a power of two after the other."""
+        while 2 ** len(self.powers) <= most:
+            y = self._go(self.powers[-1], self._go(self.powers[-1], *self.given), *self.given[1:])
+            name = f"{self.name}_{2 ** len(self.powers)}"
+            self.powers.append(self._maybe(ca.Function(name, self.given, [y])))
+        for k in reversed(range(len(self.powers))):
+            if most & 2**k:
+                z = self._go(self.powers[k], z, *constants)
+        return z
+
+    def _go(self, f: ca.Function, z: Any, *constants: Any) -> Any:
+        return f(z[self.going] > 0, z, *constants)

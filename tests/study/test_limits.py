@@ -1,0 +1,50 @@
+"""Limits that an engineer sets: a run above one is marked, at it is not; wrong ones are refused."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from slipctl import BadInput, Signals, Study
+from slipctl.run.metrics import Metric
+from slipctl.study.texts import MARK, limits_broken, metric_table
+
+
+def results(limits, **loops):
+    study = SimpleNamespace(limits=limits)
+    return SimpleNamespace(study=study, metrics={"base": loops})
+
+
+def test_a_value_above_its_limit_is_marked_and_one_at_it_is_not():
+    found = results(
+        {"lock_time": 0.3},
+        held={"lock_time": Metric(0.3, "s")}, locked={"lock_time": Metric(2.5, "s")},
+    )  # fmt: skip
+    assert limits_broken(found, "base") == [
+        "! locked is above its limits: lock_time 2.5 s, at most 0.3 s"
+    ]
+    row = next(r for r in metric_table(found, "base").splitlines() if "lock_time" in r)
+    assert row.split() == ["lock_time", "[s]", "0.3", "2.5", MARK.strip()]
+
+
+def test_a_time_that_never_comes_and_a_metric_that_is_missing_are_above_every_limit():
+    times = Metric([0.1, None], "s", ("dry", "wet"))
+    found = results({"settling_time": 5.0, "stopping_distance": 140.0}, a={"settling_time": times})
+    assert limits_broken(found, "base") == [
+        "! a is above its limits: settling_time for ever, at most 5 s;"
+        " it has no stopping_distance, which may be 140 at most"
+    ]
+    rows = [r.split() for r in metric_table(found, "base").splitlines() if "settling_time [s]" in r]
+    assert [r[-1] for r in rows] == ["0.1", "!"]
+
+
+def test_without_limits_nothing_is_marked():
+    found = results({}, a={"lock_time": Metric(2.5, "s")})
+    assert limits_broken(found, "base") == []
+    assert MARK not in metric_table(found, "base")
+
+
+def test_a_limit_of_no_metric_is_refused():
+    with pytest.raises(BadInput, match="did you mean 'lock_time'"):
+        Study("s", "t", "x", "d", lambda models, quick: [], Signals(), limits={"locktime": 1.0})
