@@ -24,7 +24,8 @@ _SLOPES: dict[str, Bound] = {}
 def slope_in_the_tube(law: Block = double_exponential) -> Bound:
     """Largest |mu'| in the tube about the peak, on the worst of the law's rails, s/m; proven."""
     own = {n: float(v) for n, v in law.param_values().items()}
-    rails = [own | dict(at) for at in (law.conditions or {"": {}}).values()]
+    every = [own | dict(at) for at in (law.conditions or {"": {}}).values()]
+    rails = [at for k, at in enumerate(every) if at not in every[:k]]
     key = f"{law.f.serialize()} {rails}"
     if key not in _SLOPES:
         peaks = [argmax(law, "v_s", lo=0.01, hi=10, at=at).location for at in rails]
