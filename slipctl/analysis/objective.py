@@ -35,16 +35,22 @@ def refuse_names(where: str, law: Block, settings: Sequence[str]) -> None:
             raise BadInput(f"{where}: {law.name}.{name} is a name of the search itself; rename it")
 
 
+def left_open(law: Block, over: Sequence[str]) -> list[Signal]:
+    """Inputs that fix a law but for some: its other inputs, then its free parameters."""
+    others = [s for k, s in law.inputs.items() if k not in over]
+    free = [s for s in law.params.values() if not s.derived]
+    return [*others, *(s.as_role("input", value=None) for s in free)]
+
+
 def open_law(
     law: Block, over: Sequence[str], maximise: str
 ) -> tuple[list[Signal], ca.Function]:  # fmt: skip
     """Inputs that fix a law but for some, and Function (place, their values) -> objective."""
-    others = [s for k, s in law.inputs.items() if k not in over]
-    free = [s for s in law.params.values() if not s.derived]
-    place, given = ca.SX.sym("place", len(over)), ca.SX.sym("given", len(others) + len(free))
-    inputs = {s.name: given[k] for k, s in enumerate(others)}
-    inputs |= {name: place[k] for k, name in enumerate(over)}
-    params = {s.name: given[len(others) + k] for k, s in enumerate(free)}
+    given = left_open(law, over)
+    place, values = ca.SX.sym("place", len(over)), ca.SX.sym("given", len(given))
+    at = {s.name: values[k] for k, s in enumerate(given)}
+    at |= {name: place[k] for k, name in enumerate(over)}
+    params = {k: v for k, v in at.items() if k in law.params}
+    inputs = {k: v for k, v in at.items() if k in law.inputs}
     y = law.expr({}, inputs, law.derive(params))[1][maximise]
-    signals = [*others, *(s.as_role("input", value=None) for s in free)]
-    return signals, ca.Function("value_of", [place, given], [y], {"cse": True})
+    return given, ca.Function("value_of", [place, values], [y], {"cse": True})

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import objective, open_law, refuse_names
+from slipctl.analysis.objective import left_open, objective, open_law, refuse_names
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
@@ -333,7 +333,7 @@ def objective_functions(
     """
     for name in over:
         maximise = objective(where, law, name, maximise)
-    given, value_of = open_law(law, list(over), str(maximise))
+    given = left_open(law, over)
     names = [s.name for s in given]
     for k in at:
         if k not in names:
@@ -345,9 +345,16 @@ def objective_functions(
         if value is None:
             raise BadInput(f"{where}: give at={{{s.name!r}: ...}} in {s.unit}")
         fixed.append(float(value))
-    z, g = ca.SX.sym("z", len(over)), ca.SX.sym("g", len(fixed))
-    y = value_of(z, g)
-    d = ca.jacobian(y, z)
-    value = ca.Function("value", [z, g], [y])
-    slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
+
+    def make() -> tuple[ca.Function, ca.Function]:
+        _, value_of = open_law(law, list(over), str(maximise))
+        z, g = ca.SX.sym("z", len(over)), ca.SX.sym("g", len(fixed))
+        y = value_of(z, g)
+        d = ca.jacobian(y, z)
+        value = ca.Function("value", [z, g], [y])
+        slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
+        return value, slope
+
+    derived = tuple((s.name, s.value) for s in law.params.values() if s.derived)
+    value, slope = law.of_equations(("objective", tuple(over), maximise, derived), make)
     return value, slope, ca.DM(fixed)

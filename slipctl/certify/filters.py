@@ -127,15 +127,17 @@ def nis_band(samples: int, measurements: int = 1, level: float = 0.95) -> tuple[
     Proof note: innovations are independent and normal with the variance that the filter states, so
     the sum over the samples is chi-squared with samples * measurements degrees of freedom.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv  # scipy.stats takes a second to import
 
     freedom = samples * measurements
-    low, high = chi2.ppf([(1 - level) / 2, (1 + level) / 2], freedom) / samples
+    low, high = (
+        2 * gammaincinv(freedom / 2, q) / samples for q in ((1 - level) / 2, (1 + level) / 2)
+    )
     return float(low), float(high)
 
 
 def white_band(samples: int, level: float = 0.95) -> float:
     """Largest |correlation| between white innovations, at one lag: normal, variance 1/samples."""
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
-    return float(norm.ppf((1 + level) / 2)) / math.sqrt(samples)
+    return float(ndtri((1 + level) / 2)) / math.sqrt(samples)

@@ -10,6 +10,7 @@ import numpy as np
 
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
+from slipctl.run.ensemble import World
 from slipctl.run.results import Case
 from slipctl.run.sweeping import Sweep, sweep
 from slipctl.study import doors, preparing
@@ -26,14 +27,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     """Run what is missing, and print how the metrics are spread."""
     if options.export and not options.export.endswith(".nc"):
         raise BadInput(f"--export {options.export}: write a file that ends in .nc")
-    if options.name is None or not options.varied:
-        if options.name is not None:
-            raise BadInput("a sweep needs something to vary; write --vary P=lo:hi:n or P=lo:hi")
+    if options.name is None:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
     options.settings = preparing.opened(options.settings)
     study, case, loop = _case(options)
+    world = None if options.varied else _world(study, case, loop, options)
     progress = Progress(1, sys.stderr, options.quiet)
     try:
         found = sweep(
@@ -42,7 +42,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
             about={"loop": f"{study.name}:{loop}", "set": options.settings,
-                   "swapped": options.swaps, "command": command},
+                   "swapped": options.swaps, "command": command}, world=world,
         )  # fmt: skip
     finally:
         progress.end()
@@ -72,6 +72,20 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
         study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
     )
     return study, cases[0], loop
+
+
+def _world(study: Study, case: Case, loop: str, options: argparse.Namespace) -> World:
+    """What the study or the file itself draws, where the line varies nothing."""
+    ensemble = study.ensembles.get(case.scenario.name)
+    if ensemble is None:
+        raise BadInput(
+            "a sweep needs something to vary; write --vary P=lo:hi:n or P=lo:hi, or an [ensemble]"
+            " in a vehicle's file"
+        )
+    return World(
+        case.loops[loop], case.scenario, ensemble, signals=study.signals, known=case.known,
+        seed=options.seed, compile=not options.no_compile,
+    )  # fmt: skip
 
 
 def report(found: Sweep) -> str:

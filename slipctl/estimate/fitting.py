@@ -400,7 +400,7 @@ def _judged(
     ends: np.ndarray,
 ) -> Fitted:  # fmt: skip
     """Standard deviations and intervals; refuses what the curve does not tell."""
-    from scipy.stats import t
+    from scipy.special import stdtrit  # scipy.stats takes a second to import
 
     names = [n for n, end in zip(scale.names, ends, strict=True) if not end]
     runaways = [n for n, end, k in zip(scale.names, ends, scale.log, strict=True) if end and k]
@@ -424,7 +424,7 @@ def _judged(
         )
     covariance = spread**2 * np.linalg.inv(scaled.T @ scaled)
     deviation = np.sqrt(np.diag(covariance)) * scale.size[~ends]
-    quantile = float(t.ppf(0.975, freedom))
+    quantile = float(stdtrit(freedom, 0.975))
     std: dict[str, float | None] = dict.fromkeys(unknown)
     interval: dict[str, tuple[float, float] | None] = dict.fromkeys(unknown)
     for n, d in zip(names, deviation, strict=True):

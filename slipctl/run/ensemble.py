@@ -209,18 +209,24 @@ class World:
             numbers.append(hits[0])
         return Factor(name, lo, hi, tuple(numbers), tuple(known))
 
+    @property
+    def ranges(self) -> tuple[Axis, ...]:
+        """Ranges of what is drawn: numbers, then factors."""
+        return (*self.axes, *(Axis(f.name, f.lo, f.hi, None, "1") for f in self.factors))
+
     def draw(self, stream: int, k: int) -> Draw:
         """Draw number k of a stream, by seed, stream and number alone."""
         random = np.random.Generator(
             np.random.PCG64(np.random.SeedSequence([self.seed, stream, k]))
         )
         shares = random.random(len(self.axes) + len(self.factors))
-        numbers = {a.name: _within(a, s) for a, s in zip(self.axes, shares, strict=False)}
-        factors = {
-            f.name: f.lo + (f.hi - f.lo) * float(s)
-            for f, s in zip(self.factors, shares[len(self.axes) :], strict=True)
-        }
-        noise = int(random.integers(2**31))
+        drawn = {a.name: _within(a, s) for a, s in zip(self.ranges, shares, strict=True)}
+        return self.at(drawn, int(random.integers(2**31)))
+
+    def at(self, drawn: Mapping[str, float], noise: int) -> Draw:
+        """Draw with these numbers and factors, all of :attr:`ranges`, and this seed."""
+        factors = {f.name: drawn[f.name] for f in self.factors}
+        numbers = {n: v for n, v in drawn.items() if n not in factors}
         scenario = self.scenario.but(seed=noise) if self.ensemble.seeds else self.scenario
         known = dict(self.known)
         for f in self.factors:
@@ -232,6 +238,13 @@ class World:
                 scenario = scenario.but(rail=rail)
                 numbers |= own
         return Draw(numbers, scenario, known, factors)
+
+    def run(self, numbers: Mapping[str, float], run: int) -> tuple[Mapping[str, float], Draw]:
+        """What run number ``run`` of a sweep is given; its noise is that of its number."""
+        names = {a.name for a in self.ranges}
+        state = np.random.SeedSequence([self.seed, run]).generate_state(1)
+        draw = self.at({n: v for n, v in numbers.items() if n in names}, int(state[0] >> 1))
+        return {**draw.numbers, **{n: v for n, v in numbers.items() if n not in names}}, draw
 
     def _scaled(
         self, scenario: Scenario, name: str, by: float

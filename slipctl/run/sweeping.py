@@ -40,6 +40,8 @@ from slipctl.run.varying import Axis, Plan, plan_of
 if TYPE_CHECKING:
     import xarray
 
+    from slipctl.run.ensemble import World
+
 MEASURED = tuple(n for n in METRICS if n not in AGAINST_IDEAL)
 """Metrics of a run that is alone: the loop ``ideal`` does not run beside it."""
 
@@ -60,6 +62,7 @@ def sweep(
     compile: bool = True,
     progress: Callable[[float], None] | None = None,
     about: Mapping[str, Any] | None = None,
+    world: World | None = None,
 ) -> Sweep:
     """Run a loop with many sets of numbers; what a folder holds already is not done again.
 
@@ -80,6 +83,7 @@ def sweep(
         compile: compile the loop when a C compiler is there.
         progress: called with the share done.
         about: what else a store of this sweep has to agree in.
+        world: an ensemble of this loop and scenario; what it draws varies in every run.
 
     Returns:
         The sweep, to be looked at.
@@ -88,10 +92,14 @@ def sweep(
         BadInput: nothing to vary, an unknown name, a folder that holds another sweep.
     """
     as_block("sweep: the loop", loop)
-    plan = plan_of(loop, scenario, vary, samples, seed, design)
+    if world is not None:
+        loop = world.loop
+    plan = plan_of(loop, scenario, vary, samples, seed, design, world.ranges if world else ())
     if jobs is not None:
         check_whole("--jobs", jobs, 1)
-    run = Measured(loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile)
+    run = Measured(
+        loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile, world
+    )
     told = {
         **(about or {}),
         "scenario": scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
@@ -100,6 +108,7 @@ def sweep(
         "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
         "numbers": run.fingerprint(), "period_s": loop.period,
         "log_units": {s.name: s.unit for s in loop.signals if s.name in logs},
+        **({"ensemble": world.ensemble.told()} if world else {}),
     }  # fmt: skip
     kept = sweep_store.begin(Path(out), told)
     try:
@@ -205,6 +214,7 @@ class Measured:
     known: Mapping[str, Known] = field(default_factory=dict)
     logs: Sequence[str] = ()
     compile: bool = True
+    world: World | None = None
 
     def __post_init__(self) -> None:
         self._run = prepare(self.loop, self.scenario, compile=self.compile)
@@ -225,9 +235,15 @@ class Measured:
     def ended(self, run: int, numbers: Mapping[str, float]) -> Ended:
         """Roll and measure; a run that breaks says why."""
         try:
-            log = self._run(numbers)
+            if self.world is None:
+                log = self._run(numbers)
+                found = self.metrics(log)
+            else:
+                given, draw = self.world.run(numbers, run)
+                log = self._run(given, seed=draw.scenario.seed, rail=draw.scenario.rail)
+                found = self.metrics(log, draw.scenario, draw.known)
             kept = {n: np.array(log[n]) for n in self.logs}
-            return Ended(run, numbers, self.metrics(log), logs=kept)
+            return Ended(run, numbers, found, logs=kept)
         except (BadInput, RunFailed) as error:
             return Ended(run, numbers, failed=str(error))
 

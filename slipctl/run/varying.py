@@ -231,13 +231,14 @@ def plan_of(
     samples: int = 1,
     seed: int = 1,
     design: str = "random",
+    more: Sequence[Axis] = (),
 ) -> Plan:
     """Plan of a sweep.
 
     Args:
         loop, scenario: what runs.
         vary: ``["ctl.k1=5:50:10", "m=28t:42t"]``, or ranges by name, ``{"ctl.k1": (5, 50, 10)}``.
-        samples, seed, design: as of :class:`Plan`.
+        samples, seed, design: as of :class:`Plan`. more: what varies too, as it is.
 
     Raises:
         BadInput: as of :func:`read_axis`.
@@ -250,4 +251,5 @@ def plan_of(
             texts.append(f"{name}=" + ":".join(str(e) for e in ends))
     else:
         texts = list(vary)
-    return Plan(tuple(read_axis(t, loop, scenario) for t in texts), samples, seed, design)
+    axes = (*(read_axis(t, loop, scenario) for t in texts), *more)
+    return Plan(axes, samples, seed, design)

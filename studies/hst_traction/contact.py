@@ -13,6 +13,7 @@ from slipctl import Block, Context, Experiment, Fitted, Results, Table, fit
 from slipctl.draw import plots
 from slipctl.models import contact
 from slipctl.models.contact import SURFACES, peak, polach
+from slipctl.models.hst_traction_adhesion import peaks
 from slipctl.study import doors
 
 SPEEDS = (1.0, 5.0, 20.0, 40.0, 69.0)
@@ -68,7 +69,7 @@ def surface_curves(results: Results | None = None) -> plots.Figure:
         marks={name: peak(40.0, name)[:2] for name in SURFACES},
     )  # fmt: skip
     v = np.linspace(0.0, 90.0, 91)
-    table = contact.peak_table()
+    table = peaks(polach)  # the one of the controllers
     heights = np.array([table(v=float(x))["value"] for x in v])
     tops = {n: (v, heights[:, k]) for k, n in enumerate(SURFACES)}
     limit = np.array([contact.curtius_kniffler(float(x)) for x in v])

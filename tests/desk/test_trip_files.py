@@ -49,11 +49,12 @@ def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
 def test_a_file_declares_its_ensemble(tmp_path):
     table = '[ensemble]\nseeds = true\ndraw = { m = "36t:42t" }\n'
     path = tmp_path / "my.toml"
-    path.write_text(METRO + table, encoding="utf-8")
+    without = METRO[: METRO.index("[ensemble]")] + METRO[METRO.index("[controllers.none]") :]
+    path.write_text(without + table, encoding="utf-8")
     found = doors.load_study(str(path)).ensembles["base"]
     assert (found.seeds, found.draw, found.scale) == (True, {"m": "36t:42t"}, {})
-    assert "wanted" in told(tmp_path, METRO + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
-    assert "empty" in told(tmp_path, METRO + "[ensemble]\n")[0]
+    assert "wanted" in told(tmp_path, without + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
+    assert "empty" in told(tmp_path, without + "[ensemble]\n")[0]
 
 
 def test_new_writes_a_file_and_its_schema_and_never_over_another(tmp_path, monkeypatch, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,21 @@ from conftest import closed_loop, three_rails
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl import BadInput, Block, RunFailed, Scenario, Signals, open_sweep, simulate, sweep
+from slipctl import (
+    BadInput,
+    Block,
+    Rail,
+    RunFailed,
+    Scenario,
+    Section,
+    Signals,
+    open_sweep,
+    simulate,
+    sweep,
+)
 from slipctl.commands.cli import main
 from slipctl.run import sweeping
+from slipctl.run.ensemble import Ensemble, World
 from slipctl.run.metrics import Run, measure, rail_changes, rail_names
 from slipctl.run.sweeping import Measured
 from slipctl.run.varying import Axis, Plan
@@ -224,6 +237,38 @@ def test_logs_on_demand(tmp_path: Path) -> None:
         swept(tmp_path / "new").log(0)
 
 
+def test_runs_of_an_ensemble_are_single_runs(tmp_path: Path) -> None:
+    """Mass drawn, and the height of every rail times a drawn factor: built by hand it is the same.
+
+    More samples later find the runs that are there, with the same numbers.
+    """
+    loop, scenario = world()
+    ensemble = Ensemble({"plant.wheel.m": "6t:9t"}, {"peak": "0.8:1.2 of plant.adh.c"})
+    drawn = World(loop, scenario, ensemble, signals=SIGNALS, compile=False)
+    swept(tmp_path, vary=[], world=drawn, samples=2)
+    found = swept(tmp_path, vary=[], world=drawn, samples=4)
+    assert len(found.runs) == 4
+    adhesion = dict(loop.parts)["plant"].conditions
+    for _, numbers, metrics, failed in found.runs:
+        assert not failed
+        assert set(numbers) == {"plant.wheel.m", "peak"}
+        assert 0.8 <= numbers["peak"] <= 1.2
+        high = [
+            replace(s, values={**s.values, "plant.adh.c": numbers["peak"] * height(adhesion, s)})
+            for s in scenario.rail.sections
+        ]
+        own = scenario.but(rail=Rail(high))
+        log = simulate(
+            loop.with_params(**{"plant.wheel.m": numbers["plant.wheel.m"]}), own, compile=False
+        )
+        assert metrics["distance"] == measure(Run(log, SIGNALS))["distance"].value
+
+
+def height(conditions: Any, section: Section) -> float:
+    """Parameter c of the condition of a section."""
+    return next(v for n, v in conditions[section.condition].items() if n.endswith("c"))
+
+
 @pytest.mark.parametrize(
     ("vary", "said"),
     [
@@ -253,7 +298,7 @@ def test_bad_axes(vary: Any, said: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("subway_braking:sta", "something to vary"),
+        ("hst_braking:efc", "something to vary"),
         ("subway_braking --vary ctl.law.k1=1:2", "write which loop"),
         ("subway_braking:star --vary ctl.law.k1=1:2", "did you mean 'sta'"),
         ("subway_braking:sta --vary ctl.law.k1=1:2 --samples 0", "--samples = 0"),

@@ -71,8 +71,15 @@ def _swing(n: Cases, rng: np.random.Generator, effort: int = 1) -> np.ndarray:
 
 
 def _leaves(n: Cases, rng: np.random.Generator, effort: int) -> np.ndarray:
-    """Beyond the band by more than what doubles and a run that still settles blur."""
-    return _swing(n, rng, effort) > n["band"] * (1 + 1e-3)
+    """Beyond the band by more than what doubles blur, when every start has settled to e^-14."""
+    limit, half = n["band"] * (1 + 1e-3), 500 * effort
+    left = _swing(n, rng, effort) > limit
+    slow = left & (n["g1"] > 0) & (n["g1"] * n["T"] * half < 14)
+    if slow.any():
+        some = {k: v[slow] for k, v in n.items()}
+        longer = math.ceil(14 / 500 / (some["g1"] * some["T"]).min())
+        left[slow] = _swing(some, rng, longer) > limit[slow]
+    return left
 
 
 def _one(n: dict[str, float]) -> Callable[[float, float, float], tuple[float, float]]:
