@@ -12,6 +12,7 @@ from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.trials import Driver
 from slipctl.studies.bench.peers.slip_nmpc import axle, cost, make
+from slipctl.studies.predictive.estimation import estimation
 from slipctl.studies.predictive.loops import GAINS
 from slipctl.studies.predictive.problems import (
     AXLE_H,
@@ -309,4 +310,5 @@ EXPERIMENTS = {
     "preview": Experiment("What it brings to know the rail ahead", preview),
     "pi_gains": Experiment("The best PI law on the same run", pi_gains),
     "horizons": Experiment("Operations over the horizon", horizons),
+    "estimation": Experiment("The adhesion force by a window of samples", estimation),
 }
