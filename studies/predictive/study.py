@@ -53,6 +53,8 @@ def by_do_mpc(r: Results) -> float | None:
     """Largest relative distance of our cost from that of do-mpc."""
     if not find_spec("do_mpc"):
         raise NotRun("do-mpc is not installed: pip install slipctl[bench]")
+    if r.quick:
+        raise NotRun("do-mpc was not run")
     found = [apart(r, n, OWN[1], DO_MPC) for n in ("reference", "car")]
     return None if None in found else max(v for v in found if v is not None)
 
