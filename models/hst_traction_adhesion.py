@@ -221,7 +221,10 @@ def typical_surfaces(creep_law: Block = polach) -> Block:
     """
     surfaces = creep_law.conditions
     if len(surfaces) < 2:
-        raise BadInput(f"typical_surfaces: {creep_law.name} has {len(surfaces)}, it takes 2")
+        raise BadInput(
+            f"typical_surfaces: {creep_law.name} has {len(surfaces)} rail conditions, it takes 2 or"
+            f" more; name them, {creep_law.name}.with_conditions(dry={{...}}, ice={{...}})"
+        )
     distinct = list(dict.fromkeys(k for values in surfaces.values() for k in values))
     bare = make_block(  # without conditions: what the rail is, is not told to the controller
         "curves", "law", creep_law.expr, inputs=creep_law.inputs.values(),

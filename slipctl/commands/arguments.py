@@ -319,7 +319,10 @@ def parser() -> Parser:
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument(
-        "system", metavar="SYSTEM|STUDY", nargs="?", help="super_twisting, or a study; none: a list"
+        "system",
+        metavar="SYSTEM|STUDY[:LOOP]",
+        nargs="?",
+        help="super_twisting, a study or a loop of it; none: a list",
     )
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
@@ -327,6 +330,11 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help="answer as JSON")
     p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
+    p.add_argument(
+        "--map", metavar="X[=LO:HI],Y[=LO:HI]",
+        help="draw where two numbers are certified, refuted or neither; --out is a folder then",
+    )  # fmt: skip
+    p.add_argument("--points", metavar="N", type=int, default=25, help="of a map, each way (25)")
 
     p = command("check", "Check a certificate again with rational arithmetic alone.")
     p.add_argument("file", metavar="FILE")

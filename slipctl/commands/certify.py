@@ -10,11 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from slipctl import __version__
 from slipctl.block.units import unit
 from slipctl.certify import catalogue, certificate, proofs, reading, smtlib, systems
 from slipctl.certify.systems import Report, System
+from slipctl.commands import certify_loop
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.study.declaration import Gains, Study
@@ -28,6 +30,11 @@ def answer(options: argparse.Namespace, command: str) -> int:
     """Print the list of systems, or what certifying one of them gives."""
     if options.system is None:
         print(listed())
+        return 0
+    if options.map is not None:
+        if options.json:
+            raise BadInput("--map writes its data to map.json; leave out --json")
+        print(certify_loop.mapped(options, command))
         return 0
     print(certify(options.system, options.settings, options.json, options.out, command))
     return 0
@@ -48,6 +55,10 @@ def certify(
             f"{system} describes a vehicle, which certify does not take yet; certify its gains by"
             " their system, slipctl certify super_twisting --set k1=20 ..., see docs/certify.md"
         )
+    if certify_loop.is_loop(system):
+        if settings or out is not None:
+            raise BadInput(f"{system} is a loop; certify it without --set and --out")
+        return certify_study(system, as_json, command)
     if system.endswith(".py") or (system in doors.studies() and system not in catalogue.SYSTEMS):
         if settings or out is not None:
             raise BadInput(f"{system} is a study; certify it without --set and --out")
@@ -92,8 +103,8 @@ class Answer:
     needs: str
 
 
-def answers(study: Study) -> list[Answer]:
-    """Certify every controller of a study with the numbers that its loops use.
+def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
+    """Certify controllers of a study with the numbers that its loops use; without ``of`` all.
 
     Raises:
         BadInput: the study declares none, or a loop that it does not have.
@@ -103,7 +114,7 @@ def answers(study: Study) -> list[Answer]:
     if not study.gains:
         raise BadInput(f"{study.name} declares no gains to certify; see slipctl certify")
     found, cases = [], doors.build_cases(study)
-    for gains in study.gains:
+    for gains in study.gains if of is None else of:
         loop, _ = doors.pick_loop(study, cases, gains.loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         report = systems.report(catalogue.system(gains.system), numbers)
@@ -150,15 +161,19 @@ def _bound(margin: str, value: float) -> str:
 
 
 def certify_study(name: str, as_json: bool, command: str) -> str:
-    """Answer of ``slipctl certify STUDY``.
+    """Answer of ``slipctl certify STUDY`` or ``STUDY:LOOP``.
 
     Raises:
         BadInput: no such study, or it declares no gains.
     """
     from slipctl.study import doors
 
-    study = doors.load_study(name)
-    found = answers(study)
+    of = None
+    if certify_loop.is_loop(name):
+        study, of = certify_loop.find(name)
+    else:
+        study = doors.load_study(name)
+    found = answers(study, of)
     if as_json:
         entries = {
             a.gains.name: {
@@ -168,7 +183,10 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
             }
             for a in found
         }  # fmt: skip
-        said = {"format": store.FORMAT, "study": study.name, "gains": entries}
+        said: dict[str, Any] = {"format": store.FORMAT, "study": study.name}
+        if of is not None:
+            said |= {"loop": name.rpartition(":")[2], "verdict": together(found)}
+        said["gains"] = entries
         return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
     rows = [f"{study.name}: {study.title}"]
     for a in found:
@@ -189,6 +207,14 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
            for a in found if a.condition is not None):  # fmt: skip
         rows += ["", "* its verdict depends on the unit of length"]
     return "\n".join(rows)
+
+
+def together(found: Sequence[Answer]) -> str:
+    """Verdict of a loop: certified where all its certificates are, refuted where one is."""
+    verdicts = {a.report.verdict for a in found}
+    if systems.REFUTED in verdicts:
+        return systems.REFUTED
+    return systems.CERTIFIED if verdicts == {systems.CERTIFIED} else systems.UNDECIDED
 
 
 SHOWN = ("L", "W", "eta", "D")

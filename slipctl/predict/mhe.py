@@ -83,7 +83,8 @@ def mhe(
     who = f"mhe({block.name})"
     if not isinstance(arrival, Mapping) or not arrival:
         raise BadInput(f"{who}: arrival = {arrival!r}; give {{name of an unknown: variance, ...}}")
-    problem = Problem.of("mhe", block, measurements, list(arrival))
+    limited = [n for n in limits if n in block.outputs] if isinstance(limits, Mapping) else []
+    problem = Problem.of("mhe", block, measurements, list(arrival), limited)
     for s in problem.increments:
         raise BadInput(
             f"{who}: {s.name} is measured and not estimated; give arrival={{{s.name!r}: ...}} too"

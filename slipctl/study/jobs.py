@@ -144,10 +144,16 @@ def each(
         while waiting or running:
             stopping.check()
             while waiting and (free or cores.borrow()):
+                free = max(free, 1)  # a borrowed one is held, also where no process can be made
                 name, job = waiting.popleft()
-                started = _Running(name, job, cores, others=tuple(running))
+                try:
+                    started = _Running(name, job, cores, others=tuple(running))
+                except OSError as error:
+                    why = RunFailed(f"no process can be made for it: {error.strerror or error}")
+                    yield name, Outcome(error=why)
+                    continue
                 running[started.pipe] = started
-                free = max(free - 1, 0)
+                free -= 1
                 tell(name, 0.0)
             while free and running:  # none waits: others may use the core, also within a job
                 cores.give_back()
@@ -186,9 +192,16 @@ class _Running:
             self.process = fork.Process(
                 target=_forked, args=(job, theirs, cores, (self.pipe, *others)), name=name
             )
-            with _no_signals():  # the new process hears them when it knows what they mean
-                self.process.start()
-        theirs.close()
+            try:
+                with _no_signals():  # the new process hears them when it knows what they mean
+                    self.process.start()
+            except BaseException:  # an interrupt too, that waited until the process was there
+                self.pipe.close()
+                if self.process.pid is not None:
+                    _stop([self])
+                raise
+            finally:
+                theirs.close()
 
     def hear(self) -> tuple[str, Any]:
         """Next message: the share done, or the outcome."""

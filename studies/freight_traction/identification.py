@@ -8,7 +8,7 @@ resistance over weight, with white noise of .02 N/kN; ``in the loop`` gets speed
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -145,19 +145,27 @@ METHODS: dict[str, Callable[[str, float, int], np.ndarray]] = {
 }
 
 
-def many_seeds(quick: bool, progress: Callable[[float], None]) -> dict[str, Table]:
+def many_seeds(context: Context) -> dict[str, Table]:
     """Coefficients of each method in each run over many seeds."""
-    seeds, noises = 10 if quick else 100, {"wide": (NOISE, 0.0), "narrow": (NOISE, 0.0)}
+    seeds, noises = 10 if context.quick else 100, {"wide": (NOISE, 0.0), "narrow": (NOISE, 0.0)}
     rows: dict[str, list[Any]] = {
         k: []
         for k in ("run", "noise", "method", "seeds", "good", "worst", "worst F", "mean", "std")
     }
     each: dict[str, list[Any]] = {k: [] for k in ("run", "method", "seed", *BOX)}
     jobs = [(r, n, m) for r, ns in noises.items() for n in ns for m in METHODS]
-    for done, (name, noise, method) in enumerate(jobs):
+
+    def work(job: tuple[str, float, str]) -> list[list[float]]:
+        name, noise, method = job
         deterministic = noise == 0 and method in (SQUARES, LOOP)
         count = 1 if deterministic else seeds
-        a = np.array([METHODS[method](name, noise, s) for s in range(1, count + 1)])
+        return [METHODS[method](name, noise, s).tolist() for s in range(1, count + 1)]
+
+    for name in noises:
+        run(name)  # once, before the processes part
+    found = context.each("methods", jobs, work, share=(0.0, 0.8))
+    for (name, noise, method), coefficients in zip(jobs, found, strict=True):
+        a, count = np.array(coefficients), len(coefficients)
         start, end = run(name)[0][[0, -1]]
         off = np.array([errors(x, start, end) for x in a])
         good = int(((off[:, 0] < 0.05) & (off[:, 1] < 0.01)).sum())
@@ -169,7 +177,6 @@ def many_seeds(quick: bool, progress: Callable[[float], None]) -> dict[str, Tabl
             for s, x in enumerate(a, 1):
                 for key, value in zip(each, (name, method, s, *x.tolist()), strict=True):
                     each[key].append(value)
-        progress(0.8 * (done + 1) / len(jobs))
     units = {k: resistance.params[k].unit for k in BOX}
     return {
         "accuracy": Table(
@@ -311,26 +318,19 @@ def in_closed_loop(name: str, compile: bool = True) -> Table:
     )
 
 
-def tables(
-    quick: bool, progress: Callable[[float], None] = lambda share: None, compile: bool = True
-) -> dict[str, Table]:
+def tables(context: Context) -> dict[str, Table]:
     """All tables of the identification."""
-    found = many_seeds(quick, progress)
+    found = many_seeds(context)
     found["excitation"] = excitation()
-    found["convergence"] = convergence(quick)
+    found["convergence"] = convergence(context.quick)
     for name in RUNS:
-        found[f"loop_{name}"] = in_closed_loop(name, compile)
-    progress(1.0)
+        found[f"loop_{name}"] = in_closed_loop(name, context.compile)
     return found
-
-
-def _experiment(context: Context) -> Mapping[str, Table]:
-    return tables(context.quick, context.progress, context.compile)
 
 
 EXPERIMENTS = {
     "identification": Experiment(
-        "Identification", _experiment, "Do the data tell the running resistance, and who finds it?"
+        "Identification", tables, "Do the data tell the running resistance, and who finds it?"
     ),
 }
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
-
-from slipctl import Block, Gains
+from slipctl import Block, Gains, argmax
 from slipctl.analysis.bounding import Bound, largest_slope
 from slipctl.models.subway_braking import double_exponential
 from slipctl.models.subway_braking_control import super_twisting
@@ -19,15 +17,24 @@ TUBE = 0.05
 """Distance from the best slip within which the slip is held, m/s; the study's settling band."""
 
 
-@cache
-def slope_in_the_tube() -> Bound:
-    """Largest |mu'| of dry rail within the tube about the peak, in s/m; proven."""
-    best = float(double_exponential.closed_form(**_dry(), c=1.0))
-    return largest_slope(double_exponential, "mu", "v_s", {"v_s": (best - TUBE, best + TUBE)})
+_SLOPES: dict[str, Bound] = {}
+"""What was found, by equations and rails: tuning asks for the same law again and again."""
 
 
-def _dry() -> dict[str, float]:
-    return {n: double_exponential.conditions["dry"][n] for n in ("a", "b")}
+def slope_in_the_tube(law: Block = double_exponential) -> Bound:
+    """Largest |mu'| in the tube about the peak, on the worst of the law's rails, s/m; proven."""
+    own = {n: float(v) for n, v in law.param_values().items()}
+    every = [own | dict(at) for at in (law.conditions or {"": {}}).values()]
+    rails = [at for k, at in enumerate(every) if at not in every[:k]]
+    key = f"{law.f.serialize()} {rails}"
+    if key not in _SLOPES:
+        peaks = [argmax(law, "v_s", lo=0.01, hi=10, at=at).location for at in rails]
+        _SLOPES[key] = max(
+            (largest_slope(law, "mu", "v_s", {"v_s": (best - TUBE, best + TUBE)}, **at)
+             for best, at in zip(peaks, rails, strict=True)),
+            key=lambda bound: bound.value,
+        )  # fmt: skip
+    return _SLOPES[key]
 
 
 def disturbance_slope(loop: Block, k1: float | None = None) -> float:
@@ -40,7 +47,8 @@ def disturbance_slope(loop: Block, k1: float | None = None) -> float:
     m, J, r, g = (_number(loop["ctl"], n) for n in ("m", "J", "r", "g"))
     own = float(super_twisting().params["k1"].value) if k1 is None else k1
     fastest = 2 * own * TUBE**0.5
-    return ERROR * (1 / m + r * r / J) * m * g * slope_in_the_tube().value * fastest
+    slope = slope_in_the_tube(loop["plant.adh"]).value
+    return ERROR * (1 / m + r * r / J) * m * g * slope * fastest
 
 
 def _number(loop: Block, name: str) -> float:

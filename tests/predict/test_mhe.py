@@ -161,6 +161,25 @@ def test_a_broken_sample_is_told_and_it_begins_afresh():
     assert np.isfinite(found["d"]).all()
 
 
+def test_a_limited_output_may_read_what_nothing_else_reads():
+    """A speed above that of a rim, which only the limit knows of: it was a traceback."""
+
+    @flow(gap=Output("m/s", "over the rim"))
+    def speed(v=State("m/s", 0.0, "speed"), rim=Input("m/s", "rim"), a_m=Input("m/s^2")):
+        """Integrated acceleration."""
+        return dict(v=a_m), dict(gap=v - rim)
+
+    block = mhe(
+        speed, "v", 1.0, {"v": 1.0}, drift={"v": 1.0}, limits={"gap": (0.0, 10.0)}, period=0.1,
+        samples=4,
+    )  # fmt: skip
+    tick = Driver(block, compile=False)
+    given = {"v": 0.0, "seen_v": 1.0, "a_m": 0.0, "rim": 2.0}
+    out = dict(zip(block.outputs, tick(*(given[n] for n in block.inputs)), strict=True))
+    assert out["v"] == pytest.approx(2.0, abs=1e-6)  # without the limit it is 0
+    assert out["status"] == 0
+
+
 BAD = [
     (dict(arrival={}), "arrival = {}"),
     (dict(arrival={"x": 1.0, "v": 0.0, "d": 1.0}), "arrival.*must be positive"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from multiprocessing.context import ForkProcess
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,51 @@ def test_a_killed_process_fails_its_job_and_the_others_go_on() -> None:
     assert found["lives"].get() == 1
     with pytest.raises(RunFailed, match="ended with code -9"):
         found["dies"].get()
+
+
+@forked
+@pytest.mark.parametrize("bad", [0, 1, 2])
+def test_a_process_that_cannot_be_made_costs_no_core(monkeypatch, bad: int) -> None:
+    """Its job says so, the others are done, and there are as many tokens as before."""
+    starts, start = iter(range(9)), ForkProcess.start
+
+    def failing(process: ForkProcess) -> None:
+        if next(starts) == bad:
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        start(process)
+
+    monkeypatch.setattr(ForkProcess, "start", failing)
+    with Cores(2) as cores:
+        found = dict(each({str(k): (lambda tell, k=k: k) for k in range(3)}, cores, silent))
+        assert {k: v.get() for k, v in found.items() if v.error is None} == {
+            str(k): k for k in range(3) if k != bad
+        }
+        with pytest.raises(RunFailed, match="no process can be made for it: Resource"):
+            found[str(bad)].get()
+        assert cores.borrow()
+        assert not cores.borrow()
+
+
+@forked
+def test_an_interrupt_while_a_process_is_made_leaves_none_behind(monkeypatch) -> None:
+    """It waits until the process is there, and then costs neither process nor core."""
+    made, start = [], ForkProcess.start
+
+    def stopped(process: ForkProcess) -> None:
+        start(process)
+        made.append(process.pid)
+        if len(made) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ForkProcess, "start", stopped)
+    jobs = {name: (lambda tell: time.sleep(60)) for name in "abc"}
+    with Cores(2) as cores:
+        with pytest.raises(KeyboardInterrupt):
+            list(each(jobs, cores, silent))
+        assert len(made) == 2
+        assert all(gone(pid) for pid in made)
+        assert cores.borrow()
+        assert not cores.borrow()
 
 
 @forked

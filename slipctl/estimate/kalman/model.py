@@ -44,9 +44,13 @@ class Problem:
 
     @classmethod
     def of(
-        cls, call: str, block: Block, measured: str | Sequence[str], estimate: str | Sequence[str]
-    ) -> Problem:
-        """Check what the user asked for and find what the equations depend on."""
+        cls, call: str, block: Block, measured: str | Sequence[str],
+        estimate: str | Sequence[str], limited: Sequence[str] = (),
+    ) -> Problem:  # fmt: skip
+        """Check what the user asked for and find what the equations depend on.
+
+        ``limited``: names of outputs that are kept within limits, so what they read is used too.
+        """
         who = f"{call}({block.name})"
         if block.kind != "flow":
             raise BadInput(f"{who}: {block.name} is a {block.kind}; a filter is made from a flow")
@@ -55,7 +59,7 @@ class Problem:
         whole = cls(who, block, unknown, found, (), (), frozenset(), frozenset())
         rates, outputs = whole._needs()
         whole._refuse_unseen(rates, outputs)
-        used = rates | outputs
+        used = rates | outputs | whole._reads(limited)
         names = {s.name for s in (*unknown, *found)}
         states = [s for s in block.states.values() if s.name in used and s.name not in names]
         inputs = [s for s in block.inputs.values() if s.name in used and s.name not in names]
@@ -143,6 +147,12 @@ class Problem:
             _depends([*moving, *increments], values),
             _depends(self.outputs(values), values),
         )
+
+    def _reads(self, outputs: Sequence[str]) -> set[str]:
+        """Names that some outputs of the flow depend on."""
+        values = self.symbols()
+        y = self.equations(values)[1]
+        return _depends([y[n] for n in outputs], values)
 
     def _refuse_unseen(self, rates: set[str], outputs: set[str]) -> None:
         """Refuse an unknown on which no measurement depends, not even through other unknowns."""

@@ -1,0 +1,106 @@
+"""The adhesion force of ``hst_braking`` by a window of samples, beside the filters of the paper."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from slipctl import Block, Context, Table, ekf, mhe, simulate
+from slipctl.models.hst_braking_estimate import adhesion_filter, wheel_model
+from slipctl.predict.trials import Driver
+from slipctl.study.doors import build_cases, load_study
+
+DRIFTS = {1e-3: 1e6, 1e-2: 1e8, 5e-2: 1e8}
+"""Drift of the adhesion force in N^2/s by the standard deviation of the measured wheel speed in
+rad/s: about as quick after a change of the rail as the filter of the paper."""
+
+RAILS = {"dry": (0.0, 2.0), "snow": (2.0, 4.0), "wet": (4.0, 6.0)}
+"""Spans in s of the scenario ``base`` of hst_braking."""
+
+SAMPLES = 30
+CHANGE = 0.05
+"""Time in s after a start or a change of rail that counts as change."""
+
+
+def filters(noise: float, start: float) -> dict[str, Block]:
+    """The estimators by name, told the noise; that of the paper has its own settings."""
+    both: dict[str, Any] = {
+        "drift": {"omega": 1e-9, "F_a": DRIFTS[noise]}, "start": {"omega": start, "F_a": 0.0},
+    }  # fmt: skip
+    prior = {"omega": 1.0, "F_a": 4e6}
+    limits = {"F_a": (-30e3, 0.0)}
+    return {
+        "ctukf": adhesion_filter(),
+        "ekf": ekf(
+            wheel_model, "omega", ("omega", "F_a"), prior=prior, noise=noise**2, **both
+        ),
+        "mhe": mhe(
+            wheel_model, "omega", noise**2, prior, limits=limits, samples=SAMPLES, **both
+        ),
+    }  # fmt: skip
+
+
+def estimation(context: Context) -> dict[str, Table]:
+    """Errors of each estimator over rails and noises, all on the same run."""
+    case = build_cases(load_study("hst_braking"))[0]
+    log = simulate(case.loops["eppfc"], case.scenario, compile=context.compile)
+    t = log["time"].values
+    omega, T_b, F_a = (
+        log[n].values.ravel() for n in ("plant.wheel.omega", "plant.brake.T_b", "plant.wheel.F_a")
+    )
+
+    def work(noise: float) -> dict[str, Any]:
+        drawn = np.random.default_rng([context.seed, 19]).standard_normal(omega.size)
+        given = {"omega": omega + noise * drawn, "T_b": T_b, "seen_omega": np.ones(omega.size)}
+        found: dict[str, Any] = {}
+        for name, block in filters(noise, float(omega[0])).items():
+            tick, rows = Driver(block, context.compile), []
+            columns = [given[n] for n in block.inputs]
+            for k in range(omega.size):
+                rows.append(tick(*(c[k] for c in columns)))
+            out = dict(zip(block.outputs, np.array(rows).T, strict=True))
+            error = out["F_a"] - F_a
+            spans = {(r, "steady"): (t >= a + CHANGE) & (t < b) for r, (a, b) in RAILS.items()}
+            spans |= {(r, "change"): (t >= a) & (t < a + CHANGE) for r, (a, _) in RAILS.items()}
+            found[name] = {
+                "rms": {" ".join(k): float(np.sqrt(np.mean(error[s] ** 2)))
+                        for k, s in spans.items()},
+                "pushes": int((out["F_a"] > 1e-6).sum()),
+                "unsolved": int((out.get("status", np.zeros(1)) != 0).sum()),
+                "values": out["F_a"].tolist(),
+            }  # fmt: skip
+        apart = np.abs(np.subtract(found["mhe"]["values"], found["ekf"]["values"]))
+        calm = np.array(found["ekf"]["values"]) < -1000  # away from the limit, long enough
+        kept = np.convolve(calm, np.ones(10 * SAMPLES), "full")[: calm.size] == 10 * SAMPLES
+        for row in found.values():
+            del row["values"]
+        return found | {"apart": float(apart[kept].max())}
+
+    noises = list(DRIFTS)[1:2] if context.quick else list(DRIFTS)
+    found = context.each("estimation", noises, work)
+    names = ("ctukf", "ekf", "mhe")
+    rows = [(s, r, part, f) for s, f in zip(noises, found, strict=True)
+            for part in ("steady", "change") for r in RAILS]  # fmt: skip
+    return {
+        "errors": Table(
+            "Adhesion force: rms error by noise of the wheel speed and rail",
+            {
+                "noise": ("rad/s", [s for s, *_ in rows]),
+                "rail": ("", [r for _, r, *_ in rows]),
+                "part": ("", [part for *_, part, _ in rows]),
+                **{n: ("N", [f[n]["rms"][f"{r} {p}"] for _, r, p, f in rows]) for n in names},
+            },
+            "Change: the first 50 ms of each rail; steady: the rest. ctukf is the filter of the"
+            " paper, which is not told the noise. Window of 30 samples of 1 ms.",
+        ),
+        "limits": Table(
+            "An adhesion force that pushes the train",
+            {
+                "noise": ("rad/s", noises),
+                **{f"samples, {n}": ("", [f[n]["pushes"] for f in found]) for n in names},
+                "mhe, ticks not solved": ("", [f["mhe"]["unsolved"] for f in found]),
+                "mhe from ekf, away from the limit": ("N", [f["apart"] for f in found]),
+            },
+        ),
+    }

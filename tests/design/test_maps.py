@@ -1,0 +1,121 @@
+"""Maps: each point is decided as it is by itself; what is drawn is what was decided."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slipctl import BadInput
+from slipctl.certify import catalogue
+from slipctl.certify.promise import checked
+from slipctl.certify.proofs import decide
+from slipctl.commands.certify import together
+from slipctl.commands.cli import main
+from slipctl.design import maps
+from slipctl.study.jobs import Cores
+
+SYSTEM = catalogue.system("super_twisting")
+GIVEN = {"k1": 3.0, "k2": 2.0, "L": 1.0}
+
+
+def drawn(axes: str = "k1=0.5:8,k2=0.5:8", points: int = 9, jobs: int = 1) -> maps.Map:
+    with Cores(jobs) as cores:
+        return maps.drawn_map(SYSTEM, GIVEN, maps.read_axes(axes, SYSTEM, GIVEN), "a law", points,
+                              cores)  # fmt: skip
+
+
+def test_regions_are_those_of_the_theory() -> None:
+    """k2 <= L is refuted by a constant disturbance; k1^2 >= 8 (k2 + L), k2 > L cannot overshoot."""
+    found = drawn()
+    xs, ys = (a.values(9) for a in (found.x, found.y))
+    for row, k2 in zip(found.verdicts, ys, strict=True):
+        for verdict, k1 in zip(row, xs, strict=True):
+            if k2 <= 1:
+                assert verdict == "REFUTED"
+            elif k1**2 >= 8 * (k2 + 1):
+                assert verdict == "CERTIFIED"
+    assert {v for row in found.verdicts for v in row} <= {"CERTIFIED", "REFUTED", "UNDECIDED"}
+    assert found.here == "CERTIFIED"
+
+
+def test_a_margin_is_a_factor_on_the_bound() -> None:
+    """A point of margin m is certified with L = m; the next level above it is not."""
+    found = drawn(points=4)
+    levels = (1.0, *maps.LEVELS)
+    for margins, k2 in zip(found.margins, found.y.values(4), strict=True):
+        for m, k1 in zip(margins, found.x.values(4), strict=True):
+            for level in levels:
+                at = checked(SYSTEM, {"k1": float(k1), "k2": float(k2), "L": Fraction(str(level))})
+                assert (decide(SYSTEM, at).verdict == "CERTIFIED") == (level <= m)
+
+
+def test_cores_change_nothing_and_cells_touch() -> None:
+    """Two processes find what one finds; borders lie between cells that differ, and only there."""
+    one = drawn(points=5)
+    assert one == drawn(points=5, jobs=2)
+    codes = np.array([[0, 0, 1], [0, 1, 1]])
+    edges = np.arange(4.0)
+    lines = maps._borders(codes, edges, edges[:3])
+    assert sorted(lines) == [
+        [(1.0, 1.0), (1.0, 2.0)], [(1.0, 1.0), (2.0, 1.0)], [(2.0, 0.0), (2.0, 1.0)]
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("axes", "said"), [
+    ("k1", "write two numbers"), ("k1,k1", "write two numbers"), ("k1,k3", "has no 'k3'"),
+    ("k1=5:1,k2", "lo < hi"), ("k1=5,k2", "write k1=LO:HI"), ("k1=1:2m,k2", "another dimension"),
+    ("k1,T", "T is not told"), ("", "has no ''"),
+])  # fmt: skip
+def test_axes_that_are_none(axes: str, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        maps.read_axes(axes, SYSTEM, GIVEN)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Picture and data; other lines end with 2."""
+    given = ["k1=3", "k2=2", "L=1"]
+    line = ["certify", "super_twisting", "--set", *given, "--map", "k1,k2", "--points", "3"]
+    assert main([*line, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    data: dict[str, Any] = json.loads((tmp_path / "map.json").read_text())
+    flat = [v for row in data["verdicts"] for v in row]
+    assert f"{flat.count('CERTIFIED')} CERTIFIED" in said
+    assert data["verdict_here"] == "CERTIFIED"
+    assert [*data["axes"]] == ["k1", "k2"]
+    for end in ("png", "svg"):
+        assert (tmp_path / f"map.{end}").stat().st_size > 1000
+    for bad in (
+        [*line, "--json"], [*line, "--set", "k3=2"], ["certify", "subway_braking", "--map", "a,b"],
+        ["certify", "subway_braking:stb"], [*line, "--out", str(tmp_path / "a.json")],
+    ):  # fmt: skip
+        assert main(bad) == 2
+
+
+def test_a_loop_answers_without_a_typed_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``STUDY:LOOP`` gives the certificates of the loop, and one verdict of all at the top."""
+    assert main(["certify", "subway_braking:sta", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found)[:4] == ["format", "study", "loop", "verdict"]
+    assert found["verdict"] == found["gains"]["sta"]["verdict"] == "CERTIFIED"
+    line = ["certify", "subway_braking:smc", "--map", "g1,g2", "--points", "2"]
+    assert main([*line, "--out", str(tmp_path)]) == 0
+    assert "the design point is REFUTED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("verdicts", "whole"), [
+    (["CERTIFIED", "CERTIFIED"], "CERTIFIED"), (["CERTIFIED", "UNDECIDED"], "UNDECIDED"),
+    (["UNDECIDED", "REFUTED", "CERTIFIED"], "REFUTED"),
+])  # fmt: skip
+def test_one_verdict_of_several(verdicts: list[str], whole: str) -> None:
+    class Answer:
+        def __init__(self, verdict: str) -> None:
+            self.report = type("Report", (), {"verdict": verdict})
+
+    assert together([Answer(v) for v in verdicts]) == whole  # type: ignore[misc]
