@@ -295,9 +295,9 @@ def _produce(
             f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
             " run, check(block, inputs, folder)"
         )
-    trials = (
-        _trials(plan, made, rows, used_params) if replay and (real == "float" or boards) else None
-    )
+    # the written test is to pass where it is made: limits in float are those of trials
+    tried_too = real == "float" and rounding.there() and len(rows) > 0
+    trials = _trials(plan, made, rows, used_params) if tried_too or (replay and boards) else None
     first, tried = expected.kept(run, trials, KEPT)
     first = expected.with_limits(plan, first, used_params, tried)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]

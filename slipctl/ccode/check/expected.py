@@ -167,7 +167,7 @@ def with_limits(
         if varies and not limits[m.name] <= ENVELOPE * swing:
             envelope.add(m.name)
             limits[m.name] = max(ENVELOPE * swing, 2 * _largest(e), eps * _largest(w))
-            if 2 * _largest(e) > swing:
+            if 2 * _largest(e) > swing or trials is None:  # untried: what chatters decides nothing
                 limits[m.name] = UNKNOWN
     return Expected(run.rows, run.outputs, run.states, status, limits, frozenset(envelope))
 

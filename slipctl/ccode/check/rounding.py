@@ -114,6 +114,15 @@ class Trials:
         return spread, ends
 
 
+def there() -> bool:
+    """Whether there is a C++ compiler."""
+    try:
+        compiler()
+    except BadInput:
+        return False
+    return True
+
+
 @lru_cache(maxsize=1)
 def compiler() -> str:
     """C++ compiler, which the other arithmetic needs.
