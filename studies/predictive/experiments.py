@@ -233,7 +233,7 @@ def pi_gains(context: Context) -> Table:
         "PI with the best of a grid of gains, chosen on the run that is judged",
         {
             "plant": ("", list(spans)),
-            "least cost of PI": ("1", [f["cost"] for f in found]),
+            "least cost of 625 pairs": ("1", [f["cost"] for f in found]),
             "K_p over 1 kN m or N m": ("1", [f["K_p"] for f in found]),
             "K_i over 1 kN m/s or N m/s": ("1", [f["K_i"] for f in found]),
             "cost of PI with the gains of the loops": ("1", [f["used"] for f in found]),

@@ -70,7 +70,7 @@ def in_order(name: str) -> Callable[[Results], Any]:
     def ours(r: Results) -> dict[str, float]:
         t = r.table("pi_gains")
         return {"nmpc": t.where("cost of nmpc", plant=name),
-                "PI": t.where("least cost of PI", plant=name)}  # fmt: skip
+                "PI": t.where("least cost of 625 pairs", plant=name)}  # fmt: skip
 
     return ours
 
