@@ -247,5 +247,5 @@ def test_first_move_of_predictive_control_keeps_the_jerk():
 def test_bad_input():
     with pytest.raises(BadInput, match="axles = 0"):
         control.controller(control.pid, axles=0)
-    with pytest.raises(BadInput, match="typical_surfaces"):
+    with pytest.raises(BadInput, match=r"0 rail conditions, it takes 2 or more; name them, pid\."):
         adhesion.typical_surfaces(control.pid)
