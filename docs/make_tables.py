@@ -3,7 +3,8 @@
 The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDER`` those that
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
-``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times``, of verdicts.
+``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
+``adversary``, of verdicts.
 """
 
 from __future__ import annotations
@@ -126,7 +127,19 @@ def verdict_times(results: Path, words: list[str]) -> str:
     return rows_to_text(head, rows)
 
 
-MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times}
+def adversary_cases(results: Path, words: list[str]) -> str:
+    """A row per system: what became of its cases against the adversary."""
+    found = json.loads((DOCS / "evidence" / "adversary.json").read_text(encoding="utf-8"))
+    rows = [
+        [f"`{name}`", *(str(n[k]) for k in ("cases", "certified", "refuted", "undecided")),
+         str(len(n["false_certified"]) + len(n["false_refuted"]))]
+        for name, n in found["numbers"].items()
+    ]  # fmt: skip
+    return rows_to_text(["system", "cases", "CERTIFIED", "REFUTED", "UNDECIDED", "false"], rows)
+
+
+MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
+          "adversary": adversary_cases}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):

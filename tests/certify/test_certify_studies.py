@@ -168,6 +168,22 @@ def test_declared_gains_are_whole():
     assert hst_traction_gains.SLOPE == 2000.0
 
 
+def test_certify_and_the_table_of_the_study_tell_one_slope():
+    """What ``certify hst_traction`` asks about is the number of the study's table.
+
+    1e-6: last digits may differ between versions of what computes them.
+    """
+    text = (Path(__file__).parents[2] / "docs/evidence/hst_traction.json").read_text("utf-8")
+    table = json.loads(text)["numbers"]["tables"]["experiments"]["certified"]["certified"]
+    names = ("loop", "span", "99.9 % of the time below")
+    columns = (table["columns"][k]["values"] for k in names)
+    rows = zip(*columns, strict=True)
+    told = {loop: value for loop, span, value in rows if span.startswith("dry")}
+    met = hst_traction_gains.slope_met
+    assert met("optimum").value == pytest.approx(told["hosm_limited"], rel=1e-6)
+    assert met("printed").value == pytest.approx(told["hosm_limited_printed"], rel=1e-6)
+
+
 def test_table_of_units_marks_the_three():
     table = gain_bounds_experiments.units(None)
     changed = [n for n, c in zip(table["criterion"], table["verdict changes"], strict=True) if c]
