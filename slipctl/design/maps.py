@@ -23,6 +23,7 @@ from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, checked
 from slipctl.design.promises import scaled
 from slipctl.draw import looks, plots
+from slipctl.draw.regions import regions
 from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.run import store
 from slipctl.seek.population import Box
@@ -200,12 +201,7 @@ def _point(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
 
 def figure(found: Map) -> plots.Figure:
     """Draw it: regions, darker the larger the margin, lines between them, the design point."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
     points = len(found.verdicts)
-    xs, ys = (_edges(a, points) for a in (found.x, found.y))
     proved = {(CERTIFIED, m): c for m, c in zip((1.0, *LEVELS), SHADES, strict=True)}
     kinds = proved | {(UNDECIDED, 0.0): GREY, (REFUTED, 0.0): ORANGE, ("", 0.0): "#FFFFFF"}
     names = list(kinds)
@@ -213,30 +209,14 @@ def figure(found: Map) -> plots.Figure:
         [names.index(pair) for pair in zip(verdicts, margins, strict=True)]
         for verdicts, margins in zip(found.verdicts, found.margins, strict=True)
     ])  # fmt: skip
-    fig, axes = plots.panels(height=4.2)
-    axis = axes[0, 0]
-    with looks.style():
-        axis.pcolormesh(xs, ys, codes, cmap=ListedColormap(list(kinds.values())),
-                        vmin=-0.5, vmax=len(names) - 0.5, rasterized=True)  # fmt: skip
-        axis.add_collection(LineCollection(_borders(codes, xs, ys), colors="#1a1a1a", lw=0.8))
-        for a, scale in ((found.x, axis.set_xscale), (found.y, axis.set_yscale)):
-            if a.logarithmic:
-                scale("log")
-        here = [found.numbers.get(a.name) for a in (found.x, found.y)]
-        if all(h is not None for h in here):
-            axis.plot(*here, "*", color="#1a1a1a", ms=12, mec="white", mew=0.8)
-        axis.set_xlim(xs[0], xs[-1])
-        axis.set_ylim(ys[0], ys[-1])
-        axis.set_xlabel(looks.label(found.x.name, found.x.unit))
-        axis.set_ylabel(looks.label(found.y.name, found.y.unit))
-        axis.set_title(found.what)
-        seen = [names[k] for k in sorted(set(codes.ravel().tolist())) if names[k][0]]
-        axis.legend(handles=[
-            Patch(facecolor=kinds[n], edgecolor="#6b6b6b",
-                  label=n[0].lower() + (f", margin {n[1]:g}" if n[1] > 1 else ""))
-            for n in seen
-        ])  # fmt: skip
-    return fig
+    labels = [v.lower() + (f", margin {m:g}" if m > 1 else "") for v, m in names]
+    sides = (found.x, found.y)
+    here = [found.numbers.get(a.name) for a in sides]
+    return regions(
+        codes, list(kinds.values()), labels, [_edges(a, points) for a in sides],
+        [looks.label(a.name, a.unit) for a in sides], [a.logarithmic for a in sides],
+        here if all(h is not None for h in here) else None, found.what,
+    )  # fmt: skip
 
 
 def _edges(axis: Axis, points: int) -> np.ndarray:
@@ -246,19 +226,6 @@ def _edges(axis: Axis, points: int) -> np.ndarray:
     if axis.logarithmic:
         return axis.lo * (axis.hi / axis.lo) ** at
     return axis.lo + (axis.hi - axis.lo) * at
-
-
-def _borders(codes: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> list[Any]:
-    """Edges between cells of different regions."""
-    upright = [
-        [(xs[k + 1], ys[j]), (xs[k + 1], ys[j + 1])]
-        for j, k in np.argwhere(codes[:, 1:] != codes[:, :-1])
-    ]
-    level = [
-        [(xs[k], ys[j + 1]), (xs[k + 1], ys[j + 1])]
-        for j, k in np.argwhere(codes[1:] != codes[:-1])
-    ]
-    return upright + level
 
 
 def write(found: Map, folder: Path, command: str) -> list[Path]:

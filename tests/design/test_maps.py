@@ -17,6 +17,7 @@ from slipctl.certify.proofs import decide
 from slipctl.commands.certify import together
 from slipctl.commands.cli import main
 from slipctl.design import maps
+from slipctl.draw import regions
 from slipctl.study.jobs import Cores
 
 SYSTEM = catalogue.system("super_twisting")
@@ -60,7 +61,7 @@ def test_cores_change_nothing_and_cells_touch() -> None:
     assert one == drawn(points=5, jobs=2)
     codes = np.array([[0, 0, 1], [0, 1, 1]])
     edges = np.arange(4.0)
-    lines = maps._borders(codes, edges, edges[:3])
+    lines = regions._borders(codes, edges, edges[:3])
     assert sorted(lines) == [
         [(1.0, 1.0), (1.0, 2.0)], [(1.0, 1.0), (2.0, 1.0)], [(2.0, 0.0), (2.0, 1.0)]
     ]  # fmt: skip
