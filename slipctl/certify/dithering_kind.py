@@ -38,8 +38,9 @@ from slipctl.errors import BadInput
 MOST_DITHER_TICKS = 60_000
 
 SOON, LATER = 8, 40
-"""How many of the averaged loop's time constants a run is followed, before and after a proof was
-looked for; there e^-8 and e^-40 of the start are left where it dies out."""
+"""How many of the averaged loop's time constants a run is followed: before a proof is looked for
+(only where the averaged loop grows), and after; e^-8 and e^-40 of the start are left where it dies
+out."""
 
 
 def _loop(n: Numbers) -> dither.Loop:
@@ -204,6 +205,12 @@ def _find_flight(n: Numbers, constants: float = LATER) -> Entries | None:
                     "noise": "outward" if against else "none",
                 })  # fmt: skip
     return None
+
+
+def _find_soon(n: Numbers) -> Entries | None:
+    """Run that leaves, of a loop that grows on average; of another a proof takes less work."""
+    poles = bounds.perturbation_poles(*(float(n[k]) for k in ("k", "w_l", "a", "curvature")))
+    return _find_flight(n, SOON) if max(p.real for p in poles) > 0 else None
 
 
 def _replay_flight(n: Numbers, run: Entries) -> str:
@@ -392,8 +399,7 @@ PERTURBATION_SEEK = register(System(
     },
     start=_start,
     refuters={
-        "reach": Refuter("reach", _find_flight, _replay_flight, partial(_find_flight,
-                                                                        constants=SOON)),
+        "reach": Refuter("reach", _find_flight, _replay_flight, _find_soon),
         "rest": Refuter("rest", _find_swings_on, _replay_swings_on, _find_swings_on),
         "pushed": Refuter("rest", _find_pushed, _replay_pushed),
     },
