@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.certify import catalogue
 from slipctl.certify.systems import System
 from slipctl.commands.progress import Progress
@@ -35,15 +36,31 @@ def find(name: str) -> tuple[Study, list[Gains]]:
         return study, found
     known = [*dict.fromkeys([*(g.loop for g in study.gains), *(g.name for g in study.gains)])]
     if loop in doors.loop_names(study):
+        why = f": {study.uncertified[loop]}" if loop in study.uncertified else ""
         told = f"; it has {', '.join(known)}" if known else ""
-        raise BadInput(f"{study.name} declares no gains of {right} to certify{told}")
+        raise BadInput(f"{study.name} declares no gains of {right} to certify{why}{told}")
     raise BadInput(f"{study.name} has no loop {right!r}{nearest(right, known)}")
 
 
 def is_loop(name: str) -> bool:
     """Whether a name is ``STUDY:LOOP``."""
     left, colon, _ = name.rpartition(":")
-    return bool(colon) and (left in doors.studies() or left.endswith(".py"))
+    return bool(colon) and (left in doors.studies() or left.endswith((".py", ".toml")))
+
+
+def one(name: str) -> tuple[Gains, Block]:
+    """Gains of ``STUDY:LOOP`` or ``STUDY:GAINS`` and their loop, where that is one certificate.
+
+    Raises:
+        BadInput: it has several.
+    """
+    study, gains = find(name)
+    if len(gains) > 1:
+        known = ", ".join(f"{study.name}:{g.name}" for g in gains)
+        gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
+        if len(gains) != 1:
+            raise BadInput(f"{name} has several certificates; write which: {known}")
+    return gains[0], doors.find_loop(study, gains[0].loop)[0]
 
 
 def mapped(options: argparse.Namespace, command: str) -> str:
@@ -82,16 +99,9 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
     if is_loop(name):
         if options.settings:
             raise BadInput(f"{name} is a loop; certify it without --set")
-        study, gains = find(name)
-        if len(gains) > 1:
-            known = ", ".join(f"{study.name}:{g.name}" for g in gains)
-            by_name = [g for g in gains if g.name == name.rpartition(":")[2]]
-            if len(by_name) != 1:
-                raise BadInput(f"{name} has {len(gains)} certificates; write which: {known}")
-            gains = by_name
-        loop, _ = doors.find_loop(study, gains[0].loop)
-        numbers = {k: float(v) for k, v in gains[0].numbers(loop).items()}
-        return catalogue.system(gains[0].system), numbers, f"{study.name}:{gains[0].name}"
+        gains, loop = one(name)
+        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
+        return catalogue.system(gains.system), numbers, f"{name.rpartition(':')[0]}:{gains.name}"
     if name not in catalogue.SYSTEMS:
         known_ = (*catalogue.SYSTEMS, *doors.studies())
         raise BadInput(f"cannot map {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP")
