@@ -36,6 +36,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
             raise BadInput("--map writes its data to map.json; leave out --json")
         print(certify_loop.mapped(options, command))
         return 0
+    if options.largest is not None or options.smallest is not None:
+        print(certify_loop.ends(options, command))
+        return 0
     print(certify(options.system, options.settings, options.json, options.out, command))
     return 0
 
