@@ -3,8 +3,8 @@
 ``python tests/fuzz/run.py --seconds 60`` or ``--cases 100000 --out fuzz.json``; ``--seed`` has a
 run again. A third of the cases are command lines with their files (curves, models, certificates),
 a third are calls of public functions with a wrong argument, and a third are vehicle files,
-expressions and logs. ``--only lines``, ``calls`` or ``desk`` makes one kind. What ends badly is told
-with its seed and case.
+expressions and logs. ``--only lines``, ``calls`` or ``desk`` makes one kind. What ends badly is
+told with its seed and case.
 """
 
 from __future__ import annotations

@@ -48,8 +48,9 @@ EXPRESSIONS = (
 )
 PIECES = (
     "exp(", ")", "(", "**", "if", "else", "where", ",", "'", "x'", "x+", "one('m/s')", "v_s", "[",
-    "]", "1e400", "lambda", "__import__('os').system('touch left_behind')", "open('left_behind','w')",
-    "9" * 40, "(" * 200, "-" * 200, "not ", "and", "==", "1/0", "sqrt(-1)", "log(0)", ";", "\n",
+    "]", "1e400", "lambda", "__import__('os').system('touch left_behind')",
+    "open('left_behind','w')", "9" * 40, "(" * 200, "-" * 200, "not ", "and", "==", "1/0",
+    "sqrt(-1)", "log(0)", ";", "\n",
 )  # fmt: skip
 LOG = "time [s];speed [km/h];torque\n0;60,0;1000\n0,01;59,9;1010\n0,02;59,8;\n0,03;59,7;990\n"
 CELLS = (
