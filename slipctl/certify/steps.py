@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 METHODS = {"euler": 1, "rk4": 4, "implicit_euler": 1, "sdirk2": 2}
 """Order of each method."""
@@ -28,7 +27,6 @@ def growth(z: complex, method: str) -> float:
     raise ValueError(method)
 
 
-@lru_cache(maxsize=1024)
 def largest_step(eigenvalue: complex, method: str) -> float:
     """Largest h in s with |R(h lambda)| <= 1 for a mode with Re(lambda) < 0; inf when A-stable.
 
