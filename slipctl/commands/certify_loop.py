@@ -158,7 +158,9 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
         return catalogue.system(gains.system), numbers, f"{name.rpartition(':')[0]}:{gains.name}"
     if name not in catalogue.SYSTEMS:
         known_ = (*catalogue.SYSTEMS, *doors.studies())
-        raise BadInput(f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP")
+        raise BadInput(
+            f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP"
+        )
     system = catalogue.system(name)
     return system, read_numbers(system, options.settings), name
 
