@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from slipctl import __version__
 from slipctl.block.block import Block
@@ -17,9 +18,13 @@ from slipctl.certify.farthest import Farthest
 from slipctl.certify.systems import System
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
-from slipctl.run import store
+from slipctl.run import machine, store
 from slipctl.study import doors
 from slipctl.study.declaration import Gains, Study
+
+if TYPE_CHECKING:
+    from slipctl.design.maps import Axis
+    from slipctl.run.sweeping import Measured
 
 
 def find(name: str) -> tuple[Study, list[Gains]]:
@@ -73,6 +78,7 @@ def mapped(options: argparse.Namespace, command: str) -> str:
         BadInput: a system or loop that there is not, axes that are none.
     """
     from slipctl.design import maps
+    from slipctl.design.levels import levels
     from slipctl.study.jobs import Cores
 
     system, given, what = _asked(options)
@@ -82,17 +88,47 @@ def mapped(options: argparse.Namespace, command: str) -> str:
     if folder.suffix == ".json":
         raise BadInput(f"--out {folder}: a map is a picture and data; write a folder")
     store.check_folder(folder)
-    progress = Progress(1, sys.stderr, options.quiet)
+    seen = _measured(options, axes, given) if options.metric is not None else None
+    progress = Progress(1 + (seen is not None), sys.stderr, options.quiet)
     try:
         with Cores(None) as cores:
             found = maps.drawn_map(
                 system, given, axes, what, options.points, cores,
                 lambda share: progress("map", share),
             )  # fmt: skip
+        if seen is not None:
+            xs, ys = (a.values(options.points) for a in axes)
+            found = replace(found, levels=levels(
+                *seen, xs, ys, machine.cores(), lambda share: progress(options.metric, share)
+            ))  # fmt: skip
     finally:
         progress.end()
     files = maps.write(found, folder, command)
     return maps.text(found) + "\n\n" + "\n".join(map(str, files))
+
+
+def _measured(
+    options: argparse.Namespace, axes: Sequence[Axis], given: Mapping[str, Any]
+) -> tuple[Measured, str, tuple[str, str]]:
+    """Loop of a map, its metric, and the numbers of the loop that the axes set.
+
+    Raises:
+        BadInput: no such metric, a system in place of a loop, or axes that are no numbers of it.
+    """
+    from slipctl.design.levels import places
+    from slipctl.run.metrics import METRICS
+    from slipctl.run.sweeping import Measured
+
+    if options.metric not in METRICS:
+        known = nearest(options.metric, METRICS)
+        raise BadInput(f"--metric {options.metric}: there is no such metric{known}")
+    if not is_loop(options.system):
+        raise BadInput(f"--metric runs a loop, and {options.system} is a system; map STUDY:LOOP")
+    gains, loop = one(options.system)
+    study, _ = find(options.system)
+    case = doors.find_loop(study, gains.loop)[1]
+    at = places(loop, study.controller, [a.name for a in axes], given)
+    return Measured(loop, case.scenario, study.signals, case.known), options.metric, at
 
 
 def ends(options: argparse.Namespace, command: str) -> str:
