@@ -24,7 +24,8 @@ from slipctl.models.vehicle.trip import case
 from slipctl.study import doors, trip_files
 
 FOLDER = Path(__file__).parent / "parts"
-HEAD = ["part", "signal", "role", "unit", "value", "lo", "hi", "positive", "meaning", "first", "second"]
+HEAD = ["part", "signal", "role", "unit", "value", "lo", "hi", "positive", "meaning", "first",
+        "second"]  # fmt: skip
 NEAR = 1e-7
 """Searches and fits of other versions of NumPy and CasADi end this close, as a share."""
 
@@ -141,8 +142,8 @@ def signals(part: Block) -> list[list[str]]:
     """Declarations of a part's signals, and what it gives for each at two points."""
     values = [answers(part, k) for k in (0, 1)]
     return [
-        [n, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "", "told" if s.doc else "",
-         *(v.get((s.role, n), "") for v in values)]
+        [n, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "",
+         "told" if s.doc else "", *(v.get((s.role, n), "") for v in values)]
         for group in (part.states, part.inputs, part.params, part.outputs)
         for n, s in group.items()
     ]  # fmt: skip
