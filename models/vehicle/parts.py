@@ -515,6 +515,15 @@ class Drawn(Part):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Assumed(Part):
+    """What ``slipctl certify`` takes for granted where it bounds what a law has to withstand."""
+
+    error: float = number("1", 0.1, "share by which a fitted adhesion may be wrong", lo=0, hi=1)
+    tube: float = number("1", 0.05, "share of the best slip within which the slip is held",
+                         lo=1e-3, hi=0.5)  # fmt: skip
+
+
 # ---- all of it -----------------------------------------------------------------------------------
 
 
@@ -534,6 +543,7 @@ class Trip(Part):
     controllers: Mapping[str, Controller] = told(MISSING, "controllers by a name of one's own")
     limits: Limits = told(Limits(), "what a run may not exceed")
     ensemble: Drawn | None = told(None, "what differs from draw to draw where gains are tuned")
+    certify: Assumed = told(Assumed(), "what certificates take for granted")
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from slipctl.models.vehicle.gains import gains, uncertified
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.trip import case
 from slipctl.run.ensemble import Ensemble
@@ -67,7 +68,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases, signals=SIGNALS,
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles,
+        ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the way", _slip),

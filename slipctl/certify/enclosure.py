@@ -204,6 +204,19 @@ def _domain(
     return rule
 
 
+def _arc(
+    function: Callable[[np.ndarray], np.ndarray], falls: bool = False
+) -> Callable[[Interval], Interval]:
+    """Monotonic function on -1 to 1; where a box sticks out of that, nothing can be said."""
+
+    def rule(a: Interval) -> Interval:
+        out = (a[0] < -1) | (a[1] > 1)
+        low, high = (function(e) for e in (a[::-1] if falls else a))
+        return np.where(out, -np.inf, low), np.where(out, np.inf, high)
+
+    return rule
+
+
 def _even(function: Callable[[np.ndarray], np.ndarray]) -> Callable[[Interval], Interval]:
     """Even function that rises from zero on."""
 
@@ -259,6 +272,8 @@ _NAMED: dict[str, Callable[..., Interval]] = {
     "SINH": _rising(np.sinh),
     "ASINH": _rising(np.arcsinh),
     "ATAN": _rising(np.arctan),
+    "ASIN": _arc(np.arcsin),
+    "ACOS": _arc(np.arccos, falls=True),
     "SIGN": _rising(np.sign),
     "FLOOR": _rising(np.floor),
     "CEIL": _rising(np.ceil),

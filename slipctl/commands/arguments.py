@@ -335,6 +335,13 @@ def parser() -> Parser:
         help="draw where two numbers are certified, refuted or neither; --out is a folder then",
     )  # fmt: skip
     p.add_argument("--points", metavar="N", type=int, default=25, help="of a map, each way (25)")
+    p.add_argument("--metric", metavar="NAME", help="draw its level lines into the map of a loop")
+    p.add_argument(
+        "--largest", metavar="NAME",
+        help="how large a number may be, lag: proved up to here, refuted from there; --out is a"
+        " folder then",
+    )  # fmt: skip
+    p.add_argument("--smallest", metavar="NAME", help="how small it may be")
 
     p = command("check", "Check a certificate again with rational arithmetic alone.")
     p.add_argument("file", metavar="FILE")

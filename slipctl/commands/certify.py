@@ -36,6 +36,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
             raise BadInput("--map writes its data to map.json; leave out --json")
         print(certify_loop.mapped(options, command))
         return 0
+    if options.largest is not None or options.smallest is not None:
+        print(certify_loop.ends(options, command))
+        return 0
     print(certify(options.system, options.settings, options.json, options.out, command))
     return 0
 
@@ -48,21 +51,15 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    from slipctl.study import doors, trip_files
+    from slipctl.study import doors
 
-    if trip_files.is_trip(re.sub(r":[^/:]*$", "", system)):
-        raise BadInput(
-            f"{system} describes a vehicle, which certify does not take yet; certify its gains by"
-            " their system, slipctl certify super_twisting --set k1=20 ..., see docs/certify.md"
-        )
-    if certify_loop.is_loop(system):
-        if settings or out is not None:
-            raise BadInput(f"{system} is a loop; certify it without --set and --out")
-        return certify_study(system, as_json, command)
-    if system.endswith(".py") or (system in doors.studies() and system not in catalogue.SYSTEMS):
-        if settings or out is not None:
-            raise BadInput(f"{system} is a study; certify it without --set and --out")
-        return certify_study(system, as_json, command)
+    loop = certify_loop.is_loop(system)
+    file = system.endswith((".py", ".toml"))
+    if loop or file or (system in doors.studies() and system not in catalogue.SYSTEMS):
+        if settings or (out is not None and not loop):
+            what = "a loop; certify it without --set" if loop else "a study; certify it without"
+            raise BadInput(f"{system} is {what}{'' if loop else ' --set and --out'}")
+        return certify_study(system, as_json, command, out)
     if system not in catalogue.SYSTEMS:
         names = (*catalogue.SYSTEMS, *doors.studies())
         raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
@@ -70,20 +67,29 @@ def certify(
     numbers = read_numbers(chosen, settings)
     report = systems.report(chosen, numbers)
     if out is not None:
-        path = Path(out)
-        if path.is_dir():
-            raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
-        store.check_file(path)
-        payload = proofs.write(chosen, numbers)
-        store.write_text(path, store.json_text(payload))
-        problems = smtlib.steps(chosen, payload)
-        if problems:
-            store.write_text(path.with_suffix(".smt2"), smtlib.script(problems))
+        write(chosen, numbers, out)
     if as_json:
         said = {"format": store.FORMAT, **report.payload()}
         return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
     written = f"\n\n{out}: certificate; slipctl check {out}" if out is not None else ""
     return table(report) + written
+
+
+def write(system: System, numbers: Mapping[str, Any], out: str) -> None:
+    """Write a certificate, and beside it what an independent solver can check.
+
+    Raises:
+        BadInput: ``out`` is a folder, or cannot be made.
+    """
+    path = Path(out)
+    if path.is_dir():
+        raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
+    store.check_file(path)
+    payload = proofs.write(system, numbers)
+    store.write_text(path, store.json_text(payload))
+    problems = smtlib.steps(system, payload)
+    if problems:
+        store.write_text(path.with_suffix(".smt2"), smtlib.script(problems))
 
 
 @dataclass(frozen=True)
@@ -95,12 +101,14 @@ class Answer:
         report: verdicts and margins.
         condition: whether the paper's own condition holds; None if it states none.
         needs: what would make it hold, or how much is in reserve.
+        costs: share of the bound that is left with half of a range, by the name of the range.
     """
 
     gains: Gains
     report: Report
     condition: bool | None
     needs: str
+    costs: Mapping[str, float]
 
 
 def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
@@ -112,14 +120,16 @@ def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
     from slipctl.study import doors
 
     if not study.gains:
-        raise BadInput(f"{study.name} declares no gains to certify; see slipctl certify")
+        why = "".join(f"; {n}: {text}" for n, text in study.uncertified.items())
+        raise BadInput(f"{study.name} declares no gains to certify{why}; see slipctl certify")
     found, cases = [], doors.build_cases(study)
     for gains in study.gains if of is None else of:
         loop, _ = doors.pick_loop(study, cases, gains.loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         report = systems.report(catalogue.system(gains.system), numbers)
         own = report.criteria.get(gains.condition)
-        found.append(Answer(gains, report, own.holds if own else None, needs(report)))
+        costs = dict(gains.costs(loop)) if gains.costs else {}
+        found.append(Answer(gains, report, own.holds if own else None, needs(report), costs))
     return found
 
 
@@ -160,11 +170,11 @@ def _bound(margin: str, value: float) -> str:
     return f"{name} {'<=' if side == 'largest' else '>='} {value:.4g}"
 
 
-def certify_study(name: str, as_json: bool, command: str) -> str:
-    """Answer of ``slipctl certify STUDY`` or ``STUDY:LOOP``.
+def certify_study(name: str, as_json: bool, command: str, out: str | None = None) -> str:
+    """Answer of ``slipctl certify STUDY`` or ``STUDY:LOOP``; writes the certificate to ``out``.
 
     Raises:
-        BadInput: no such study, or it declares no gains.
+        BadInput: no such study, it declares no gains, or several where one is to be written.
     """
     from slipctl.study import doors
 
@@ -173,12 +183,19 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
         study, of = certify_loop.find(name)
     else:
         study = doors.load_study(name)
+    if out is not None:
+        gains, loop = certify_loop.one(name)
+        system = catalogue.system(gains.system)
+        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
+        write(system, systems.checked(system, numbers), out)
+        of = [gains]
     found = answers(study, of)
     if as_json:
         entries = {
             a.gains.name: {
                 "loop": a.gains.loop, "condition": a.gains.condition or None,
                 "condition_holds": a.condition, "needs": a.needs, "bounds": a.gains.bounds,
+                "left_of_the_bound_with_half_a_range": a.costs,
                 **a.report.payload(),
             }
             for a in found
@@ -203,10 +220,23 @@ def certify_study(name: str, as_json: bool, command: str) -> str:
         if g.bounds:
             rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
                                   subsequent_indent="    ")  # fmt: skip
+        if a.costs:
+            told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=_share))
+            rows += textwrap.wrap(f"left of the bound with half of a range: {told_}", 96,
+                                  initial_indent="  ", subsequent_indent="    ")  # fmt: skip
+    if of is None:
+        rows += [line for n, why in study.uncertified.items()
+                 for line in ("", *textwrap.wrap(f"{n}: no certificate, {why}", 96))]  # fmt: skip
+    if out is not None:
+        rows += ["", f"{out}: certificate; slipctl check {out}"]
     if any(a.report.criteria[a.gains.condition].unit_dependent
            for a in found if a.condition is not None):  # fmt: skip
         rows += ["", "* its verdict depends on the unit of length"]
     return "\n".join(rows)
+
+
+def _share(entry: tuple[str, float]) -> float:
+    return entry[1]
 
 
 def together(found: Sequence[Answer]) -> str:

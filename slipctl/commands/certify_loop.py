@@ -1,21 +1,30 @@
-"""``slipctl certify STUDY:LOOP`` and ``--map``: gains of one loop, and maps of two numbers."""
+"""``slipctl certify STUDY:LOOP``, ``--map`` and ``--largest``: gains of a loop, maps, and ends."""
 
 from __future__ import annotations
 
 import argparse
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from slipctl.certify import catalogue
+from slipctl import __version__
+from slipctl.block.block import Block
+from slipctl.certify import catalogue, systems
+from slipctl.certify.farthest import Farthest
 from slipctl.certify.systems import System
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
-from slipctl.run import store
+from slipctl.run import machine, store
 from slipctl.study import doors
 from slipctl.study.declaration import Gains, Study
+
+if TYPE_CHECKING:
+    from slipctl.design.maps import Axis
+    from slipctl.run.sweeping import Measured
 
 
 def find(name: str) -> tuple[Study, list[Gains]]:
@@ -35,15 +44,31 @@ def find(name: str) -> tuple[Study, list[Gains]]:
         return study, found
     known = [*dict.fromkeys([*(g.loop for g in study.gains), *(g.name for g in study.gains)])]
     if loop in doors.loop_names(study):
+        why = f": {study.uncertified[loop]}" if loop in study.uncertified else ""
         told = f"; it has {', '.join(known)}" if known else ""
-        raise BadInput(f"{study.name} declares no gains of {right} to certify{told}")
+        raise BadInput(f"{study.name} declares no gains of {right} to certify{why}{told}")
     raise BadInput(f"{study.name} has no loop {right!r}{nearest(right, known)}")
 
 
 def is_loop(name: str) -> bool:
     """Whether a name is ``STUDY:LOOP``."""
     left, colon, _ = name.rpartition(":")
-    return bool(colon) and (left in doors.studies() or left.endswith(".py"))
+    return bool(colon) and (left in doors.studies() or left.endswith((".py", ".toml")))
+
+
+def one(name: str) -> tuple[Gains, Block]:
+    """Gains of ``STUDY:LOOP`` or ``STUDY:GAINS`` and their loop, where that is one certificate.
+
+    Raises:
+        BadInput: it has several.
+    """
+    study, gains = find(name)
+    if len(gains) > 1:
+        known = ", ".join(f"{study.name}:{g.name}" for g in gains)
+        gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
+        if len(gains) != 1:
+            raise BadInput(f"{name} has several certificates; write which: {known}")
+    return gains[0], doors.find_loop(study, gains[0].loop)[0]
 
 
 def mapped(options: argparse.Namespace, command: str) -> str:
@@ -53,6 +78,7 @@ def mapped(options: argparse.Namespace, command: str) -> str:
         BadInput: a system or loop that there is not, axes that are none.
     """
     from slipctl.design import maps
+    from slipctl.design.levels import levels
     from slipctl.study.jobs import Cores
 
     system, given, what = _asked(options)
@@ -62,17 +88,98 @@ def mapped(options: argparse.Namespace, command: str) -> str:
     if folder.suffix == ".json":
         raise BadInput(f"--out {folder}: a map is a picture and data; write a folder")
     store.check_folder(folder)
-    progress = Progress(1, sys.stderr, options.quiet)
+    seen = _measured(options, axes, given) if options.metric is not None else None
+    progress = Progress(1 + (seen is not None), sys.stderr, options.quiet)
     try:
         with Cores(None) as cores:
             found = maps.drawn_map(
                 system, given, axes, what, options.points, cores,
                 lambda share: progress("map", share),
             )  # fmt: skip
+        if seen is not None:
+            xs, ys = (a.values(options.points) for a in axes)
+            found = replace(found, levels=levels(
+                *seen, xs, ys, machine.cores(), lambda share: progress(options.metric, share)
+            ))  # fmt: skip
     finally:
         progress.end()
     files = maps.write(found, folder, command)
     return maps.text(found) + "\n\n" + "\n".join(map(str, files))
+
+
+def _measured(
+    options: argparse.Namespace, axes: Sequence[Axis], given: Mapping[str, Any]
+) -> tuple[Measured, str, tuple[str, str]]:
+    """Loop of a map, its metric, and the numbers of the loop that the axes set.
+
+    Raises:
+        BadInput: no such metric, a system in place of a loop, or axes that are no numbers of it.
+    """
+    from slipctl.design.levels import places
+    from slipctl.run.metrics import METRICS
+    from slipctl.run.sweeping import Measured
+
+    if options.metric not in METRICS:
+        known = nearest(options.metric, METRICS)
+        raise BadInput(f"--metric {options.metric}: there is no such metric{known}")
+    if not is_loop(options.system):
+        raise BadInput(f"--metric runs a loop, and {options.system} is a system; map STUDY:LOOP")
+    gains, loop = one(options.system)
+    study, _ = find(options.system)
+    case = doors.find_loop(study, gains.loop)[1]
+    at = places(loop, study.controller, [a.name for a in axes], given)
+    return Measured(loop, case.scenario, study.signals, case.known), options.metric, at
+
+
+def ends(options: argparse.Namespace, command: str) -> str:
+    """Answer of ``--largest`` and ``--smallest``: how far a number may go, with both certificates.
+
+    Raises:
+        BadInput: a system or number that there is not, or both questions at once.
+    """
+    from slipctl.certify import farthest, proofs
+
+    up = options.largest is not None
+    if up and options.smallest is not None:
+        raise BadInput("ask for --largest or for --smallest")
+    system, given, what = _asked(options)
+    folder = Path(options.out) if options.out else None
+    if folder is not None:
+        if folder.suffix == ".json":
+            raise BadInput(f"--out {folder}: this writes two certificates; write a folder")
+        store.check_folder(folder)
+    found = farthest.farthest(system, given, options.largest if up else options.smallest, up)
+    files = []
+    for side in ("certified", "refuted"):
+        value = getattr(found, side)
+        if folder is not None and value is not None:
+            numbers = systems.checked(system, {**given, found.name: Fraction(str(value))})
+            folder.mkdir(parents=True, exist_ok=True)
+            files.append(str(folder / f"{side}.json"))
+            store.write_text(Path(files[-1]), store.json_text(proofs.write(system, numbers)))
+    if options.json:
+        said = {"format": store.FORMAT, "of": what, "system": system.name, **found.payload()}
+        return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
+    return "\n".join([f"{what}: the {'largest' if up else 'smallest'} {found.name}",
+                      *_told(found), *files])  # fmt: skip
+
+
+def _told(found: Farthest) -> list[str]:
+    """What was found of a number, in words."""
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    span = [v for v, _ in found.tried]
+    far = max(span) if found.up else min(span)
+    to, on = ("up to", "from") if found.up else ("down to", "from")
+    rows = [f"  CERTIFIED {to} {found.certified:g}{unit}" if found.certified is not None
+            else f"  CERTIFIED nowhere from {min(span):g} to {max(span):g}{unit}"]  # fmt: skip
+    if found.refuted is not None:
+        rows.append(f"  REFUTED   {on} {found.refuted:g}{unit}")
+    elif found.certified == far:
+        rows.append(f"  no end was found up to {far:g}{unit}")
+    else:
+        rows.append(f"  REFUTED   nowhere up to {far:g}{unit}")
+    rows.append(f"  {len(found.tried)} values were tried; between them nothing is promised")
+    return rows
 
 
 def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]:
@@ -82,19 +189,14 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
     if is_loop(name):
         if options.settings:
             raise BadInput(f"{name} is a loop; certify it without --set")
-        study, gains = find(name)
-        if len(gains) > 1:
-            known = ", ".join(f"{study.name}:{g.name}" for g in gains)
-            by_name = [g for g in gains if g.name == name.rpartition(":")[2]]
-            if len(by_name) != 1:
-                raise BadInput(f"{name} has {len(gains)} certificates; write which: {known}")
-            gains = by_name
-        loop, _ = doors.find_loop(study, gains[0].loop)
-        numbers = {k: float(v) for k, v in gains[0].numbers(loop).items()}
-        return catalogue.system(gains[0].system), numbers, f"{study.name}:{gains[0].name}"
+        gains, loop = one(name)
+        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
+        return catalogue.system(gains.system), numbers, f"{name.rpartition(':')[0]}:{gains.name}"
     if name not in catalogue.SYSTEMS:
         known_ = (*catalogue.SYSTEMS, *doors.studies())
-        raise BadInput(f"cannot map {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP")
+        raise BadInput(
+            f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP"
+        )
     system = catalogue.system(name)
     return system, read_numbers(system, options.settings), name
 

@@ -13,6 +13,7 @@ import logging
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,9 @@ class _Run:
         wanted = {c.scenario.name: tuple(c.loops) for c in results.cases}
         self.keep.clear(wanted)
         self._metrics("running, or ended before its end")
+        judged = cache(self._claims)  # once, while figures are drawn
         try:
+            sections = files.early_sections(results, self.cores, running.load_logs)
             running.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
@@ -87,11 +90,11 @@ class _Run:
             self._found_tables()
             self.progress.end()
             self._metrics()
-            verdicts = self._claims()
             self._save(
                 "report.html",
-                lambda: files.save_pages(results, verdicts, out, self.command, self.cores),
+                lambda: files.save_pages(results, judged, out, self.command, self.cores, sections),
             )
+            verdicts = judged()
         except KeyboardInterrupt:
             stopping.heard()
             self._stopped()

@@ -21,6 +21,7 @@ from slipctl import __version__
 from slipctl.block.units import parse_quantity
 from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, checked
+from slipctl.design.levels import Levels
 from slipctl.design.promises import scaled
 from slipctl.draw import looks, plots
 from slipctl.draw.regions import regions
@@ -72,7 +73,7 @@ class Map:
         system: its name. what: is mapped, in words. numbers: of the design point. x, y: axes.
         verdicts: a row for each value of y; empty where the numbers mean nothing.
         margins: largest of 1 and :data:`LEVELS` up to which a point is proved; 0 where it is not.
-        here: verdict of the design point.
+        here: verdict of the design point. levels: a metric of the loop at each point, if asked for.
     """
 
     system: str
@@ -83,6 +84,7 @@ class Map:
     verdicts: Sequence[Sequence[str]]
     margins: Sequence[Sequence[float]]
     here: str
+    levels: Levels | None = None
 
     def count(self, verdict: str) -> int:
         """Points of a verdict."""
@@ -94,11 +96,12 @@ class Map:
         axes = {
             a.name: {"unit": a.unit, "values": a.values(points).tolist()} for a in (self.x, self.y)
         }
+        more = {"metric": self.levels.payload()} if self.levels else {}
         return {
             "kind": "map", "slipctl": __version__, "system": self.system, "of": self.what,
             "numbers": dict(self.numbers), "axes": axes, "verdict_here": self.here,
             "verdicts": [list(r) for r in self.verdicts],
-            "margin_at_least": [list(r) for r in self.margins],
+            "margin_at_least": [list(r) for r in self.margins], **more,
         }  # fmt: skip
 
 
@@ -216,6 +219,10 @@ def figure(found: Map) -> plots.Figure:
         codes, list(kinds.values()), labels, [_edges(a, points) for a in sides],
         [looks.label(a.name, a.unit) for a in sides], [a.logarithmic for a in sides],
         here if all(h is not None for h in here) else None, found.what,
+        None if found.levels is None else (
+            [a.values(points) for a in sides], np.array(found.levels.values),
+            looks.label(found.levels.metric.replace("_", " "), found.levels.unit),
+        ),
     )  # fmt: skip
 
 
@@ -248,4 +255,5 @@ def text(found: Map) -> str:
         f"{found.what}: {' by '.join(axes)}, {points} x {points} points: {counted}"
         + (f", {none} that mean nothing" if none else "")
         + f"; the design point is {found.here}"
+        + (f"\n{found.levels.text()}" if found.levels else "")
     )

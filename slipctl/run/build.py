@@ -126,6 +126,12 @@ def _compiler_version(path: str) -> str:
     return subprocess.run([path, "--version"], capture_output=True, text=True).stdout.split("\n")[0]
 
 
+def identity() -> str:
+    """What the compiler says it is, asked once; empty where there is none."""
+    cc = compiler()
+    return "" if cc is None else _compiler_version(cc)
+
+
 def cache_folder() -> Path:
     """Folder of compiled Functions: ``$SLIPCTL_CACHE``, else the user's cache folder."""
     chosen = os.environ.get("SLIPCTL_CACHE")

@@ -306,6 +306,8 @@ class Gains:
         bounds: where the bounds come from, in words.
         condition: criterion that the paper itself states for its gains, ``"printed_48"``.
         source: of the gains.
+        costs: function of the loop that gives, by the name of a range that a bound was taken over,
+            what share of the bound is left with half of that range.
     """
 
     name: str
@@ -315,6 +317,7 @@ class Gains:
     bounds: str = ""
     condition: str = ""
     source: str = ""
+    costs: Callable[[Block], Mapping[str, float]] | None = None
 
     def __post_init__(self) -> None:
         check_kinds("Gains", Gains, vars(self))
@@ -345,6 +348,7 @@ class Study:
         ensembles: what differs from draw to draw where ``slipctl tune`` runs a loop, by scenario;
             the first scenario that has the loop is taken.
         limits: largest accepted value of a metric, in its own unit; a run above one is marked.
+        uncertified: why a loop has no gains to certify, by its name.
     """
 
     name: str
@@ -363,6 +367,7 @@ class Study:
     plain: Sequence[str] = ("base", "real")
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    uncertified: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))

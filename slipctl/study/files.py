@@ -6,7 +6,7 @@ import csv
 import errno
 import io
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,16 +201,46 @@ def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable
     return {stem: job(stem) for stem in results.study.figures}
 
 
+def early_sections(
+    results: Results, cores: Cores, meanwhile: Callable[[], object]
+) -> dict[str, str]:
+    """Write the sections that speak of no result, before anything runs.
+
+    Args:
+        results: the loops.
+        cores: what they are written on.
+        meanwhile: see :func:`~slipctl.study.jobs.each`.
+    """
+    from slipctl.study import report
+
+    parts = {f"page, {n}": _section(write) for n, write in report.constant(results).items()}
+    done: dict[str, str] = {}
+    with closing(each(parts, cores, lambda name, share: None, meanwhile)) as outcomes:
+        for name, outcome in outcomes:
+            with noted(results, name):
+                done[name.removeprefix("page, ")] = outcome.get()
+    return done
+
+
 def save_pages(
     results: Results,
-    verdicts: Sequence[Verdict],
+    judged: Callable[[], Sequence[Verdict]],
     out: Path,
     command: str,
     cores: Cores | None = None,
+    sections: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Draw the figures, write them and ``report.html``; gives the SVG by file stem.
 
     A figure that asks for what was not run is left out; one that breaks is noted as failed.
+
+    Args:
+        results: what ran.
+        judged: gives the claims with our answers; asked while figures are drawn, and once more.
+        out: folder of the run.
+        command: command line.
+        cores: what the figures are drawn on.
+        sections: of :func:`early_sections`; None writes them here.
     """
     from slipctl.draw import plots
     from slipctl.study import report
@@ -218,11 +248,11 @@ def save_pages(
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
-    parts = report.constant(results)
+    parts = report.of_runs(results) | (report.constant(results) if sections is None else {})
     jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
     done: dict[str, Any] = {}
     left: list[str] = []
-    with closing(each(jobs, cores or Cores(1), lambda name, share: None)) as outcomes:
+    with closing(each(jobs, cores or Cores(1), lambda name, share: None, judged)) as outcomes:
         for name, outcome in outcomes:
             with noted(results, name, left):
                 done[name] = outcome.get()
@@ -231,8 +261,9 @@ def save_pages(
     for line in left:
         message.log(logging.INFO if len(left) == 1 else logging.DEBUG, line)
     drawn = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
-    texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
-    store.write_text(out / "report.html", report.page(results, verdicts, drawn, command, texts))
+    texts = dict(sections or {})
+    texts |= {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
+    store.write_text(out / "report.html", report.page(results, judged(), drawn, command, texts))
     return drawn
 
 

@@ -1,9 +1,10 @@
-"""Jobs on all cores: each in a process of its own, forked, so that it sees what its parent has.
+"""Jobs on all cores, in processes that are forked, so that a job sees what its parent has.
 
-A job may have jobs itself (an experiment and its parts). All of them share the cores by tokens, as
-``make`` does: a process has one token, lends it to its first job, and takes more where there are
-some. Where processes cannot be forked (Windows, macOS) jobs are done one after another; the numbers
-are the same, because no job knows of another.
+A process that has done a job takes the next one; making a process for each would take a tenth of
+the time of a run. A job may have jobs itself (an experiment and its parts). All of them share the
+cores by tokens, as ``make`` does: a process has one token, lends it to its first job, and takes
+more where there are some. Where processes cannot be forked (Windows, macOS) jobs are done one after
+another; the numbers are the same, because no job knows of another.
 """
 
 from __future__ import annotations
@@ -123,7 +124,10 @@ class Cores:
 
 
 def each(
-    jobs: Mapping[str, Job[T]], cores: Cores, tell: Callable[[str, float], None]
+    jobs: Mapping[str, Job[T]],
+    cores: Cores,
+    tell: Callable[[str, float], None],
+    meanwhile: Callable[[], object] = lambda: None,
 ) -> Generator[tuple[str, Outcome[T]], None, None]:
     """Do all jobs; give each outcome as it comes.
 
@@ -133,21 +137,24 @@ def each(
         jobs: by name, in the order in which they start.
         cores: what they share.
         tell: told the share done of a job.
+        meanwhile: done once in this process, while the first jobs run; they do not see it.
     """
-    if cores.count == 1:
+    if cores.count == 1 or not jobs:
+        meanwhile()
         for name, job in jobs.items():
             yield name, _attempt(job, lambda share, name=name: tell(name, share))  # type: ignore[misc]
         return
-    waiting, running = deque(jobs.items()), dict[Connection, _Running]()
+    waiting, running = deque(jobs), dict[Connection, _Running]()
+    beside = [meanwhile]
     free = 1  # tokens held that no job uses; this process came with its own
     try:
         while waiting or running:
             stopping.check()
             while waiting and (free or cores.borrow()):
                 free = max(free, 1)  # a borrowed one is held, also where no process can be made
-                name, job = waiting.popleft()
+                name = waiting.popleft()
                 try:
-                    started = _Running(name, job, cores, others=tuple(running))
+                    started = _Running(name, jobs, cores, others=tuple(running))
                 except OSError as error:
                     why = RunFailed(f"no process can be made for it: {error.strerror or error}")
                     yield name, Outcome(error=why)
@@ -158,6 +165,8 @@ def each(
             while free and running:  # none waits: others may use the core, also within a job
                 cores.give_back()
                 free -= 1
+            while beside:
+                beside.pop()()
             watched: list[Any] = [*running, *([cores._tokens[0]] if waiting else [])]
             for pipe in wait(watched, timeout=1.0):
                 if not isinstance(pipe, Connection):
@@ -167,10 +176,14 @@ def each(
                 if kind == "share":
                     tell(job_.name, value)
                     continue
-                del running[pipe]
-                job_.end()
-                free += 1
-                yield job_.name, value
+                name = job_.name
+                if waiting and job_.take(waiting[0]):
+                    tell(waiting.popleft(), 0.0)
+                else:
+                    del running[pipe]
+                    job_.end()
+                    free += 1
+                yield name, value
     finally:
         with stopping.unbroken():  # a process that is left behind would go on writing
             _stop(list(running.values()))
@@ -179,18 +192,19 @@ def each(
 
 
 class _Running:
-    """A job in its process."""
+    """A process and the job that it does."""
 
     def __init__(
-        self, name: str, job: Job[Any], cores: Cores, others: tuple[Connection, ...]
-    ) -> None:
+        self, name: str, jobs: Mapping[str, Job[Any]], cores: Cores,
+        others: tuple[Connection, ...],
+    ) -> None:  # fmt: skip
         self.name = name
         fork = multiprocessing.get_context("fork")
-        self.pipe, theirs = fork.Pipe(duplex=False)
+        self.pipe, theirs = fork.Pipe()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of libraries
             self.process = fork.Process(
-                target=_forked, args=(job, theirs, cores, (self.pipe, *others)), name=name
+                target=_forked, args=(jobs, name, theirs, cores, (self.pipe, *others)), name=name
             )
             try:
                 with _no_signals():  # the new process hears them when it knows what they mean
@@ -213,6 +227,15 @@ class _Running:
             code = self.process.exitcode
             why = RunFailed(f"its process ended with code {code}, out of memory perhaps")
             return "done", Outcome(error=why)
+
+    def take(self, name: str) -> bool:
+        """Hand the process, which has done its job, the next one; False where it is gone."""
+        try:
+            self.pipe.send(name)
+        except OSError:
+            return False
+        self.name = name
+        return True
 
     def end(self) -> None:
         """Wait for the process, which has nothing left to do."""
@@ -246,8 +269,11 @@ def _stop(running: list[_Running]) -> None:
             job.process.join()
 
 
-def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
-    """Do a job in its own process and send what it gives; leave without a word when asked to."""
+def _forked(
+    jobs: Mapping[str, Job[Any]], name: str, pipe: Connection, cores: Cores,
+    others: tuple[Connection, ...],
+) -> None:  # fmt: skip
+    """Do jobs in this process, one after the other; leave without a word when asked to."""
     gc.freeze()  # what the first process made is no garbage; looking at it would copy its pages
 
     def leave(number: int, frame: Any) -> None:
@@ -261,15 +287,18 @@ def _forked(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connect
     with suppress(KeyboardInterrupt):
         if hasattr(signal, "pthread_sigmask"):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
-        _send(job, pipe, cores, others)
+        for other in others:
+            other.close()
+        cores.adopt()
+        with pipe, suppress(EOFError, ConnectionError):  # the parent has nothing left to do
+            while True:
+                _send(jobs[name], pipe)
+                name = pipe.recv()
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-def _send(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connection, ...]) -> None:
-    """Do a job and send what it gives, if the parent still listens."""
-    for other in others:
-        other.close()
-    cores.adopt()
+def _send(job: Job[Any], pipe: Connection) -> None:
+    """Do a job and send what it gives."""
     last = 0.0
 
     def tell(share: float) -> None:
@@ -278,20 +307,14 @@ def _send(job: Job[Any], pipe: Connection, cores: Cores, others: tuple[Connectio
             last = time.monotonic()
             pipe.send(("share", share))
 
+    outcome = _attempt(job, tell)
     try:
-        outcome = _attempt(job, tell)
-        try:
-            pipe.send(("done", outcome))
-        except (BrokenPipeError, ConnectionError):
-            return
-        except Exception as error:
-            fault = RunFailed(f"its result cannot be sent: {error}")
-            pipe.send(("done", Outcome(error=fault)))
-    except BrokenPipeError:
-        pass
-    finally:
-        with suppress(OSError):
-            pipe.close()
+        pipe.send(("done", outcome))
+    except ConnectionError:
+        raise
+    except Exception as error:
+        fault = RunFailed(f"its result cannot be sent: {error}")
+        pipe.send(("done", Outcome(error=fault)))
 
 
 def _attempt(job: Job[T], tell: Tell) -> Outcome[T]:

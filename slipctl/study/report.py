@@ -103,10 +103,12 @@ def page(
         verdicts: the claims with our answers.
         figures: SVG by file stem.
         command: the command line.
-        parts: of :func:`constant`; one that is missing is left out. None writes them here.
+        parts: of :func:`constant` and :func:`of_runs`; one that is missing is left out. None
+            writes them here.
         state: what a run is that did not come to its end, in words.
     """
-    texts = {n: write() for n, write in constant(results).items()} if parts is None else parts
+    written = constant(results) | of_runs(results)
+    texts = {n: write() for n, write in written.items()} if parts is None else parts
     study = results.study
     note = changes(results)
     changed = f'<p class="quick">{escape(note[0].upper() + note[1:])}.</p>' if note else ""
@@ -118,7 +120,7 @@ def page(
         sections.append(("Figures", _figures(results, figures)))
     if results.tables:
         sections.append(("Experiments", _experiments(results)))
-    sections += [(n.capitalize(), texts[n]) for n in constant(results) if n in texts]
+    sections += [(n.capitalize(), texts[n]) for n in written if n in texts]
     sections.append(("Provenance", _provenance(results, command)))
     named = [(title.lower(), title, text) for title, text in sections]
     contents = "".join(f'<li><a href="#{key}">{title}</a></li>' for key, title, _ in named)
@@ -154,12 +156,13 @@ def page(
 
 
 def constant(results: Results) -> dict[str, Callable[[], str]]:
-    """Sections that speak of the loops and of no result; the slow ones, each on its own."""
-    return {
-        "loops": lambda: _loops(results),
-        "equations": lambda: _equations(results),
-        "parameters": lambda: _parameters(results),
-    }
+    """Sections that speak of the loops and of no result; slow, each on its own."""
+    return {"loops": lambda: _loops(results), "equations": lambda: _equations(results)}
+
+
+def of_runs(results: Results) -> dict[str, Callable[[], str]]:
+    """Sections that speak of the loops as they ran."""
+    return {"parameters": lambda: _parameters(results)}
 
 
 def _paragraphs(text: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from slipctl.run import build
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
     Metric,
@@ -85,7 +86,7 @@ def run(
     _add_runs(jobs, results, cases[len(first) :], compile, keep, command)
     runs = {f"{c.scenario.name}/{n}": (c, n) for c in cases for n in c.loops}
     if jobs:
-        _load_logs()
+        load_logs()
     try:
         with closing(each(jobs, cores, report or (lambda what, share: None))) as outcomes:
             for what, outcome in outcomes:
@@ -135,11 +136,12 @@ def _size(case: Case, name: str) -> float:
     return 0.0
 
 
-def _load_logs() -> None:
-    """Import what makes and writes logs before the processes part, so that none does so itself."""
+def load_logs() -> None:
+    """Do what each run would do for itself, before the processes part."""
     import netCDF4  # noqa: F401
     import xarray
 
+    build.identity()
     xarray.Dataset({"x": ("time", [0.0])}, coords={"time": [0.0]})  # imports what it needs itself
 
 

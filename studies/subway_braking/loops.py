@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from slipctl import (
@@ -90,8 +91,13 @@ START = {"c": 0.3, "a": 0.5, "b": 1.3}
 
 
 def _world(models: Mapping[str, Any], lag: bool) -> Block:
-    continuous = plant(models["adh"], brake(lag), models["wheel"], models["curve"])
-    return sampled(continuous, H, "rk4", substeps=10)
+    return _plant(models["adh"], models["wheel"], models["curve"], lag)
+
+
+@lru_cache(maxsize=8)
+def _plant(adh: Block, wheel: Block, curve: Block, lag: bool) -> Block:
+    """Plant of the loops, made once: they have its Functions in common."""
+    return sampled(plant(adh, brake(lag), wheel, curve), H, "rk4", substeps=10)
 
 
 START_OF_PLANT = {"v_start": "plant.wheel.v", "omega_start": "plant.wheel.omega"}
@@ -224,6 +230,7 @@ def _estimating(
     )
 
 
+@lru_cache(maxsize=8)
 def searcher(law: Block) -> Block:
     """Differential evolution with the paper's settings (Table 2), maximising the law."""
     return differential_evolution(law, over="v_s", maximise="mu", lo=0.01, hi=10.0)

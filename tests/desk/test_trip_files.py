@@ -76,7 +76,7 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
     assert main(["show", "metro.toml"]) == 0
     assert "none, pid, super_twisting, predictive" in capsys.readouterr().out
     assert main(["certify", "metro.toml:pid"]) == 2
-    assert "certify does not take yet" in capsys.readouterr().err
+    assert "declares no gains of pid to certify: its integral" in capsys.readouterr().err
     loop, case = doors.find_loop(doors.load_study("metro.toml"), "none")
     assert case.scenario.duration == 17.0
     assert loop["plant.train"].choices["axles"] == 4

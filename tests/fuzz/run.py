@@ -1,9 +1,10 @@
 """Altered command lines, files and calls for as long, or as many, as wanted.
 
 ``python tests/fuzz/run.py --seconds 60`` or ``--cases 100000 --out fuzz.json``; ``--seed`` has a
-run again. Half of the cases are command lines with their files (curves, models, certificates),
-half are calls of public functions with a wrong argument. What ends badly is told with its seed
-and case.
+run again. A third of the cases are command lines with their files (curves, models, certificates),
+a third are calls of public functions with a wrong argument, and a third are vehicle files,
+expressions and logs. ``--only lines``, ``calls`` or ``desk`` makes one kind. What ends badly is
+told with its seed and case.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 
 import calls
 import test_commands
+import test_desk
 
 BATCH = 50
 KEPT = (1, 2)
@@ -40,21 +42,37 @@ def called(number: int, seed: int) -> list[tuple[str, str]]:
     return found
 
 
+def lined(number: int, seed: int) -> list[tuple[str, str]]:
+    """Command lines that end badly."""
+    return [(f"seed {seed}: slipctl {' '.join(words)!a}", wrong)
+            for words, wrong in test_commands.attack(number, seed)]  # fmt: skip
+
+
+def described(number: int, seed: int) -> list[tuple[str, str]]:
+    """Vehicle files, expressions and logs that end badly."""
+    return [(f"seed {seed}: {kind} {text!a}", wrong)
+            for (kind, text), wrong in test_desk.attack(number, seed)]  # fmt: skip
+
+
+KINDS = {"lines": lined, "calls": called, "desk": described}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=float("inf"))
     parser.add_argument("--cases", type=int, default=10**9)
     parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--only", choices=list(KINDS))
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
-    start, done, found = time.monotonic(), {"lines": 0, "calls": 0}, []
+    kinds = [chosen.only] if chosen.only else list(KINDS)
+    start, done, found = time.monotonic(), dict.fromkeys(kinds, 0), []
     for seed in itertools.chain(KEPT, itertools.count(chosen.seed)):
         if sum(done.values()) >= chosen.cases or time.monotonic() - start > chosen.seconds:
             break
-        for words, wrong in test_commands.attack(BATCH, seed):
-            found.append((f"seed {seed}: slipctl {' '.join(words)!a}", wrong))
-        found += called(BATCH, seed)
-        done = {"lines": done["lines"] + BATCH, "calls": done["calls"] + BATCH}
+        for kind in kinds:
+            found += KINDS[kind](BATCH, seed)
+            done[kind] += BATCH
     for what, wrong in found:
         print(what, ascii(wrong)[:500])
     print(f"{sum(done.values())} cases, {len(found)} end badly")

@@ -1,0 +1,154 @@
+"""Certificates of a vehicle of one's own: their bounds against its equations in plain NumPy."""
+
+import json
+
+import numpy as np
+import pytest
+
+from slipctl import BadInput
+from slipctl.commands import cli
+from slipctl.models.vehicle import gains as asked
+from slipctl.models.vehicle.trip import loop
+from slipctl.study import trip_files
+
+FILE = """
+[vehicle]
+mass = "38 t"
+axles = {axles}
+inertia = "110 kg m^2"
+radius = "0.42 m"
+speed = "60 km/h"
+resistance = {{ a = "1.2 kN", b = "12 N s/m", c = "4.5 N s^2/m^2" }}
+[actuator]
+kind = "lag"
+torque = "12 kN m"
+lag = "60 ms"
+dead_time = "20 ms"
+[rail]
+law = "double_exponential"
+gradient = 0.02
+[rail.conditions]
+leaves = {{ c = 0.18 }}
+[[rail.sections]]
+place = "0 m"
+condition = "dry"
+[[rail.sections]]
+place = "45 m"
+condition = "leaves"
+{reference}
+{ensemble}
+[controllers.sta]
+kind = "sta"
+k1 = 20
+k2 = 10
+[controllers.smc]
+kind = "smc"
+[controllers.eppfc]
+kind = "eppfc"
+[controllers.efc]
+kind = "efc"
+[controllers.hosm]
+kind = "hosm"
+[controllers.pid]
+kind = "pid"
+[controllers.predictive]
+kind = "nmpc"
+"""
+
+ENSEMBLE = """
+[ensemble]
+draw = { m = "34 t:42 t" }
+scale = { peak = "0.8:1.2 of plant.train.adh.c" }
+"""
+FITTED = ""
+MEASURED = '[reference]\nkind = "speed"\nslip = "1.1 m/s"'
+
+
+def written(folder, reference=FITTED, axles=4, ensemble=ENSEMBLE):
+    path = folder / "own.toml"
+    text = FILE.format(reference=reference, axles=axles, ensemble=ensemble)
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def mu(c, slip):
+    """Huang 2020 eq (4) with the numbers of dry rail."""
+    return c * (np.exp(-0.54 * slip) - np.exp(-1.2 * slip))
+
+
+@pytest.mark.parametrize(("reference", "goal"), [(FITTED, 1.2098601), (MEASURED, 1.1)])
+def test_no_motion_in_the_tube_is_worse_than_the_bounds(tmp_path, reference, goal):
+    """Random axles in their tubes on any rails of the ensemble: s' = v' - r omega' by hand."""
+    trip = trip_files.load_trip(written(tmp_path, reference))
+    over, left = asked.ranges(trip)
+    met = asked.withstood(trip, loop(trip, "sta"), over, trip.reference)
+    assert left == ()
+    rng, n, axles = np.random.default_rng(7), 20_000, 4
+    M = rng.uniform(34e3, 42e3, (n, 1))
+    c = rng.choice([1.0, 0.18], (n, axles)) * rng.uniform(0.8, 1.2, (n, 1))
+    slip = goal * (1 + rng.choice([-0.05, 0.05, 0], (n, axles)) * rng.random((n, axles)))
+    J, r, g, v = 110.0, 0.42, 9.81, 60 / 3.6
+    rate = rng.uniform(-1, 1, (n, axles))  # of the slip; the bound is of the largest of them
+    load = M * g / axles
+    force = mu(c, slip) * load
+    resistance = 1200 + 12 * v + 4.5 * v * v + M * g * 0.02
+    falls = force * r**2 / J + (force.sum(axis=1, keepdims=True) + resistance) / M
+    held = axles / M + r**2 / J
+    if reference == FITTED:
+        seen = held * force * (1 + 0.1 * rng.choice([-1, 1], (n, axles)))
+    else:
+        before = goal * (1 + 0.05 * rng.uniform(-1, 1, (n, axles)))
+        seen = held * mu(c, before) * load
+    wrong = np.abs(seen - falls).max()
+    assert 0.4 * met.largest < wrong <= met.largest  # a bound, and no wild one
+    slope = c * (-0.54 * np.exp(-0.54 * slip) + 1.2 * np.exp(-1.2 * slip)) * load
+    moving = slope * rate
+    change = moving * r**2 / J + moving.sum(axis=1, keepdims=True) / M
+    if reference == FITTED:
+        told = held * moving * (1 + 0.1 * rng.choice([-1, 1], (n, axles)))
+    else:  # the mean of a window has at most the rate of what it is the mean of
+        told = -change
+    fastest = np.abs(rate).max(axis=1)
+    assert (np.abs(told - change).max(axis=1) / fastest).max() <= met.slope
+
+
+def test_what_is_late_decides(tmp_path, capsys):
+    """The same gains hold with a prompt brake; 60 ms of lag and 20 ms of dead time refute them."""
+    path = written(tmp_path)
+    assert cli.main(["certify", f"{path}:sta", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    found = said["gains"]
+    assert {k: found[k]["verdict"] for k in found} == {"sta": "REFUTED", "sta_prompt": "CERTIFIED"}
+    assert said["verdict"] == "REFUTED"
+    costs = found["sta"]["left_of_the_bound_with_half_a_range"]
+    assert set(costs) == {"tube", "m", "c"}
+    assert all(0 < v < 1 for v in costs.values())
+
+
+def test_each_law_is_asked_as_its_system(tmp_path, capsys):
+    """What has no criterion is said with its reason, and no number had to be typed."""
+    path = written(tmp_path, MEASURED, axles=1, ensemble="")
+    assert cli.main(["certify", path]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    for system in ("super_twisting", "reaching_law", "prescribed_performance", "lagged_loop",
+                   "higher_order"):  # fmt: skip
+        assert f"), {system}: " in out
+    assert "pid: no certificate, its integral" in out
+    assert "predictive: no certificate, what it does is the solution of a program" in out
+    assert cli.main(["certify", f"{path}:pid"]) == 2
+    assert "gains of pid to certify: its integral" in capsys.readouterr().err
+
+
+def test_the_certificate_of_a_loop_is_written_and_checked(tmp_path, capsys):
+    path, file = written(tmp_path, ensemble=""), str(tmp_path / "c.json")
+    assert cli.main(["certify", f"{path}:sta_prompt", "--out", file]) == 0
+    assert cli.main(["check", file]) == 0
+    assert "super_twisting, k1 = 20" in capsys.readouterr().out
+
+
+def test_a_controller_that_was_told_another_wheel_is_refused(tmp_path):
+    trip = trip_files.load_trip(written(tmp_path))
+    over, _ = asked.ranges(trip)
+    other = loop(trip, "sta").with_params(**{"plant.train.J": 150.0})
+    with pytest.raises(BadInput, match="J = 110 and the vehicle J = 150"):
+        asked.withstood(trip, other, over, trip.reference)
