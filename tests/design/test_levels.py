@@ -38,13 +38,12 @@ def test_axes_are_found_by_name_and_value():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["super_twisting", "--set", "k1=3", "k2=2", "L=1"], "super_twisting is a system"),
-        (["subway_braking:sta"], "did you mean 'torque_ripple'"),
+        (["super_twisting", "--set", "k1=3", "k2=2", "L=1", "--metric", "distance"], "is a system"),
+        (["subway_braking:sta", "--metric", "torque_riple"], "did you mean 'torque_ripple'"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_line(words, said, tmp_path, capsys):
-    line = ["certify", *words, "--map", "k1,k2", "--points", "2", "--metric", "torque_riple",
-            "--out", str(tmp_path / "m")]  # fmt: skip
+    line = ["certify", *words, "--map", "k1,k2", "--points", "2", "--out", str(tmp_path / "m")]
     assert main(line) == 2
     err = [k for k in capsys.readouterr().err.splitlines() if "slipctl: 1/" not in k]
     assert len(err) == 1

@@ -1,0 +1,225 @@
+"""What every part of every loop computes, at two points, changes on purpose only.
+
+``python tests/models/test_parts.py`` writes the tables anew; a changed number then belongs into
+CHANGELOG. They say that nothing changed, not that it is right: other tests hold the equations
+against closed forms and printed numbers. What is new is free until it is in a table.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import zlib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slipctl import Block
+from slipctl.models.vehicle import parts as trip_parts
+from slipctl.models.vehicle.trip import case
+from slipctl.study import doors, trip_files
+
+FOLDER = Path(__file__).parent / "parts"
+HEAD = ["part", "signal", "role", "unit", "value", "lo", "hi", "positive", "meaning", "first",
+        "second"]  # fmt: skip
+NEAR = 1e-7
+"""Searches and fits of other versions of NumPy and CasADi end this close, as a share."""
+
+VEHICLES = {
+    "braked": """
+[vehicle]
+mass = "38 t"
+radius = ["0.42 m", "0.41 m", "0.42 m", "0.42 m"]
+rotating_mass = 0.08
+speed = "60 km/h"
+resistance = { a = "1.2 kN", b = "12 N s/m", c = "4.5 N s^2/m^2" }
+[actuator]
+kind = "valve"
+torque = "8 kN m"
+dead_time = "5 ms"
+[rail]
+law = "burckhardt"
+gradient = 0.01
+[[rail.sections]]
+place = "0 m"
+condition = "dry"
+[demand]
+kind = "table"
+over = "speed"
+at = ["0 m/s", "20 m/s"]
+deceleration = ["0.5 m/s^2", "1.2 m/s^2"]
+[sensors]
+wheel_speed = { kind = "noisy", deviation = "0.01 rad/s", step = "0.02 rad/s", dropout = 0.01 }
+vehicle_speed = { kind = "wheels", rate = "2 m/s^2" }
+[reference]
+kind = "ratio"
+slip = 0.1
+least = "0.3 m/s"
+""",
+    "driven": """
+[vehicle]
+mode = "drive"
+mass = "80 t"
+driven = [1, 3]
+inertia = "150 kg m^2"
+radius = "0.6 m"
+speed = "20 km/h"
+[actuator]
+kind = "lag"
+torque = "20 kN m"
+lag = "40 ms"
+rate = "100 kN m/s"
+[rail]
+law = "double_exponential"
+[[rail.sections]]
+time = "0 s"
+condition = "wet"
+[demand]
+kind = "adhesion"
+[sensors]
+vehicle_speed = { kind = "noisy", deviation = "0.05 m/s" }
+[reference]
+kind = "searched"
+start = { c = 0.7 }
+""",
+}
+LAWS = "".join(f'[controllers.{k}]\nkind = "{k}"\n' for k in (*trip_parts.SLIP_LAWS, "none"))
+LAWS += '[controllers.nmpc]\nkind = "nmpc"\nhorizon = 100\n'
+
+
+def loops(name: str) -> Iterator[Block]:
+    """Loops of a study, or of a vehicle above."""
+    if name in VEHICLES:
+        import tempfile
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{name}.toml"
+            path.write_text(VEHICLES[name] + LAWS, encoding="utf-8")
+            found = case(trip_files.load_trip(str(path)))
+            yield from (found.loops[k] for k in found.loops)
+        return
+    for each in doors.build_cases(doors.load_study(name)):
+        yield from (each.loops[k] for k in each.loops)
+
+
+def leaves(block: Block) -> Iterator[Block]:
+    """Parts that have none of their own."""
+    if not block.parts:
+        yield block
+    for part in block.parts.values():
+        yield from leaves(part)
+
+
+def told(block: Block) -> str:
+    """Name and options of a part."""
+    chosen = ", ".join(f"{k} = {v}" for k, v in block.choices.items())
+    return f"{block.name} ({chosen})" if chosen else block.name
+
+
+@cache
+def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
+    """Signals of the parts of a study's loops, each part once."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    seen: set[tuple[str, str]] = set()
+    for loop in loops(name):
+        for part in leaves(loop):
+            title, numbers = told(part), repr(sorted(map(repr, part.param_values().items())))
+            if (title, numbers) in seen:
+                continue
+            seen.add((title, numbers))
+            again = sum(t == title for t, _ in seen)
+            title += f" [{again}]" if again > 1 else ""
+            for row in signals(part):
+                found[title, row[0], row[1]] = [title, *row]
+    return found
+
+
+def signals(part: Block) -> list[list[str]]:
+    """Declarations of a part's signals, and what it gives for each at two points."""
+    values = [answers(part, k) for k in (0, 1)]
+    return [
+        [n, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "",
+         "told" if s.doc else "", *(v.get((s.role, n), "") for v in values)]
+        for group in (part.states, part.inputs, part.params, part.outputs)
+        for n, s in group.items()
+    ]  # fmt: skip
+
+
+def answers(part: Block, number: int) -> dict[tuple[str, str], str]:
+    """Next states (or derivatives) and outputs at a point that follows from the part's name."""
+    rng = np.random.default_rng(zlib.crc32(f"{part.name} {number}".encode()))
+    f = part.function()
+    names = [n.partition("_")[2] for n in f.name_in()]
+    own = {s.name.replace(".", "_"): s for s in part.signals if s.role != "output"}
+    now = {**part.start(), **{n: s.value for n, s in part.inputs.items()}, **part.param_values()}
+    given = [place(own[n], now.get(own[n].name), f.size_in(k), rng) for k, n in enumerate(names)]
+    result = f(*given)
+    result = result if isinstance(result, tuple) else (result,)
+    roles = {s.name.replace(".", "_"): s.name for s in part.signals}
+    found = {}
+    for n, value in zip(f.name_out(), result, strict=True):
+        kind, _, short = n.partition("_")
+        role = "output" if kind == "y" else "state"
+        flat = np.array(value, dtype=float).ravel()
+        weights = np.cos(np.arange(len(flat)))  # of a vector one number, no entry without weight
+        found[role, roles.get(short, short)] = f"{float(weights @ flat):.12g}"
+    return found
+
+
+def place(signal: Any, own: Any, size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """A value of a signal: near its own where it has one, else near 1, and in its range."""
+    base = np.ones(size)
+    if own is not None:
+        base = base * np.reshape(own, size if np.size(own) > 1 else (1, 1))
+    value = base * (1 + 0.1 * rng.uniform(-1, 1, size)) + np.where(base == 0, rng.random(size), 0)
+    if signal.role == "param" and np.all(base == np.round(base)) and np.any(base):
+        value = base  # counts and switches stay what they are
+    low, high = (e if isinstance(e, int | float) else np.inf * d for e, d in
+                 ((signal.lo, -1), (signal.hi, 1)))  # fmt: skip
+    return np.clip(value, low, high)
+
+
+def said(number: object) -> str:
+    """Numbers to twelve digits: the last ones are those of a system's ``exp``."""
+    if isinstance(number, int | float):
+        return f"{number:.12g}"
+    return " ".join(str(number).split())
+
+
+def close(have: str, wanted: str) -> bool:
+    """Whether two entries are the same, as numbers where they are numbers."""
+    if have == wanted:
+        return True
+    try:
+        return bool(np.isclose(float(have), float(wanted), rtol=NEAR, atol=1e-9))
+    except ValueError:
+        return False
+
+
+NAMES = [s for s in doors.studies() if s not in ("all_rails", "gain_bounds")] + [*VEHICLES]
+"""The other two put together parts that these have."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_part_computes_what_the_table_says(name: str) -> None:
+    with (FOLDER / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        wanted = list(csv.reader(file))[1:]
+    have = rows(name)
+    changed = [
+        (row, have.get((row[0], row[1], row[2])))
+        for row in wanted
+        if not all(map(close, have.get((row[0], row[1], row[2]), [""] * len(row)), row))
+    ]
+    assert changed == []
+    assert len(wanted) > 50
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for study in sys.argv[1:] or NAMES:
+        with (FOLDER / f"{study}.csv").open("w", newline="", encoding="utf-8") as out:
+            csv.writer(out, lineterminator="\n").writerows([HEAD, *rows(study).values()])
