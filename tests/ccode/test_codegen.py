@@ -555,6 +555,7 @@ def test_report_lists_what_was_written(tmp_path: Path) -> None:
     assert report["format"] == 1
     assert {*report["files"], "report.json"} == {p.name for p in tmp_path.iterdir()}
     assert report["parameters"]["d"] == {"value": 3.0, "unit": "m"}
+    assert {"arg", "res", "iw", "w", "in_state"} == set(report["work"])
     assert str(tmp_path) not in json.dumps(report)
     assert "Nothing was compiled" in (tmp_path / "report.md").read_text()
 
@@ -602,6 +603,24 @@ def test_report_to_read_has_the_numbers_of_the_other(tmp_path: Path) -> None:
     for c in data["compiled"]:
         assert f"| {c['compiler']} | {c['bytes']['text']} |" in text
     assert f"| one instance | {' | '.join(map(str, data['memory_bytes'].values()))} |" in text
+
+
+def test_report_tells_what_a_target_counted():
+    """A row of the table has each number under its head."""
+    from slipctl.ccode.ship import readable
+
+    target = {
+        "target": "m4", "compiler": "gcc 12", "bytes": {"text": 11, "data": 12, "bss": 13},
+        "stack": {"worst": 14}, "stack_used": 15, "instructions": {"mean": 16, "most": 17},
+        "double_helpers": ["a", "b"], "signals": {"x": 0.25, "y": 0.5}, "passed": True,
+    }  # fmt: skip
+    said = readable._targets({"targets": [target]})[-1].splitlines()
+    heads, row = ([c.strip() for c in line.strip("| ").split("|")] for line in (said[0], said[2]))
+    told = dict(zip(heads, row, strict=False))
+    wanted = {"text": "11", "stack at most": "14", "stack used": "15", "most": "17"}
+    assert {k: told[k] for k in wanted} == wanted
+    assert told["instructions, mean"] == "16"
+    assert told["functions of double"] == "2"
 
 
 # ---- text ----------------------------------------------------------------------------------------

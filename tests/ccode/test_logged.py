@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slipctl import Input, Output, Rail, Scenario, Section, State, connect, step
+from slipctl import Input, Output, Rail, RunFailed, Scenario, Section, State, connect, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import logged
 from slipctl.run.simulation import simulate
@@ -73,6 +73,8 @@ def test_a_run_that_breaks_stops_there(loop):
     from slipctl.ccode.check.comparison import reference
     from slipctl.ccode.write.plan import Plan
 
+    with pytest.raises(RunFailed, match="itself gives NaN or infinity at tick"):
+        reference(Plan(grows), np.ones((30, 1)), {})
     outputs, states = reference(Plan(grows), np.ones((30, 1)), {}, whole=False)
     assert len(outputs) == len(states) == 9  # 2^(2^10) is beyond double
     assert states[:, 0].tolist() == [2.0**2**k for k in range(1, 10)]

@@ -418,6 +418,7 @@ def test_a_parameter_without_effect_is_named():
         ("creep,force [bananas]\n0.1,2\n", "bananas"),
         ("v_s [kg],mu\n0.1,2\n", "curve.csv: the column v_s is in kg, the law wants m/s"),
         ("# nothing\n", "has no rows"),
+        ("creep,force\n0.1,2\n# a remark\n#N/A,3\n", "line 4: '#N/A' is no number"),
         ("# set v = 10 kg\ncreep,force\n0.1,2\n", "cannot be '10 kg'"),
     ],
 )

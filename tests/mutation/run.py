@@ -35,8 +35,8 @@ ROOT = Path(__file__).parents[2]
 ROOMS = {
     "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py"],
     "slipctl/ccode": ["tests/ccode"],
-    "slipctl/estimate": ["tests/estimate"],
-    "slipctl/predict": ["tests/predict"],
+    "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
+    "slipctl/predict": ["tests/predict", "tests/models/test_parts.py"],
     "models": ["tests/models", "tests/docs/test_errata.py", "tests/docs/test_errata_contact.py",
                "tests/docs/test_errata_freight.py", "tests/docs/test_errata_traction_control.py",
                "tests/docs/test_errata_train.py",

@@ -32,6 +32,17 @@ def place(x=Input("m", "position"), to=Input("m", "wanted", value=0.0), F=Input(
     return dict(p=x - to, f=F)
 
 
+def test_an_input_of_a_connected_plant_goes_by_its_short_name():
+    """Where two end alike, both go by their whole names."""
+    from slipctl import connect
+    from slipctl.predict.joining import joined
+
+    apart = connect("one", {}, a=cart)
+    assert joined("nmpc", apart, {})[1] == {"a.F": "F", "a.load": "load"}
+    names = joined("nmpc", connect("two", {}, a=cart, b=cart), {})[1]
+    assert (names["a.F"], names["b.F"]) == ("a_F", "b_F")
+
+
 def make(cost, **options):
     """Controller of the cart."""
     weights = dict.fromkeys(cost.outputs, 0.3) | {next(iter(cost.outputs)): 3.0}
