@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from casadi import atan, exp, fabs, fmax, pi
 
 from slipctl import BadInput, Block, Input, Output, Param, argmax, argmax_table, law, make_block
@@ -82,6 +83,43 @@ def patch(
 
 
 _PATCH = patch()
+
+FITS = 0.01
+"""Share by which what belongs to a wheel may be off: roundings of a table."""
+
+
+def check_patch(p: Mapping[str, Any], load: Any, r: Any) -> None:
+    """Refuse a contact that is the one of another wheel: its load, or the patch of its load.
+
+    A patch with numbers of its own (measured, fitted, of another rail head) is taken as it is.
+
+    Args:
+        p: numbers of the law; one without a patch is not judged.
+        load: what the wheel carries in N, of each axle.
+        r: radius of the wheel in m, of each axle.
+
+    Raises:
+        BadInput: with both loads, and what to write.
+    """
+    if not {"Q", "a", "b", "c11"} <= set(p):
+        return
+    load, r, Q = (np.ravel(np.asarray(v, dtype=float)) for v in (load, r, p["Q"]))
+    as_made = all(np.all(np.asarray(p[n]) == _PATCH[n]) for n in ("a", "b", "c11"))
+    for N, R, q in np.unique(np.column_stack(np.broadcast_arrays(load, r, Q)), axis=0):
+        if abs(q / N - 1) <= FITS and not as_made:
+            continue
+        fits = patch(N, R)
+        numbers = f"a={fits['a']:.4g}m b={fits['b']:.4g}m c11={fits['c11']:.4g}"
+        if abs(q / N - 1) > FITS:
+            raise BadInput(
+                f"Q = {q:.4g} N is the load of another wheel, this one carries {N:.4g} N: set"
+                f" Q={N:.5g}N, and its patch by Hertz and Kalker for r = {R:.3g} m, {numbers}"
+            )
+        if max(abs(fits[n] / _PATCH[n] - 1) for n in ("a", "b", "c11")) > FITS:
+            raise BadInput(
+                f"a, b and c11 are of a wheel with {_PATCH['Q']:.4g} N; at {N:.4g} N and"
+                f" r = {R:.3g} m they are others by Hertz and Kalker: set {numbers} too"
+            )
 
 
 def patch_of_curve(

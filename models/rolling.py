@@ -19,11 +19,12 @@ F_i is one number in both equations, so that with the mean speeds of the step, a
     change of (M v^2/2 + sum n_i J_i omega_i^2/2) = h (P_drive - P_brake - P_bearing - P_slip - P_d)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl import BadInput, Block, Input, Output, Param, State, make_block
 from slipctl.analysis.rooting import bracketed_newton
@@ -31,6 +32,7 @@ from slipctl.block.block import Exprs
 from slipctl.block.replication import widened, with_derived
 from slipctl.block.signals import Signal
 from slipctl.errors import known
+from slipctl.models.contact import check_patch
 
 STAGES = ((0, 0), (0, 0), (3, 3, 3), (24, 24, 24, 24, 24, 24))
 """Newton updates of each axle in each sweep over the axles, beside the one between two sweeps. A
@@ -225,13 +227,19 @@ def rolling(
     def rebuild(parts: dict[str, Block]) -> Block:
         return rolling(parts["adh"], axles, h, distinct, apart)
 
+    def guard(p: Mapping[str, Any]) -> None:
+        """Refuse a law that knows another wheel."""
+        law = {k: p[f"adh.{k}"] for k in adhesion.params if f"adh.{k}" in p}
+        if {"m_axle", "g", "r"} <= set(p):
+            check_patch(law, np.asarray(p["m_axle"]) * p["g"] / 2, p["r"])
+
     return make_block(
         "train", "step", body, states=states, inputs=inputs, params=[*params, *law_params],
         outputs=outputs, period=h, sx=False, parts={"adh": adhesion}, rebuild=rebuild,
         prefixed=True, own=own, by_structure=True, doc=__doc__ or "",
         conditions={c: {f"adh.{k}": v for k, v in values.items()}
                     for c, values in adhesion.conditions.items()},
-        choices={"axles": sum(axles.count), "distinct axles": n},
+        choices={"axles": sum(axles.count), "distinct axles": n}, guard=guard,
     )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from slipctl import BadInput, Block, Case, RunFailed, Scenario, prepare
 from slipctl.block import connection
+from slipctl.models.contact import WHEEL_LOAD, patch
 from slipctl.run import store
 from slipctl.study import doors
 from slipctl.study.keeping import key_of
@@ -98,6 +99,10 @@ def by_hand(
             if n in SCALING_MASS and ("law.scale.m" in numbers or freight):
                 continue
             new[n] = v * value
+    fits = of_its_wheel(study, what, value)
+    for n in numbers:
+        if n.rpartition(".")[2] in fits and n.split(".")[-2] in ("adh", "curves"):
+            new[n] = fits[n.rpartition(".")[2]]
     start = {k: float(np.ravel(v)[0]) for k, v in block.start().items() if np.size(v)}
     speed = next(k for k in start if k.endswith((".wheel.v", ".train.v", ".train.v_t")))
     v = start[speed] or (30.0 if study == "hst_traction" else 0.0)
@@ -118,6 +123,15 @@ def by_hand(
     return new
 
 
+def of_its_wheel(study: str, what: str, factor: float) -> dict[str, float]:
+    """Contact patch of another wheel, without which Polach's law refuses its load or radius."""
+    if study != "hst_traction" or what not in ("m", "r"):
+        return {}
+    load, radius = (factor, 1.0) if what == "m" else (1.0, factor)
+    found = patch(WHEEL_LOAD * load, 0.445 * radius)
+    return {n: found[n] for n in ("a", "b", "c11")}
+
+
 def told(
     loop: Block, study: str, scenario: str, what: str, factor: float
 ) -> dict[str, float | np.ndarray] | None:
@@ -130,7 +144,8 @@ def told(
     if what not in loop.params:
         return None  # a bound without wheels
     start = {place: 30.0} if study == "hst_traction" else {}
-    return {what: loop.param_values()[what] * factor, **start}
+    fits = of_its_wheel(study, what, factor)
+    return {what: loop.param_values()[what] * factor, **fits, **start}
 
 
 def compare(

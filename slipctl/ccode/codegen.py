@@ -39,6 +39,7 @@ from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
 from slipctl.ccode.write.source import source
 from slipctl.errors import BadInput, check_positive
+from slipctl.run.numbers import check_guards
 
 LIMIT = expected.LIMIT
 """Largest difference allowed between C in double and Python, relative to the largest value."""
@@ -269,6 +270,7 @@ def _produce(
     if period is not None:
         check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
+    check_guards(block)
     made = texts(plan)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]

@@ -19,6 +19,7 @@ from slipctl.certify.systems import Report, System
 from slipctl.commands import certify_loop
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
+from slipctl.run.numbers import check_guards
 from slipctl.study.declaration import Gains, Study
 
 NUMBER = re.compile(
@@ -125,6 +126,7 @@ def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
     found, cases = [], doors.build_cases(study)
     for gains in study.gains if of is None else of:
         loop, _ = doors.pick_loop(study, cases, gains.loop)
+        check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         report = systems.report(catalogue.system(gains.system), numbers)
         own = report.criteria.get(gains.condition)

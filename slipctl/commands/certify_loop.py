@@ -19,6 +19,7 @@ from slipctl.certify.systems import System
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
+from slipctl.run.numbers import check_guards
 from slipctl.study import doors
 from slipctl.study.declaration import Gains, Study
 
@@ -68,7 +69,9 @@ def one(name: str) -> tuple[Gains, Block]:
         gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
         if len(gains) != 1:
             raise BadInput(f"{name} has several certificates; write which: {known}")
-    return gains[0], doors.find_loop(study, gains[0].loop)[0]
+    loop = doors.find_loop(study, gains[0].loop)[0]
+    check_guards(loop)
+    return gains[0], loop
 
 
 def mapped(options: argparse.Namespace, command: str) -> str:

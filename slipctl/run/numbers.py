@@ -147,6 +147,31 @@ def _at(block: Block, path: str) -> Block | None:
     return block
 
 
+def check_guards(loop: Block) -> None:
+    """Refuse numbers that a part refuses, on each rail condition that the loop knows.
+
+    Asked where a loop is made ready to roll or to be written, and not where it is made: numbers
+    that belong together may be set one by one.
+
+    Raises:
+        BadInput: in the words of the part, with its path.
+    """
+    parts = [(part, path) for part, path, _ in _guarded(loop, "", None) if not part.transparent]
+    if not parts:  # a sampled part asked when it was made
+        return
+    known = loop.values_by_place()
+    for part, path in parts:
+        where = ".".join(path.split("/")[1:])
+        for values in {str(v): v for v in loop.conditions.values()}.values() or [{}]:
+            at = known | values
+            own = {n: at[f"{where}.{n}" if where else n] for n in part.params
+                   if (f"{where}.{n}" if where else n) in at}  # fmt: skip
+            try:
+                part.guard(own)  # type: ignore[misc]
+            except BadInput as error:
+                raise BadInput(f"{where or part.name}: {error}") from None
+
+
 def _guarded(
     block: Block, path: str, names: Mapping[str, str] | None
 ) -> Iterator[tuple[Block, str, Mapping[str, str] | None]]:

@@ -16,7 +16,7 @@ from slipctl.block.signals import Signal, total_size
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
 from slipctl.run.feeding import begun, feeds, pieces, rail_values
-from slipctl.run.numbers import Template, template
+from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ class Prepared:
         self.ticks = _ticks(loop, scenario, every)
         self._compile = compile
         self._begun = begun(loop, scenario)
+        check_guards(self._begun)
         self._wanted = None if log is None else set(log)
         _check_logged(self._begun, self._wanted)
         self._templates: dict[tuple[str, ...], Template | None] = {}
@@ -153,7 +154,10 @@ class Prepared:
                 self._templates[key] = template(self.loop, self._begun, self.scenario, numbers)
         known = self._templates.get(key)
         block = known.with_numbers(numbers) if known is not None else None
-        return block or begun(self.loop.with_params(**numbers), self.scenario)
+        if block is None:
+            block = begun(self.loop.with_params(**numbers), self.scenario)
+            check_guards(block)
+        return block
 
     def _parts(
         self, block: Block, scenario: Scenario

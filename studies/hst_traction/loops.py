@@ -30,7 +30,7 @@ from slipctl import (
 from slipctl.models import converters
 from slipctl.models import hst_traction_adhesion as adhesion
 from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import patch, polach
+from slipctl.models.contact import polach
 from slipctl.models.hst_traction import (
     DISTINCT,
     GROUPED,
@@ -403,21 +403,3 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
             "%s.m = %g kg, but its %d axles carry %g kg; m_axle = %g kg would fit", where, m,
             axles, carried, m / axles,
         )  # fmt: skip
-    _check_patch(where, p)
-
-
-def _check_patch(where: str, p: Mapping[str, np.ndarray]) -> None:
-    """Refuse a contact patch that is the one of another load or radius."""
-    names = ("Q", "a", "b", "c11")
-    if any(f"plant.train.adh.{n}" not in p for n in names):
-        return
-    Q, a, b, c11 = (float(np.ravel(p[f"plant.train.adh.{n}"])[0]) for n in names)
-    r, made = float(p["plant.train.r"]), {n: float(polach.params[n].value) for n in names}
-    fits = patch(Q, r)
-    off = max(abs(fits[n] / made[n] - 1) for n in ("a", "b", "c11"))
-    if (a, b, c11) == (made["a"], made["b"], made["c11"]) and off > FITS:
-        raise BadInput(
-            f"{where}.adh: a, b and c11 are of a wheel with {made['Q']:.4g} N; at {Q:.4g} N and"
-            f" r = {r:.3g} m they are others by Hertz and Kalker: set a={fits['a']:.4g}m"
-            f" b={fits['b']:.4g}m c11={fits['c11']:.4g} too"
-        )

@@ -1,6 +1,7 @@
 """A vehicle from parts: its physics against closed forms and another integrator, its parts."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -323,6 +324,22 @@ def test_one_number_changes_everywhere():
     assert float(heavier["ctl.meter.m"]) == float(heavier["ctl.force.m_axle"]) == 10e3
     assert np.ravel(heavier["plant.train.m_axle"])[0] == 10e3
     assert {float(v) for n, v in heavier.items() if n.endswith(".r")} == {0.4}
+
+
+def test_polachs_law_is_of_the_wheel_that_it_carries():
+    """Where load and patch fit it runs; else both loads are told, and what is told is taken.
+
+    A quarter of 38 t rests on two wheels: 46598 N (9.81 m/s^2).
+    """
+    laid = replace(DRY, law="polach")
+    with pytest.raises(BadInput, match=r"7.656e\+04 N is .* carries 4.66e\+04 N: set") as refused:
+        run(trip(rail=laid, duration=0.01))
+    told = dict(re.findall(r"(Q|\ba|\bb|c11)=([\d.]+\w*)", str(refused.value)))
+    assert told["Q"] == "46598N"
+    fits = {n: float(re.match(r"[\d.]+", v)[0]) for n, v in told.items()}
+    wet = {"k_A": 0.28, "mu_0": 0.128}
+    found = run(trip(rail=replace(laid, conditions={"dry": fits | wet}), duration=0.01))
+    assert float(found["plant.train.v"][-1]) < 20.0
 
 
 def test_a_gated_block_begins_anew():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Scenario, simulate
+from slipctl import BadInput, Rail, Scenario, Section, c_module, prepare, simulate
 from slipctl.models import hst_traction_control as control
 from slipctl.models.hst_traction import GROUPED, tractive_effort
 from slipctl.studies.hst_traction import experiments
@@ -139,20 +139,31 @@ def test_page_names_every_loop():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "where"), [({"m": 550e3}, ""), ({"r": 0.4}, "at 7.656e+04 N and r = 0.4 m")]
+    ("numbers", "where"),
+    [({"m": 550e3}, "at 8.422e+04 N"), ({"r": 0.4}, "at 7.656e+04 N and r = 0.4 m")],
 )
-def test_a_patch_of_another_load_or_radius_is_refused(numbers, where):
-    """Hertz: the semi-axes grow with the cube root of the load. What is told to write is taken."""
+def test_a_patch_of_another_load_or_radius_is_refused(numbers, where, tmp_path):
+    """Hertz: the semi-axes grow with the cube root of the load. What is told to write is taken.
+
+    At every door: where a loop is made ready, given other numbers, or written as C.
+    """
     from slipctl.studies.hst_traction import loops as made
 
-    loop = made.loop(made.MODELS, made.MODELS["pid"], False)
-    made.check("pid", loop, Scenario("s", 1.0))
-    loop = loop.with_params(**numbers)
-    with pytest.raises(BadInput, match="are of a wheel with") as refused:
-        made.check("pid", loop, Scenario("s", 1.0))
+    given = {"a_d": 0.0, "v_d": 1.0, "x_d": 0.0}
+    scenario = Scenario("s", 1e-3, Rail([Section(0, "dry")]), given, start={"plant.train.v": 1.0})
+    whole = made.loop(made.MODELS, made.MODELS["pid"], False)
+    ready = prepare(whole, scenario, compile=False)
+    for door in (
+        lambda: prepare(whole.with_params(**numbers), scenario, compile=False),
+        lambda: ready(numbers),
+        lambda: c_module(whole.with_params(**numbers)["plant.train"], tmp_path),
+    ):
+        with pytest.raises(BadInput, match="train: a, b and c11 are of a wheel with") as refused:
+            door()
     told = {n: float(v) for n, v in re.findall(r"(\ba|\bb|c11)=([\d.]+)", str(refused.value))}
     if "m" in numbers:
         a = float(made.polach.params["a"].value) * 1.1 ** (1 / 3)
         assert told["a"] == pytest.approx(a, rel=1e-3)  # four digits are written
     assert where in str(refused.value)
-    made.check("pid", loop.with_params(**told), Scenario("s", 1.0))
+    ready(numbers | told)
+    assert list(tmp_path.iterdir()) == []
