@@ -15,6 +15,7 @@ import io
 import itertools
 import json
 import random
+import signal
 import sys
 import time
 import warnings
@@ -65,6 +66,8 @@ def main() -> int:
     parser.add_argument("--only", choices=list(KINDS))
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
+    for asked in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(asked, signal.default_int_handler)
     kinds = [chosen.only] if chosen.only else list(KINDS)
     start, done, found = time.monotonic(), dict.fromkeys(kinds, 0), []
     for seed in itertools.chain(KEPT, itertools.count(chosen.seed)):
