@@ -22,6 +22,7 @@ from slipctl import (
     BadInput,
     Block,
     Case,
+    End,
     Input,
     Known,
     Output,
@@ -56,7 +57,6 @@ from slipctl.models.vehicle.parts import (
     measured,
 )
 from slipctl.models.vehicle.plant import on_train, plant
-from slipctl.run.rail import End
 from slipctl.run.results import Loops
 from slipctl.study.doors import load_block
 
