@@ -180,7 +180,9 @@ def test_the_predictive_law_begins_with_the_force_that_the_train_has():
 def test_where_a_plant_starts_is_told_in_its_model_alone():
     """Studies take the places of start values from the models: no study spells one of a plant."""
     folder = Path(studies.__path__[0])
-    spelled = re.compile(r"\"(?:v|omega|omega_m|phi|T_b|P_c|v_s|lam)_start\b[^\"]*\":\s*\[?\"plant\.")
+    spelled = re.compile(
+        r"\"(?:v|omega|omega_m|phi|T_b|P_c|v_s|lam)_start\b[^\"]*\":\s*\[?\"plant\."
+    )
     for name in ("subway_braking", "freight_traction", "hst_braking", "all_rails"):
         for file in (folder / name).glob("*.py"):
             assert not spelled.search(file.read_text(encoding="utf-8")), file
