@@ -16,6 +16,10 @@ myst_heading_anchors = 4
 html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+templates_path = ["templates"]
+html_sidebars = {"**": ["sidebar/brand.html", "sidebar/search.html", "sidebar/scroll-start.html",
+                        "sidebar/navigation.html", "sidebar/versions.html",
+                        "sidebar/scroll-end.html"]}  # fmt: skip
 html_title = f"slipctl {release}"
 html_show_sourcelink = False
 exclude_patterns = ["evidence", "made"]

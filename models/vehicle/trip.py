@@ -83,7 +83,7 @@ def rail_law(trip: Trip) -> Block:
             )
     used = dict.fromkeys(s.condition for s in track.sections)
     # what one condition sets is set in all, so that none keeps what the one before left
-    names = {n for c in used for n in known[c]}
+    names = dict.fromkeys(n for c in used for n in known[c])
     whole = {n: float(block.params[n].value) for n in names}
     return block.with_conditions(**{c: whole | known[c] for c in used})
 

@@ -82,10 +82,13 @@ def _world(study: Study, case: Case, loop: str, options: argparse.Namespace) -> 
             "a sweep needs something to vary; write --vary P=lo:hi:n or P=lo:hi, or an [ensemble]"
             " in a vehicle's file"
         )
-    return World(
+    world = World(
         case.loops[loop], case.scenario, ensemble, signals=study.signals, known=case.known,
         seed=options.seed, compile=not options.no_compile,
     )  # fmt: skip
+    for note in world.notes:
+        log.warning("%s", note)
+    return world
 
 
 def report(found: Sweep) -> str:

@@ -145,6 +145,8 @@ def tune(
     check_whole("--runs", runs, 1)
     world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
                   free=[f.name for f in frees], compile=compile)  # fmt: skip
+    for note in world.notes:
+        (tell or str)(note)
     _apart(frees, world)
     numbers = {f.name: f.now for f in frees}
     there = world.metrics(numbers, world.draw(TRAINING, 0))

@@ -150,9 +150,10 @@ class World:
 
     Attributes:
         wanted: the only metrics that are measured; None measures all.
+        notes: what of the ensemble has no effect on this loop, a line each.
 
     Raises:
-        BadInput: an unknown name, a range that is none, seeds where nothing is noisy.
+        BadInput: an unknown name, a range that is none, seeds alone where nothing is noisy.
     """
 
     def __init__(
@@ -172,11 +173,12 @@ class World:
                 raise BadInput(f"the ensemble: draw {a.name}: write lo:hi, no number of values")
         by_rail = {n for group in rail_values(begun(loop, scenario), scenario) for n in group}
         self.factors = tuple(self._factor(loop, n, t, by_rail) for n, t in ensemble.scale.items())
-        if ensemble.seeds and not any(s.noise for s in loop.inputs.values()):
-            raise BadInput(
-                f"the ensemble draws seeds, and {loop.name} has no noise in scenario"
-                f" {scenario.name}; leave out seeds"
-            )
+        self.notes: tuple[str, ...] = ()
+        if ensemble.seeds and not (scenario.noise and any(s.noise for s in loop.inputs.values())):
+            why = f"{loop.name} has no noise in scenario {scenario.name}"
+            if not (self.axes or self.factors):
+                raise BadInput(f"the ensemble draws seeds alone, and {why}; draw a number too")
+            self.notes = (f"{why}: seeds have no effect there",)
         # numbers that leave a share are set apart once, so that a draw changes values alone
         drawn = [a.name for a in self.axes] + [n for f in self.factors for n in f.numbers]
         now = loop.values_by_place()

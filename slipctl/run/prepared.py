@@ -28,8 +28,8 @@ CHUNKS = 40
 LARGEST = 2**36
 """Most bytes that a run may ask for, its inputs and the rows of its log."""
 
-SCRATCH = 20_000
-"""Most ticks that are held in memory at a time where only some rows are kept."""
+SCRATCH = 2**18
+"""Numbers of a run that are held before those that the log keeps are taken: 2 MB, near the core."""
 
 
 def prepare(
@@ -121,27 +121,30 @@ class Prepared:
         u, roll, parts = self._parts(block, scenario)
         h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
         rows = np.arange(0, ticks, every)
-        x_log = np.empty((rows.size, x.size))
-        y_log = np.empty((rows.size, total_size(block.outputs.values())))
-        for first, last, p in parts:
-            size = max((last - first + CHUNKS - 1) // CHUNKS, 1) if progress else last - first
-            size = min(size, SCRATCH) if every > 1 else size
-            for k in range(first, last, size):
+        columns = logged(block, self._wanted)
+        n_y = total_size(block.outputs.values())
+        kept = {role: _places(columns, role) for role in ("input", "output", "state")}
+        x_log, y_log = (np.empty((rows.size, kept[role].size)) for role in ("state", "output"))
+        first: dict[str, np.ndarray] = {"input": u[:1]}
+        most = -(-ticks // CHUNKS) if progress else ticks
+        size = max(min(SCRATCH // max(x.size + n_y, 1), most), 1)
+        x_now, y_now = np.empty((size, x.size)), np.empty((size, n_y))
+        for start, last, p in parts:
+            for k in range(start, last, size):
                 stop = min(k + size, last)
-                kept = slice(*np.searchsorted(rows, (k, stop)))
-                whole = every == 1
-                x_now = x_log[kept] if whole else np.empty((stop - k, x.size))
-                y_now = y_log[kept] if whole else np.empty((stop - k, y_log.shape[1]))
-                n = roll(x, u[k:stop], p, x_now, y_now)
+                a, b = np.searchsorted(rows, (k, stop))
+                n = roll(x, u[k:stop], p, x_now[: stop - k], y_now[: stop - k])
                 if n < stop - k:
                     raise RunFailed(_broken(block, x, (k + n + 1) * h))
-                if not whole:
-                    x_log[kept], y_log[kept] = x_now[rows[kept] - k], y_now[rows[kept] - k]
+                if k == 0:
+                    first |= {"output": y_now[:1].copy(), "state": x_now[:1].copy()}
+                x_log[a:b] = x_now[np.ix_(rows[a:b] - k, kept["state"])]
+                y_log[a:b] = y_now[np.ix_(rows[a:b] - k, kept["output"])]
                 if progress:
                     progress(stop / ticks)
-        u = u if every == 1 else u[rows]
-        return Log(block, scenario, rows * h, {"input": u, "output": y_log, "state": x_log},
-                   self._wanted, every)  # fmt: skip
+        u_log = u[np.ix_(rows, kept["input"])]
+        return Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
+                   columns, first, every)  # fmt: skip
 
     def _numbered(self, numbers: Mapping[str, Any]) -> Block:
         """Loop with these numbers, in the scenario; where only numbers differ, made from one."""
@@ -224,11 +227,35 @@ def _broken(loop: Block, x: np.ndarray, when: float) -> str:
 
 @dataclass(frozen=True)
 class _Column:
-    """Where a logged signal stands: among which packed values, and from which column on."""
+    """Where a logged signal stands: among which packed values, from which number on."""
 
     role: str
     at: int
     signal: Signal
+
+
+def logged(loop: Block, wanted: set[str] | None) -> dict[str, _Column]:
+    """Signals that a log keeps, by name; by default every number that is no held copy."""
+    found: dict[str, _Column] = {}
+    for role in ("input", "output", "state"):
+        at = 0
+        for n, s in loop._signals[role].items():
+            here, at = at, at + s.size
+            last = n.rpartition(".")[2]
+            shown = s.shape == () or (s.axis != "" and len(s.shape) == 1)
+            keep = shown and not last.startswith("held_") and last != "tick"
+            if not (keep if wanted is None else n in wanted):
+                continue
+            if role != "output" and n in loop.outputs:
+                continue  # a wire from this name carries the output too
+            found[n] = _Column(role, here, s)
+    return found
+
+
+def _places(columns: Mapping[str, _Column], role: str) -> np.ndarray:
+    """Numbers of a role that a log keeps, by their place among all of them."""
+    spans = [range(c.at, c.at + c.signal.size) for c in columns.values() if c.role == role]
+    return np.array([k for span in spans for k in span], dtype=int)
 
 
 class Log(Mapping[str, np.ndarray]):
@@ -243,23 +270,24 @@ class Log(Mapping[str, np.ndarray]):
 
     def __init__(
         self, loop: Block, scenario: Scenario, time: np.ndarray, values: Mapping[str, np.ndarray],
-        wanted: set[str] | None, every: int = 1,
+        columns: Mapping[str, _Column], first: Mapping[str, np.ndarray], every: int = 1,
     ) -> None:  # fmt: skip
         self.loop, self.scenario, self._time, self._every = loop, scenario, time, every
+        self._values, self._first = values, first
         self._columns: dict[str, _Column] = {}
-        self._values = values
-        for role in values:
-            at = 0
-            for n, s in loop._signals[role].items():
-                here, at = at, at + s.size
-                last = n.rpartition(".")[2]
-                shown = s.shape == () or (s.axis != "" and len(s.shape) == 1)
-                keep = shown and not last.startswith("held_") and last != "tick"
-                if not (keep if wanted is None else n in wanted):
-                    continue
-                if role != "output" and n in loop.outputs:
-                    continue  # a wire from this name carries the output too
-                self._columns[n] = _Column(role, here, s)
+        ends = dict.fromkeys(values, 0)
+        for n, c in columns.items():
+            self._columns[n] = _Column(c.role, ends[c.role], c.signal)
+            ends[c.role] += c.signal.size
+
+    @classmethod
+    def of(
+        cls, loop: Block, scenario: Scenario, time: np.ndarray, values: Mapping[str, np.ndarray]
+    ) -> Log:
+        """Log of all numbers of a run, a row per tick for inputs, outputs and states."""
+        columns = logged(loop, None)
+        kept = {role: v[:, _places(columns, role)] for role, v in values.items()}
+        return cls(loop, scenario, time, kept, columns, {r: v[:1] for r, v in values.items()})
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name == "time":
@@ -286,9 +314,9 @@ class Log(Mapping[str, np.ndarray]):
         """What to know before the numbers are believed: estimators that begin far off."""
         from slipctl.run.starting import told_starts
 
-        first = {role: values[:1] for role, values in self._values.items()}
         every = {s.name for s in self.loop.signals if s.role != "param"}
-        begin = Log(self.loop, self.scenario, self._time[:1], first, every)
+        begin = Log(self.loop, self.scenario, self._time[:1], self._first,
+                    logged(self.loop, every), self._first)  # fmt: skip
         return told_starts(self.loop, self.scenario.but(params={}, start={}), begin)
 
     def dataset(self) -> xarray.Dataset:

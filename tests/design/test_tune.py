@@ -113,11 +113,23 @@ def test_ensembles_that_are_none(table: Any, said: str) -> None:
     (Ensemble({}, {"x": "0.8:1.2"}), "0.8:1.2 of NAME"),
     (Ensemble({}, {"x": "1.2:0.8 of plant.adh.c"}), "lo < hi"),
     (Ensemble({}, {"x": "0.8:1.2 of plant.adh.d"}), "has no 'plant.adh.d'"),
-    (Ensemble(seeds=True), "has no noise"),
+    (Ensemble(seeds=True), "seeds alone, and .* has no noise"),
 ])  # fmt: skip
 def test_ensembles_that_do_not_fit_the_loop(ensemble: Ensemble, said: str) -> None:
     with pytest.raises(BadInput, match=said):
         World(LOOP, SCENARIO, ensemble, known=KNOWN, compile=False)
+
+
+def test_seeds_have_no_effect_where_nothing_is_noisy() -> None:
+    """A loop without noise takes the draws of one with noise, and says so in one line."""
+    draw = {"plant.wheel.m": "6t:9t"}
+    world, without = (World(LOOP, SCENARIO, Ensemble(draw, seeds=s), known=KNOWN, compile=False)
+                      for s in (True, False))  # fmt: skip
+    assert [*world.notes] == [
+        "loop has no noise in scenario three_rails: seeds have no effect there"
+    ]
+    assert not without.notes
+    assert world.draw(0, 3).numbers == without.draw(0, 3).numbers
 
 
 # ---- what is wanted ------------------------------------------------------------------------------

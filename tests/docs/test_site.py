@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
+from typing import Any
 
 from slipctl.study import doors
 
 DOCS = Path(__file__).parents[2] / "docs"
+
+
+def module(name: str) -> Any:
+    """A script of the docs."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
 
 
 def test_every_page_stands_once_in_the_index():
@@ -31,3 +43,29 @@ def test_parts_stand_in_the_order_in_which_people_want_them():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     captions = re.findall(r"^:caption: (.*)$", index, re.M)
     assert captions == ["Start", "How to", "Models", "Studies", "Theory", "Reference", "Errata"]
+
+
+def test_pages_of_several_versions_stand_side_by_side(tmp_path):
+    """The newest first, by number and not by letter; the first page leads to it."""
+    made = module("make_site")
+    for version in ("0.9.0", "0.10.0", "0.1.2"):
+        (tmp_path / version).mkdir()
+        (tmp_path / version / "index.html").write_text("a page", encoding="utf-8")
+    made.listed(tmp_path)
+    assert (tmp_path / "versions.js").read_text(encoding="utf-8") == (
+        'window.versions = ["0.10.0", "0.9.0", "0.1.2"];\n'
+    )
+    first = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert 'url=0.10.0/index.html"' in first
+    assert first.count("<li>") == 3
+
+
+def test_words_of_the_glossary_are_found_once_and_whole():
+    """The longest word that begins first; no part of another word."""
+    words = module("glossary_words")
+    left = words.entries()
+    assert words.linked("a stopping distance, and a slip ratio", left) == (
+        2, 19, "term-stopping-distance"
+    )  # fmt: skip
+    assert words.linked("tickets and blocked loops", left)[2] == "term-loop"
+    assert words.linked("nothing of it here", left) is None

@@ -4,7 +4,7 @@
 run again. A third of the cases are command lines with their files (curves, models, certificates),
 a third are calls of public functions with a wrong argument, and a third are vehicle files,
 expressions and logs. ``--only lines``, ``calls`` or ``desk`` makes one kind. What ends badly is
-told with its seed and case.
+told with its seed and case. Ctrl-C ends it with what it has.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import io
 import itertools
 import json
 import random
+import signal
 import sys
 import time
 import warnings
@@ -65,16 +66,21 @@ def main() -> int:
     parser.add_argument("--only", choices=list(KINDS))
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
+    for asked in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(asked, signal.default_int_handler)
     kinds = [chosen.only] if chosen.only else list(KINDS)
     start, done, found = time.monotonic(), dict.fromkeys(kinds, 0), []
     for seed in itertools.chain(KEPT, itertools.count(chosen.seed)):
         if sum(done.values()) >= chosen.cases or time.monotonic() - start > chosen.seconds:
             break
-        for kind in kinds:
-            found += KINDS[kind](BATCH, seed)
-            done[kind] += BATCH
-    for what, wrong in found:
-        print(what, ascii(wrong)[:500])
+        try:
+            for kind in kinds:
+                for what, wrong in KINDS[kind](BATCH, seed):
+                    found.append((what, wrong))
+                    print(what, ascii(wrong)[:500], flush=True)
+                done[kind] += BATCH
+        except KeyboardInterrupt:
+            break
     print(f"{sum(done.values())} cases, {len(found)} end badly")
     if chosen.out:
         told = {"seed": chosen.seed, **done, "wrong": found}

@@ -69,8 +69,12 @@ def answer(words: list[str]) -> str:
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main(words)
+    except KeyboardInterrupt:
+        raise
     except BaseException as error:
         return f"{type(error).__name__}: {error}"
+    if code == 130:  # whoever runs this was told to stop
+        raise KeyboardInterrupt
     said = err.getvalue()
     if code not in (0, 1, 2):
         return f"exit code {code}"

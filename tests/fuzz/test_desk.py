@@ -134,6 +134,8 @@ def read_log(text: str) -> None:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(["replay", "log.csv", "--with", model, "--map", "v=speed", "--out", "o"])
     said = err.getvalue().strip()
+    if code == 130:  # whoever runs this was told to stop
+        raise KeyboardInterrupt
     if code not in (0, 2) or "Traceback" in said or (code == 2 and not said):
         raise AssertionError(f"exit code {code}: {said}")
 
@@ -161,6 +163,8 @@ def attack(cases: int, seed: int) -> list[tuple[list[str], str]]:
                     lines = getattr(error, "lines", None) or str(error).splitlines()
                     if not lines or any("\n" in line for line in lines):
                         wrong = f"not a line a fault: {error}"
+                except KeyboardInterrupt:
+                    raise
                 except BaseException as error:
                     wrong = f"{type(error).__name__}: {error}"
                 spent = time.process_time() - start

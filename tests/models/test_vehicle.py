@@ -1,6 +1,9 @@
 """A vehicle from parts: its physics against closed forms and another integrator, its parts."""
 
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from math import atan, exp, sqrt
 
@@ -60,6 +63,25 @@ def trip(**changes):
 def run(made, name="none", **how):
     found = case(made)
     return simulate(found.loops[name], found.scenario, compile=False, **how)
+
+
+def test_a_loop_is_the_same_in_every_process():
+    # Python orders sets of texts by a number of the process; what depends on it is compiled anew
+    # each time, and may sum in another order
+    code = (
+        "import hashlib; from slipctl.study import doors; from slipctl import prepare;"
+        "from slipctl.models.vehicle import parts; from pathlib import Path;"
+        "file = Path(parts.__file__).parent / 'files' / 'metro.toml';"
+        "loop, case = doors.find_loop(doors.load_study(str(file)), 'none');"
+        "rolled = prepare(loop, case.scenario, compile=False)._roller[0];"
+        "print(hashlib.sha256(rolled.serialize().encode()).hexdigest())"
+    )
+    said = {
+        subprocess.run([sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed},
+                       capture_output=True, text=True, check=True).stdout
+        for seed in ("1", "2", "3")
+    }  # fmt: skip
+    assert len(said) == 1
 
 
 # ---- physics -------------------------------------------------------------------------------------

@@ -177,7 +177,7 @@ def run_in_loop(
             x = x_out[:, 0].copy()
     time = np.arange(ticks) * rest.period
     values = {"input": u, "output": y_log, "state": x_log}
-    data = Log(rest, scenario, time, values, None).dataset()
+    data = Log.of(rest, scenario, time, values).dataset()
     unseen = [n for n in data if GIVEN in str(n) or SEEN in str(n)]
     return InLoop(data.drop_vars(unseen), status)
 
