@@ -23,7 +23,7 @@ _WHERE = {
     "block.ranges": ["ranged"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
     "block.units": ["one"],
-    "run.rail": ["Section", "Rail", "Scenario"],
+    "run.rail": ["Section", "Rail", "Scenario", "End"],
     "run.simulation": ["simulate"],
     "run.prepared": ["prepare", "Prepared"],
     "run.ensemble": ["Ensemble"],
@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from slipctl.predict.trials import Feasibility, feasibility
     from slipctl.run.ensemble import Ensemble
     from slipctl.run.prepared import Prepared, prepare
-    from slipctl.run.rail import Rail, Scenario, Section
+    from slipctl.run.rail import End, Rail, Scenario, Section
     from slipctl.run.results import Case, Known, Results, Table
     from slipctl.run.roles import Signals
     from slipctl.run.simulation import simulate

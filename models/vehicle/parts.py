@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slipctl import BadInput
+from slipctl.block.units import parse_quantity
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -48,6 +49,24 @@ def off_range(value: float, meta: Mapping[str, Any]) -> str:
     if not meta["lo"] <= value <= meta["hi"]:
         return f"{value:g}{unit} is outside {meta['lo']:g} .. {meta['hi']:g}{unit}"
     return ""
+
+
+STANDSTILL = "standstill"
+"""What ends a trip when the vehicle has stopped."""
+
+
+def measured(text: str, *units: str) -> tuple[float, str] | str:
+    """Positive number in one of some units, with that unit; or what is wrong with the text."""
+    bare = text.strip()[-1:]
+    for unit in units if bare.isalpha() else ():
+        try:
+            value = parse_quantity(text, unit)
+        except BadInput:
+            continue
+        if math.isfinite(value) and value > 0:
+            return value, unit
+        return f"is {text!r}, which is not above 0"
+    return f"is {text!r}; write a number in {' or '.join(units)}, such as '12 {units[0]}'"
 
 
 class Part:
@@ -295,14 +314,31 @@ class Constant(Part):
     deceleration: float | None = number("m/s^2", None, "of a braked vehicle", lo=0, hi=10)
     acceleration: float | None = number("m/s^2", None, "of a driven vehicle", lo=0, hi=10)
     force: float | None = number("N", None, "of all axles together, at the rims", lo=0, hi=1e8)
+    until: str = told("", "when or where it ends, '12 s' or '130 m'; it is zero from then on")
 
     def misfits(self) -> Iterator[Fault]:
-        """None of them, or more than one."""
+        """None of them, or more than one; an end that is none."""
+        if getattr(self, "until", ""):
+            fault = measured(self.until, "s", "m")
+            if isinstance(fault, str):
+                yield "until", fault
         names = ("deceleration", "acceleration", "force")
         given = [n for n in names if getattr(self, n) is not None]
         if len(given) != 1:
             found = " and ".join(given) if given else "none is given"
             yield "", f"a demand is one of {', '.join(names)}; {found}"
+
+    def as_table(self) -> Constant | Profile:
+        """The same as a table with a point at its end; itself where it does not end."""
+        if not self.until:
+            return self
+        found = measured(self.until, "s", "m")
+        assert not isinstance(found, str)
+        end, unit = found
+        names = ("deceleration", "acceleration", "force")
+        level = {n: (getattr(self, n), 0.0) for n in names if getattr(self, n) is not None}
+        over: Literal["time", "position"] = "time" if unit == "s" else "position"
+        return Profile(over=over, at=(0.0, end), **level)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -533,6 +569,7 @@ class Trip(Part):
 
     title: str = told("A vehicle of one's own", "a line for report and figures")
     duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
+    end: str = told("", "what ends a run before: 'standstill', or a place of the first axle")
     vehicle: Vehicle = told(MISSING, "the vehicle")
     actuator: Lag | Valve = told(MISSING, "what turns or brakes each axle")
     rail: Track = told(MISSING, "the rail")
@@ -549,6 +586,10 @@ class Trip(Part):
 
     def misfits(self) -> Iterator[Fault]:
         """What of one part does not fit another."""
+        if self.end not in ("", STANDSTILL):
+            fault = measured(self.end, "m")
+            if isinstance(fault, str):
+                yield "end", f"{fault}, or {STANDSTILL!r}"
         wanted = "deceleration" if self.vehicle.mode == "brake" else "acceleration"
         other = "acceleration" if self.vehicle.mode == "brake" else "deceleration"
         if getattr(self.demand, other, None) is not None:

@@ -22,6 +22,7 @@ from slipctl import (
     BadInput,
     Block,
     Case,
+    End,
     Input,
     Known,
     Output,
@@ -42,6 +43,8 @@ from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.control import axle_control, numbers_of
 from slipctl.models.vehicle.parts import (
+    STANDSTILL,
+    Constant,
     Controller,
     Exact,
     Lag,
@@ -51,10 +54,14 @@ from slipctl.models.vehicle.parts import (
     Profile,
     ToothWheel,
     Trip,
+    measured,
 )
 from slipctl.models.vehicle.plant import on_train, plant
 from slipctl.run.results import Loops
 from slipctl.study.doors import load_block
+
+STOPPED, STANDS = 0.02, 0.5
+"""Speed in m/s of a vehicle that stands, and how long in s it does before the run ends."""
 
 # ---- rail ----------------------------------------------------------------------------------------
 
@@ -115,6 +122,8 @@ def demand(trip: Trip) -> Block:
     on level track and without resistance.
     """
     part, axles = trip.demand, len(trip.vehicle.worked)
+    if isinstance(part, Constant):
+        part = part.as_table()
     clock = State("s", 0.0, "time since the start")
     v = Input("m/s", "measured vehicle speed")
     x = Input("m", "place of the first axle")
@@ -303,8 +312,16 @@ def scenario(trip: Trip, name: str = "trip") -> Scenario:
     level = isinstance(gradient, tuple) or not gradient
     return Scenario(
         name, trip.duration, rail(trip), seed=trip.seed, noise=trip.noise, doc=trip.title,
-        params={} if level else {"plant.grade.slope": gradient},
+        params={} if level else {"plant.grade.slope": gradient}, end=end(trip),
     )  # fmt: skip
+
+
+def end(trip: Trip) -> End | None:
+    """What ends the run before its duration."""
+    if trip.end == STANDSTILL:
+        return End("plant.train.v", below=STOPPED, hold=STANDS)
+    found = measured(trip.end, "m") if trip.end else None
+    return End("plant.train.x", above=found[0]) if isinstance(found, tuple) else None
 
 
 def best(block: Block, condition: str) -> tuple[float, float]:

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from slipctl.block.block import Block
-    from slipctl.run.results import Results
+    from slipctl.run.results import Case, Results
 
 
 def traces(
@@ -118,7 +118,7 @@ def traces(
             if limits and first in limits:
                 axis.set_ylim(*(factor * edge for edge in limits[first]))
         case = next(c for c in results.cases if c.scenario.name == scenario)
-        axes[0, 0].set_xlim(*(span or (0.0, case.scenario.duration)))
+        axes[0, 0].set_xlim(*(span or (0.0, _last(results, case))))
         for axis in axes[:, 0]:
             bands(axis, results, scenario, title=axis is axes[0, 0])
         axes[-1, 0].set_xlabel("time [s]")
@@ -259,6 +259,14 @@ def _chatter(axis: Axes, t: np.ndarray, y: np.ndarray, name: str, columns: int) 
     axis.plot(middle, mean, color=hue, label=name)
 
 
+def _last(results: Results, case: Case) -> float:
+    """Time in s at which the last run of a scenario ended."""
+    logs = results.data.get(case.scenario.name, {})
+    if case.scenario.end is None or not logs:
+        return case.scenario.duration
+    return max(float(log["time"].values[-1]) for log in logs.values())
+
+
 def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:
     """Shade the rail conditions behind a panel over time and name them above it."""
     case = next(c for c in results.cases if c.scenario.name == scenario)
@@ -267,7 +275,7 @@ def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> No
         return
     logs = results.data.get(scenario, {})
     starts = [0.0, *next(iter(logs.values())).attrs.get("rail_changes_s", [])]
-    ends = [*starts[1:], case.scenario.duration]
+    ends = [*starts[1:], _last(results, case)]
     left, right = axis.get_xlim()
     for section, a, b in zip(rail.sections, starts, ends, strict=False):
         a, b = max(a, left), min(b, right)

@@ -204,8 +204,9 @@ def place(log: xarray.Dataset, rail: Any, signals: Signals) -> np.ndarray | None
 def rail_changes(log: xarray.Dataset, scenario: Any, signals: Signals) -> list[float]:
     """Times in s at which the rail changes; for a rail by position, when the vehicle gets there."""
     rail = scenario.rail
-    if rail is None or rail.by == "time":
-        return list(scenario.changes)
+    if rail is None or rail.by == "time":  # a run may end before its rail does
+        last = float(log["time"].values[-1])
+        return [t for t in scenario.changes if scenario.end is None or t <= last]
     x, time = place(log, rail, signals), log["time"].values
     if x is None:
         return []

@@ -85,6 +85,7 @@ class Prepared:
         check_guards(self._begun)
         self._wanted = None if log is None else set(log)
         _check_logged(self._begun, self._wanted)
+        self._end = Ending(self._begun, scenario) if scenario.end is not None else None
         self._templates: dict[tuple[str, ...], Template | None] = {}
         self._roller: tuple[ca.Function, Callable[..., int]] | None = None
         self._feed: tuple[Any, np.ndarray] | None = None
@@ -129,11 +130,17 @@ class Prepared:
         most = -(-ticks // CHUNKS) if progress else ticks
         size = max(min(SCRATCH // max(x.size + n_y, 1), most), 1)
         x_now, y_now = np.empty((size, x.size)), np.empty((size, n_y))
+        ended, stayed = ticks, 0
         for start, last, p in parts:
             for k in range(start, last, size):
                 stop = min(k + size, last)
-                a, b = np.searchsorted(rows, (k, stop))
                 n = roll(x, u[k:stop], p, x_now[: stop - k], y_now[: stop - k])
+                if self._end is not None:
+                    at, stayed = self._end.tick(x_now[:n], y_now[:n], stayed)
+                    if at is not None:
+                        ended = stop = k + at + 1
+                        n = at + 1
+                a, b = np.searchsorted(rows, (k, stop))
                 if n < stop - k:
                     raise RunFailed(_broken(block, x, (k + n + 1) * h))
                 if k == 0:
@@ -141,7 +148,13 @@ class Prepared:
                 x_log[a:b] = x_now[np.ix_(rows[a:b] - k, kept["state"])]
                 y_log[a:b] = y_now[np.ix_(rows[a:b] - k, kept["output"])]
                 if progress:
-                    progress(stop / ticks)
+                    progress(stop / ended)
+                if ended < ticks:
+                    break
+            if ended < ticks:
+                break
+        many = int(np.searchsorted(rows, ended))
+        rows, x_log, y_log = rows[:many], x_log[:many], y_log[:many]
         u_log = u[np.ix_(rows, kept["input"])]
         return Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
                    columns, first, every)  # fmt: skip
@@ -223,6 +236,41 @@ def _broken(loop: Block, x: np.ndarray, when: float) -> str:
             bad = values[~np.isfinite(values)][0]
             return f"{loop.name}: {n} [{s.unit}] became {bad} at t = {when:.6g} s"
     return f"{loop.name}: a state became NaN before t = {when:.6g} s"
+
+
+class Ending:
+    """When a run ends before its duration.
+
+    Raises:
+        BadInput: the loop has no such signal.
+    """
+
+    def __init__(self, loop: Block, scenario: Scenario) -> None:
+        end = scenario.end
+        assert end is not None
+        _check_logged(loop, {end.signal})
+        columns = logged(loop, {end.signal})
+        self._column = columns[end.signal]
+        if self._column.role == "input":
+            raise BadInput(f"scenario {scenario.name}: {end.signal} is fed; a run ends by what it"
+                           " computes")  # fmt: skip
+        self._there = end.there
+        self._needed = max(round(end.hold / float(loop.period or 1.0)), 1)
+
+    def tick(self, x: np.ndarray, y: np.ndarray, stayed: int) -> tuple[int | None, int]:
+        """Last tick of the run among these, or None; and for how many ticks it has been there.
+
+        Args:
+            x, y: states and outputs, a row a tick.
+            stayed: ticks for which it had been there before.
+        """
+        c = self._column
+        values = (y if c.role == "output" else x)[:, c.at : c.at + c.signal.size]
+        number = np.arange(len(values))
+        outside = np.where(self._there(values), -1 - stayed, number)
+        count = number - np.maximum.accumulate(outside)
+        hits = np.flatnonzero(count >= self._needed)
+        return (int(hits[0]) if hits.size else None), int(count[-1]) if count.size else stayed
 
 
 @dataclass(frozen=True)

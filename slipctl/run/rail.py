@@ -107,6 +107,41 @@ class Rail:
 
 
 @dataclass(frozen=True)
+class End:
+    """What ends a run before its duration: a signal that has stayed below, or above, a level.
+
+    Args:
+        signal: state or output of the loop by its full name; of several axles all have to be there.
+        below: its absolute value is at most this; or
+        above: it is at least this.
+        hold: how long, in s.
+
+    Raises:
+        BadInput: neither or both of below and above, a hold that is negative.
+    """
+
+    signal: str
+    below: float | None = None
+    above: float | None = None
+    hold: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_kinds("End", End, vars(self))
+        if (self.below is None) == (self.above is None):
+            raise BadInput(f"the end by {self.signal} needs one of below= and above=")
+        if not (math.isfinite(self.hold) and self.hold >= 0):
+            raise BadInput(f"the end by {self.signal}: hold {self.hold:g} s must be 0 or positive")
+
+    def there(self, values: np.ndarray) -> np.ndarray:
+        """Ticks at which the signal is there, of its values with a row a tick."""
+        if self.below is not None:
+            near = np.abs(values) <= self.below
+        else:
+            near = values >= float(self.above or 0.0)
+        return np.asarray(near.all(axis=1))
+
+
+@dataclass(frozen=True)
 class Scenario:
     """One situation: rail, duration, inputs, start, noise and seed.
 
@@ -120,6 +155,7 @@ class Scenario:
         params: parameters by full or last name, for the whole run.
         noise: factor on every noise source; 0 is silent.
         seed: of all noise; each source has its own stream, keyed by seed and signal path.
+        end: what ends the run before its duration; None runs all of it.
 
     Raises:
         BadInput: a duration or noise that is not positive or not finite, a seed that is no whole
@@ -135,6 +171,7 @@ class Scenario:
     noise: float = 1.0
     seed: int = 1
     doc: str = ""
+    end: End | None = None
 
     def __post_init__(self) -> None:
         check_number(f"scenario {self.name}: duration", self.duration, "s")

@@ -101,6 +101,10 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
         ('place = "45 m"', 'place = "85 m"', "not after the one before"),
         ('law = "double_exponential"', 'law = "double_exponentail"', "double_exponential"),
         ('torque = "8 kN m" ', "", "needs torque"),
+        ('end = "standstill"', 'end = "standstil"', "or 'standstill'"),
+        ('end = "standstill"', 'end = "130"', "write a number in m"),
+        ('end = "standstill"', 'end = "-3 m"', "not above 0"),
+        ('deceleration = "1.2 m/s^2"', 'until = "12 kg"\ndeceleration = "1.2 m/s^2"', "s or m"),
     ],
 )  # fmt: skip
 def test_a_fault_is_told_with_its_line_and_what_is_meant(tmp_path, old, new, why):
@@ -128,7 +132,7 @@ def test_a_fault_on_the_command_line_is_one_line_each_and_exit_code_2(
     assert main(["run", "my.toml"]) == 2
     said = capsys.readouterr().err.strip().split("\n")
     assert len(said) == 1
-    assert said[0].startswith("slipctl: my.toml, line 18: vehicle.mass: ")
+    assert said[0].startswith("slipctl: my.toml, line 19: vehicle.mass: ")
     assert main(["run", "absent.toml"]) == 2
     assert "there is no file absent.toml" in capsys.readouterr().err
 

@@ -84,6 +84,29 @@ def test_a_loop_is_the_same_in_every_process():
     assert len(said) == 1
 
 
+def test_a_demand_ends_at_a_time_or_at_a_place():
+    # what is demanded is zero from the tick on at which it ends, and as it was until then
+    made = trip(duration=1.0, demand=Constant(deceleration=1.0, until="0.3 s"))
+    log = run(made)
+    wanted = log["demand.wanted"].values
+    np.testing.assert_array_equal(wanted, np.where(np.arange(1000) < 300, 1.0, 0.0))
+    log = run(trip(duration=1.0, demand=Constant(force=9e3, until="12 m")))
+    at = log["plant.train.x"].values
+    np.testing.assert_array_equal(log["demand.wanted"].values, np.where(at < 12, 9e3, 0.0))
+    with pytest.raises(BadInput, match="write a number in s or m"):
+        Constant(deceleration=1.0, until="12")
+
+
+def test_a_trip_ends_at_standstill_or_at_a_place():
+    slow = replace(CAR, speed=1.0)
+    log = run(trip(vehicle=slow, end="standstill"))
+    v = log["plant.train.v"].values
+    assert log["time"].size < 4000
+    assert (np.abs(v[-500:]) <= 0.02).all() and abs(v[-501]) > 0.02  # noqa: PT018
+    x = run(trip(end="15 m"))["plant.train.x"].values
+    assert x[-1] >= 15 > x[-2]
+
+
 # ---- physics -------------------------------------------------------------------------------------
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from slipctl import (
     BadInput,
     Block,
+    End,
     Param,
     RunFailed,
     Scenario,
@@ -123,6 +124,35 @@ def test_a_seed_is_that_of_the_scenario() -> None:
     alone = simulate(loop, scenario.but(seed=5), compile=False)
     assert all(first[n].tobytes() == alone[n].values.tobytes() for n in first)
     assert any(first[n].tobytes() != other[n].tobytes() for n in first)
+
+
+@pytest.mark.parametrize(("every", "steps"), [(1, False), (1, True), (7, True)])
+def test_a_run_that_ends_before_is_the_beginning_of_the_whole_run(every: int, steps: bool) -> None:
+    """It ends at the first tick by which the signal has been there so long, however it is cut."""
+    loop, scenario, _ = loops()["plain"]
+    whole = simulate(loop, scenario.but(duration=0.2), compile=False)
+    v, hold = whole["plant.wheel.v"].values, 5
+    level = float(v[60])
+    there = v <= level
+    wanted = next(k for k in range(hold - 1, v.size) if there[k - hold + 1 : k + 1].all())
+    end = End("plant.wheel.v", below=level, hold=hold * float(loop.period or 0.0))
+    short = prepare(loop, scenario.but(duration=0.2, end=end), compile=False, every=every)(
+        progress=(lambda share: None) if steps else None
+    )
+    assert short["time"][-1] == whole["time"].values[: wanted + 1 : every][-1]
+    for n in short:
+        assert short[n].tobytes() == whole[n].values[: wanted + 1 : every].tobytes()
+    never = simulate(loop, scenario.but(duration=0.2, end=End("plant.wheel.v", above=1e3)),
+                     compile=False)  # fmt: skip
+    assert never["time"].size == v.size
+
+
+def test_what_ends_no_run_is_refused() -> None:
+    loop, scenario, _ = loops()["plain"]
+    with pytest.raises(BadInput, match="one of below= and above="):
+        End("plant.wheel.v")
+    with pytest.raises(BadInput, match=r"no signal 'plant\.wheel\.w'"):
+        prepare(loop, scenario.but(end=End("plant.wheel.w", below=1.0)))
 
 
 def test_what_is_refused_is_refused_when_it_is_prepared() -> None:

@@ -15,7 +15,7 @@ from slipctl.ccode.check.rig import BROKEN, LATE, LOST
 from slipctl.ccode.write.precision import drawn, rounded
 from slipctl.errors import BadInput
 from slipctl.run import feeding
-from slipctl.run.prepared import Log
+from slipctl.run.prepared import Ending, Log
 from slipctl.run.rail import Scenario
 
 if TYPE_CHECKING:
@@ -175,6 +175,10 @@ def run_in_loop(
             call()
             x_log[k], y_log[k] = x, y_out[:, 0]
             x = x_out[:, 0].copy()
+    if scenario.end is not None:
+        at, _ = Ending(rest, scenario).tick(x_log, y_log, 0)
+        ticks = ticks if at is None else at + 1
+        u, x_log, y_log, status = (a[:ticks] for a in (u, x_log, y_log, status))
     time = np.arange(ticks) * rest.period
     values = {"input": u, "output": y_log, "state": x_log}
     data = Log.of(rest, scenario, time, values).dataset()
