@@ -26,6 +26,12 @@ TABLE_1 = "Cheng 2022, Table 1"
 TABLE_2 = "Cheng 2022, Table 2"
 GUESS = "guess, not in the paper"
 
+STARTS = {
+    "v_start": "plant.train.v_t",
+    "omega_m_start": ["plant.train.omega_m", "*.omega_m_start"],
+}
+"""Start values of the plant of a loop, which its sensors follow; for ``connect(..., share=)``."""
+
 TRAIN = {n: f"*.{n}" for n in ("m_axle", "R_g", "n_d")}
 """Numbers of the train that several parts have, beside those of every model."""
 

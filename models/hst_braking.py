@@ -28,6 +28,20 @@ from slipctl import (
 )
 from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
+STARTS = {
+    "v_start": ["plant.wheel.v", "*.v_start"],
+    "omega_start": ["plant.wheel.omega", "*.omega_start"],
+    "lam_ref_start": "*.lam_ref_start",
+    "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
+}
+"""Start values of the plant of a loop, which sensors follow; for ``connect(..., share=)``."""
+
+BRAKE_STARTS = {
+    "P_c_start": "plant.brake.P_c",
+    "T_b_start = theta * P_c_start": ["*.T_b_start"],
+}
+"""The same of a brake with a pressure."""
+
 SOURCE = "Zhang 2021"
 TABLE_2 = "Zhang 2021, Table 2"
 SECTION_5 = "Zhang 2021, section 5.1"

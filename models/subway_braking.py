@@ -20,6 +20,19 @@ from slipctl.models.shared import GRADIENT, SHARED, SLOPE
 
 TABLE_3 = "Huang 2020, Table 3"
 
+STARTS = {
+    "v_start": "plant.wheel.v",
+    "omega_start": ["plant.wheel.omega", "*.omega_start"],
+}
+"""Start values of the plant of a loop, which sensors follow; for ``connect(..., share=)``."""
+
+MEASURED_STARTS = STARTS | {
+    "phi_start": ["plant.wheel.phi", "*.phi_start"],
+    "T_b_start": ["plant.brake.T_b", "*.T_b_start"],
+    "v_s_start = v_start - r * omega_start": "*.v_s_start",
+}
+"""The same with a brake that lags and a wheel whose angle is measured."""
+
 TABLE_1 = {
     "dry": {"c": 1.0, "a": 0.54, "b": 1.2},
     "wet": {"c": 0.29, "a": 0.54, "b": 1.2},

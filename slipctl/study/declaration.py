@@ -306,8 +306,7 @@ class Gains:
         bounds: where the bounds come from, in words.
         condition: criterion that the paper itself states for its gains, ``"printed_48"``.
         source: of the gains.
-        costs: function of the loop that gives, by the name of a range that a bound was taken over,
-            what share of the bound is left with half of that range.
+        costs: function of the loop to the share of a bound left with half of a range, by its name.
     """
 
     name: str
@@ -333,20 +332,19 @@ class Study:
         source: the paper.
         doc: the question, in a few sentences.
         models: blocks, or functions that make them, by the name under which ``--swap`` replaces
-            them; ``cases`` gets them with the swaps done.
+            them; ``cases`` gets them swapped.
         cases: ``cases(models, quick)``; the first one is ``base``.
         signals: what the metrics speak of.
         controller: part of a loop that ``slipctl c`` exports.
-        check: ``check(name, loop, scenario)``, called for each loop before anything runs, with
-            ``--set`` applied; it refuses (:class:`~slipctl.BadInput`) what cannot work.
+        check: ``check(name, loop, scenario)``, called for each loop before anything runs; it
+            refuses (:class:`~slipctl.BadInput`) what cannot work.
         experiments: further computations by name.
         claims: the paper's claims.
         figures: figures by file stem.
         gains: what ``slipctl certify STUDY`` asks about.
         plain: scenarios and experiments that run without ``--full``; of a study that has none of
             these scenarios, all do.
-        ensembles: what differs from draw to draw where ``slipctl tune`` runs a loop, by scenario;
-            the first scenario that has the loop is taken.
+        ensembles: what ``slipctl tune`` draws, by scenario; the first that has the loop is taken.
         limits: largest accepted value of a metric, in its own unit; a run above one is marked.
         uncertified: why a loop has no gains to certify, by its name.
     """
@@ -459,10 +457,8 @@ def _compare(claim: Claim, ours: Any) -> tuple[bool, str]:
         paper, ours = float(claim.paper), float(ours)
         if claim.bound:
             over = ours - paper if claim.bound == "at most" else paper - ours
-            return (
-                over <= allowed,
-                f"{abs(over):.3g}{_unit(claim)} {'beyond' if over > 0 else 'inside'}",
-            )
+            side = "beyond" if over > 0 else "inside"
+            return over <= allowed, f"{abs(over):.3g}{_unit(claim)} {side}"
         off = ours - paper
         share = f" ({percent(off / paper)})" if paper and claim.unit != "%" else ""
         text = f"off by {off:+.3g}{_unit(claim)}{share}, allowed {allowed:.2g}"

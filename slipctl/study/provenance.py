@@ -14,6 +14,9 @@ from slipctl.run.results import Results
 EXPERIMENT_SEED = 1
 """Seed that experiments get."""
 
+FROM_A_FILE = ", sha256 "
+"""In the source of a number that was fitted to a file; it names the file and its hash."""
+
 
 def provenance(results: Results, command: str) -> dict[str, Any]:
     """What every file says of where it comes from."""
@@ -23,8 +26,10 @@ def provenance(results: Results, command: str) -> dict[str, Any]:
     for case in results.cases:
         for name, loop in case.loops.items():
             values = {
-                n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
+                n: {"value": np.asarray(v).tolist(), "unit": s.unit}
+                | ({"source": s.source} if FROM_A_FILE in s.source else {})
                 for n, v in loop.param_values().items()
+                for s in [loop.params[n]]
             }
             first = parameters.setdefault(name, values)
             other = {n: v for n, v in values.items() if first.get(n) != v}

@@ -5,21 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from slipctl import Block
+from slipctl.models import freight_traction as freight
+from slipctl.models import hst_braking as hst
+from slipctl.models import subway_braking as subway
 from slipctl.models.freight_traction import TRAIN
 from slipctl.models.shared import GRADIENT, SHARED
 
-SUBWAY_SHARES = (
-    SHARED
-    | GRADIENT
-    | {
-        "m_axle = m": "force.m_axle",
-        "v_start": "plant.wheel.v",
-        "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
-        "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
-        "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
-        "v_s_start = v_start - r * omega_start": "meter.v_s_start",
-    }
-)
+SUBWAY_SHARES = SHARED | GRADIENT | {"m_axle = m": "force.m_axle"} | subway.MEASURED_STARTS
 HST_SHARES = (
     SHARED
     | GRADIENT
@@ -30,11 +22,9 @@ HST_SHARES = (
         "theta": "plant.brake.theta",
         "P_max": "plant.brake.P_max",
         "v_0": ["plant.wheel.v_0", "fusion.v_0"],
-        "v_start": ["plant.wheel.v", "fusion.v_h"],
-        "omega_start": ["plant.wheel.omega", "meter.omega_start"],
-        "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "meter.lam_start",
-        "P_c_start": "plant.brake.P_c",
-        "T_b_start = theta * P_c_start": "meter.T_b_start",
+        **hst.STARTS,
+        "v_start": [*hst.STARTS["v_start"], "fusion.v_h"],
+        **hst.BRAKE_STARTS,
     }
 )
 FREIGHT_SHARES = SHARED | TRAIN | GRADIENT | {
@@ -43,8 +33,8 @@ FREIGHT_SHARES = SHARED | TRAIN | GRADIENT | {
     "m_wheel = m / n_d": "fall.m",
     "J_wheel = J * R_g**2": "fall.J",
     **{n: [f"plant.res.{n}", f"resistance.{n}"] for n in ("a1", "a2", "a3", "v_0")},
-    "v_start": "plant.train.v_t",
-    "omega_m_start": ["plant.train.omega_m", "observer.omega_m"],
+    **freight.STARTS,
+    "omega_m_start": [*freight.STARTS["omega_m_start"], "observer.omega_m"],
 }  # fmt: skip
 """Numbers that the parts of a vehicle have in common; fall has those of one wheel."""
 

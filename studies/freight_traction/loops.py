@@ -81,7 +81,7 @@ SHARES: dict[str, Any] = (
     | {
         "r": ["*plant.r", "*ctl.r"],
         **{n: [f"plant.res.{n}", f"*.resistance.{n}"] for n in ("a1", "a2", "a3", "v_0")},
-        "v_start": "plant.train.v_t",
+        "v_start": freight.STARTS["v_start"],
     }
 )
 """Numbers that the parts of a loop have in common."""
@@ -121,7 +121,7 @@ def seeking(
     ctl = control.seeking_controller(seek, form, H, lag=lag if lead else None, **values)
     return connect(
         "loop", wires,
-        share=SHARES | {"omega_m_start": ["plant.train.omega_m", "ctl.omega_m_start"]},
+        share=SHARES | freight.STARTS,
         plant=sampled(freight.plant(law, motor), H, "rk4"), sensor=freight.motor_speed_sensor,
         ctl=ctl, truth=truth,
     )  # fmt: skip
@@ -160,7 +160,7 @@ def knowing(law: Block, form: str, **values: float) -> Block:
     }
     plant = sampled(freight.plant(law, freight.motor()), H, "rk4")
     return connect(
-        "loop", wires, share=SHARES | {"omega_m_start": "plant.train.omega_m"},
+        "loop", wires, share=SHARES | freight.STARTS,
         plant=plant, ctl=control.controller(form, H, **values),
     )  # fmt: skip
 

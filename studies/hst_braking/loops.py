@@ -24,7 +24,9 @@ from slipctl import law as law_block
 from slipctl.models import hst_braking_control as control
 from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.hst_braking import (
+    BRAKE_STARTS,
     DAVIS,
+    STARTS,
     burckhardt,
     grip,
     ideal_plant,
@@ -107,18 +109,15 @@ def shares(parts: Mapping[str, Block]) -> dict[str, Any]:
         | GRADIENT
         | {
             "n": "*.n",
-            "v_start": ["plant.wheel.v", "*.v_start"],
-            "omega_start": ["plant.wheel.omega", "*.omega_start"],
-            "lam_ref_start": "*.lam_ref_start",
-            "lam_start = (v_start - r * omega_start) / fmax(fabs(v_start), v_0)": "*.lam_start",
+            **STARTS,
             "v_0": ["plant.wheel.v_0", "*.fusion.v_0"],
             "theta": "*.theta",
             "P_max": "*.P_max",
         }
     )
     if "brake.P_c" in parts["plant"].states:
-        torques = ["*.T_b_start", *(["dead.waiting"] if "dead" in parts else [])]
-        found |= {"P_c_start": "plant.brake.P_c", "T_b_start = theta * P_c_start": torques}
+        dead = ["dead.waiting"] if "dead" in parts else []
+        found |= {n: [*p, *dead] if "T_b" in n else p for n, p in BRAKE_STARTS.items()}
     return found
 
 
@@ -130,7 +129,7 @@ def ideal(models: Mapping[str, Any], fixed: bool = False) -> Block:
         fixed: slip 0.1 in place of the best one.
     """
     world = sampled(ideal_plant(models["adh"]), H, "rk4")
-    bound = SHARED | GRADIENT | {"n": "*.n", "v_start": "plant.wheel.v"}
+    bound = SHARED | GRADIENT | {"n": "*.n", "v_start": STARTS["v_start"]}
     if fixed:
         wires = {"held.lam_opt": "lam_opt", "plant.lam_held": "held.lam_held"}
         return connect("loop", wires, share=bound, plant=world, held=held)

@@ -26,6 +26,8 @@ from slipctl.models import sensors
 from slipctl.models.brakes import brake
 from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.models.subway_braking import (
+    MEASURED_STARTS,
+    STARTS,
     curve_resistance,
     double_exponential,
     ideal_plant,
@@ -100,21 +102,11 @@ def _plant(adh: Block, wheel: Block, curve: Block, lag: bool) -> Block:
     return sampled(plant(adh, brake(lag), wheel, curve), H, "rk4", substeps=10)
 
 
-START_OF_PLANT = {"v_start": "plant.wheel.v", "omega_start": "plant.wheel.omega"}
-"""Start values of the plant, which stand in every loop under one name."""
+PERFECT = SHARED | GRADIENT | STARTS
+"""Numbers that the parts of a loop with perfect sensors have in common."""
 
-MEASURED = (
-    SHARED
-    | GRADIENT
-    | {
-        "v_start": "plant.wheel.v",
-        "omega_start": ["plant.wheel.omega", "tooth.omega_start", "meter.omega_start"],
-        "phi_start": ["plant.wheel.phi", "tooth.phi_start"],
-        "T_b_start": ["plant.brake.T_b", "meter.T_b_start"],
-        "v_s_start = v_start - r * omega_start": "meter.v_s_start",
-    }
-)
-"""Numbers of a loop with sensors: what they hold at the start is what the plant has."""
+MEASURED = SHARED | GRADIENT | MEASURED_STARTS
+"""Those of a loop with sensors: what they hold at the start is what the plant has."""
 
 
 def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -> Block:
@@ -130,7 +122,7 @@ def perfect(models: Mapping[str, Any], law: Block, known_optimum: bool = True) -
         "plant.T_cmd": "ctl.T_b",
     }
     return connect(
-        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
+        "loop", wires, share=PERFECT,
         plant=_world(models, lag=False), ctl=controller(law),
     )  # fmt: skip
 
@@ -189,7 +181,7 @@ def online(models: Mapping[str, Any], law: Block, form: str = "window", memory: 
         "truth.v_opt": "v_opt",
     }
     return connect(
-        "loop", wires, share=SHARED | GRADIENT | START_OF_PLANT,
+        "loop", wires, share=PERFECT,
         plant=_world(models, lag=False), adhesion=sensors.adhesion_sensor,
         ctl=_estimating(models, law, form, memory), truth=truth,
     )  # fmt: skip
@@ -247,7 +239,7 @@ def truth(
 def ideal(models: Mapping[str, Any]) -> Block:
     """Bound: adhesion at its peak from the start."""
     return connect(
-        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | GRADIENT | {"v_start": "plant.wheel.v"},
+        "loop", {"plant.v_opt": "v_opt"}, share=SHARED | GRADIENT | {"v_start": STARTS["v_start"]},
         plant=sampled(ideal_plant(models["adh"]), H, "rk4"),
     )  # fmt: skip
 

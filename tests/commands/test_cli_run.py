@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from slipctl.commands.cli import main
 from slipctl.run import store
-from slipctl.study import files
+from slipctl.study import files, jobs
 
 TESTS = Path(__file__).parents[1]
 TOY = str(TESTS / "toy_study.py")
@@ -108,6 +112,35 @@ def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("slipctl.study.running.simulate", lambda *a, **k: pytest.fail("again"))
     run("--full")
     assert {p: p.stat().st_mtime_ns for p in logs} == logs
+
+
+@pytest.mark.parametrize("done", [1, 4])
+def test_full_that_was_stopped_ends_in_the_same_files(
+    monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    """Ctrl-C after one job or four, then the same command: bit for bit what one go gives."""
+    command = ["-q", "run", TOY, "--quick", "--full", "--jobs", "1", "--out", "o"]
+
+    def files_of_it() -> dict[str, bytes]:
+        return {str(p): p.read_bytes() for p in Path("o").rglob("*") if p.is_file()}
+
+    assert main(command) == 0
+    whole = files_of_it()
+    shutil.rmtree("o")
+    attempt, begun = jobs._attempt, iter(range(99))
+
+    def stopped(job: object, tell: object) -> object:
+        if next(begun) == done:
+            raise KeyboardInterrupt
+        return attempt(job, tell)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(jobs, "_attempt", stopped)
+        patch.setattr(files, "early_sections", lambda *_: {})  # jobs are runs and experiments
+        assert main(command) == 130
+    assert set(files_of_it()) < set(whole)
+    assert main(command) == 0
+    assert files_of_it() == whole
 
 
 # ---- claims that speak of something else --------------------------------------------------------
@@ -244,3 +277,46 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_run(out: str, capsys
     assert main(["run", TOY, "--quick", "--out", out]) == 2
     assert "cannot write to" in capsys.readouterr().err
     assert not list(Path.cwd().iterdir())
+
+
+# ---- a fitted law -------------------------------------------------------------------------------
+
+CURVE_LAW = """from casadi import exp
+from slipctl import Input, Output, Param, law
+
+@law(mu=Output("1", "mu", positive="braking"), conditions={"dry": {"c": 1.0}, "ice": {"c": 0.1}})
+def mine(
+    s=Input("m/s", "slip", positive="braking", per="speed"),
+    c=Param("1", 1.0, "height", lo=0.01, hi=2),
+    a=Param("s/m", 0.5, "decay", lo=0.1, hi=2),
+):
+    return c * (exp(-a * s) - exp(-2 * a * s))
+"""
+
+
+def test_a_fitted_law_is_what_runs_and_its_file_is_told(capsys) -> None:
+    """The whole way by the command line: fit, name the rail's conditions, swap, run, look."""
+    Path("my.py").write_text(CURVE_LAW, encoding="utf-8")
+    rows = [f"{s},{0.6 * (math.exp(-0.5 * s) - math.exp(-s)):.12g}" for s in range(1, 9)]
+    Path("curve.csv").write_text("\n".join(["s [m/s],mu [1]", *rows, ""]), encoding="utf-8")
+    digest = hashlib.sha256(Path("curve.csv").read_bytes()).hexdigest()[:16]
+    assert main(["fit", "curve.csv", "--law", "my.py:mine", "--out", "fit"]) == 0
+    few = ["--quick", "--loop", "soft", "--scenario", "base"]
+    swapped = ["run", TOY, "--swap", "adh=fit/fitted.py:law", *few, "--out", "swapped"]
+    assert main(swapped) == 2  # the rail has two conditions, the fitted law one set of numbers
+    assert "law.with_conditions(dry={...}, ice={...})" in capsys.readouterr().err
+    edited = Path("fit/fitted.py").read_text(encoding="utf-8")
+    edited += 'law = law.with_conditions(dry={}, ice={"c": 0.08})\n'
+    Path("fit/named.py").write_text(edited, encoding="utf-8")
+    swapped[3] = "adh=fit/named.py:law"
+    assert main(swapped) == 0
+    assert main(["run", TOY, *few, "--out", "plain"]) == 0
+    first, second = (store.read_json(Path(f"{n}/metrics.json")) for n in ("plain", "swapped"))
+    found = second["parameters"]["soft"]["plant.adh.c"]
+    assert found["value"] == pytest.approx(0.6, rel=1e-6)  # of which the curve was made
+    assert found["source"] == f"fitted to curve.csv, sha256 {digest}"
+    assert first["scenarios"]["base"]["soft"] != second["scenarios"]["base"]["soft"]
+    data = files.read_log(Path("swapped/logs/base/soft.nc"))
+    s, mu = (data[f"plant.{n}"].values[:300] for n in ("car.s", "adh.mu"))  # dry is the first half
+    assert mu == pytest.approx(0.6 * (np.exp(-0.5 * s) - np.exp(-s)), abs=1e-6)
+    assert f"curve.csv, sha256 {digest}" in Path("swapped/report.html").read_text(encoding="utf-8")

@@ -3,12 +3,15 @@
 The settings are those of ``one_setting.py``, which takes all of them over whole runs.
 """
 
+import re
+from pathlib import Path
+
 import numpy as np
 import one_setting
 import pytest
 from one_setting import SETTINGS, STUDIES, cases, compare, loops
 
-from slipctl import BadInput, Scenario, simulate
+from slipctl import BadInput, Scenario, simulate, studies
 
 
 def chosen() -> list[tuple[str, int, str, str, float]]:
@@ -172,3 +175,14 @@ def test_the_predictive_law_begins_with_the_force_that_the_train_has():
     # 10 driven and 32 braked axles of 0.445 m
     force = 10 * float(log["plant.motor.T"].values[0, 0]) - 32 * log["plant.brake.T_b"].values[0]
     assert float(moved.start()["ctl.strategy.law.F_last"]) == pytest.approx(force / 0.445)
+
+
+def test_where_a_plant_starts_is_told_in_its_model_alone():
+    """Studies take the places of start values from the models: no study spells one of a plant."""
+    folder = Path(studies.__path__[0])
+    spelled = re.compile(
+        r"\"(?:v|omega|omega_m|phi|T_b|P_c|v_s|lam)_start\b[^\"]*\":\s*\[?\"plant\."
+    )
+    for name in ("subway_braking", "freight_traction", "hst_braking", "all_rails"):
+        for file in (folder / name).glob("*.py"):
+            assert not spelled.search(file.read_text(encoding="utf-8")), file
