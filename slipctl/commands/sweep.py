@@ -140,7 +140,8 @@ def report(found: Sweep) -> str:
         head.append(f"design {plan.design}, seed {plan.seed}")
     rows = [["metric", "unit", "least", "5 %", "median", "95 %", "largest"]]
     for name, unit, shares in _shares(found):
-        rows.append([name, unit, *(number(v) for v in shares or ("",) * len(SHARES))])
+        cells: list[Any] = list(shares) or [None] * len(SHARES)
+        rows.append([name, unit, *map(number, cells)])
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
     return "\n".join([*head, "", wrapped(rows, widths), "", tail])
