@@ -30,7 +30,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.prepared import Log, prepare
+from slipctl.run.prepared import Log, logged, prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals
@@ -217,7 +217,8 @@ class Measured:
     world: World | None = None
 
     def __post_init__(self) -> None:
-        self._run = prepare(self.loop, self.scenario, compile=self.compile)
+        wanted = None if any(callable(k.values) for k in self.known.values()) else self._read()
+        self._run = prepare(self.loop, self.scenario, compile=self.compile, log=wanted)
         last = {s.name: s.name.rpartition(".")[2] for s in self.loop.signals}
         there = {
             s.name: s
@@ -231,6 +232,19 @@ class Measured:
                 )
             if there[name].shape:
                 raise BadInput(f"{name} has shape {there[name].shape}; --log keeps single numbers")
+
+    def _read(self) -> list[str]:
+        """Signals that metrics or a log may ask for; to keep others takes a tenth of a run."""
+        asked = {*self.logs, self.scenario.rail.by if self.scenario.rail else ""}
+        waiting: list[Any] = list(vars(self.signals).values())
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, str):
+                asked.add(value)
+            elif isinstance(value, (list, tuple)):
+                waiting += value
+        there = logged(self.loop, None)
+        return [n for n in there if n in asked or n.rpartition(".")[2] == "x"]
 
     def ended(self, run: int, numbers: Mapping[str, float]) -> Ended:
         """Roll and measure; a run that breaks says why."""
@@ -281,7 +295,7 @@ class Measured:
         values = {**self.loop.param_values(), **self.loop.start()}
         digest.update(json.dumps({n: np.asarray(v).tolist() for n, v in values.items()}).encode())
         try:
-            log = self._run()
+            log = prepare(self.loop, self.scenario, compile=self.compile)()
             for name in log:
                 digest.update(name.encode() + np.ascontiguousarray(log[name]).tobytes())
         except RunFailed as error:
