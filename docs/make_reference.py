@@ -26,7 +26,8 @@ def commands() -> str:
         "# Commands\n",
         "Made from `slipctl COMMAND --help` by `python docs/make_reference.py`. Exit codes: 0"
         " finished,\nwhatever the verdicts; 1 a run failed; 2 bad input, told in one line; 130"
-        " stopped by Ctrl-C.\n",
+        " stopped by Ctrl-C.\n\nWith `pip install 'slipctl[completion]'` bash completes commands"
+        ' and options, after\n`eval "$(register-python-argcomplete slipctl)"`.\n',
     ]
     for name, command in choices.items():
         text = "\n".join(line.rstrip() for line in command.format_help().splitlines())

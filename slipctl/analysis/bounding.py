@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.certify.enclosure import enclose, expanded, largest
+from slipctl.certify.enclosure import enclose, expanded, jumps, largest
 from slipctl.certify.jumps import largest_jump
 from slipctl.errors import BadInput, nearest
 
@@ -113,8 +113,14 @@ def enclosure(
     f = _of_column(block, whole, results.index(output), list(over), at)
     places = np.array(f(np.column_stack([low, (low + high) / 2, high])).full())
     apart = gap * max(float(np.ptp(places)), 1e-6 * float(np.abs(places).max()), 1e-12)
-    least = largest(f, low, high, apart, lambda y: -y[0], lambda a, b: -a[0])
-    return -least.bound, largest(f, low, high, apart).bound
+    x = ca.SX.sym("x", len(low))
+    up, down = (ca.Function("signed", [x], [sign * f(x)]) for sign in (1, -1))
+    found = [
+        largest(g, low, high, apart,
+                slope=None if jumps(f) else ca.Function("slope", [x], [ca.gradient(g(x), x)]))
+        for g in (down, up)
+    ]  # fmt: skip
+    return -found[0].bound, found[1].bound
 
 
 def _ends(over: Mapping[str, tuple[float, float]], who: str) -> tuple[np.ndarray, np.ndarray]:

@@ -106,6 +106,12 @@ def enclose(
     return out_lo, out_hi
 
 
+def jumps(f: ca.Function) -> bool:
+    """Whether a Function has an operation that jumps: a comparison, a sign, a floor."""
+    f = expanded(f)
+    return any(f.instruction_id(k) in _JUMPS for k in range(f.n_instructions()))
+
+
 def largest(
     f: ca.Function,
     lo: np.ndarray,
@@ -114,6 +120,7 @@ def largest(
     value: Callable[[np.ndarray], np.ndarray] | None = None,
     bound: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     most: int = 200_000,
+    slope: ca.Function | None = None,
 ) -> Bracket:
     """Largest value of a function over a box.
 
@@ -124,6 +131,8 @@ def largest(
         value: from results at points, one column each, to what is made large; default row 0.
         bound: from enclosures to upper bounds of that; default the upper end of row 0.
         most: boxes after which the search ends with what it has.
+        slope: gradient of row 0, a column, where f is continuous and row 0 is made large: a box
+            along which it only rises or only falls shrinks to the side where it is largest.
 
     Returns:
         The bracket; its bound is proven even where the search ended early.
@@ -135,6 +144,10 @@ def largest(
     best, done, boxes = -np.inf, -np.inf, 0
     while low.shape[1]:
         boxes += low.shape[1]
+        if slope is not None:
+            a, b = enclose(slope, low, high)
+            rises, falls = a >= 0, (b <= 0) & (a < 0)
+            low, high = np.where(rises, high, low), np.where(falls, low, high)
         middle = low + (high - low) / 2
         points = np.hstack([low, middle, high]) if boxes == 1 else middle
         found = value(np.array(f(points).full()))

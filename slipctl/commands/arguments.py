@@ -18,6 +18,29 @@ it has in scenario real), a model (double_exponential, subway_braking.wheelset),
   slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
 """
 
+LIST = """\
+  slipctl list kinds
+  slipctl list sensor
+  slipctl list observer --json
+"""
+
+SHOW = """\
+  slipctl show subway_braking:sta
+  slipctl show metro.toml:pid
+  slipctl show "mu = c*v_s where v_s [m/s], c = 0.1 s/m"
+"""
+
+NEW = """\
+  slipctl new metro
+  slipctl new metro my_car.toml
+"""
+
+RUN = """\
+  slipctl run metro.toml
+  slipctl run metro.toml --loop pid --set m=42t --out out/heavy
+  slipctl run hst_braking --full
+"""
+
 SWEEP = """\
 A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
 --samples extends what is there.
@@ -83,15 +106,23 @@ def parser() -> Parser:
             name, help=help, description=help, parents=[volume], allow_abbrev=False
         )
 
-    command("list", "List studies and models.")
+    p = command("list", "List studies, models, and the kinds of parts of a vehicle's file.")
+    p.epilog, p.formatter_class = LIST, argparse.RawDescriptionHelpFormatter
+    p.add_argument(
+        "word", metavar="TOPIC|WORD", nargs="?",
+        help="studies, models or kinds; or a word in their names or meanings",
+    )  # fmt: skip
+    p.add_argument("--json", action="store_true", help="answer as JSON")
 
     p = command("show", "Show equations, signals, units, sources and Jacobian of NAME.")
+    p.epilog, p.formatter_class = SHOW, argparse.RawDescriptionHelpFormatter
     p.add_argument("name", metavar="NAME")
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
 
     p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
+    p.epilog, p.formatter_class = NEW, argparse.RawDescriptionHelpFormatter
     p.add_argument("kind", metavar="KIND", help="metro: a metro car of 38 t and a patch of leaves")
     p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
 
@@ -102,6 +133,8 @@ def parser() -> Parser:
     p.add_argument("file", metavar="FILE")
 
     p = command("run", "Run a study: metrics, claims, logs, figures and a report.")
+    p.epilog, p.formatter_class = RUN, argparse.RawDescriptionHelpFormatter
+    p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
     p.add_argument("study", metavar="STUDY")
     p.add_argument("--out", metavar="DIR", help="folder of the results (out/STUDY)")
     p.add_argument(
@@ -151,6 +184,7 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
     p.add_argument("--export", metavar="FILE.nc", help="write all runs as one labelled netCDF file")
+    p.add_argument("--json", action="store_true", help="answer as JSON")
     p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set a parameter or start value in every run",

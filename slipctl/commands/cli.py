@@ -15,6 +15,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 
 from slipctl.commands.arguments import parser
@@ -37,6 +38,14 @@ ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 
+def _complete() -> None:
+    """Answer a shell that asks what can be typed next, where argcomplete is installed."""
+    with suppress(ImportError):
+        import argcomplete
+
+        argcomplete.autocomplete(parser())
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; gives the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
@@ -53,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that it lacks is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
+        if "_ARGCOMPLETE" in os.environ:
+            _complete()
         options = parser().parse_args(arguments)
     except SystemExit as told:  # --help, --version
         return int(told.code or 0)

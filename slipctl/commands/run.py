@@ -9,6 +9,7 @@ is removed.
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import shutil
 import sys
@@ -99,10 +100,13 @@ class _Run:
             stopping.heard()
             self._stopped()
             raise KeyboardInterrupt(stopping.KEPT) from None
-        print(self._summary(verdicts))
+        if self.options.json:
+            print(self._json())
+        else:
+            print(self._summary(verdicts))
         for where, why in results.failed.items():
             log.error("%s failed: %s", where, why)
-        if "report.html" not in results.failed:
+        if "report.html" not in results.failed and not self.options.json:
             print(f"\n{out / 'report.html'}")
         return 1 if results.failed else 0
 
@@ -146,6 +150,16 @@ class _Run:
     def _save(self, what: str, write: Callable[[], Any]) -> None:
         with running.noted(self.results, what):
             write()
+
+    def _json(self) -> str:
+        """Metrics and claims as their files have them, and where the report is."""
+        out = self.keep.out
+        found = {
+            name: json.loads((out / f"{name}.json").read_text(encoding="utf-8"))
+            for name in ("metrics", "claims")
+            if (out / f"{name}.json").is_file()
+        }
+        return json.dumps(found | {"folder": str(out)}, indent=1, ensure_ascii=False)
 
     def _summary(self, verdicts: Sequence[Verdict]) -> str:
         """Claims and metrics as text tables."""

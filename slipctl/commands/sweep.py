@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -46,10 +49,11 @@ def answer(options: argparse.Namespace, command: str) -> int:
         )  # fmt: skip
     finally:
         progress.end()
-    print(report(found))
+    print(json.dumps(spread(found), indent=1) if options.json else report(found))
     if options.export:
         found.save(options.export)
-        print(f"\n{options.export}")
+        if not options.json:
+            print(f"\n{options.export}")
     failed = found.failed
     if failed:
         run, why = next(iter(failed.items()))
@@ -91,6 +95,32 @@ def _world(study: Study, case: Case, loop: str, options: argparse.Namespace) -> 
     return world
 
 
+def spread(found: Sweep) -> dict[str, Any]:
+    """How the metrics are spread over the runs, for a program."""
+    metrics = [
+        {"metric": name, "unit": unit,
+         "quantiles": dict(zip(map(str, SHARES), shares, strict=True)) if shares else None}
+        for name, unit, shares in _shares(found)
+    ]  # fmt: skip
+    return {
+        "folder": str(found.folder), "runs": len(found.runs), "missing": found.missing,
+        "failed": {str(k): why for k, why in found.failed.items()},
+        "varied": [vars(a) for a in found.plan.axes], "metrics": metrics,
+    }  # fmt: skip
+
+
+def _shares(found: Sweep) -> Iterator[tuple[str, str, list[float]]]:
+    """Each number of the metrics: name, unit, and below which values the shares of runs lie."""
+    for name, (unit, labels) in found.units.items():
+        count = found.rows(name)
+        for k in range(count or 1):
+            values = found.column(name, None if count is None else k)
+            values = values[np.isfinite(values)]
+            label = f", {labels[k]}" if count is not None and len(labels) == count else (
+                f", {k + 1}" if count is not None and count > 1 else "")  # fmt: skip
+            yield name + label, unit, np.quantile(values, SHARES).tolist() if values.size else []
+
+
 def report(found: Sweep) -> str:
     """How the metrics are spread over the runs, as a table."""
     about, plan = found.about, found.plan
@@ -109,15 +139,9 @@ def report(found: Sweep) -> str:
     if plan.drawn:
         head.append(f"design {plan.design}, seed {plan.seed}")
     rows = [["metric", "unit", "least", "5 %", "median", "95 %", "largest"]]
-    for name, (unit, labels) in found.units.items():
-        count = found.rows(name)
-        for k in range(count or 1):
-            values = found.column(name, None if count is None else k)
-            values = values[np.isfinite(values)]
-            label = f", {labels[k]}" if count is not None and len(labels) == count else (
-                f", {k + 1}" if count is not None and count > 1 else "")  # fmt: skip
-            spread = np.quantile(values, SHARES) if values.size else [None] * len(SHARES)
-            rows.append([name + label, unit, *(number(v) for v in spread)])
+    for name, unit, shares in _shares(found):
+        cells: list[Any] = list(shares) or [None] * len(SHARES)
+        rows.append([name, unit, *map(number, cells)])
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
     return "\n".join([*head, "", wrapped(rows, widths), "", tail])

@@ -44,3 +44,11 @@ def test_what_has_no_range_is_refused():
         enclosure(law, "y", {"u": (1, 1)})
     with pytest.raises(BadInput, match=r"range 0\.\.inf of u is empty"):
         enclosure(law, "y", {"u": (0, np.inf)})
+
+
+def test_a_number_without_effect_and_a_long_box_cost_no_width():
+    """Polach's law over slips on both sides of its peak, with a speed that it does not use."""
+    found = case("contact.polach", 8)
+    assert found.ends[0] <= found.seen[0]
+    assert found.seen[1] <= found.ends[1]
+    assert found.wide <= 1.3

@@ -332,6 +332,33 @@ def test_list_shows_models_and_studies(capsys: pytest.CaptureFixture[str]) -> No
     assert re.search(r"^    double_exponential +Adhesion by two exponentials", said, re.MULTILINE)
 
 
+def test_list_by_topic_and_word(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "kinds"]) == 0
+    said = capsys.readouterr().out
+    assert "actuator.valve" in said and "keys: torque, fill, vent" in said  # noqa: PT018
+    assert "subway_braking" not in said
+    assert main(["list", "tooth", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [r["name"] for r in found["kinds"]] == ["sensors.wheel_speed.tooth_wheel"]
+    assert "tooth_wheel" in [b["name"] for m in found["models"] for b in m["blocks"]]
+    assert main(["list", "obsrver"]) == 2
+    assert "did you mean 'observer" in capsys.readouterr().err
+
+
+def test_a_shell_completes_commands_and_options(tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete")
+
+    def said(line: str) -> set[str]:
+        told = tmp_path / "said"
+        asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)),
+                 "_ARGCOMPLETE_STDOUT_FILENAME": str(told)}  # fmt: skip
+        subprocess.run([sys.executable, "-m", "slipctl"], env=os.environ | asked, check=True)
+        return {w.strip() for w in told.read_text(encoding="utf-8").split("\v")}
+
+    assert said("slipctl sw") == {"sweep"}
+    assert said("slipctl sweep --de") == {"--design"}
+
+
 def test_show(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "double_exponential"]) == 0
     assert "mu = c*(exp(-a*v_s) - exp(-b*v_s))" in capsys.readouterr().out
