@@ -14,7 +14,7 @@ from controllers import REPRESENTATIVE
 from slipctl import BadInput, Block, Input, Output, Param, State, law, sampled, simulate, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
-from slipctl.ccode.compile import compilers
+from slipctl.ccode.compile import compilers, platforms
 from slipctl.models import brakes, subway_braking
 
 fmpy = pytest.importorskip("fmpy")
@@ -107,7 +107,10 @@ def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
 
     block = REPRESENTATIVE[name]()
     period = block.period or 1e-3
-    codegen.export(block, tmp_path, "ctl", fmus=True, period=period)
+    # the binary that runs here; test_windows.py has the other
+    codegen.export(
+        block, tmp_path, "ctl", fmus=True, period=period, platforms=[str(platforms.here())]
+    )
     rows = comparison.trial_rows(Plan(block))[:60]
     module = codegen.CModule(tmp_path, Plan(block, "ctl")).compile().load()
     wanted, _ = module.replay_rows(rows)
@@ -148,7 +151,10 @@ def test_plant_and_controller_split_between_two_fmus(
     for name in ("plant", "ctl"):
         params = codegen.logged_params(loop, name, log)
         block = loop[name].with_params(**{k: float(v) for k, v in params.items()})
-        codegen.export(block, tmp_path / name, name, fmus=True, period=loop.period)
+        codegen.export(
+            block, tmp_path / name, name, fmus=True, period=loop.period,
+            platforms=[str(platforms.here())],
+        )  # fmt: skip
         parts[name] = opened(tmp_path / name, version, tmp_path, name).begin()
     plant, ctl = parts["plant"], parts["ctl"]
     wires = [(d, s) for d, s in loop.wires.items() if d.startswith(("ctl.", "plant."))]
