@@ -106,7 +106,16 @@ class _AsWritten(SourceFileLoader):
     """Reads a file as it is written now: no bytecode, which may be older, and none is left."""
 
     def get_code(self, fullname: str) -> CodeType:
-        return self.source_to_code(self.get_data(self.path), self.path)
+        data = self.get_data(self.path)
+        try:
+            importlib.util.decode_source(data)
+        except UnicodeDecodeError as error:  # else the compiler says it, in several manners
+            line = data[: error.start].count(b"\n") + 1
+            raise BadInput(
+                f"{_short(self.path)}, line {line}: the byte {data[error.start]:#04x} is no"
+                f" {error.encoding} text; save the file in UTF-8"
+            ) from error
+        return self.source_to_code(data, self.path)
 
 
 def load_file(path: str) -> ModuleType:

@@ -80,8 +80,9 @@ def answer(words: list[str]) -> str:
         return f"exit code {code}"
     if "Traceback" in said or "a fault of slipctl" in said:
         return said.strip()
-    if code == 2 and len(said.strip().splitlines()) != 1:
-        return f"not one line: {said}"
+    lines = said.strip().splitlines()
+    if code == 2 and (not lines or not all(k.startswith("slipctl: ") for k in lines)):
+        return f"not a line a fault: {said}"  # of an equation all faults are told at once
     if time.process_time() - start > 20:
         return "hangs"
     return ""
