@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ def module(name: str) -> Any:
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
+    if str(DOCS) not in sys.path:
+        sys.path.append(str(DOCS))  # scripts import each other
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
@@ -45,6 +48,24 @@ def test_parts_stand_in_the_order_in_which_people_want_them():
     assert captions == ["Start", "How to", "Models", "Studies", "Theory", "Reference", "Errata"]
 
 
+HOW_TO = {
+    "own_vehicle", "own_law", "laws", "own_controller", "replay", "sweeps", "tune", "certify",
+    "c_interface", "fmu", "notebook", "python_control", "own_figures",
+}  # fmt: skip
+"""What a new user wants to do, a page each."""
+
+
+def test_each_how_to_is_at_most_two_clicks_from_the_first_page():
+    """By links in the text alone; the side of each page lists all pages too."""
+    reached, seen = {"index"}, set()
+    for _ in range(2):
+        for page in reached - seen:
+            text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+            reached = reached | set(re.findall(r"\]\(([\w/]+)\.md[#)]", text))
+            seen.add(page)
+    assert reached >= HOW_TO
+
+
 def test_pages_of_several_versions_stand_side_by_side(tmp_path):
     """The newest first, by number and not by letter; the first page leads to it."""
     made = module("make_site")
@@ -69,3 +90,14 @@ def test_words_of_the_glossary_are_found_once_and_whole():
     )  # fmt: skip
     assert words.linked("tickets and blocked loops", left)[2] == "term-loop"
     assert words.linked("nothing of it here", left) is None
+
+
+def test_a_first_use_without_a_link_to_the_glossary_is_seen():
+    """In prose alone: a heading, code, a table or another page's name may have the word before."""
+    check = module("check_site")
+    link = '<a class="term reference internal" href="glossary.html#term-funnel">funnel</a>'
+    page = "<aside>funnel</aside><article><h1>A funnel</h1><p>The {} and the funnel.</p></article>"
+    assert check.unlinked(check.Page(page.format(link))) == []
+    assert check.unlinked(check.Page(page.format("<code>funnel</code>"))) == ["funnel"]
+    late = f"<article><p>A funnel.</p><p>The {link}.</p></article>"
+    assert check.unlinked(check.Page(late)) == ["funnel"]
