@@ -83,7 +83,7 @@ def _guessed(panels: list[_Panel]) -> Sides:
     for axis, row, _ in panels:
         if axis.get_title(loc="left"):
             sides["top"][row] = TITLE
-        if axis.xaxis.get_tick_params()["labelbottom"]:
+        if axis.xaxis.get_tick_params().get("labelbottom", True):
             sides["bottom"][row] = NAMES if axis.get_xlabel() else MARKS
     return sides
 
