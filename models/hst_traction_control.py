@@ -148,9 +148,9 @@ def tracking(
         "m/s^2",
         "target acceleration",
         positive="traction",
-        source="an emergency brake; a target may jump",
-        lo=-3,
-        hi=3,
+        source="an emergency brake and more; a target may jump",
+        lo=-5,
+        hi=5,
     ),
     F_d=Input(
         "N",
