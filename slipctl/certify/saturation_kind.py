@@ -84,7 +84,7 @@ def _free(n: Numbers) -> Sequence[Side]:
     """Starts from which nothing saturates.
 
     Proof note: from rest at e1 the command is M k1 k3 e1 f(t), with
-    f = (k1 exp(-k1 t) - k3 exp(-k3 t))/(k1 - k3); f(0) = 1, f <= exp(-k3 t) and f >= -1/e.
+    f = (k1 exp(-k1 t) - k3 exp(-k3 t))/(k1 - k3). f(0) = 1, f <= exp(-k3 t) and f >= -1/e.
     """
     sides = list(_authority(n))
     if "start" in n:

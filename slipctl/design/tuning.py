@@ -144,7 +144,7 @@ class Search:
     def race(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> list[bool]:
         """Run each first one of a pair until it is behind the second; whether it got through.
 
-        The second one has to have run on as many draws as it is compared on; where it was given up
+        The second one has to have run on as many draws as it is compared on. Where it was given up
         itself, the first is compared on the draws that it has.
         """
         racing = dict(enumerate(pairs))

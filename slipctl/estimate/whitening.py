@@ -37,7 +37,7 @@ def echoing_sums(model: Model, window: int, echo: float) -> tuple[ca.Function, c
     """The same sums of innovations, and what the next sample hears.
 
     The noise is the same in both directions of time. From the newest sample to the oldest it gives
-    the sums, and as two outputs more JJ and Je of the oldest, given all others; from the oldest to
+    the sums, and as two outputs more JJ and Je of the oldest, given all others. From the oldest to
     the newest what echoes in the next residual, and in its regressor.
     """
     n = model.n

@@ -1,7 +1,7 @@
 """Quadratic programs of an optimal control problem by an active set and Riccati's recursion.
 
 Each control of each stage has a status: free, or held at one of its bounds, at the end of its rate
-limit, or tied to the stage before (move blocking); each soft row counts or does not. With all of
+limit, or tied to the stage before (move blocking). Each soft row counts or does not. With all of
 them fixed the problem is one of linear quadratic control: a backward recursion for the value
 function 1/2 z'P z + p'z, a forward roll for steps and multipliers. A status changes where a control
 passes a bound or a multiplier has the wrong sign, all at once: a primal-dual active set, after

@@ -8,7 +8,7 @@ vehicle whose slip alone is held) are left out: y = T x spans the others. The be
 
 is linear in the held inputs dd, and l is the multiplier of its constraint. From y the regulator's
 cost to go, less that of resting there, is 1/2 (y - y_s)'P (y - y_s) + l'(y - y_s) with P of the
-discrete Riccati equation (rotate the stage cost by l; Angeli, Amrit, Rawlings 2012). With P = L'L
+discrete Riccati equation (rotate the stage cost by l. Angeli, Amrit, Rawlings 2012). With P = L'L
 it is 1/2 |L (y - y_s) + l_L|^2 but for a constant, l = L' l_L: residuals of the last stage that are
 linear in x and d.
 """

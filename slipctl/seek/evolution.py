@@ -39,9 +39,9 @@ def differential_evolution(
     """Search the argument of a law's peak by differential evolution, DE/rand/1.
 
     Each generation, every member x_i meets a trial x_a + F (x_b - x_c), a, b, c distinct and other
-    than i, with probability ``crossover`` (with one variable, crossover is just that), reflected
-    into the range at its bounds, and is replaced if the trial is at least as good. All trials of a
-    generation are made from the one before. The factor falls from 2 F0 to F0,
+    than i, with probability ``crossover`` (with one variable, crossover is just that). The trial is
+    reflected into the range at its bounds. The member is replaced if the trial is at least as good.
+    All trials of a generation are made from the one before. The factor falls from 2 F0 to F0,
     F = F0 2^exp(1 - Gm/(Gm + 1 - G)); Huang 2020 eq (22) with its index put right. The population
     is drawn afresh for each search.
 
