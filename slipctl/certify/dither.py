@@ -434,7 +434,7 @@ def _definite(F: Ball, least: float) -> bool:
 def _positive(F: Ball, degree: int) -> bool:
     """Whether a symmetric matrix of sums is positive definite at all angles.
 
-    Proof note: at a unit vector it is a sum between least and most at the nodes, so it falls below
+    Proof note: at a unit vector it is a sum between least and most at the nodes. So it falls below
     least by at most half of most - least times what a sum can rise between nodes.
     """
     least = _least(F.mid) * (1 - 1e-6)

@@ -119,7 +119,7 @@ def _at_crossing(grid: Grid, w: Fraction) -> Sweep:
 def _parts(law: Law, least: int) -> int:
     """Rows in k2 - L, so that what moves w fastest is almost whole rows too.
 
-    Rounded up it moves w farther, as a larger k2 + L would: ln q grows by half of what is lost, and
+    Rounded up it moves w farther, as a larger k2 + L would. ln q grows by half of what is lost, and
     where little of it is left nothing would settle.
     """
     ratio = (law.k2 + law.L) / (law.k2 - law.L)

@@ -1,7 +1,7 @@
 """Gains from an ensemble: proved first, raced draw by draw, searched by differential evolution.
 
 A candidate whose certificates fail is not rolled. What is rolled runs on the draws one after the
-other, the same ones for every candidate, and is given up as soon as its paired difference from the
+other, the same ones for every candidate. It is given up as soon as its paired difference from the
 member that it would replace says so. All that is decided follows from the seed: the number of cores
 changes nothing.
 """

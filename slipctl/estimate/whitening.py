@@ -1,7 +1,7 @@
 """Sums of residuals over a window of samples, with white noise or with noise that echoes.
 
 A quantity formed from increments, as an adhesion from those of a wheel speed, has the noise
-n_k = w_k - echo w_{k-1}: what is too much in one sample is missing in the next. It is white in its
+n_k = w_k - echo w_{k-1}. What is too much in one sample is missing in the next. It is white in its
 innovations, one sample after the other,
 
     u_k = y_k + q_{k-1} u_{k-1},    r_k = 1 + echo^2 - echo q_{k-1},    q_k = echo/r_k

@@ -242,8 +242,8 @@ def _draw(n: int, size: int) -> ca.Function:
 
     One step of the generator per member. Part 1 gives the first partner and, by what is left of it,
     whether there is a trial (``size``, or 0); parts 2 and 3 the other two. The partners are drawn
-    as ranks among the members not taken yet, so that they differ and none is the member itself:
-    rank o counts from the member's successor and steps over the ranks before it. The last partner
+    as ranks among the members not taken yet, so that they differ and none is the member itself.
+    Rank o counts from the member's successor and steps over the ranks before it. The last partner
     keeps its fraction, which indexing cuts off.
     """
     rng, K = ca.SX.sym("rng", 3), ca.SX.sym("K", 2)
