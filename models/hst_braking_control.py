@@ -231,7 +231,7 @@ def pid(gains: str = "rule") -> Block:
 
     Args:
         gains: ``"rule"``: on (8) with the adhesion constant the loop is s^2 + b Kp s + b Ki with
-            b = r/(I_w v); both poles are put at K/2, so Kp = K/b and Ki = K^2/(4 b), K the gain of
+            b = r/(I_w v). Both poles are put at K/2, so Kp = K/b and Ki = K^2/(4 b), K the gain of
             the other laws. Kd = 0, because on an integrator it only adds inertia. ``"printed"``:
             100, 10, 1, read as kN m, kN m/s and kN m s.
     """
@@ -318,8 +318,8 @@ def arbitration(
 ):
     """Torque applied: the demand, unless slip control wants less; Zhang 2021, Remark 3.
 
-    Below v_off the torque follows the demanded deceleration. Added here: a brake cannot drive;
-    below v_off the torque stays below what the last estimate says the rail carries, because the
+    Below v_off the torque follows the demanded deceleration. Added here: a brake cannot drive.
+    Below v_off the torque stays below what the last estimate says the rail carries, because the
     printed snow curve leaves a locked wheel no adhesion to turn it again.
     """
     demand = r * m * a_demand / n + J * a_demand / r

@@ -119,7 +119,7 @@ def slope_identification(form: str = "consistent") -> Block:
         """Slope of the adhesion curve by least squares with forgetting; Zhang 2021 (41), (42).
 
         Added here: the slip ratio gets the lag of the adhesion filter; nothing is learnt while the
-        slip stands still, because P grows as rho^-k there; P has a largest value and is reset when
+        slip stands still, because P grows as rho^-k there. P has a largest value and is reset when
         the residual tells a change of the rail (the paper says so in words).
         """
         mean = (lam + lam_last) / 2  # as the filter sees the mean force of the last tick
@@ -182,7 +182,7 @@ def gradient_search(form: str = "consistent") -> Block:
         """Gradient search of the best slip ratio; Zhang 2021 eq (40).
 
         F_a < 0, so chi < 0 below the peak, and the reference grows there. Added here: a rate in
-        1/s in place of 0.01 per tick, which is larger than the funnel of 0.006; proportional near
+        1/s in place of 0.01 per tick, which is larger than the funnel of 0.006. Proportional near
         the peak; it waits until the slip has followed.
         """
         if form == "printed-40":

@@ -1,7 +1,7 @@
 """Speed and position control of a train with anti-slip limit; Wang 2025.
 
 With e1 = x - x_d, e2 = v - v_d and the train (15), x' = v, M v' = F_contr - delta - F_d, every law
-asks for a force F_wanted and gives F_contr = sat(F_wanted) in [F_lo, F_hi], which is the traction
+asks for a force F_wanted. It gives F_contr = sat(F_wanted) in [F_lo, F_hi], which is the traction
 characteristic and, with the limit, what the rail carries. Higher-order sliding mode (29)-(36):
 
     F_wanted = M (-k1 e2 + F_d/M + v_d' - k3 lam + u),  lam' = -k3 lam - (F_wanted - F_contr)/M

@@ -298,7 +298,7 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
 def _hastened(text: str) -> str:
     """C of CasADi that takes less time for the same bits.
 
-    Smaller and larger of two without a call; a dense product eight rows at a time, a sparse one on
+    Smaller and larger of two without a call. A dense product eight rows at a time, a sparse one on
     a dense vector in place: each entry is summed in the same order as before.
     """
     if _DENSE_LOOP in text:

@@ -2,8 +2,8 @@
 
 Each input in turn is wrong for some ticks: not a number, infinite, at an end of its range, stuck, a
 spike, its sign flipped. What has to hold: a value that cannot be true shows in the status of its
-own tick; 100 ms after the last one the status is 0 and every output is that of the run without
-faults, to 2 % of its range, in 99 % of the ticks; no wheel locks that does not lock where these
+own tick. 100 ms after the last one the status is 0 and every output is that of the run without
+faults, to 2 % of its range, in 99 % of the ticks. No wheel locks that does not lock where these
 ticks are held at the last good sample.
 
 Where the run without faults does not keep to that against itself, begun a tick later or with an
