@@ -125,7 +125,7 @@ def tracking(
     x=Input(
         "m",
         "position",
-        source="a thousand km; ten times the way of a tick",
+        source="a thousand km; ten times the distance of a tick",
         lo=-1000,
         hi=1e6,
         change=1,
