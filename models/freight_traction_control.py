@@ -34,6 +34,7 @@ from slipctl import (
     law,
     luenberger,
     one,
+    ranged,
     sampled,
     step,
 )
@@ -427,7 +428,8 @@ def seeking_controller(
     )
     block = connect(name, wires, share=share, **parts)
     check(name, block.values_by_place(), period, form)
-    return block
+    motor = Input("N m", source="twice the largest torque", lo="-2 * T_max", hi="2 * T_max")
+    return ranged(block, T_m=motor)
 
 
 def check(

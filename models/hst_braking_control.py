@@ -28,6 +28,7 @@ from slipctl import (
     every,
     law,
     probe,
+    ranged,
     rls,
     step,
 )
@@ -465,7 +466,9 @@ def controller(
     block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
         block = block.with_params(**{"*.v_off": 3.0})
-    return block
+    most = "a quarter more than the largest; a brake does not drive"
+    brake = Input("N m", source=most, lo="-1.25 * T_max", hi=1e3)
+    return ranged(block, T_b=brake)
 
 
 def check(slip_law: Block, search: Block | None = None, shape: Block | None = None) -> None:

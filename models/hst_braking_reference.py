@@ -314,7 +314,8 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         mu = (mean T_b - I_w (omega - omega_n)/(n T)) / (r F_z). The increment makes it exact, and
         it has no lag beyond the window. White noise of the wheel speed leaves it as 1/n, which is
         why a long window beats the mean of many short ones. After a change of the rail the window
-        starts afresh, so that it does not mix two rails.
+        starts afresh, so that it does not mix two rails. Added here: it tells no adhesion beyond 2,
+        which it would where the speed jumps in the window, after samples that were missing.
         """
         inside, first = place >= W - count, place == W - count
         torque_0, slip_0 = dot(first, torques), dot(first, slips)
@@ -325,6 +326,7 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         square = dot(inside, (slips - mean_lam) ** 2)
         square = square + ((lam - mean_lam) ** 2 - (slip_0 - mean_lam) ** 2) / 2
         mu = (mean_T - J * (omega - dot(first, omegas)) / (count * T)) / (r * m * g / n)
+        mu = fmax(-2, fmin(2, mu))
         restart = logic_and(changed > 0.5, before < 0.5)
         nxt = dict(
             omegas=vertcat(omegas[1:], omega),

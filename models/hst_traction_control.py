@@ -125,16 +125,25 @@ def tracking(
     x=Input(
         "m",
         "position",
-        source="a thousand km; ten times the distance of a tick",
+        source="a thousand km; twice the distance of a tick at 430 km/h",
         lo=-1000,
         hi=1e6,
-        change=1,
+        change=0.25,
     ),
     v=Input(
-        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.5
+        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.2
     ),
-    x_d=Input("m", "target position", source="a thousand km; a target may jump", lo=-1000, hi=1e6),
-    v_d=Input("m/s", "target speed", source="430 km/h; a target may jump", lo=-1, hi=120),
+    x_d=Input(
+        "m",
+        "target position",
+        source="a thousand km; that of the position",
+        lo=-1000,
+        hi=1e6,
+        change=0.25,
+    ),
+    v_d=Input(
+        "m/s", "target speed", source="430 km/h; that of the speed", lo=-1, hi=120, change=0.2
+    ),
     a_d=Input(
         "m/s^2",
         "target acceleration",

@@ -43,10 +43,10 @@ V_S = Input(
     "slip speed",
     positive="braking",
     per="speed",
-    source="a locked wheel; a tooth wheel that turns again jumps",
+    source="a locked wheel; twelve times what 20 kN m give its inertia in 1 ms",
     lo=-5,
     hi=120,
-    change=2,
+    change=0.5,
 )
 V_REF = Input(
     "m/s",
