@@ -49,7 +49,7 @@ def connect(
 
     Raises:
         BadInput: unknown signal, wrong unit, sign or slip convention, parts of different kind or
-            period, an algebraic loop (told by its path); a shared place that no part has, or that
+            period, an algebraic loop (told by its path). A shared place that no part has, or that
             has another unit or range.
     """
     if not blocks:

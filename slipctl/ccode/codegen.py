@@ -1,6 +1,6 @@
 """A Block as C99 that a firmware engineer accepts, and as a module to call from Python.
 
-``c_module(block, folder)`` writes the folder; ``check`` and ``export`` also compile it, replay
+``c_module(block, folder)`` writes the folder. ``check`` and ``export`` also compile it, replay
 logged inputs through it with the state carried in C, and compare every output and state with the
 block itself. What the folder holds is told in docs/c_interface.md.
 """
@@ -174,7 +174,7 @@ def check(
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
         difference per output and state, ``passed`` whether all stay within their ``limit``:
-        1e-12 of the largest value in double; for float see :mod:`slipctl.ccode.check.expected`.
+        1e-12 of the largest value in double. For float see :mod:`slipctl.ccode.check.expected`.
 
     Raises:
         BadInput: as :func:`c_module`; no compiler; inputs that do not fit.
@@ -213,7 +213,7 @@ def export(
         period: tick in s for the comments.
         real: type of every number in C, ``"double"`` or ``"float"``.
         target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``, or for
-            several, ``"cortex-m4,cortex-m7"``: bytes, stack, what of double is linked; with
+            several, ``"cortex-m4,cortex-m7"``: bytes, stack, what of double is linked. With
             ``check`` the same replay on a board of QEMU, with the instructions of a step counted.
         misra: count the findings of cppcheck and of its MISRA C:2012 addon.
         fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.

@@ -48,8 +48,6 @@ RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED"
 
 STYLE: Any = {
     "figure.dpi": 100,
-    "savefig.dpi": 160,
-    "figure.constrained_layout.use": True,
     "font.family": "DejaVu Sans",
     "font.size": 9,
     "axes.titlesize": 9,
@@ -111,10 +109,16 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options
     """
     from matplotlib.figure import Figure
 
+    from slipctl.draw.layout import Grid
+
     with style():
         size = (WIDTH, height * rows + 0.4)
-        fig = Figure(figsize=size)
-        return fig, fig.subplots(rows, columns, squeeze=False, **options)
+        fig = Figure(figsize=size, layout=Grid())
+        axes = fig.subplots(rows, columns, squeeze=False, **options)
+    for axis in axes.flat:
+        for spine in axis.spines.values():
+            spine.set_in_layout(False)  # measuring one asks for all marks again
+    return fig, axes
 
 
 def label(what: str, unit: str) -> str:
@@ -176,7 +180,7 @@ def _told(axis: Any) -> tuple[Sequence[Any], Sequence[str]]:
 def legends_aside(fig: Figure) -> None:
     """Take the legends off the panels, so that none lies on a curve.
 
-    Where a name means the same line in all panels there is one legend above the figure; else each
+    Where a name means the same line in all panels there is one legend above the figure. Else each
     panel has its own, below it if all stand in a row, or else at its right.
     """
     own = [a for a in fig.axes if a.get_legend() is not None]

@@ -7,7 +7,6 @@ are made of these helpers: ``traces`` of logged signals, ``lines`` and ``bars`` 
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,12 +23,10 @@ from slipctl.draw.looks import (
     ORANGE,
     PALETTE,
     RAILS,
-    STYLE,
     colour,
     covered,
     dash,
     label,
-    legends_aside,
     logarithmic,
     names_below,
     panels,
@@ -41,7 +38,6 @@ from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
 from slipctl.errors import BadInput, nearest
-from slipctl.run import store
 from slipctl.run.metrics import worst
 from slipctl.run.results import NotRun
 
@@ -520,49 +516,28 @@ def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
         )  # fmt: skip
 
 
-PACKED = 3
-"""Compression of a PNG, 0 to 9."""
-
-
 # ---- files --------------------------------------------------------------------------------------
 
 
 def load() -> None:
     """Import what drawing needs, ahead of the first figure."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
     import matplotlib.figure  # noqa: F401
+
+    import slipctl.draw.saving  # noqa: F401
 
 
 def svg_text(fig: Figure, stamp: str = "") -> str:
-    """Figure as SVG, the same text every time."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    """Figure as SVG, the same text every time; ``stamp`` is what it says of itself."""
+    from slipctl.draw import saving
 
-    legends_aside(fig)
-    with style():
-        buffer = io.StringIO()
-        # matplotlib takes the salt of ids from the settings in force now; what prints lays out too,
-        # where savefig draws twice
-        fig.set_dpi(STYLE["savefig.dpi"])
-        FigureCanvasSVG(fig).print_svg(
-            buffer, metadata={"Date": None, "Creator": "slipctl", "Description": stamp or None}
-        )
-    return buffer.getvalue()
+    return saving.svg_text(fig, stamp)
 
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
-    """Figure as PNG, the same bytes every time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """Figure as PNG, the same bytes every time; ``stamp`` is what it says of itself."""
+    from slipctl.draw import saving
 
-    with style():
-        buffer = io.BytesIO()
-        fig.set_dpi(STYLE["savefig.dpi"])
-        metadata = {"Software": "slipctl", "Description": stamp}
-        # the same picture; packing it closer takes as long as drawing it
-        FigureCanvasAgg(fig).print_png(
-            buffer, metadata=metadata, pil_kwargs={"compress_level": PACKED}
-        )
-    return buffer.getvalue()
+    return saving.pictures(fig, stamp)[1]
 
 
 def mark_quick(fig: Figure) -> None:
@@ -574,9 +549,6 @@ def mark_quick(fig: Figure) -> None:
 
 def save(fig: Figure, folder: Path, stem: str, stamp: str = "") -> str:
     """Write a figure as PNG and SVG; gives the SVG."""
-    svg = svg_text(fig, stamp)
-    fig.set_layout_engine("none")  # the places are found; finding them again takes as long
-    png = png_bytes(fig, stamp)
-    store.write_text(folder / f"{stem}.svg", svg)
-    store.write_with(folder / f"{stem}.png", lambda path: path.write_bytes(png))
-    return svg
+    from slipctl.draw import saving
+
+    return saving.save(fig, folder, stem, stamp)

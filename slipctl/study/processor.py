@@ -88,10 +88,10 @@ def compare(
 ) -> Comparison:
     """Run a loop of a study with its controller on a processor, and compare.
 
-    In double the trajectory must be that of Python to 1e-9 of the largest value of each signal; in
+    In double the trajectory must be that of Python to 1e-9 of the largest value of each signal. In
     float each metric to 1 %, or to twice what storing floats moves it by. Every tick must have the
     status that the guards of the C have by the run in Python. With faults each of them must be told
-    by the status, and in the last tenth of the run the slip must be that of the undisturbed run to
+    by the status. In the last tenth of the run the slip must be that of the undisturbed run to
     1 % of its largest value.
 
     Args:

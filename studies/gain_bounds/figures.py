@@ -234,13 +234,13 @@ def seeker_map(r: Results) -> Any:
 def lyapunov(r: Results) -> Any:
     """V of each proof along a disturbed run, and V' where it claims to be negative."""
     found = [*gain_bounds_runs.runs(True), gain_bounds_runs.in_the_loop(r.log("base", "sta"))]
-    fig, axes = plots.panels(4, 2, height=1.7)
+    fig, axes = plots.panels(4, 2, height=1.85)
     for axis, run in zip(axes.flat, found, strict=False):
         with plots.style():
             _covered(axis, run.t, np.maximum(run.V, 1e-12), plots.BLUE)
             _covered(axis, run.t, np.where(run.where, run.V, np.nan), plots.ORANGE)
             axis.set_yscale("log")
-            axis.set_title(f"{run.name}: {run.source}", fontsize=7.5)
+            axis.set_title(f"{run.name}\n{run.source}", fontsize=7.5)
             axis.set_xlabel(plots.label("time", "s"))
             axis.set_ylabel("V")
     with plots.style():
