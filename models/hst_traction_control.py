@@ -125,7 +125,7 @@ def tracking(
     x=Input(
         "m",
         "position",
-        source="a thousand km; twice the way of a tick at 430 km/h",
+        source="a thousand km; twice the distance of a tick at 430 km/h",
         lo=-1000,
         hi=1e6,
         change=0.25,

@@ -121,7 +121,7 @@ def behind(p: Seeker, slope: Any, start: Any, against: bool, ticks: int) -> tupl
 
 
 def flat_ripple(p: Seeker) -> Any:
-    """Longest way of v between two turns on a flat top: k T (floor((beta + 2 N)/(rho T)) + 1).
+    """Longest distance of v between two turns on a flat top: k T (floor((beta + 2 N)/(rho T)) + 1).
 
     Proof note: delta falls by rho T per tick, and hears + while it lies in a closed cell that the
     noise makes longer by N at both ends.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from slipctl.ccode.check import analysis
+from slipctl.ccode.check import analysis, load
 
 _COMPARED = {
     "every tick": "every tick",
@@ -133,6 +133,7 @@ def _targets(data: Mapping[str, Any]) -> list[str]:
         "## On the target",
         f"{', '.join(compilers)}; instructions of a step are counted by QEMU, they are not cycles.",
         table(heads, rows),
+        *[f"{t['target']}: {load.said(t['load'])}." for t in data["targets"] if t.get("load")],
     ]
 
 
