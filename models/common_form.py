@@ -5,7 +5,7 @@ Every wheel of the papers, braked or driven, is
     s' = (r/J) T - D,   D = (r^2/J + 1/m) F + a_R
 
 with s >= 0 the slip speed, T >= 0 the torque at the wheel, F the adhesion force and m the mass that
-a wheel carries along; a driven wheel is a braked one seen in a mirror (``slipctl.mirror``). So each
+a wheel carries along. A driven wheel is a braked one seen in a mirror (``slipctl.mirror``). So each
 law is a wanted s' = nu(e) of the slip error and T = (J/r)(D + nu). What differs is nu, and how the
 reference is prepared. Here: braking positive, slip as speed.
 
@@ -180,7 +180,7 @@ def limits(
 
 LAW = {
     "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
-    "v_s": (-5, 120, "a locked wheel; a tooth wheel that turns again jumps", 2),
+    "v_s": (-5, 120, "a locked wheel; a tooth wheel jumps", 0.5),
     "v_best": (-20, 20, "twice the range that is searched"),
     "D": (-1e5, 1e5, "adhesion of 2 on the least inertia"),
     "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),

@@ -9,7 +9,7 @@ Carter (Proc. R. Soc. A 112 (1926) 151), a cylinder on a plane, semi-axis a alon
     mu = mu_vf [1 - (1 - s)^2],  s = pi G a b k |s_x|/(2 (1 - nu) Q mu_vf) <= 1
 
 FASTSIM (Kalker, Vehicle System Dynamics 11 (1982) 1) on an ellipse, with a parabolic bound of the
-traction. Along each strip the traction grows from the leading edge until it meets the bound; both
+traction. Along each strip the traction grows from the leading edge until it meets the bound. Both
 vanish there, so adhesion ends at one distance from the trailing edge on all strips, 2 a d. With
 phi = arccos d and a strip at y = b sin t, the integral over the strips is
 

@@ -1,6 +1,6 @@
 """Converters of a test rig: digital to analog and back, with range, steps and noise.
 
-The rig of Wang 2025 joins controller and train model by analog lines: the controller's force goes
+The rig of Wang 2025 joins controller and train model by analog lines. The controller's force goes
 out through a D/A converter, and what it measures comes in through A/D converters. The paper gives
 neither bits nor ranges; 12 bit are what its kind of card has.
 

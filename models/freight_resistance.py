@@ -10,7 +10,7 @@ both sides by 1/(tau s + 1) takes its place, because s/(tau s + 1) v is known fr
     [n_d F_a]_f - M d = (a1 [1]_f + a2 [v]_f + a3 [v^2]_f) M g/1000,    tau d' = v' - d
 
 All filters start at zero, d too, and then this is exact from the first sample on. Sampled, each
-1/(tau s + 1) is Tustin's rule, and so is d, because v is the integral of v' by the trapezoidal rule
+1/(tau s + 1) is Tustin's rule. So is d, because v is the integral of v' by the trapezoidal rule
 up to h^2/12 times the second derivative of v'. The noise of v enters as that of d, which has no
 low frequencies, while the regressors have only these.
 """

@@ -8,13 +8,13 @@ gamma = r/(J R_g), a wanted e' = -kappa(e) is reached by
     printed shape   kappa = 2 k e (k_x^2 - e^2)          (42), (44), k_x = k_a for e < 0, else k_s
     robust shape    kappa = q e k_x^2/(k_x^2 - e^2)      added here: the gain grows at the barrier
 
-Equations (42), (44), (47) print -f in place of D, which (8) makes positive: the command then adds
-to the disturbance, e' = -2 D - kappa(e), and the creep rests below the wanted one, where the far
+Equations (42), (44), (47) print -f in place of D, which (8) makes positive. The command then adds
+to the disturbance, e' = -2 D - kappa(e). The creep rests below the wanted one, where the far
 stronger pull of the k_a side equals 2 D. The pull of the printed shape vanishes at the barrier: it
 holds disturbances below 4 k k_s^3/(3 sqrt 3) only (``slipctl.certify.barrier``).
 
 Added here: D from adhesion estimate and resistance as known; v_ref' is an input, because a seeker
-knows it; a torque limit; the robust shape counts e at most ``share`` of the way to the barrier, so
+knows it; a torque limit. The robust shape counts e at most ``share`` of the way to the barrier, so
 that beyond it the pull is large, finite, and still inwards.
 """
 
@@ -34,6 +34,7 @@ from slipctl import (
     law,
     luenberger,
     one,
+    ranged,
     sampled,
     step,
 )
@@ -427,7 +428,8 @@ def seeking_controller(
     )
     block = connect(name, wires, share=share, **parts)
     check(name, block.values_by_place(), period, form)
-    return block
+    motor = Input("N m", source="twice the largest torque", lo="-2 * T_max", hi="2 * T_max")
+    return ranged(block, T_m=motor)
 
 
 def check(
@@ -452,8 +454,8 @@ def check(
 
     Raises:
         BadInput: an unstable or slow observer, a barrier smaller than the error at the start, a
-            gain that the period cannot carry, a seeker that passes its cells in a tick or whose
-            dither is near the corners of its filters; each with a value that would pass.
+            gain that the period cannot carry. A seeker that passes its cells in a tick or whose
+            dither is near the corners of its filters. Each with a value that would pass.
     """
     A = [[-float(p["observer.L_omega_m"]), -1 / float(p["observer.J"])],
          [-float(p["observer.L_T_L"]), 0.0]]  # fmt: skip

@@ -1,7 +1,7 @@
 """Patch of two elastic bodies pressed together: Hertz ellipse and Kalker's coefficient c11.
 
 With the curvatures A (in rolling direction) and B (across) of the gap z = A x^2 + B y^2, the load Q
-and the modulus 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2; Johnson, Contact Mechanics, 1985,
+and the modulus 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2. Johnson, Contact Mechanics, 1985,
 section 4.2. Let c be the larger semi-axis, g <= 1 the ratio of the axes, m = 1 - g^2:
 
     B/A       = (E(m)/g^2 - K(m))/(K(m) - E(m))         (4.26), A the curvature along c
@@ -122,7 +122,7 @@ def c11(ratio: float, nu: float) -> float:
 
     A cubic through the four nearest rows in ln(a/b) and ln(c11), and a parabola through the three
     columns in 1/c11, as CONTACT takes it (subroutine ``linrol``). The cubic through every other row
-    misses the rows between by at most 0.04; at the table's own spacing that is 1/16 of it, less
+    misses the rows between by at most 0.04. At the table's own spacing that is 1/16 of it, less
     than half a unit of its second decimal (which it has below 10).
 
     Args:

@@ -1,7 +1,7 @@
 """Braked quarter train on Burckhardt-Reimpell adhesion; Zhang, Peng et al., Actuators 2021.
 
 Signs as in the paper: a brake torque T_b <= 0 brakes, an adhesion force F_a <= 0 slows the train
-(``positive="traction"``), and the slip ratio lam = (v - omega r)/v is positive when braking.
+(``positive="traction"``). The slip ratio lam = (v - omega r)/v is positive when braking.
 
     I_w omega' = T_b - r F_a                            (1)
     m v'       = n F_a - F_R - m g slope                (2), the gradient is added

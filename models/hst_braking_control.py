@@ -28,6 +28,7 @@ from slipctl import (
     every,
     law,
     probe,
+    ranged,
     rls,
     step,
 )
@@ -230,7 +231,7 @@ def pid(gains: str = "rule") -> Block:
 
     Args:
         gains: ``"rule"``: on (8) with the adhesion constant the loop is s^2 + b Kp s + b Ki with
-            b = r/(I_w v); both poles are put at K/2, so Kp = K/b and Ki = K^2/(4 b), K the gain of
+            b = r/(I_w v). Both poles are put at K/2, so Kp = K/b and Ki = K^2/(4 b), K the gain of
             the other laws. Kd = 0, because on an integrator it only adds inertia. ``"printed"``:
             100, 10, 1, read as kN m, kN m/s and kN m s.
     """
@@ -317,8 +318,8 @@ def arbitration(
 ):
     """Torque applied: the demand, unless slip control wants less; Zhang 2021, Remark 3.
 
-    Below v_off the torque follows the demanded deceleration. Added here: a brake cannot drive;
-    below v_off the torque stays below what the last estimate says the rail carries, because the
+    Below v_off the torque follows the demanded deceleration. Added here: a brake cannot drive.
+    Below v_off the torque stays below what the last estimate says the rail carries, because the
     printed snow curve leaves a locked wheel no adhesion to turn it again.
     """
     demand = r * m * a_demand / n + J * a_demand / r
@@ -465,7 +466,9 @@ def controller(
     block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
         block = block.with_params(**{"*.v_off": 3.0})
-    return block
+    most = "a quarter more than the largest; a brake does not drive"
+    brake = Input("N m", source=most, lo="-1.25 * T_max", hi=1e3)
+    return ranged(block, T_b=brake)
 
 
 def check(slip_law: Block, search: Block | None = None, shape: Block | None = None) -> None:

@@ -168,7 +168,7 @@ def speed_fusion(
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
 
     The paper presumes such a fusion (its reference 36) and does not give it. Kalman filter of speed
-    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll); a braked
+    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). A braked
     one turns slower than the train, so it is a lower bound: the speed is corrected where the rim
     is faster than the estimate. A gradient cannot be told from a bias.
     """

@@ -119,7 +119,7 @@ def slope_identification(form: str = "consistent") -> Block:
         """Slope of the adhesion curve by least squares with forgetting; Zhang 2021 (41), (42).
 
         Added here: the slip ratio gets the lag of the adhesion filter; nothing is learnt while the
-        slip stands still, because P grows as rho^-k there; P has a largest value and is reset when
+        slip stands still, because P grows as rho^-k there. P has a largest value and is reset when
         the residual tells a change of the rail (the paper says so in words).
         """
         mean = (lam + lam_last) / 2  # as the filter sees the mean force of the last tick
@@ -182,7 +182,7 @@ def gradient_search(form: str = "consistent") -> Block:
         """Gradient search of the best slip ratio; Zhang 2021 eq (40).
 
         F_a < 0, so chi < 0 below the peak, and the reference grows there. Added here: a rate in
-        1/s in place of 0.01 per tick, which is larger than the funnel of 0.006; proportional near
+        1/s in place of 0.01 per tick, which is larger than the funnel of 0.006. Proportional near
         the peak; it waits until the slip has followed.
         """
         if form == "printed-40":
@@ -314,7 +314,8 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         mu = (mean T_b - I_w (omega - omega_n)/(n T)) / (r F_z). The increment makes it exact, and
         it has no lag beyond the window. White noise of the wheel speed leaves it as 1/n, which is
         why a long window beats the mean of many short ones. After a change of the rail the window
-        starts afresh, so that it does not mix two rails.
+        starts afresh, so that it does not mix two rails. Added here: it tells no adhesion beyond 2,
+        which it would where the speed jumps in the window, after samples that were missing.
         """
         inside, first = place >= W - count, place == W - count
         torque_0, slip_0 = dot(first, torques), dot(first, slips)
@@ -325,6 +326,7 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         square = dot(inside, (slips - mean_lam) ** 2)
         square = square + ((lam - mean_lam) ** 2 - (slip_0 - mean_lam) ** 2) / 2
         mu = (mean_T - J * (omega - dot(first, omegas)) / (count * T)) / (r * m * g / n)
+        mu = fmax(-2, fmin(2, mu))
         restart = logic_and(changed > 0.5, before < 0.5)
         nxt = dict(
             omegas=vertcat(omegas[1:], omega),

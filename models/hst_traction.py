@@ -213,7 +213,7 @@ def motor(form: str = "consistent") -> Block:
     """Make a motor as a lag with the limit (33).
 
     Args:
-        form: ``"consistent"`` limits the power by the speed of the motor's own wheel;
+        form: ``"consistent"`` limits the power by the speed of the motor's own wheel.
             ``"printed-33"`` by the speed of the train, with which a wheel that slips is fed with a
             power that grows with its speed (docs/errata.md).
 

@@ -142,7 +142,7 @@ def adhesion_observer(
         """Robust adhesion observer; Wang 2025 eqs (16)-(22).
 
         Added here, implicit: e + T_o K_1 Phi1(e) + T_o^2 K_2 Phi2(e) contains the error e_0 of the
-        prediction; for |e_0| <= T_o^2 K_2/2 that is e = 0, else Newton's method from above, where
+        prediction. For |e_0| <= T_o^2 K_2/2 that is e = 0, else Newton's method from above, where
         the function is convex and rises, finds |e|^(1/2). The torque is the mean over the tick.
         """
         if not implicit:
@@ -302,9 +302,9 @@ def classification(surfaces: int = 5) -> Block:
         """Typical surface nearest to the observed adhesion, and the next poorer one's peak.
 
         Wang 2025 section 3.2, Fig. 4. Added here: the order is that of the peaks at the present
-        speed; the poorest surface has no next one and gives ``margin`` of its own peak; where all
+        speed; the poorest surface has no next one and gives ``margin`` of its own peak. Where all
         curves lie close together (at little creep), or the observed adhesion has not the sign of
-        the creep, the class is kept; beyond its peak the adhesion falls, so only ``cut`` of what is
+        the creep, the class is kept. Beyond its peak the adhesion falls, so only ``cut`` of what is
         left is allowed, which brings the wheel back.
         """
         surface, off = 0, fabs(mu_hat - mu[0])

@@ -1,7 +1,7 @@
 """Speed and position control of a train with anti-slip limit; Wang 2025.
 
 With e1 = x - x_d, e2 = v - v_d and the train (15), x' = v, M v' = F_contr - delta - F_d, every law
-asks for a force F_wanted and gives F_contr = sat(F_wanted) in [F_lo, F_hi], which is the traction
+asks for a force F_wanted. It gives F_contr = sat(F_wanted) in [F_lo, F_hi], which is the traction
 characteristic and, with the limit, what the rail carries. Higher-order sliding mode (29)-(36):
 
     F_wanted = M (-k1 e2 + F_d/M + v_d' - k3 lam + u),  lam' = -k3 lam - (F_wanted - F_contr)/M
@@ -125,16 +125,25 @@ def tracking(
     x=Input(
         "m",
         "position",
-        source="a thousand km; ten times the way of a tick",
+        source="a thousand km; twice the distance of a tick at 430 km/h",
         lo=-1000,
         hi=1e6,
-        change=1,
+        change=0.25,
     ),
     v=Input(
-        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.5
+        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.2
     ),
-    x_d=Input("m", "target position", source="a thousand km; a target may jump", lo=-1000, hi=1e6),
-    v_d=Input("m/s", "target speed", source="430 km/h; a target may jump", lo=-1, hi=120),
+    x_d=Input(
+        "m",
+        "target position",
+        source="a thousand km; that of the position",
+        lo=-1000,
+        hi=1e6,
+        change=0.25,
+    ),
+    v_d=Input(
+        "m/s", "target speed", source="430 km/h; that of the speed", lo=-1, hi=120, change=0.2
+    ),
     a_d=Input(
         "m/s^2",
         "target acceleration",

@@ -11,7 +11,7 @@ it believes in (indirect orientation). Amplitudes, not effective values.
     T_m = (3/2) p k_r (psi_d i_q - psi_q i_d),   k_r = L_m/L_r
 
 Source of the equations: Leonhard, Control of Electrical Drives, chapters 10 and 12. The data are
-the per-unit values of a traction motor that has often been simulated, the MT205 of the CRH2
+the per-unit values of a traction motor that has often been simulated, the MT205 of the CRH2.
 (300 kW, 2000 V, 106 A, 140 Hz): R_s .15, R_r .16 ohm, leakage 1.42 and .6 mH, L_m 25.4 mH. They
 are told here from the literature's use and not from its data sheet; with the slip of the plate,
 1.4 %, they give 296 kW and 107 A. They are carried over to the power of one axle of this train.

@@ -3,7 +3,7 @@
     s' = (r/J)(T - r F) - F/m + d,   T' = (T_cmd - T)/tau,   F = mu(s; estimate) W g
 
 is one model for every wheel of the papers (``common_form``). The parameters of the adhesion law are
-inputs, held over the horizon, that an estimator feeds; d is what the estimated disturbance has
+inputs, held over the horizon, that an estimator feeds. d is what the estimated disturbance has
 beyond the estimated curve, so that the slip comes to rest on its reference whatever is wrong.
 """
 

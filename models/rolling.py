@@ -251,8 +251,9 @@ def _scattered(T: Any, motors: Sequence[int], n: int) -> Any:
 def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
     """Creep of one axle for a given speed of the train at the end of the step, by Newton updates.
 
-    Results: contact force, whether the brake holds the wheel, residual; creep and force after one
-    more Newton step, the share of a change of that speed by which the creep falls, and the force.
+    Results: contact force, whether the brake holds the wheel, residual. Then creep and force after
+    one more Newton step, the share of a change of that speed by which the creep falls, and the
+    force.
     """
     z = ca.SX.sym("z")
     q = v_next, v, free, k, N, hold, *values = [

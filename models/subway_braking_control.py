@@ -43,10 +43,10 @@ V_S = Input(
     "slip speed",
     positive="braking",
     per="speed",
-    source="a locked wheel; a tooth wheel that turns again jumps",
+    source="a locked wheel; twelve times what 20 kN m give its inertia in 1 ms",
     lo=-5,
     hi=120,
-    change=2,
+    change=0.5,
 )
 V_REF = Input(
     "m/s",
@@ -306,7 +306,7 @@ def arbitration(
 
     The demand is the torque of a rolling wheel at the required deceleration,
     T = r (m a - f - W) + J a / r. T_b = min(demand, slip control) is bumpless, as both are
-    continuous. Added here: a brake cannot drive (T_b >= 0) and has a largest torque; below v_off
+    continuous. Added here: a brake cannot drive (T_b >= 0) and has a largest torque. Below v_off
     slip control is off, because v_s <= v and a best slip of 1.2 m/s cannot exist there. A demand
     of 10 m/s^2, the value when none is wired, keeps slip control always awake.
     """
@@ -383,7 +383,7 @@ def estimating_controller(
         to), a_demand, f_hat, W_hat to the command T_b.
 
     Added here: the probe, which goes past the estimated peak while that is unsure, because at a
-    constant slip the parameters cannot be identified; F in the slip law is the estimated curve at
+    constant slip the parameters cannot be identified. F in the slip law is the estimated curve at
     the present slip, which is smoother than the measurement and as fast.
     """
     known("estimating_controller", "form", form, ("window", "recursive"))

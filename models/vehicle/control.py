@@ -3,7 +3,7 @@
     slip -> meter -> [estimator, search, probe] -> best slip -> law -> watch, apply -> T_cmd
 
 A slip law of models/common_form asks for the slip, the slip to go to, the adhesion force and what
-the slip falls by; what comes before it is the same for all. The demand rules until an axle slips:
+the slip falls by. What comes before it is the same for all. The demand rules until an axle slips:
 then its law begins anew, and it gives back when the demand has ruled for a while. So no integral
 winds up while there is nothing to control.
 """

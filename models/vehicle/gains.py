@@ -1,6 +1,6 @@
 """What ``slipctl certify metro.toml`` asks: the gains of a trip, and bounds from its own equations.
 
-Every slip law makes s' = nu(e) + d out of s' = (r/J) T - D, where D = (r^2/J + n_w/M) F + a is
+Every slip law makes s' = nu(e) + d out of s' = (r/J) T - D. There D = (r^2/J + n_w/M) F + a is
 what the slip falls by, and d is what the law has wrong of it. So its gains are asked about with
 bounds of d and of its rate, which are enclosures of D and of its slope over
 
@@ -10,7 +10,7 @@ bounds of d and of its rate, which are enclosures of D and of its slope over
 Where the adhesion is fitted, d is a share of D. Where it is measured, over a window that ends now,
 it is what D changes by inside the tube, and its rate at most twice the rate of D.
 
-The bounds hold inside the tube. So what is asked of a law is a band no wider than the tube: the set
+The bounds hold inside the tube. So what is asked of a law is a band no wider than the tube. The set
 that proves it holds no error and no tick leaves it, and whatever comes into it meets no more than
 the bounds.
 """

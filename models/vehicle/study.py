@@ -71,6 +71,6 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
-            "slip": Figure("Slip and torque of the worst axle, and the way", _slip),
+            "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),
         },
     )  # fmt: skip

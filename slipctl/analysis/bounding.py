@@ -95,7 +95,7 @@ def enclosure(
     Args:
         block: any block. output: name of an output (or derivative).
         over: range of each signal that varies; the rest has its declared value, or that of ``at``.
-        gap: how far an end may be beyond the value that was found, as a share of what the values
+        gap: how far an end may be beyond the value that was found. A share of what the values
             at the middle and at two corners of the box differ by.
         **at: values of the other signals.
 

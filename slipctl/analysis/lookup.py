@@ -34,7 +34,7 @@ def argmax_table(
     """Make a law that knows the peak of another one on each of its rail conditions.
 
     Place and height of the peak are computed at nodes of ``by``, which are set closer where they
-    bend, and are straight lines between them: y = y_0 + sum_k s_k min(max(x - x_k, 0), x_k+1 -
+    bend. Between them are straight lines: y = y_0 + sum_k s_k min(max(x - x_k, 0), x_k+1 -
     x_k). There is no search, no division and no index, so it runs in C, in float too.
 
     Args:

@@ -43,7 +43,7 @@ def luenberger(
 
     Raises:
         BadInput: not a linear flow, unknown names, a state that the measurement cannot show, poles
-            that are not one per state or no conjugate pairs, slow or unstable poles; the message
+            that are not one per state or no conjugate pairs, slow or unstable poles. The message
             gives the pole.
     """
     where = f"luenberger({block.name})"

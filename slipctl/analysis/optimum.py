@@ -66,7 +66,7 @@ def argmax(
 
     The law's closed form is taken where it declares one, the place lies in the range and the
     derivative changes its sign there from plus to minus. Otherwise each of the highest peaks of a
-    grid is bracketed by its neighbours, and Newton's method on the exact derivative, replaced by
+    grid is bracketed by its neighbours. Newton's method on the exact derivative, replaced by
     bisection where it would leave the bracket, closes in on it to rounding. A peak narrower than
     two steps of the grid can be overlooked, unless it is ``proven``: then interval arithmetic
     discards all of the range where no peak can be (:mod:`slipctl.certify.enclosure`).

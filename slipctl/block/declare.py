@@ -97,13 +97,12 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
     """Make a function an algebraic block: ``@law(mu=Output("1", "adhesion coefficient"))``.
 
     Args:
-        **options: one ``Output`` per result; ``conditions`` (parameter sets by rail condition),
-            ``closed_form`` (argument of the peak), ``coordinates`` (expressions of the parameters
-            that an estimator works in), ``readings`` (its signals by what a measured curve has),
-            ``expects`` (orders of its parameters), ``follows`` (function from parameters and
-            what is ``beside`` them to other parameters, for a fit),
-            ``leaves_out`` (what it has no model of), ``units``, ``choices``,
-            ``name``.
+        **options: one ``Output`` per result. ``conditions`` are parameter sets by rail condition,
+            ``closed_form`` is the argument of the peak. ``coordinates`` are expressions of the
+            parameters that an estimator works in, ``readings`` its signals by what a measured
+            curve has. ``expects`` has orders of its parameters. ``follows`` is a function from
+            parameters, and what is ``beside`` them, to other parameters, for a fit.
+            ``leaves_out`` says what it has no model of. Then ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)
 

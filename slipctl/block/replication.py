@@ -23,10 +23,10 @@ def replicate(
 ) -> Block:
     """Run n copies of a block side by side.
 
-    A signal that each copy has for itself gets the shape (n,), or (k, n) where it had (k,), or (k,
-    l n), the copies beside each other, where it had (k, l): every state and output, the inputs that
-    are not ``shared``, and the parameters named ``distinct``. A number given for it holds in every
-    copy. The computation is a loop, in C too.
+    A signal that each copy has for itself gets the shape (n,). Where it had (k,) it gets (k, n),
+    and where it had (k, l) it gets (k, l n), the copies beside each other. Such are every state and
+    output, the inputs that are not ``shared``, and the parameters named ``distinct``. A number
+    given for it holds in every copy. The computation is a loop, in C too.
 
     Args:
         block: a law, flow or step.

@@ -133,7 +133,7 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
 
     Raises:
         BadInput: a place that no part has, of another unit or shape, ranges without a common
-            number, a place that two shares want, a derived place, an expression of what is not
+            number, a place that two shares want. A derived place, an expression of what is not
             shared.
     """
     found: dict[str, Share] = {}

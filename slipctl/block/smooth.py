@@ -95,8 +95,8 @@ def sat(x: Any, lo: Any, hi: Any, eps: Any = 0.0) -> Any:
 def blend(x: Any, lo: Any, hi: Any, below: Any = 0.0, above: Any = 1.0) -> Any:
     """Switch without hysteresis from ``below`` (x <= lo) to ``above`` (x >= hi).
 
-    The weight of ``above`` is w = t^2 (3 - 2 t) with t = (x - lo)/(hi - lo) between lo and hi;
-    slope 0 at both ends, at most 1.5/(hi - lo) in the middle, where w = 1/2.
+    The weight of ``above`` is w = t^2 (3 - 2 t) with t = (x - lo)/(hi - lo) between lo and hi.
+    Slope 0 at both ends, at most 1.5/(hi - lo) in the middle, where w = 1/2.
     """
     t = sat((x - lo) / (hi - lo), 0.0, 1.0)
     w = t * t * (3.0 - 2.0 * t)

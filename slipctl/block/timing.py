@@ -46,7 +46,7 @@ def sampled(
 
     Raises:
         BadInput: not a flow, unknown method, h not positive, or an explicit step that is too
-            long; the message names a step, a number of substeps and a method that would do.
+            long. The message names a step, a number of substeps and a method that would do.
     """
     if as_block("sampled: what is to be sampled", block).kind != "flow":
         raise BadInput(f"{block.name} is a {block.kind}; only a flow can be sampled")

@@ -3,7 +3,7 @@
 ``mu = c*(exp(-a*v_s) - exp(-b*v_s)) where v_s [m/s], c = 1 in 0 .. 2, a = 0.54 s/m, b = 1.2 s/m``
 
 ``x' = ...`` makes a flow, ``x+ = ...`` a step, neither a law. Behind ``where`` a name with a unit
-is an input (or the unit of a result), one with a value a parameter (or the start of a state), and
+is an input (or the unit of a result), one with a value a parameter (or the start of a state).
 ``on wet: c = 0.3`` is a rail condition. All faults of a text are told at once.
 """
 

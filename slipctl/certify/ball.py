@@ -1,7 +1,7 @@
 """Arrays of balls, mid +- rad, rounded outwards: interval arithmetic that numpy does at once.
 
 Proof note: each operation of float64 is off by at most half a unit in the last place of its result
-(sums of n terms by n - 1 such), and below 1e-292 by less than 1e-300; the radius takes more than
+(sums of n terms by n - 1 such). It is below 1e-292 by less than 1e-300. The radius takes more than
 that on top, and each radius is itself enlarged by 1e-14 of it for its own few roundings.
 """
 

@@ -14,12 +14,12 @@ periodic orbit p(phi). With d = (x, z, e) - p(phi) and V^2 = d' P(phi) d, both t
 
     V+ <= (1 - W mu) V + W (alpha V^2 + rho)
 
-if M = -(J'P+ + P+ J + W J'P+ J + (P+ - P)/W) >= 2 mu P for all phi, where P+ = P(phi + W), J is the
-Jacobian at the orbit, alpha bounds the product and rho what the sum for the orbit leaves over, and
-the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from wherever it is below the
-larger one.
+if M = -(J'P+ + P+ J + W J'P+ J + (P+ - P)/W) >= 2 mu P for all phi. There P+ = P(phi + W) and J is
+the Jacobian at the orbit. alpha bounds the product and rho what the sum for the orbit leaves over,
+and the noise. So V ends below the smaller root of alpha V^2 - mu V + rho from wherever it is below
+the larger one.
 
-A dead time of n ticks and a lag weigh the values y of ticks ago: heard is the sum of g_j y of j
+A dead time of n ticks and a lag weigh the values y of ticks ago. Heard is the sum of g_j y of j
 ticks ago, n + E/(1 - E) <= n + lag/T ticks on average, E = exp(-T/lag). The orbit is that of the
 loop which hears so: on it the weighted sum is one of harmonics, each with its own gain. Off it, x
 of j ticks ago is x - D_j, D_j = -W q times the sum of j values z, and
@@ -33,7 +33,7 @@ and M is below the larger root, V stays below M, and its upper limit is at most 
 Before the start th and xi rest, so M is at least what |d_z| <= max|p_z| and |d_x| <= start +
 max|p_x| need.
 
-``dither_search`` looks for P and p; ``proven`` needs no search: it bounds each of these functions
+``dither_search`` looks for P and p. ``proven`` needs no search: it bounds each of these functions
 with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller (Math. Z.
 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes divided by
 cos(pi D/N).
@@ -138,7 +138,7 @@ class Found:
         """Number that |x| exceeds at a tick, from |x| <= start; below zero if it need not.
 
         Proof note: u = V - last obeys u+ <= (1 - W (mu - alpha (V + last))) u, and V does not
-        rise from above ``last``; |x| is within spread V of the orbit. Of a loop that hears late it
+        rise from above ``last``. |x| is within spread V of the orbit. Of a loop that hears late it
         is exceeded at later ticks: V comes as near to ``last`` as one likes, and the phase as near
         to that of this tick, since a rational W is no part of a turn.
         """
@@ -344,7 +344,7 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
 def _shifted(here: Ball, W: Ball, degree: int) -> tuple[Ball, Ball]:
     """The sums 1, cos, sin, ... one tick later, and their difference quotient by W.
 
-    Proof note: sin(n W) and 2 sin(n W/2)^2 over W, so that nothing cancels; an argument that is off
+    Proof note: sin(n W) and 2 sin(n W/2)^2 over W, so that nothing cancels. An argument that is off
     by r moves a sine by r at most, and its quotient by W then by r/W.
     """
     mid, rad = float(W.mid), float(W.rad)
@@ -434,7 +434,7 @@ def _definite(F: Ball, least: float) -> bool:
 def _positive(F: Ball, degree: int) -> bool:
     """Whether a symmetric matrix of sums is positive definite at all angles.
 
-    Proof note: at a unit vector it is a sum between least and most at the nodes, so it falls below
+    Proof note: at a unit vector it is a sum between least and most at the nodes. So it falls below
     least by at most half of most - least times what a sum can rise between nodes.
     """
     least = _least(F.mid) * (1 - 1e-6)

@@ -3,9 +3,9 @@
 At least: a run that is driven away from its orbit, again and again.
 
 Proof note: let the noise be silent for so long that the loop has come to its orbit, V <= ``last``
-without noise, until its phase is as near to a given one as one likes (a rational w T is no part of
-a turn); then let it have the given signs, and be silent again. Of two runs of the same noise, both
-with V below the ``last`` of the noisy loop, the difference d obeys (see ``dither``)
+without noise. Wait until its phase is as near to a given one as one likes (a rational w T is no
+part of a turn). Then let it have the given signs, and be silent again. Of two runs of the same
+noise, both with V below the ``last`` of the noisy loop, the difference d obeys (see ``dither``)
 
     V(d)+ <= (1 - W (mu - 2 alpha last)) V(d) + W (what the second run misses of the equations)
 
@@ -16,7 +16,7 @@ run is near to its |x|, as often as one likes, and not below it in the end.
 
 At most: the distance from the orbit is what the noise makes of the linear loop, and a rest r. With
 rows c(k) = (1, 0, 0) at a phase, c(k + 1) = c(k) (1 + W J) one tick earlier, the first is at most
-W noise sum |c(k) . (0, l S, h)| and what is left of the state before these ticks; that is summed at
+W noise sum |c(k) . (0, l S, h)| and what is left of the state before these ticks. That is summed at
 nodes, and from there to the nearest node V changes by what J and S do in that angle, over mu. r
 obeys V(r)+ <= (1 - W mu) V(r) + W (what is heard late + alpha V^2 + what the orbit leaves over)
 with V <= ``last``. The rows are floats: each tick is off by less than 1e-11 of them (the

@@ -1,6 +1,6 @@
 """Proven bounds of a function over a box, by interval arithmetic on its instructions.
 
-Each operation of a CasADi Function maps intervals to an interval that contains every result; each
+Each operation of a CasADi Function maps intervals to an interval that contains every result. Each
 end is moved outwards by 8 units in the last place, more than the rounding of an operation (1/2) and
 of NumPy's functions (4).
 Boxes are halved until the bound is tight (branch and bound; Moore, Kearfott, Cloud, Introduction to
@@ -131,7 +131,7 @@ def largest(
         value: from results at points, one column each, to what is made large; default row 0.
         bound: from enclosures to upper bounds of that; default the upper end of row 0.
         most: boxes after which the search ends with what it has.
-        slope: gradient of row 0, a column, where f is continuous and row 0 is made large: a box
+        slope: gradient of row 0, a column, where f is continuous and row 0 is made large. A box
             along which it only rises or only falls shrinks to the side where it is largest.
 
     Returns:

@@ -5,7 +5,7 @@
                     xi' = w_l ((y - eta) sin wt - xi),  eta' = w_h (y - eta)
 
 mu(v) is a static map with slope mu', curvature mu'' < 0 at its peak and third derivative mu'''.
-Units follow v and mu: k of the sliding mode is in v per s, rho in mu per s, beta in mu; k of the
+Units follow v and mu: k of the sliding mode is in v per s, rho in mu per s, beta in mu. k of the
 perturbation is in v/mu per s.
 """
 
@@ -54,7 +54,7 @@ def regime(k: float, rho: float, steepest: float) -> str:
 
     Proof note: at delta = (2n + 1) beta the sign turns from + to - as delta rises. It is
     attractive from both sides if delta' = k mu' - rho > 0 below and -k mu' - rho < 0 above it,
-    that is k mu' > rho; likewise delta = 2n beta for k mu' < -rho.
+    that is k mu' > rho. Likewise delta = 2n beta for k mu' < -rho.
 
     Args:
         k, rho: of the seeker. steepest: largest |mu'| of the map.
@@ -66,7 +66,7 @@ def averaged_rate(k: float, rho: float, slope: float) -> float:
     """Mean v' at a slope: k^2 mu'/rho without sliding, rho/mu' with it.
 
     Proof note: the half cycles of :func:`ripple` last beta/(rho - k mu') with s = 1 and
-    beta/(rho + k mu') with s = -1, so the mean of s is k mu'/rho, exactly, at constant mu'. In
+    beta/(rho + k mu') with s = -1. So the mean of s is k mu'/rho, exactly, at constant mu'. In
     sliding delta is constant: mu' v' = g' = rho. Both are k at |mu'| = rho/k, the largest rate.
     """
     return k * k * slope / rho if abs(slope) * k <= rho else rho / slope
@@ -93,7 +93,7 @@ def largest_period(beta: float, rho: float) -> float:
 def largest_delay(k: float, rho: float, beta: float, steepest: float) -> float:
     """Delay in s from v to the measured value below which sliding stays on its plane.
 
-    Proof note: a delay lets delta run on beyond the plane at k |mu'| + rho at most; after
+    Proof note: a delay lets delta run on beyond the plane at k |mu'| + rho at most. After
     beta/(k |mu'| + rho) it is in the next cell, where the sign turns once more, and the plane is
     lost.
 
@@ -157,8 +157,8 @@ def perturbation_loss(a: float, curvature: float) -> float:
 def vanishing_slope(r: float, gain: float = 1.0) -> float:
     """Slope |mu'| below which a dither a' = q (r |xi| - a) dies out: 2/(r gain).
 
-    Proof note: at a constant slope xi' = w_l (gain a mu'/2 - xi) has a steady positive solution,
-    and the pair (xi, a) has a zero eigenvalue where r gain |mu'|/2 = 1, whatever q and w_l. So it
+    Proof note: at a constant slope xi' = w_l (gain a mu'/2 - xi) has a steady positive solution.
+    The pair (xi, a) has a zero eigenvalue where r gain |mu'|/2 = 1, whatever q and w_l. So it
     can stop before the peak, at most where the slope is that, 2/(r |mu''|) from it.
 
     Args:

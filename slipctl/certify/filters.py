@@ -103,8 +103,8 @@ def expected_nis(gamma: float, R: float, H: float, dt: float, q: float = 0.0) ->
 
     It is (2 gamma + rho (1 + gamma))/(gamma (2 + gamma)), rho = q (H dt)^2/R: 2/(2 + gamma) < 1 on
     constant phi, 1 at the matched drift only, and without bound beyond. Proof note: in units of
-    sqrt(R dt) the error before a sample obeys x+ = x/(1 + gamma) - K n + w, var n = 1, var w = rho;
-    the innovation is x + n, and the filter takes 1 + gamma for its variance, whatever q.
+    sqrt(R dt) the error before a sample obeys x+ = x/(1 + gamma) - K n + w, var n = 1, var w = rho.
+    The innovation is x + n, and the filter takes 1 + gamma for its variance, whatever q.
     """
     rho = q * (H * dt) ** 2 / R
     return (2 * gamma + rho * (1 + gamma)) / (gamma * (2 + gamma))

@@ -42,7 +42,7 @@ def covariance_bounds(forgetting: float, least: float, most: float, S: int) -> t
     (1 - lam)/most <= ... <= P <= lam^-(S-1) (1 - lam^S)/least.
 
     Proof note: 1/P is the sum of lam^(age) phi phi'. Each window of S samples gives at least
-    least lam^(S-1) at its newest end, and the windows are a geometric series of ratio lam^S; above,
+    least lam^(S-1) at its newest end, and the windows are a geometric series of ratio lam^S. Above,
     each gives at most most, so the sum is at most most/(1 - lam^S).
     """
     rate = math.log(forgetting)
@@ -68,7 +68,7 @@ def largest_sides(n: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
     sup P = lam^-quiet max(P0, (1 - lam^S)/least), from below in the second case.
 
     Proof note: after m full windows, the last of them all but over, 1/P is at least
-    lam^(S-1) (lam^(m S)/P0 + least (1 - lam^(m S))/(1 - lam^S)), which is a mean of its values for
+    lam^(S-1) (lam^(m S)/P0 + least (1 - lam^(m S))/(1 - lam^S)). That is a mean of its values for
     m = 0 and m -> infinity, and reaches it if each window has its excitation in its first sample.
     A pause of ``idle`` samples follows, and then the S - 1 that may pass until the next excitation.
     """

@@ -125,7 +125,7 @@ def replay_drift(given: Entries, tick: Tick) -> None:
     """Check with decimals that the error moves out by a fixed amount or more in each tick.
 
     Proof note: the pull is concave in the distance y. At a distance z up to the place it is taken
-    at z - noise, and does not fall before place - noise; beyond it is taken at z + noise, and does
+    at z - noise, and does not fall before place - noise. Beyond it is taken at z + noise, and does
     not rise after place + noise. So it is never above the larger of its values at both, and the
     command behind any lag and dead time is a mean of such commands.
 

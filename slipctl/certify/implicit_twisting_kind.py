@@ -25,7 +25,7 @@ from slipctl.certify.registry import register
 def _slides(n: Numbers) -> Sequence[Side]:
     """Sliding goes on, within the band.
 
-    Proof note: a tick takes x to y + T k1 root(y) + T^2 k2 xi = x, xi in Sgn(y), and with w the
+    Proof note: a tick takes x to y + T k1 root(y) + T^2 k2 xi = x, xi in Sgn(y). With w the
     integral and the matched disturbance x+ = y + T w - T^2 k2 xi, w+ = w - T k2 xi + T d. Where
     |x| <= T^2 k2, y = 0 and T^2 k2 xi = x: x+ = T w - x, and at the next such tick x++ = T w+ - x+
     = T^2 d. So |x| <= T^2 L from the second tick on, and L <= k2 keeps it so.

@@ -2,7 +2,7 @@
 
 A function of comparisons, signs and floors is continuous wherever none of them can change. Boxes in
 which one can are halved. In those that are left, every value that such an instruction may take is
-put in its place, and the spread of the function over all of them bounds its jump.
+put in its place. The spread of the function over all of them bounds its jump.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ makes y an error of m ticks ago, which differs from z by no more than m moves: i
 At the start nothing is on its way: alpha = 0, and U = 0 in the first m ticks.
 
 A set is a polygon with given normals, {n_k (z, alpha/scale) <= s_k}. It is cut into slices of z. A
-slice lies in a trapezoid, U on it in an interval, and the map is affine in what is left, so the
+slice lies in a trapezoid, U on it in an interval, and the map is affine in what is left. So the
 image of a slice lies in the hull of the images of its corners. A search with floats finds the
 levels s_k; a proof goes through the slices once, with decimals rounded outwards.
 """

@@ -61,7 +61,7 @@ def outward(law: Callable[[int], Lagged], start: Interval, step: float = 0.0) ->
     """Run that leaves, in floats, with a push of -1, 0 or 1 in each tick; None if none is found.
 
     Tried are pushes that stay, that follow the sign of z + x alpha, and square waves of many
-    periods, from either end of the start set and from its middle; the noise has the other sign. A
+    periods, from either end of the start set and from its middle. The noise has the other sign. A
     step comes when half of the ticks are over.
     """
     first = law(0)
@@ -152,7 +152,7 @@ def leaves(law: Callable[[int], Lagged], path: Path) -> bool:
     All in decimals. That the start and the step are allowed, the caller has to see.
 
     Proof note: alpha follows from the errors by a filter that forgets, so it is enclosed with a
-    radius; the push that a tick needs is then known up to that radius, and must be allowed. Where
+    radius. The push that a tick needs is then known up to that radius, and must be allowed. Where
     nothing pushes, the errors follow too, each with a radius that the slope of the pull carries on.
     """
     with localcontext(Context(prec=DIGITS)):

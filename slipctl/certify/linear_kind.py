@@ -77,7 +77,7 @@ def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
     """Largest |pole|, gain margin, phase margin in degrees and delay margin.
 
     Proof note: the gain margin is the largest K by Jury's conditions over K. The poles lie at 1 and
-    E, the zero in (-1, 0), so |L| falls from 0 to the end of the frequencies, pi/T: it passes 1
+    E, the zero in (-1, 0), so |L| falls from 0 to the end of the frequencies, pi/T. It passes 1
     once, or, where |L| > 1 there, never, and the loop has no delay margin of its own.
     """
     import control

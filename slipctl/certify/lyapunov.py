@@ -1,7 +1,7 @@
 """Lyapunov functions of the papers' proofs, each with its derivative along the motion.
 
-Each function takes numbers or arrays and gives ``(V, V')``, V' by the chain rule from the equations
-and the disturbance, not by differences, so that a run can be checked against it.
+Each function takes numbers or arrays and gives ``(V, V')``. V' is by the chain rule from the
+equations and the disturbance, not by differences, so that a run can be checked against it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Decimal intervals that are rounded outwards, and with them an enclosure of the exact criterion.
 
-Only the operations of the module ``decimal`` are trusted: sums, products and quotients that round
-as told, and square root and logarithm that are correctly rounded, widened here by one unit in the
-last place. The arctangent is a series with a bound of its remainder.
+Only the operations of the module ``decimal`` are trusted. Sums, products and quotients round as
+told. Square root and logarithm are correctly rounded, and widened here by one unit in the last
+place. The arctangent is a series with a bound of its remainder.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def arctan_over(u: Interval) -> Interval:
     """Enclose atan(t)/t at u = t^2 >= 0, artanh(t)/t at u = -t^2 > -1.
 
     Proof note: halving the angle, A(u) = 2/(1 + s) A(u/(1 + s)^2) with s = sqrt(1 + u), until
-    |u| < 0.01; then the sum of (-u)^n/(2n + 1), whose rest after N terms is below 2 |u|^N.
+    |u| < 0.01. Then the sum of (-u)^n/(2n + 1), whose rest after N terms is below 2 |u|^N.
     """
     factor = Interval.of(1, u.digits)
     while u.magnitude() >= Decimal("0.01"):

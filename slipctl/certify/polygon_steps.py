@@ -20,7 +20,7 @@ from slipctl.certify.twisting_levels import Levels
 def twisting(levels: Levels) -> Iterator[str]:
     """Tick of explicit super-twisting from each edge of its polygon, against each other edge.
 
-    In z = root(x1/T^2) and w = x2/T, z >= 0, with the sign taken as +1: the size lam of the polygon
+    In z = root(x1/T^2) and w = x2/T, z >= 0, the sign is taken as +1. The size lam of the polygon
     through the state is n z + m w on the edge whose cone it is in. After the tick z is p; where
     x1 changes its sign the mirrored state is measured.
     """

@@ -135,7 +135,7 @@ def sampled_disturbance(kappa: float) -> float:
 
     Proof note: |z| <= zb is invariant if and only if max over it of |z - kappa h(z)| + om <= zb
     (both sides are odd). With g = z - kappa h: its maximum on [0, zb] is at an end; its minimum is
-    at zc, where h' = 1/kappa, once zb has passed it. So om <= kappa h(zb) and om <= zb + min g; the
+    at zc, where h' = 1/kappa, once zb has passed it. So om <= kappa h(zb) and om <= zb + min g. The
     first is largest at z*, the second grows from there on, and where it is the smaller one at z*,
     both are equal at the best zb. For kappa <= 1 the minimum is 0 and om = 0.44774 kappa.
     """

@@ -1,12 +1,12 @@
 """What can be certified: a system, its numbers, what is promised of it, and what proves or refutes.
 
-A promise is one sentence: for every disturbance in this set, this step, this error, this noise,
-this lag and this sample time, together, from every start in this set, this quantity stays below
-this number, or tends to zero. It is put together from the numbers that are told:
+A promise is one sentence: from every start in this set, this quantity stays below this number, or
+tends to zero. It holds for every disturbance in a set, a step, an error, a noise, a lag and a
+sample time, together. It is put together from the numbers that are told:
 
-    gain    a number of the law or of the plant; every criterion uses it as it is
+    gain    a number of the law or of the plant. Every criterion uses it as it is
     input   what the promise has to withstand (a disturbance, a lag, a sample time)
-    target  what has to be reached (a band, a time); each that is told is a clause of the promise
+    target  what has to be reached (a band, a time). Each that is told is a clause of the promise
     aside   a number that only values are computed from; it is listed as not promised
 
 A criterion proves a clause only where it covers every input that is told. A promise is refuted only
@@ -187,7 +187,7 @@ class Target:
     """A clause of the promise.
 
     Attributes:
-        claim: ``"|s| stays below {band} in the end"``, numbers in braces; or a function of the
+        claim: ``"|s| stays below {band} in the end"``, numbers in braces. Or a function of the
             numbers and of what its proof holds (empty where there is none), for a bound that the
             proof finds itself.
         needs: numbers that ask for it; one without is always asked.

@@ -1,7 +1,7 @@
 """From numbers to a verdict: each clause proved, or a counterexample that replays, or neither.
 
 ``decide`` looks for proofs and counterexamples with rationals and outward-rounded enclosures.
-``write`` puts what it found into a file; ``check`` computes all of it again from the numbers in
+``write`` puts what it found into a file. ``check`` computes all of it again from the numbers in
 the file and from what stands beside them, without a search: what does not come out is no proof.
 """
 
@@ -61,8 +61,8 @@ class Decision:
 def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False) -> Decision:
     """Prove each clause that is asked, or find a counterexample.
 
-    A counterexample that takes little work to find is looked for before any proof, and every other
-    one as soon as a clause has no proof: what is false is not proved any further.
+    A counterexample that takes little work to find is looked for before any proof. Every other
+    one is, as soon as a clause has no proof: what is false is not proved any further.
 
     Args:
         system: the system. numbers: as ``checked`` gives them.

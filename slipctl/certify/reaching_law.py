@@ -51,7 +51,7 @@ def orbit(g1: float, g2: float, T: float, lag: float = 0.0, most: int = 2000) ->
 
     Returns:
         The largest symmetric orbit: it can be reached, so no smaller band holds for every start
-        (smaller orbits exist beside it, and the start decides); (0, inf) if there is none.
+        (smaller orbits exist beside it, and the start decides). (0, inf) if there is none.
     """
     import numpy as np
 

@@ -23,7 +23,7 @@ def read(path: Path) -> Mapping[str, Any]:
     """Read a JSON file whose content nobody vouches for.
 
     Raises:
-        BadInput: no such file, no regular one, above 10 MB, no JSON object, brackets nested above
+        BadInput: no such file, no regular one, above 10 MB, no JSON object. Brackets nested above
             20, an entry twice, a number that is none of JSON or has more than 300 digits.
     """
     try:

@@ -101,7 +101,7 @@ def proved(
     Proof note: with these signs a period is x -> A x + c; its fixed point is enclosed by Cramer's
     rule. The run from it, in enclosures, has those signs, so it is a run of the law, for ever.
     Without g1 each s is as good as another: s + lag a moves by T (d - g2 sgn s) alone, and comes
-    back if these sum up to nothing; then the run starts at ``near``, and a is the fixed point.
+    back if these sum up to nothing. Then the run starts at ``near``, and a is the fixed point.
 
     Raises:
         DoesNotHold: A - 1 may be singular, or a sign of s is not the one that is told.

@@ -24,7 +24,8 @@ def no_lag_band(g1: Any, g2: Any, T: Any, D: Any) -> Any:
 
     Proof note: with r = 1 - T g1, s > 0 goes to r s - T g2 +- T D. For r <= 0 the ends alternate:
     S = T (g2 + D)/(2 - T g1). For r > 0, |s| stays within [lo, hi], lo = T (g2 - D) - r hi, hi =
-    T (g2 + D) - r lo, as long as lo > 0: hi = T g2/(1 + r) + T D/(1 - r), reached by a constant d.
+    T (g2 + D) - r lo, as long as lo > 0. So hi = T g2/(1 + r) + T D/(1 - r), reached by a
+    constant d.
     Where r = 1 and D = 0 the start stays: s and s - T g2 in turn, s as near to T g2 as it likes.
     Else d can bring s as near to 0 as it likes, and T (g2 + D) follows. D > g2 also holds s at
     (D - g2)/g1.

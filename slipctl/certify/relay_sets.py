@@ -74,8 +74,8 @@ class Absorbing:
 
         Proof note: the polygon is {n_k . x <= 1}. For lam >= 1 the states of lam times it with
         s >= 0 go to n_k . x+ <= lam n_k . M P - n_k . b + T D |n_k1| for the worst corner P of the
-        half s >= 0. If n_k . M P <= 1, and at lam = 1 the sum is below 1, then it is below lam by
-        as much for every lam >= 1: the size falls by a constant in each tick. Where s = 0 the sign
+        half s >= 0. If n_k . M P <= 1, and at lam = 1 the sum is below 1, it is below lam by
+        as much for every lam >= 1. The size falls by a constant in each tick. Where s = 0 the sign
         may be anything between -1 and 1: the polygon is convex.
         """
         faces = self._faces()

@@ -76,7 +76,7 @@ class Funnel:
         """Tick of the funnel at eta_inf; with s > 0, one that covers every part up to s as push.
 
         Proof note: |z+ - (y - K1 T h - n')| <= (1 - q)(1 + |c|) + (r - 1)(K1 T max h + n'), and
-        1 - q = r s (k T - 1 + exp(-k T)); both grow with s. T W/(eta+ d) and n/(eta d) are largest
+        1 - q = r s (k T - 1 + exp(-k T)). Both grow with s. T W/(eta+ d) and n/(eta d) are largest
         at eta_inf.
         """
         kappa, scale = self.K1 * self.T, self.eta_inf * self.d

@@ -10,12 +10,12 @@ comes to rest on the other side at R(s). With q = -e1 and E = e2^2/2 on a half t
     dE/dq = g(-k1 k3 q - (k1 + k3) sqrt(2 E)),   g(y) = y cut to [-weak, strong],   E(-s) = 0
 
 Proof note: for e2 < 0 every motion satisfies dE/dq <= that right side, because g is the largest of
--e2' over all needs; the right side falls with E and with q, so a function that rises at least as
+-e2' over all needs. The right side falls with E and with q. So a function that rises at least as
 fast lies above every motion, and one that rises at most as fast lies below the worst one. R rises
-with s, as two motions do not cross. So a ladder s, R R(s), ... that comes down into the region
-without saturation, where both poles -k1 and -k3 are stable, proves that every motion tends to zero:
-one that does not turn any more comes to rest, and at rest y is zero only at e1 = 0. If R R(s) >= s,
-the worst need keeps the error from dying out.
+with s, as two motions do not cross. Let a ladder s, R R(s), ... come down into the region without
+saturation, where both poles -k1 and -k3 are stable. Then every motion tends to zero: one that does
+not turn any more comes to rest, and at rest y is zero only at e1 = 0. If R R(s) >= s, the worst
+need keeps the error from dying out.
 """
 
 from __future__ import annotations

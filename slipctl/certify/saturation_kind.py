@@ -75,7 +75,7 @@ def _constant(n: Numbers) -> Sequence[Side]:
     """A need that does not vary.
 
     Proof note: with y = k1 k3 e1 + (k1 + k3) e2 and e2' = -f(y), f cut at fixed limits of either
-    sign, V = k1 k3 e2^2/2 + the integral of f falls by (k1 + k3) f^2, and f = 0 only at y = 0.
+    sign: V = k1 k3 e2^2/2 + the integral of f falls by (k1 + k3) f^2, and f = 0 only at y = 0.
     """
     return [*_authority(n), Side("F_high <= F_low", n["F_high"], n["F_low"])]
 
@@ -84,7 +84,7 @@ def _free(n: Numbers) -> Sequence[Side]:
     """Starts from which nothing saturates.
 
     Proof note: from rest at e1 the command is M k1 k3 e1 f(t), with
-    f = (k1 exp(-k1 t) - k3 exp(-k3 t))/(k1 - k3); f(0) = 1, f <= exp(-k3 t) and f >= -1/e.
+    f = (k1 exp(-k1 t) - k3 exp(-k3 t))/(k1 - k3). f(0) = 1, f <= exp(-k3 t) and f >= -1/e.
     """
     sides = list(_authority(n))
     if "start" in n:

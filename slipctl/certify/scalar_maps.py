@@ -3,11 +3,11 @@
     z+ = q y + shift - r pull(y) - r n + p,   y = z + n,   |n| <= noise,   |p| <= push
 
 z is the error, y the error as measured. ``pull`` has the sign of y and is concave in |y| on either
-side, rising up to a peak and falling to zero at the bound: the funnel and the barrier of the
+side. It rises up to a peak and falls to zero at the bound: the funnel and the barrier of the
 printed laws both are of this kind. Where the bounds stand still q = r = 1 and shift = 0.
 
-Every function works on floats, to look for a set, and on ``Decimal`` with a ``slop``, to prove it:
-what is reached is then widened by the slop, which is far above the rounding of 50 digits.
+Every function works on floats, to look for a set, and on ``Decimal`` with a ``slop``, to prove it.
+What is reached is then widened by the slop, which is far above the rounding of 50 digits.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def image(tick: Tick, z: Interval, slop: Any = 0) -> Interval | None:
 
     Proof note: with y = z + n the next error is G(y) - r n + p. At a given y the least n is best
     for its top: n = -noise for y up to high - noise, n = y - high beyond. G is convex for y >= 0,
-    as the pull is concave there, so it is largest at an end; below zero it is concave and lies
+    as the pull is concave there, so it is largest at an end. Below zero it is concave and lies
     under each of its tangents. On the rest, y in [high - noise, high + noise], the top is
     q y - r y less the pull, convex again. The bottom is the top of the mirrored law.
     """
@@ -273,11 +273,11 @@ def limits(tick: Tick) -> tuple[float, float]:
 def smallest(tick: Tick, start: Interval) -> Interval | None:
     """Smallest interval that holds a start and that no error leaves; None if there is none.
 
-    Proof note: with q = r = 1 an interval [-a, b] is kept if and only if on either side the pull
-    at b - noise and at b + noise is at least the push, which puts b between the roots of the pull
-    shifted inwards, and no overshoot from the other side passes b. The overshoot grows with a. So
-    from the start and the lower roots both ends are moved out as far as they must be, until they
-    stay, or pass the upper roots: then the worst disturbance leads out.
+    Proof note: let q = r = 1. An interval [-a, b] is kept if and only if two conditions hold on
+    either side. The pull at b - noise and at b + noise is at least the push, which puts b between
+    the roots of the pull shifted inwards. No overshoot from the other side passes b; it grows with
+    a. So from the start and the lower roots both ends are moved out as far as they must be, until
+    they stay or pass the upper roots. Then the worst disturbance leads out.
     """
     most = limits(tick)
     least = [roots(side, tick.push)[0] + tick.noise for side in (tick.below, tick.above)]

@@ -152,7 +152,7 @@ def replayed(ticks: Callable[[int], Tick], run: Run) -> Iterator[tuple[Decimal, 
     The step of a tick is in it. It ends when the measured error is surely out of bounds, or is not
     known to lie within.
 
-    Proof note: the slope of the pull falls with the distance, so over [y - rho, y + rho] that of G,
+    Proof note: the slope of the pull falls with the distance. So over [y - rho, y + rho] that of G,
     q - r pull', lies between its values at the nearest and at the furthest distance.
     """
     with localcontext(Context(prec=DIGITS)):

@@ -4,7 +4,7 @@
     y = mu(v) as it was a dead time of n ticks ago, behind a lag, with a noise of at most N
 
 delta = mu(v) - g, told as y without its noise, moves by (k |mu'| - rho) T towards the plane beta
-from below and by (k |mu'| + rho) T from above: that, for n + 1 ticks after it passed, is how far it
+from below and by (k |mu'| + rho) T from above. That, for n + 1 ticks after it passed, is how far it
 leaves the plane again, and it must not meet the next one. A lag is an error of y of at most
 k |mu'| lag, from rest. All functions take rationals, and are exact then.
 """
@@ -50,7 +50,7 @@ def travel(p: Seeker, slope: Any) -> Any:
     """How much of a cell the plane needs beside it: (n + 1) (k slope + rho) T + 2 N'; <= beta.
 
     Proof note: N' = N + k slope lag. Let delta >= beta - N' at a tick and below it at the next. All
-    signs from that one on are +, as long as delta stays above N', and they act n ticks later, so
+    signs from that one on are +, as long as delta stays above N'. They act n ticks later, so
     delta turns at the latest n + 1 ticks after, at beta - N' - (n + 1) (k slope + rho) T >= N'. The
     same above the plane, where it is left by (n + 1) (k slope - rho) T only.
     """
@@ -66,8 +66,8 @@ def loss(p: Seeker, slope: Any) -> Any:
     """How far mu falls behind a climb at rho at most, from any start, where ``travel`` <= beta.
 
     Proof note: mu(t) - mu(0) = rho t + delta(t) - delta(0). The plane that catches lies at most
-    beta + N' below the start, or n ticks of rho further where the first tick is heard late, and is
-    left by ``travel`` - N' at most; mu is ahead of what is heard by what k moves in the dead time
+    beta + N' below the start, or n ticks of rho further where the first tick is heard late. It is
+    left by ``travel`` - N' at most. mu is ahead of what is heard by what k moves in the dead time
     and the lag at most. All of it is below 3 beta.
     """
     moved = p.k * slope * (p.late * p.T + p.lag)
@@ -82,7 +82,7 @@ def gained(p: Seeker, slope: Any, time: Any) -> Any:
 def gained_at_most(p: Seeker, slope: Any, time: Any) -> Any:
     """How much of mu is gained by then from a start just below a turning plane, without noise.
 
-    Proof note: delta starts at 2 beta (1 - 1e-6) and falls to beta, and from there on it exceeds
+    Proof note: delta starts at 2 beta (1 - 1e-6) and falls to beta. From there on it exceeds
     beta by (n + 1) (k slope - rho) T and what the lag hides at most.
     """
     above = (p.late + 1) * (p.k * slope - p.rho) * p.T
@@ -121,7 +121,7 @@ def behind(p: Seeker, slope: Any, start: Any, against: bool, ticks: int) -> tupl
 
 
 def flat_ripple(p: Seeker) -> Any:
-    """Longest way of v between two turns on a flat top: k T (floor((beta + 2 N)/(rho T)) + 1).
+    """Longest distance of v between two turns on a flat top: k T (floor((beta + 2 N)/(rho T)) + 1).
 
     Proof note: delta falls by rho T per tick, and hears + while it lies in a closed cell that the
     noise makes longer by N at both ends.
@@ -139,12 +139,12 @@ def ripple_sides(p: Seeker, curvature: Any) -> list[tuple[str, Any, Any]]:
 
     Proof note: let x = v - v*, c = |mu''|. While s = 1, delta + c (x + r)^2/2 stays as it is, tick
     by tick, and while s = -1 delta + c (x - r)^2/2 does. From turn to turn delta falls by D in
-    beta +- E, so a half cycle takes z, the place of its start seen in its own direction, to
-    F(z) = r - sqrt(max(z + r, 0)^2 + 2 D/c), and falls in z and in D. E is 2 N' + (n + 1) times
+    beta +- E. Let z be the place of its start seen in its own direction. A half cycle takes it to
+    F(z) = r - sqrt(max(z + r, 0)^2 + 2 D/c), which falls in z and in D. E is 2 N' + (n + 1) times
     what a tick moves delta, below 4 rho T where |x| <= 2 r. Outside of r it slides towards r, and
     the half cycle starts as from r. So z ends in the largest interval that F maps onto itself. It
-    does not reach to -r, where F bends, if (A + B)^2 <= 16 r^2 A, A and B being 2 D/c of both ends;
-    and it does not get to 2 r from |x| <= r, noise and delay included.
+    does not reach to -r, where F bends, if (A + B)^2 <= 16 r^2 A, A and B being 2 D/c of both ends.
+    And it does not get to 2 r from |x| <= r, noise and delay included.
     """
     c, r, half = abs(curvature), zone(p, curvature), p.k * p.T / 2
     error = 2 * heard_at_peak(p, 2) + 4 * (p.late + 1) * p.rho * p.T
@@ -168,7 +168,7 @@ def farthest_turn(p: Seeker, curvature: Any, error: Any) -> Any:
     """Largest |x| of a turn in the end, k beta/(2 rho) + r E/beta.
 
     Proof note: the ends a <= b of the interval obey (r - a)^2 = (b + r)^2 + B and
-    (r - b)^2 = (a + r)^2 + A, so a + b = -(A + B)/(4 r) and b - a = r (B - A)/((A + B)/2).
+    (r - b)^2 = (a + r)^2 + A. So a + b = -(A + B)/(4 r) and b - a = r (B - A)/((A + B)/2).
     """
     return p.k * p.beta / (2 * p.rho) + zone(p, curvature) * error / p.beta
 
@@ -178,7 +178,7 @@ def ripple(p: Seeker, curvature: Any) -> Any:
 
     2 X, X = (k beta/(2 rho) + r (2 N + m)/beta)/(1 - (2 rho lag + m)/beta), m = (n + 1) rho T, and
     of that whole ticks' ways k T. Proof note: see ``ripple_sides``. Within |x| <= X a tick moves
-    delta by rho T (1 + X/r) at most, and what is heard is wrong by N + rho lag X/r, so that
+    delta by rho T (1 + X/r) at most. What is heard is wrong by N + rho lag X/r, so that
     E = 2 N + m + (2 rho lag + m) X/r. From X = r on, each X gives an E and that the next X, by
     ``farthest_turn``; the limit is where both are the same. All v of a run differ by whole k T.
     """
@@ -241,7 +241,7 @@ def turns(p: Seeker, curvature: Any, x: Any, left: int, right: int) -> Iterator[
 def last_swing(found: list[Turn], left: int, right: int) -> Any:
     """Width of the turns of the last period but one.
 
-    It is 0 if the run left the zone, or if the width still falls from a period to the next: what a
+    It is 0 if the run left the zone, or if the width still falls from a period to the next. What a
     start brings is not what v ends in.
     """
     period = left + right

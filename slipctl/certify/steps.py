@@ -31,7 +31,7 @@ def largest_step(eigenvalue: complex, method: str) -> float:
     """Largest h in s with |R(h lambda)| <= 1 for a mode with Re(lambda) < 0; inf when A-stable.
 
     Proof note: along the ray z = h lambda the explicit R starts below 1 and leaves the unit disc
-    once before |z| = 3; the exit is found by bisection to 12 digits.
+    once before |z| = 3. The exit is found by bisection to 12 digits.
     """
     if eigenvalue.real >= 0 or method in ("implicit_euler", "sdirk2"):
         return math.inf

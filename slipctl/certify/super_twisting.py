@@ -23,11 +23,15 @@ def log_ratio(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
 
     Proof note: with y = |x1|^(1/2) and ds = dt/(2y) each half plane is linear: y_s = -(k1 - r) y +
     x2, x2_s = -2 (k2 - d) y. The velocities at a point fill a rectangle. Its outermost corner has
-    r1 = +delta y always, so k = k1 - delta replaces k1; d = +L while |x1| can grow and d = -L while
+    r1 = +delta y always, so k = k1 - delta replaces k1. d = +L while |x1| can grow and d = -L while
     it cannot, one switch per half plane. Both arcs of y_ss + k y_s + 2 c y = 0 (c = a, then b) are
-    solved in closed form: ln q = ln(b/a)/2 - z1 G(z1) - z2 (pi - acos z2)/sqrt(1 - z2^2),
-    a = k2 - L, b = k2 + L, z1 = k/(2 sqrt(2 a)), z2 = k/(2 sqrt(2 b)), G(z) = acos z/sqrt(1 - z^2),
-    continued through z = 1 by acosh. For z2 >= 1 the second arc ends in the origin.
+    solved in closed form:
+
+        ln q = ln(b/a)/2 - z1 G(z1) - z2 (pi - acos z2)/sqrt(1 - z2^2)
+        a = k2 - L, b = k2 + L, z1 = k/(2 sqrt(2 a)), z2 = k/(2 sqrt(2 b))
+        G(z) = acos z/sqrt(1 - z^2), continued through z = 1 by acosh
+
+    For z2 >= 1 the second arc ends in the origin.
 
     Args:
         k1, k2: gains. L: bound of the disturbance's slope. delta: bound of |r1| over |x1|^(1/2).
@@ -203,8 +207,8 @@ def regions(k1: Any, k2: Any, L: float, delta: float = 0.0) -> dict[str, Any]:
 def reaching_time(k1: float, k2: float, v0: float) -> float:
     """Time in s from x1 = 0, x2 = v0 to the origin without disturbance; exact.
 
-    Proof note: x2' = -k2 sgn x1, so a half turn from v to -q v takes (1 + q) v/k2, with q of L = 0;
-    the sum is v0 (1 + q)/((1 - q) k2).
+    Proof note: x2' = -k2 sgn x1, so a half turn from v to -q v takes (1 + q) v/k2, with q of L = 0.
+    The sum is v0 (1 + q)/((1 - q) k2).
     """
     q = worst_ratio(k1, k2, 0.0)
     return abs(v0) * (1 + q) / ((1 - q) * k2) if q < 1 else math.inf

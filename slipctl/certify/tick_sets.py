@@ -300,7 +300,7 @@ def _run(
     """Run in floats from a corner of the start set.
 
     With an even seed all that pushes is at the corner of its set that takes a state farthest from 0
-    in the next tick; with an odd one it holds a random corner for some ticks.
+    in the next tick. With an odd one it holds a random corner for some ticks.
     """
     rng, plain = random.Random(seed), {k: float(v) for k, v in n.items()}
     corners = [dict(zip(loop.pushed, s, strict=True))

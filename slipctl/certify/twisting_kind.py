@@ -218,8 +218,8 @@ def young_49(alpha: Any, beta: Any, k: Any, eta: Any, theta: Any) -> list[Side]:
     16 theta eta^2 < 2 alpha k - beta^2/theta - (alpha + 4 beta^2 - beta/(2 theta))^2
     /(4 beta - 1/(4 theta)).
 
-    Proof note: V = zeta' P zeta, P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], k2 = 2 beta k;
-    the disturbance enters as 2 zeta' P B w <= zeta' P B B' P zeta/theta + theta w^2, |w| <= 4 eta
+    Proof note: V = zeta' P zeta, P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], k2 = 2 beta k.
+    The disturbance enters as 2 zeta' P B w <= zeta' P B B' P zeta/theta + theta w^2, |w| <= 4 eta
     |zeta1|, B = (0, 1/2)'.
     """
     rest = 4 * beta - 1 / (4 * theta)

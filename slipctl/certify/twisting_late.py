@@ -11,7 +11,7 @@ Then Y = y + tau (a + phi), j ticks ahead, is driven as if nothing were late:
     Y+ = Y + u + phi + tau d                     (phi j ticks ahead, and in w too)
 
 and the law sees Y with a larger error, the way that y has before it. a + phi is a mean of former
-u + phi, and phi moves by L a tick: |a + phi| and |y+ - y| are at most P = U + L/(1 - E), U the
+u + phi, and phi moves by L a tick. So |a + phi| and |y+ - y| are at most P = U + L/(1 - E), U the
 largest |u + phi|. So a tick is that of ``twisting_rows`` with
 
     N' = N + (tau + j) P,   M' = tau L,   |y| <= |Y| + tau P

@@ -1,7 +1,10 @@
 """Explicit super-twisting comes from every start into a bounded set: a polygon that shrinks.
 
-In z = root(y), y = x1/T^2, and w = x2/T a tick in the half z > 0 is z+^2 = z^2 - k1 z + w, w+ =
-w - c, a <= c <= b, a = k2 - L, b = k2 + L. Since root(z^2 + p) <= z + p/(2 z),
+In z = root(y), y = x1/T^2, and w = x2/T a tick in the half z > 0 is
+
+    z+^2 = z^2 - k1 z + w,  w+ = w - c,  a <= c <= b,  a = k2 - L,  b = k2 + L
+
+Since root(z^2 + p) <= z + p/(2 z),
 
     n z+ + m w+ <= n z + m w + (n (w - k1 z) - 2 m c z)/(2 z)        for n >= 0:
 
@@ -51,10 +54,10 @@ class Levels:
         """Whether V falls as it says: every inequality below is decided with rationals.
 
         Proof note, for a state with V = lam >= level, in z >= 0 with the sign taken as +1 (the
-        other half is its mirror; at z = 0 V is the larger of both sides):
+        other half is its mirror. At z = 0 V is the larger of both sides):
 
         * Same half, from edge i >= 2 towards edge j: what is added to n z + m w times 2 z is the
-          bracket B_j; B_j + 2 fall z <= K (lam - n z - m w) holds along edge i if it does at both
+          bracket B_j. B_j + 2 fall z <= K (lam - n z - m w) holds along edge i if it does at both
           its corners, and K <= 2 z then leaves lam - fall. w < 0 stays in this half only if
           z^2 >= -w.
         * From the top edge w = lam: w+ <= lam - a; z+^2 is convex in z, so its ends z = 0 and z1
@@ -137,7 +140,7 @@ class Levels:
         """V stays below this once it has been below ``level``; rounded up.
 
         Proof note: from V <= lam = level a tick in the same half leads to z+ <= zm lam + 1/(2 zm),
-        -q lam - b <= w+ <= lam; it also adds at most root(lam) to z, because z+^2 <= z^2 + lam, and
+        -q lam - b <= w+ <= lam. It also adds at most root(lam) to z, because z+^2 <= z^2 + lam, and
         takes at most b from w, and n z + m w was at most lam. Across it leads to
         z+^2 <= k1^2/4 + q lam, |w+| <= q lam + b or w+ <= k1^2/4.
         """

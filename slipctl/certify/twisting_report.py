@@ -184,7 +184,7 @@ def smallest_k2(name: str, k1: float, L: float, delta: float = 0.0) -> float | N
     """Lower end of the k2 that a criterion certifies, None if none.
 
     Proof note: a criterion that accepts k2 > L accepts every larger one, except Seeber and Horn,
-    L < k2 < k1^2 - L, and no overshoot, L < k2 <= k1^2/8 - L; both start at L.
+    L < k2 < k1^2 - L, and no overshoot, L < k2 <= k1^2/8 - L. Both start at L.
     """
     k = k1 - delta
     if k <= 0:

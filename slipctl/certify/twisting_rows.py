@@ -6,7 +6,7 @@ One tick of the law as it is computed, y = x1/T^2, w = x2/T (with the matched di
 
 T is gone. The set is cut into rows i h <= w <= (i + 1) h; each row holds one interval of y. h
 divides k2 - L, so the slowest fall of w takes rows to rows and nothing is lost there, tick after
-tick; y loses h in all, not h a tick. The set is its own mirror image (y, w) -> (-y, -w), so the
+tick. y loses h in all, not h a tick. The set is its own mirror image (y, w) -> (-y, -w), so the
 upper ends of all rows are the whole set. sgn 0 may be -1, 0 or 1.
 
 y is counted in whole units h/2^bits. Sums are exact; a root in doubles is right to 3e-16 and is

@@ -1,12 +1,12 @@
 """Explicit super-twisting as sampled: a bound of |x1| from every start, and runs that exceed one.
 
 The bound: a polygon into which every run comes (``twisting_levels``), then half turns by which it
-shrinks (``twisting_turns``), and where these are short, rows that hold what is left of it tick
+shrinks (``twisting_turns``). Where these are short, rows that hold what is left of it tick
 after tick (``twisting_rows``). A certificate names the polygon, the bounds at the crossings, and
 how many ticks in rows of which height; going through them is no search. Lengths: y = x1/T^2.
 
 A run: cell by cell, or half turn after half turn (``twisting_swings``), what can be reached from
-the origin; its disturbance is read back, and replayed by whole numbers with interval bounds.
+the origin. Its disturbance is read back, and replayed by whole numbers with interval bounds.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _at_crossing(grid: Grid, w: Fraction) -> Sweep:
 def _parts(law: Law, least: int) -> int:
     """Rows in k2 - L, so that what moves w fastest is almost whole rows too.
 
-    Rounded up it moves w farther, as a larger k2 + L would: ln q grows by half of what is lost, and
+    Rounded up it moves w farther, as a larger k2 + L would. ln q grows by half of what is lost, and
     where little of it is left nothing would settle.
     """
     ratio = (law.k2 + law.L) / (law.k2 - law.L)

@@ -1,7 +1,7 @@
 """Runs of explicit super-twisting that swing far, half turn after half turn.
 
 At each w = j h the largest y >= 0 that a run from the origin is seen to come to, from the top
-downwards: each point is that of a run, and so is what a tick makes of it. Where a tick crosses
+downwards. Each point is that of a run, and so is what a tick makes of it. Where a tick crosses
 y = 0 its mirror image enters the next half turn; an entry is kept until a larger one comes.
 """
 

@@ -1,8 +1,8 @@
 """Explicit super-twisting from one crossing of y = 0 to the next, under any disturbance.
 
-If every crossing has |w| <= B, a half turn starts with 0 <= y <= B + k1^2/4 and w <= B + b: the
+If every crossing has |w| <= B, a half turn starts with 0 <= y <= B + k1^2/4 and w <= B + b. The
 tick that crosses adds at most b = k2 + L to |w|, and k1 root(y) - y <= k1^2/4 to y. Until the next
-crossing w falls by a = k2 - L to b in each tick, so that a single sweep over rows of w, from the
+crossing w falls by a = k2 - L to b in each tick. So a single sweep over rows of w, from the
 top downwards, bounds all of y:
 
     Y(row) = max(B + k1^2/4, max over the rows from which a tick leads here of G(Y) + w)
@@ -10,7 +10,7 @@ top downwards, bounds all of y:
 G(y) = max(0, y - k1 root(y)) is the most that y - k1 root(y) can be up to y. The lowest row with
 Y >= 0 bounds |w| at the next crossing: B again. A tick of ``twisting_rows`` goes over all rows once
 for each tick of a half turn; this goes over them once in all. A state with y = 0 belongs to the
-half turn that comes to its end there, whichever of -1, 0, 1 its sign is: |w| changes by less
+half turn that comes to its end there, whichever of -1, 0, 1 its sign is. |w| changes by less
 than b, and y becomes |w|.
 
 Near the boundary of stability a half turn takes little, and hundreds are needed. Their bounds

@@ -1,7 +1,7 @@
 """Gains from an ensemble: proved first, raced draw by draw, searched by differential evolution.
 
 A candidate whose certificates fail is not rolled. What is rolled runs on the draws one after the
-other, the same ones for every candidate, and is given up as soon as its paired difference from the
+other, the same ones for every candidate. It is given up as soon as its paired difference from the
 member that it would replace says so. All that is decided follows from the seed: the number of cores
 changes nothing.
 """
@@ -144,7 +144,7 @@ class Search:
     def race(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> list[bool]:
         """Run each first one of a pair until it is behind the second; whether it got through.
 
-        The second one has to have run on as many draws as it is compared on; where it was given up
+        The second one has to have run on as many draws as it is compared on. Where it was given up
         itself, the first is compared on the draws that it has.
         """
         racing = dict(enumerate(pairs))

@@ -180,7 +180,7 @@ def _told(axis: Any) -> tuple[Sequence[Any], Sequence[str]]:
 def legends_aside(fig: Figure) -> None:
     """Take the legends off the panels, so that none lies on a curve.
 
-    Where a name means the same line in all panels there is one legend above the figure; else each
+    Where a name means the same line in all panels there is one legend above the figure. Else each
     panel has its own, below it if all stand in a row, or else at its right.
     """
     own = [a for a in fig.axes if a.get_legend() is not None]

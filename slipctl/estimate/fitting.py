@@ -101,9 +101,9 @@ def fit(
     """Fit parameters of a law to a measured curve by least squares.
 
     The squares of measured minus fitted are made least by a trust-region method with bounds
-    (Branch, Coleman, Li 1999; ``scipy.optimize.least_squares``) on the exact Jacobian, from the
-    given start and from the best of others drawn around it, always the same. A parameter whose
-    range is positive is sought as its logarithm. Standard deviations are those of the
+    (Branch, Coleman, Li 1999; ``scipy.optimize.least_squares``) on the exact Jacobian. It starts
+    from the given start and from the best of others drawn around it, always the same. A parameter
+    whose range is positive is sought as its logarithm. Standard deviations are those of the
     linearised problem, s^2 (J'J)^-1 with s^2 the sum of squares by points minus unknowns.
 
     Args:
@@ -122,7 +122,7 @@ def fit(
 
     Raises:
         BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
-            than unknowns plus one, or unknowns that the curve does not identify; says which.
+            than unknowns plus one, or unknowns that the curve does not identify. Says which.
     """
     output = measured_output(law, measured)
     if unknown is None and law.conditions:

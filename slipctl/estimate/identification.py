@@ -188,7 +188,7 @@ def linear_fit(
 
     Returns:
         A step block. Inputs: those of the law, and the measurement. Outputs: the unknowns by name;
-        ``residual`` of the new sample before it was used; ``deviation``, one per unknown;
+        ``residual`` of the new sample before it was used; ``deviation``, one per unknown.
         ``identified``, 1 when each is known to ``accuracy`` in 95 of 100 cases, for white noise;
         and ``R11`` ..., ``z1`` ..., ``q`` for a :func:`misfit_search`.
 

@@ -75,9 +75,9 @@ def rls(
 
     Returns:
         A step block. Inputs: those of the law, and the measurement. Outputs: the unknowns by name,
-        ``predicted`` and ``residual`` of the new sample before it was used, ``changed`` (1 when
-        the sample contradicts the estimate, so that it starts afresh) and ``covariance`` of the
-        unknowns in their units.
+        ``predicted`` and ``residual`` of the new sample before it was used, and ``covariance`` of
+        the unknowns in their units. ``changed`` is 1 when the sample contradicts the estimate, so
+        that it starts afresh.
 
     Raises:
         BadInput: not a law, an unknown name or form, coordinates that do not give the unknowns

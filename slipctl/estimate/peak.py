@@ -50,7 +50,7 @@ def probe(
     slip moves as fast as controller and brake can; the estimator uses what it sees.
 
     A rail that changes without a trace in the samples at hand, because both curves meet there, is
-    noticed by looking again: after ``again`` without probing the reference is ``best (1 + nudge)``
+    noticed by looking again. After ``again`` without probing the reference is ``best (1 + nudge)``
     for ``look``. If the peak is still less sure than ``tolerance`` by then, it is probed once more.
 
     Args:
@@ -184,8 +184,9 @@ def peak_bound(
 ) -> PeakBound:
     """Bound on the knowledge of a peak (Cramer-Rao): information of the samples, no estimator.
 
-    With the Jacobian h_i of sample i, I = sum_i h_i h_i'/sigma^2, the place of the peak cannot be
-    known better than sqrt(g I^-1 g') and its height not better than sqrt(h* I^-1 h*').
+    With the Jacobian h_i of sample i the information is I = sum_i h_i h_i'/sigma^2. The place of
+    the peak cannot be known better than sqrt(g I^-1 g'), its height not better than
+    sqrt(h* I^-1 h*').
 
     Args:
         law: the law, with the true parameters as values or in ``params``.

@@ -1,7 +1,7 @@
 """Sums of residuals over a window of samples, with white noise or with noise that echoes.
 
 A quantity formed from increments, as an adhesion from those of a wheel speed, has the noise
-n_k = w_k - echo w_{k-1}: what is too much in one sample is missing in the next. It is white in its
+n_k = w_k - echo w_{k-1}. What is too much in one sample is missing in the next. It is white in its
 innovations, one sample after the other,
 
     u_k = y_k + q_{k-1} u_{k-1},    r_k = 1 + echo^2 - echo q_{k-1},    q_k = echo/r_k
@@ -37,7 +37,7 @@ def echoing_sums(model: Model, window: int, echo: float) -> tuple[ca.Function, c
     """The same sums of innovations, and what the next sample hears.
 
     The noise is the same in both directions of time. From the newest sample to the oldest it gives
-    the sums, and as two outputs more JJ and Je of the oldest, given all others; from the oldest to
+    the sums, and as two outputs more JJ and Je of the oldest, given all others. From the oldest to
     the newest what echoes in the next residual, and in its regressor.
     """
     n = model.n

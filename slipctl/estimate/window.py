@@ -4,15 +4,15 @@ Minimised over theta, with m_i, u_i the samples kept and sigma their noise,
 
     J = 1/2 sum_i ((m_i - f(u_i; theta))/sigma)^2 + 1/2 (theta - mean)' Lambda (theta - mean)
 
-The second term is what is known besides: the spread around the old estimate after a change, and
-from then on also the samples that have left the window, linearised where they left it. So P, the
+The second term is what is known besides: the spread around the old estimate after a change. From
+then on it is also the samples that have left the window, linearised where they left it. So P, the
 inverse of the Hessian of J, never grows beyond the spread, whatever the excitation.
 
 A change is looked for in the residuals e_i of new samples before they are used, over their
 standard deviations t_i. With ``memory`` = 1 it is |t| > gate, and sigma is the declared noise.
 
 With more it is the generalised likelihood ratio of a shift k samples ago, and sigma is what the
-residuals of the window show, with nu degrees of freedom: the declared noise counts as BELIEF
+residuals of the window show, with nu degrees of freedom. The declared noise counts as BELIEF
 samples, and alone below n + 2. With r the largest (t_1 + ... + t_k)^2/k over k up to the memory,
 
     nu ln(1 + r/nu) > gate^2
@@ -197,7 +197,7 @@ def smallest_shift(
 ) -> float:  # fmt: skip
     """Detection limit: the shift that the windowed form tells after some samples, with ``memory``.
 
-    At a constant input, without what the estimate does not know itself: as that follows the shift
+    At a constant input, without what the estimate does not know itself. As that follows the shift
     while it is looked for, up to 1.6 times as much is needed for one half of the shifts to be told.
 
     Args:

@@ -1,12 +1,12 @@
 """Quadratic programs of an optimal control problem by an active set and Riccati's recursion.
 
-Each control of each stage has a status: free, or held at one of its bounds, at the end of its rate
-limit, or tied to the stage before (move blocking); each soft row counts or does not. With all of
-them fixed the problem is one of linear quadratic control: a backward recursion for the value
-function 1/2 z'P z + p'z, a forward roll for steps and multipliers. A status changes where a control
-passes a bound or a multiplier has the wrong sign, all at once: a primal-dual active set, after
-Hintermueller, Ito and Kunisch (2002). Nothing changes at the solution. The roll cuts every control
-at its bounds, so that what comes out is feasible after any number of passes.
+Each control of each stage has a status. It is free, or held at one of its bounds, at the end of its
+rate limit, or tied to the stage before (move blocking). Each soft row counts or does not. With all
+of them fixed the problem is one of linear quadratic control. It takes a backward recursion for the
+value function 1/2 z'P z + p'z, and a forward roll for steps and multipliers. A status changes where
+a control passes a bound or a multiplier has the wrong sign, all at once: a primal-dual active set,
+after Hintermueller, Ito and Kunisch (2002). Nothing changes at the solution. The roll cuts every
+control at its bounds, so that what comes out is feasible after any number of passes.
 
 Statuses that change all at once may come back to where they were, which is found as soon as it has
 happened. From there, from the last pass, and where a hard row is exceeded,

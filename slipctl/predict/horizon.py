@@ -9,8 +9,9 @@ Over a horizon of N stages of length h, with z = (x, v), v = u/scale,
 r are the outputs of the cost law, W their weights, c the weighted excess of a limit, t what is
 given up of it. The square is left out where a limit has no quadratic weight. A hard limit has w so
 large (:data:`HARD`) that t is 0 wherever any control allows it: an exact penalty. One stage gives,
-at a guess of its state and control, A, B, b of the linear step, the Gauss-Newton Hessian H = J'J
-with g = J'r, and c with its slope C, packed to one column of their structural nonzeros.
+at a guess of its state and control, A, B, b of the linear step, and the Gauss-Newton Hessian
+H = J'J with g = J'r. It gives c with its slope C too. All are packed to one column of their
+structural nonzeros.
 """
 
 from __future__ import annotations

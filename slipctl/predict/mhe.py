@@ -43,9 +43,9 @@ def mhe(
     """Make a moving-horizon estimator: a step block that runs once per period.
 
     Each tick it looks for the motion over the last ``samples`` samples that fits them and the
-    equations best, within the limits (:mod:`slipctl.predict.window`), by real-time iterations of
-    the solver of :func:`nmpc`. What lies before the window counts by a step of a Kalman filter per
-    tick. Without limits and in a linear problem it gives the estimate of :func:`ekf`.
+    equations best, within the limits (:mod:`slipctl.predict.window`). It uses real-time iterations
+    of the solver of :func:`nmpc`. What lies before the window counts by a step of a Kalman filter
+    per tick. Without limits and in a linear problem it gives the estimate of :func:`ekf`.
 
     Args:
         plant: a flow.
@@ -70,7 +70,7 @@ def mhe(
         A step block. Inputs: the measurements under their names, ``seen_<measurement>`` (1, or 0
         where a sample is missing; its value is not looked at then) and what else the equations
         need. Outputs: each unknown under its name; ``misfit``, the sum of squares over the number
-        of samples seen, 1 on average where noise and drift are true; ``status`` (in words:
+        of samples seen, 1 on average where noise and drift are true. ``status`` (in words:
         ``STATUS``), ``passes`` and ``residual`` as of :func:`nmpc`. The estimate is that of the
         newest sample; it uses the other inputs of the ticks before, so a controller may use it at
         once. Variances, start and limits are parameters.

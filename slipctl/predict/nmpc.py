@@ -64,10 +64,10 @@ def nmpc(
 ) -> Block:
     """Make a model predictive controller: each tick it solves an optimal control problem online.
 
-    Multiple shooting with a Gauss-Newton Hessian, in real-time iterations (Diehl 2001): each tick
+    Multiple shooting with a Gauss-Newton Hessian, in real-time iterations (Diehl 2001). Each tick
     the last plan is shifted by a stage, the plant linearised along it, one quadratic program
     solved, and the first control applied. Inputs of the plant that are not controls, and the
-    references of the cost, keep their present value over the horizon or are previewed; so an
+    references of the cost, keep their present value over the horizon or are previewed. So an
     adhesion estimate that feeds one of them makes the controller free of offset.
 
     Args:
@@ -81,7 +81,7 @@ def nmpc(
         weights: weight of each output of the cost per its unit, by default 1.
         terminal: what counts in the last stage. Names of outputs of the cost, by default all that
             do not depend on the control; or a law of residuals of its own (their weights stand in
-            ``weights`` too); or ``"lqr"``, the cost to go of the linear quadratic regulator
+            ``weights`` too). Or ``"lqr"``, the cost to go of the linear quadratic regulator
             (:mod:`slipctl.predict.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with the
             best steady state x_s. The last two are of the plant linearised at ``at``, with the
             parameters and weights given here: what is set later does not change them. x_s follows
@@ -98,7 +98,7 @@ def nmpc(
             as long as that is worth less; ``weight`` may be 0 there.
         hard: (lo, hi) of an output or state of the plant, None for a declared one. Kept at every
             stage where any control allows it. Where none does, the bounds and rates of the
-            controls are kept, then the sum of what the hard limits are exceeded by, each over its
+            controls are kept. Then the sum of what the hard limits are exceeded by, each over its
             size, is made as small as can be, then the cost; ``status`` is 3.
         path: a law whose outputs are kept within their declared ``lo`` and ``hi`` at every stage;
             its inputs are read as those of the cost. They are hard, but for those that ``soft``
@@ -107,7 +107,7 @@ def nmpc(
         iterations: real-time iterations per tick.
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
-            or went in a circle, by default 30, and 60 where limits are hard or linear; 0 for none,
+            or went in a circle. By default 30, and 60 where limits are hard or linear. 0 for none,
             where the time of a tick has to be short.
         method, substeps: integration over a stage, as of :func:`sampled`.
         solver: ``"riccati"`` (:mod:`slipctl.predict.active_set`; generated as C, float
@@ -116,13 +116,13 @@ def nmpc(
         name: name of the block.
 
     Returns:
-        A step block with period h. Outputs: the controls, ``status`` (in words: :data:`STATUS`; 0
-        solved; 1 not settled, so the controls are feasible but not optimal; 2 the problem broke,
-        the next control of the last good plan is applied and the next tick starts afresh; 3 the
-        limits contradict each other and some were given up: a bound where a rate does not lead
-        back to it, a hard limit where no control keeps it), ``passes`` made, and ``residual``, by
-        how much the conditions of Karush, Kuhn and Tucker are left, over one and the size of the
-        gradient.
+        A step block with period h. Outputs: the controls, ``status``, ``passes`` made, and
+        ``residual``, by how much the conditions of Karush, Kuhn and Tucker are left, over one and
+        the size of the gradient. Status (in words: :data:`STATUS`) 0 is solved. 1 is not settled:
+        the controls are feasible but not optimal. 2: the problem broke, the next control of the
+        last good plan is applied and the next tick starts afresh. 3: the limits contradict each
+        other and some were given up. That is a bound where a rate does not lead back to it, or a
+        hard limit where no control keeps it.
 
     Raises:
         BadInput: unknown names, bounds that leave nothing, a weight that is not positive, a

@@ -1,13 +1,13 @@
 """Terminal weights: the cost to go of the linear quadratic regulator, or a matrix of one's own.
 
-At a point (x0, u0, d0) the step is dx+ = A dx + B du + E dd + f, f = F(x0, u0, d0) - x0, and the
-residuals r = r0 + X dx + U du + D dd. Directions of x that no residual ever sees (the speed of a
+At a point (x0, u0, d0) the step is dx+ = A dx + B du + E dd + f, f = F(x0, u0, d0) - x0. Residuals
+are r = r0 + X dx + U du + D dd. Directions of x that no residual ever sees (the speed of a
 vehicle whose slip alone is held) are left out: y = T x spans the others. The best steady state
 
     minimise 1/2 |r|^2 over (y, u)  with  (A - 1) y + B u + T (f + E dd) = 0
 
 is linear in the held inputs dd, and l is the multiplier of its constraint. From y the regulator's
-cost to go, less that of resting there, is 1/2 (y - y_s)'P (y - y_s) + l'(y - y_s) with P of the
+cost to go, less that of resting there, is 1/2 (y - y_s)'P (y - y_s) + l'(y - y_s). P is of the
 discrete Riccati equation (rotate the stage cost by l; Angeli, Amrit, Rawlings 2012). With P = L'L
 it is 1/2 |L (y - y_s) + l_L|^2 but for a constant, l = L' l_L: residuals of the last stage that are
 linear in x and d.

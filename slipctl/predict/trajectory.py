@@ -1,7 +1,7 @@
 """The best that physics allows: the optimal trajectory with full knowledge of the rail.
 
 Collocation at three Radau points per interval (order 5, stiffly stable), the control constant over
-an interval; one phase per rail section, so that no interval straddles a change; intervals are
+an interval. One phase per rail section, so that no interval straddles a change; intervals are
 shorter at both ends of a phase. Solved by IPOPT on a mesh, then on meshes of twice the intervals
 until the objective rests.
 """
@@ -99,7 +99,7 @@ def trajectory(
         bounds: (lo, hi) of a control, by default its declared range.
         limits: (lo, hi) of states and outputs all along the way.
         end: states at the end; the duration is then free, and the scenario's the longest.
-        guesses: logs of runs to start from (signals by full or last name); without any, the plant
+        guesses: logs of runs to start from (signals by full or last name). Without any, the plant
             with its controls at rest, from where a plant that can slip away is seldom solved.
         intervals: of each phase on the first mesh.
         tolerance: change of the objective between two meshes that is small enough, in its unit.

@@ -144,7 +144,7 @@ def cache_folder() -> Path:
 class Roller:
     """A compiled Function (x, u, p) -> (n, y), called over many ticks at once.
 
-    It runs outside Python's lock, so that threads use all cores.
+    It runs outside Python's lock, so that threads use all cores. ``function`` is that of CasADi.
     """
 
     def __init__(self, f: ca.Function, library: Path) -> None:
@@ -152,6 +152,7 @@ class Roller:
         lib = ctypes.CDLL(str(library))
         self._roll = lib.slipctl_roll
         self._roll.restype = ctypes.c_longlong
+        self.function = lib[f.name()]
         sizes = [ctypes.c_longlong() for _ in range(4)]
         lib[f"{f.name()}_work"](*[ctypes.byref(s) for s in sizes])
         arg, res, iw, w = (max(int(s.value), 1) for s in sizes)
@@ -297,7 +298,7 @@ def _build(f: ca.Function, cc: str, flags: Sequence[str], library: Path, key: st
 def _hastened(text: str) -> str:
     """C of CasADi that takes less time for the same bits.
 
-    Smaller and larger of two without a call; a dense product eight rows at a time, a sparse one on
+    Smaller and larger of two without a call. A dense product eight rows at a time, a sparse one on
     a dense vector in place: each entry is summed in the same order as before.
     """
     if _DENSE_LOOP in text:

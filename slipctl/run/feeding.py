@@ -212,7 +212,7 @@ def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarr
     """Loop whose rail values are looked up at the vehicle's position; the table is a parameter.
 
     A parameter ``behind`` beside the position says how far each of several places, of axles say,
-    lies behind it; a value for each of as many copies is looked up at each of them.
+    lies behind it. A value for each of as many copies is looked up at each of them.
     """
     rail: Rail = scenario.rail  # type: ignore[assignment]
     name = loop.find("x" if rail.by == "position" else rail.by, "state")

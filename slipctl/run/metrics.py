@@ -155,7 +155,7 @@ class Run:
         return None if v is None or len(v) < 2 else np.diff(v, append=2 * v[-1] - v[-2]) / self.tick
 
     @cached_property
-    def way(self) -> np.ndarray | None:
+    def travelled(self) -> np.ndarray | None:
         """Distance in m since the start at the ticks, and once more at the end of the run."""
         v = self.get("speed")
         x = self.get("position")
@@ -260,7 +260,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def _distance(run: Run) -> Metric | None:
-    return None if run.way is None else Metric(float(run.way[-1]), "m")
+    return None if run.travelled is None else Metric(float(run.travelled[-1]), "m")
 
 
 def _ideal_distance(run: Run) -> Metric | None:
@@ -268,9 +268,9 @@ def _ideal_distance(run: Run) -> Metric | None:
 
 
 def _stopping_distance(run: Run) -> Metric | None:
-    if run.stop is None or run.way is None:
+    if run.stop is None or run.travelled is None:
         return None
-    return Metric(float(run.way[run.stop]), "m")
+    return Metric(float(run.travelled[run.stop]), "m")
 
 
 def _settling(run: Run, wanted: str) -> Metric | None:
@@ -405,7 +405,7 @@ def _above_ideal(run: Run) -> Metric | None:
     if distance is None or ideal is None:
         return None
     beyond = float(distance.value) - float(ideal.value)  # type: ignore[arg-type]
-    return Metric(run.slip_sign * beyond, "m")  # in traction the longer way is the better one
+    return Metric(run.slip_sign * beyond, "m")  # in traction the longer distance is better
 
 
 def _step_time(run: Run) -> Metric | None:

@@ -17,8 +17,8 @@ def whole_periods(values: np.ndarray) -> slice:
     A period runs from one rise through the middle to the next, or from fall to fall, whichever
     fills more of the window. The middle is the mean over the whole periods themselves, so that a
     boundary between two samples costs nothing to first order. A rise counts if the signal was a
-    quarter of its peak-to-peak value below the middle before it and gets as far above it after:
-    noise on a ripple makes no periods, and a drift has none.
+    quarter of its peak-to-peak value below the middle before it and gets as far above it after.
+    Noise on a ripple makes no periods, and a drift has none.
 
     Args:
         values: samples of one signal.

@@ -37,7 +37,7 @@ def simulate(
     Returns:
         Dataset with dimension ``time`` [s], and ``axle`` or another of ``replicate`` where there
         are copies, and one variable per signal (``"plant.v"``), attributes
-        ``units``, ``long_name``, ``positive``; the tick's start value for states. Its attributes
+        ``units``, ``long_name``, ``positive``. The tick's start value for states. Its attributes
         hold version, scenario, seed and parameters with units, and in ``told``, where there is
         something to tell, which estimators begin further off than the deviation they state.
 

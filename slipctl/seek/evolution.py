@@ -39,9 +39,9 @@ def differential_evolution(
     """Search the argument of a law's peak by differential evolution, DE/rand/1.
 
     Each generation, every member x_i meets a trial x_a + F (x_b - x_c), a, b, c distinct and other
-    than i, with probability ``crossover`` (with one variable, crossover is just that), reflected
-    into the range at its bounds, and is replaced if the trial is at least as good. All trials of a
-    generation are made from the one before. The factor falls from 2 F0 to F0,
+    than i, with probability ``crossover`` (with one variable, crossover is just that). The trial is
+    reflected into the range at its bounds. The member is replaced if the trial is at least as good.
+    All trials of a generation are made from the one before. The factor falls from 2 F0 to F0,
     F = F0 2^exp(1 - Gm/(Gm + 1 - G)); Huang 2020 eq (22) with its index put right. The population
     is drawn afresh for each search.
 
@@ -242,8 +242,8 @@ def _draw(n: int, size: int) -> ca.Function:
 
     One step of the generator per member. Part 1 gives the first partner and, by what is left of it,
     whether there is a trial (``size``, or 0); parts 2 and 3 the other two. The partners are drawn
-    as ranks among the members not taken yet, so that they differ and none is the member itself:
-    rank o counts from the member's successor and steps over the ranks before it. The last partner
+    as ranks among the members not taken yet, so that they differ and none is the member itself.
+    Rank o counts from the member's successor and steps over the ranks before it. The last partner
     keeps its fraction, which indexing cuts off.
     """
     rng, K = ca.SX.sym("rng", 3), ca.SX.sym("K", 2)

@@ -35,7 +35,7 @@ def sliding_seek(
     """Seek the maximum of a measured value by a sliding mode.
 
     v' = k sgn sin(pi (y - g)/beta), g' = rho. Where the map is steeper than rho/k the value climbs
-    at rho (the sliding regime); where it is not, v climbs at k^2/rho times the slope on average
+    at rho (the sliding regime). Where it is not, v climbs at k^2/rho times the slope on average
     (the averaged regime). In the end v ripples by k beta/rho, peak to peak. :func:`seek_limits`
     tells these numbers, :mod:`slipctl.certify.extremum` proves them.
 

@@ -44,7 +44,7 @@ def locking_seek(
     It slides as :func:`slipctl.sliding_seek` does, v' = k sgn sin(pi delta/beta), delta = y - g,
     g' = rho. Near the peak sliding stops, and delta falls through cell after cell. Where
     delta < beta floor(delta_0/beta) - planes beta, with delta_0 its value at the start, the place
-    is locked: a dither as of :func:`slipctl.perturbation_seek` takes over from the middle of the
+    is locked. A dither as of :func:`slipctl.perturbation_seek` takes over from the middle of the
     last travel, th' = gain xi, and dies out by a' = q (r |xi| - a).
 
     The lock opens when the value departs by more than ``tolerance`` of itself from what it was,
@@ -60,8 +60,8 @@ def locking_seek(
         k, rho, beta: of the sliding mode: rate of v, rate of the target, width of a cell.
         planes: cells that delta must have fallen through before the lock.
         gain, a, w, w_h, w_l, r, q: of the dither, as in :func:`slipctl.perturbation_seek`.
-        reach: how far from the place of the lock the dither may climb before the lock opens;
-            half of the ripple k beta/rho is as far as a peak may be.
+        reach: how far from the place of the lock the dither may climb before the lock opens.
+            Half of the ripple k beta/rho is as far as a peak may be.
         tolerance: departure of the value that opens the lock, as a share of it.
         forget: rate in 1/s at which the locked value follows the measured one.
         wait: time in s between opening and sliding, for an observer of the value to settle.
@@ -72,8 +72,8 @@ def locking_seek(
         locked value.
 
     Raises:
-        BadInput: a period of which fewer than two fit into a cell, a dither near the corners of
-            the filters or too fast for the period, or numbers that are not positive.
+        BadInput: a period of which fewer than two fit into a cell. A dither near the corners of
+            the filters or too fast for the period. Numbers that are not positive.
     """
     where = "locking_seek"
     positive(

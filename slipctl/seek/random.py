@@ -35,7 +35,7 @@ def seeded(seed: int) -> list[float]:
 def advance(state: Any, whole: Callable[[Any], Any] = ca.floor) -> Any:
     """Next state of a 3 x 1 expression: each part times its factor, modulo its modulus.
 
-    Multiplying by 1/modulus floors as dividing does: no product is a multiple of its modulus, which
+    Multiplying by 1/modulus floors as dividing does. No product is a multiple of its modulus, which
     is prime, so the quotient is 1/30323 or more away from a whole number, beyond its rounding.
 
     Args:

@@ -17,7 +17,7 @@ def changes(
     """What of a claim was changed, as :func:`~slipctl.study.declaration.judge` wants it.
 
     A printed number speaks of the paper's numbers: whatever was changed in a loop that its answer
-    read, it is another. An order, a yes or no and a bound speak of a law: they still hold or fail
+    read, it is another. An order, a yes or no and a bound speak of a law. They still hold or fail
     with another vehicle, but not with another controller, other gains or another start.
 
     Args:

@@ -10,7 +10,7 @@ A row per controller of each study, from sensor to actuator:
 * ``fmu``: FMPy validates the FMU, simulates it on the recorded inputs, and compares with Python.
 * ``fuzz``: any bytes, half of the time in double and half in float.
 
-What stands in ``--out`` already for the same text and the same inputs is not done again, so a run
+What stands in ``--out`` already for the same text and the same inputs is not done again. So a run
 that was stopped goes on, and a long one can be done in pieces.
 """
 

@@ -1,59 +1,133 @@
-"""Wrong samples on each input of controllers in C, in closed loop: what they lead to.
+"""Wrong samples on each input of every controller in C, in closed loop: what they lead to.
 
-``python -m slipctl.studies.bench.faults [STUDY:LOOP[@SCENARIO] ...] [--out FILE]`` runs every fault
-of :mod:`slipctl.ccode.check.faults` and prints a line for each; exit code 1 where one does harm.
+``python -m slipctl.studies.bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
+fault of :mod:`slipctl.ccode.check.faults` at two instants of a run of each, and prints a line for
+each that does harm; exit code 1 where one does.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from slipctl.ccode.check.faults import Fault, faults
+from slipctl.block.block import Block
+from slipctl.ccode.check.faults import NEAR, SETTLED, Fault, faults
+from slipctl.errors import BadInput
 from slipctl.run import store
+from slipctl.run.rail import Scenario
 from slipctl.study import doors
 
-LOOPS = ("hst_braking:eppfc@real", "hst_braking:pid@real", "hst_braking:efc@real")
-"""Controllers whose models have ranges, with sensors as they are."""
 
-AT = 1.5
-"""Time in s of the first wrong sample."""
+class Where(NamedTuple):
+    """Where faults are put in the runs of a study.
 
-WHEEL = "plant.wheel.omega"
-"""Speed of the wheel in these loops."""
+    Attributes:
+        wheel: state that is the wheel's speed.
+        at: times in s of the first wrong sample.
+    """
+
+    wheel: str
+    at: tuple[float, ...]
+
+
+WHERE = {
+    "subway_braking": Where("plant.wheel.omega", (1.5, 3.2)),
+    "hst_braking": Where("plant.wheel.omega", (1.5, 3.2)),
+    "freight_traction": Where("plant.train.omega_m", (6.0, 12.0)),
+    "hst_traction": Where("plant.train.omega", (12.0, 25.0)),
+    "all_rails": Where("world.plant.wheel.omega", (1.5, 3.2)),
+    "gain_bounds": Where("plant.wheel.omega", (0.3, 0.6)),
+}
+"""In each study: within the first rail and after a change of it."""
+
+
+def controllers(wanted: Sequence[str]) -> Iterator[tuple[str, Block, str, Scenario]]:
+    """Name, loop, part and scenario of each controller, or of those wanted."""
+    for name in wanted or WHERE:
+        left, _, loop_name = name.rpartition(":") if ":" in name else (name, "", "")
+        if left not in WHERE:
+            raise BadInput(f"{left} has no place for faults; there are {', '.join(WHERE)}")
+        study = doors.load_study(left)
+        if loop_name:
+            loop, case = doors.find_loop(study, loop_name)
+            yield name, loop, study.controller, case.scenario
+            continue
+        cases = doors.build_cases(study)
+        for one in dict.fromkeys(n for case in cases for n in case.loops):
+            loop, case = doors.pick_loop(study, cases, one)
+            if study.controller in loop.parts:  # a bound has no controller
+                yield f"{left}:{one}", loop, study.controller, case.scenario
+
+
+def settling(block: Block) -> float:
+    """Time in s after which a fault that was heard has left what a controller remembers.
+
+    100 ms for filters and laws. A window of least squares adds its length; one that forgets adds
+    the time until a sample counts for 2 %; a seeker adds four time constants of its slowest filter.
+    """
+    found = [0.0]
+    own = block.param_values()
+    for path, part in block.leaves():
+        at = f"{path}." if path else ""
+        period = part.period or block.period or 1e-3
+        if f"{at}kept" in block.states and len(block.states[f"{at}kept"].shape) == 2:
+            found.append(block.states[f"{at}kept"].shape[1] * period)
+        if 0 < float(own.get(f"{at}forgetting", 1.0)) < 1:
+            found.append(math.log(NEAR) / math.log(float(own[f"{at}forgetting"])) * period)
+        found += [4 / float(own[f"{at}{c}"]) for c in ("w_l", "w_h") if f"{at}{c}" in own]
+    return SETTLED + max(found)
 
 
 def table(name: str) -> list[Fault]:
-    """Each fault on each input of the controller of a loop."""
-    left, _, loop_name = name.rpartition(":")
-    study = doors.load_study(left)
-    loop, case = doors.find_loop(study, loop_name)
+    """Each fault on each input of the controller of a loop, ``STUDY:LOOP[@SCENARIO]``."""
+    _, loop, part, scenario = next(controllers([name]))
+    where = WHERE[name.partition(":")[0]]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        return faults(loop, study.controller, case.scenario, Path(scratch), AT, WHEEL)
+        return faults(
+            loop, part, scenario, Path(scratch), where.at, where.wheel,
+            settling=settling(loop[part]),
+        )  # fmt: skip
+
+
+def said(f: Fault) -> str:
+    """A fault in one line."""
+    back = "back" if f.passed else f"{100 * f.back:.1f} % back, after {f.settled:.3f} s, {f.worst}"
+    back += "" if f.passed else f", its own {f.own:.3f} s"
+    locks = ", the wheel locks" if f.locks else ""
+    missed = f", {f.missed} not told" if f.missed else ""
+    return f"{f.signal} {f.kind}, {f.ticks} ticks at {f.at:g} s: {back}{missed}{locks}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the faults."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("loops", nargs="*", default=LOOPS)
+    parser.add_argument("loops", nargs="*")
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out")
     options = parser.parse_args(arguments)
-    found = {name: table(name) for name in options.loops}
-    for name, rows in found.items():
-        for f in rows:
-            said = "back" if f.passed else f"{100 * f.back:.1f} % back, {f.worst}"
-            locks = ", the wheel locks" if f.locks else ""
-            missed = f", {f.missed} not told" if f.missed else ""
-            print(f"{name} {f.signal} {f.kind}, {f.ticks} ticks: {said}{missed}{locks}")
-        print(f"{name}: {sum(f.passed for f in rows)} of {len(rows)} do no harm")
-    if options.out:
-        rows_of = {n: [asdict(f) | {"passed": f.passed} for f in rows] for n, rows in found.items()}
-        store.write_json(Path(options.out), {"format": 1, "faults": rows_of})
-    return 0 if all(f.passed for rows in found.values() for f in rows) else 1
+    names = [name for name, *_ in controllers(options.loops)]
+    found: dict[str, dict[str, Any]] = {}
+    harmed = 0
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for name, rows in zip(names, pool.map(table, names), strict=True):
+            slow = [f for f in rows if not f.passed]
+            harm = [f for f in slow if not f.forgotten]
+            for f in slow:
+                print(f"{name} {said(f)}")
+            print(f"{name}: {len(rows)} faults, {len(rows) - len(slow)} back, {len(harm)} do harm",
+                  flush=True)  # fmt: skip
+            harmed += len(harm)
+            found[name] = {"faults": len(rows), "slow": [asdict(f) for f in slow]}
+            if options.out:
+                store.write_json(Path(options.out), {"format": 2, "controllers": found})
+    return 1 if harmed else 0
 
 
 if __name__ == "__main__":

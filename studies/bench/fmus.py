@@ -2,7 +2,7 @@
 
 The controller of each loop and each plant is written as FMU 2.0 and 3.0. FMPy validates both and
 simulates the first second of the loop's run on the inputs recorded there, from the parameters and
-start values it had; outputs, states and status of every tick are compared with the block in Python.
+start values it had. Outputs, states and status of every tick are compared with the block in Python.
 """
 
 from __future__ import annotations

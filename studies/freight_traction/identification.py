@@ -1,8 +1,9 @@
 """Identification of the running resistance, for the study ``freight_traction``: Cheng 2022, 3.2.
 
-Two runs of the train of (14) at constant adhesion, a sample every 50 ms: ``wide``, 0 to 20 m/s in
-201 s, and ``narrow``, 5 to 8 m/s in 31 s, at about .1 m/s^2. What is measured is the running
-resistance over weight, with white noise of .02 N/kN; ``in the loop`` gets speed and adhesion only.
+Two runs of the train of (14) at constant adhesion, a sample every 50 ms. They are ``wide``, 0 to
+20 m/s in 201 s, and ``narrow``, 5 to 8 m/s in 31 s, at about .1 m/s^2. What is measured is the
+running resistance over weight, with white noise of .02 N/kN; ``in the loop`` gets speed and
+adhesion only.
 """
 
 from __future__ import annotations

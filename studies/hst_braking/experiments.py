@@ -256,7 +256,7 @@ def knowledge(law: Block, lam: np.ndarray, rail: Mapping[str, float], sigma: flo
     """Smallest standard deviation of the best slip that an unbiased estimate can have.
 
     Cramer-Rao: the wheel speed is measured at each tick with white noise of sigma in rad/s, brake
-    torque and slip are known, and so omega_k = omega_0 + sum of (T_b - r F_z mu(lam; p))/I_w dt.
+    torque and slip are known. So omega_k = omega_0 + sum of (T_b - r F_z mu(lam; p))/I_w dt.
     Unknown are the law's parameters and omega_0; the sum, not each increment, is what is measured,
     so that the information of all ticks since the change is counted.
     """

@@ -23,7 +23,7 @@ from slipctl.studies.hst_braking.loops import (
 def random_rail(rng: np.random.Generator) -> dict[str, float]:
     """Parameters of a rail: peak log-uniform .03-.35, best slip uniform .02-.2.
 
-    With y = a1 lam* the curve falls to mu(1) >= 0 if y exp(-y) <= lam*; y is drawn from there up to
+    With y = a1 lam* the curve falls to mu(1) >= 0 if y exp(-y) <= lam*. y is drawn from there up to
     1.5 above, as the paper's rails have it (0 to 1.53).
     """
     height = math.exp(rng.uniform(math.log(0.03), math.log(0.35)))

@@ -109,8 +109,8 @@ class Target(NamedTuple):
 def target(kappa: float) -> Target:
     """Target of the paper's run, which it does not give; a guess.
 
-    0.5 m/s^2 or the share kappa of the tractive effort up to 195 s, coasting to 250 s, constant
-    speed to 370 s, constant deceleration to standstill; two moving means of 4 s.
+    0.5 m/s^2 or the share kappa of the tractive effort up to 195 s, coasting to 250 s. Then
+    constant speed to 370 s, constant deceleration to standstill; two moving means of 4 s.
 
     Args:
         kappa: share of the tractive effort.

@@ -41,6 +41,7 @@ from slipctl.ccode.write.guard import (
     REFUSED,
     RESET,
 )
+from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import MATH, in_precision
 from slipctl.draw import show
 from slipctl.models import subway_braking, subway_braking_control
@@ -159,7 +160,7 @@ def test_ends_and_changes_follow_parameters(real: str, tmp_path: Path) -> None:
 
 
 def test_states_out_of_their_range_are_refused_and_reset(tmp_path: Path) -> None:
-    """A part that stays refused is put to its start, after it the next, then all: by the order."""
+    """The part that leaves its range is put to its start, whichever it is in the order."""
 
     @step(y=Output("1", "sum"))
     def adder(x=State("1", 1.0, "sum", lo=-5, hi=5), u=Input("1", "number")):
@@ -179,11 +180,50 @@ def test_states_out_of_their_range_are_refused_and_reset(tmp_path: Path) -> None
     assert (c.status, c.state) == (refused | RESET, {"a.x": 1.0, "b.x": 1.0})
     c.step(u=3.0, w=2.0)
     assert (c.status, c.state) == (0, {"a.x": 4.0, "b.x": 3.0})
-    for _ in range(2 * guard.PATIENCE):  # it is b that leaves its range: its turn is the second
+    for _ in range(guard.PATIENCE):
         c.step(u=0.0, w=3.0)
-    assert (c.status, c.state) == (refused | RESET, {"a.x": 1.0, "b.x": 1.0})
+    assert (c.status, c.state) == (refused | RESET, {"a.x": 4.0, "b.x": 1.0})
     c.step(u=0.0, w=3.0)
     assert (c.status, c.state["b.x"]) == (0, 4.0)
+
+
+def test_resets_go_on_until_the_cause_is_reached(tmp_path: Path) -> None:
+    """What keeps a part off its range may be the state of another one: its turn comes later."""
+
+    @step(y=Output("1", "sum"))
+    def feeds(x=State("1", 1.0, "sum"), u=Input("1", "number")):
+        """Sum of what comes, without a range."""
+        return dict(x=x + u), dict(y=x)
+
+    @step(y=Output("1", "last"))
+    def heard(x=State("1", 0.0, "last", lo=-50, hi=50), u=Input("1", "number")):
+        """What came last."""
+        return dict(x=u), dict(y=x)
+
+    wires = {"heard.u": "feeds.y", "feeds.u": "u", "y": "heard.y"}
+    both = connect("both", wires, heard=heard, feeds=feeds)
+    assert list(Plan(both).parts) == ["heard", "feeds"]
+    c = codegen.c_module(both, tmp_path).compile().load()
+    c.step(u=100.0)
+    said = []
+    for _ in range(3 * guard.PATIENCE):  # the one that is off, the first in order, the second
+        c.step(u=0.0)
+        said.append(c.status)
+    turns = [k + 1 for k, status in enumerate(said) if status & RESET]
+    assert turns == [guard.PATIENCE, 2 * guard.PATIENCE, 3 * guard.PATIENCE]
+    assert c.state["feeds.x"] == 1.0
+    assert c.step(u=0.0)["y"] == 0.0
+    assert c.status == 0
+
+
+@pytest.mark.parametrize("off", [0, 1, 3])
+def test_every_part_has_its_turn(off: int) -> None:
+    """Of three parts: the one that is off or the first, then 1, 2, 3, then all (4)."""
+    f, refused, turns = guard.patience(3), 0.0, []
+    for _ in range(6 * guard.PATIENCE):
+        refused, part = (float(v) for v in f(refused, off))
+        turns += [part] * (part > 0)
+    assert turns == [max(off, 1), 1, 2, 3, 4, max(off, 1)]
 
 
 @pytest.mark.parametrize("real", REALS)

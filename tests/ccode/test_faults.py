@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Input, Output, Param, State, ranged, step
+from slipctl import BadInput, Input, Output, Param, State, c_module, ranged, simulate, step
 from slipctl.ccode.check import faults
+from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
+from slipctl.ccode.check.logged import recorded
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.write import guard
+from slipctl.studies.bench import faults as bench
 from slipctl.study import doors
 
 try:
@@ -28,7 +32,7 @@ def eppfc():
 def test_a_wheel_speed_that_cannot_be_does_no_harm(eppfc, tmp_path):
     """One tick and ten: told in each of them, forgotten after 100 ms, the wheel does not lock."""
     found = faults.faults(
-        eppfc[0], "ctl", eppfc[1], tmp_path, 1.5, "plant.wheel.omega", kinds=CANNOT_BE,
+        eppfc[0], "ctl", eppfc[1], tmp_path, [1.5], "plant.wheel.omega", kinds=CANNOT_BE,
         lengths=(1, 10), signals=["omega"],
     )  # fmt: skip
     assert len(found) == 2 * len(CANNOT_BE)
@@ -38,11 +42,90 @@ def test_a_wheel_speed_that_cannot_be_does_no_harm(eppfc, tmp_path):
 
 def test_other_inputs_that_are_missing_do_no_harm(eppfc, tmp_path):
     found = faults.faults(
-        eppfc[0], "ctl", eppfc[1], tmp_path, 1.5, "plant.wheel.omega",
+        eppfc[0], "ctl", eppfc[1], tmp_path, [1.5], "plant.wheel.omega",
         kinds=("NaN", "times 1e30"), lengths=(1, 10), signals=["T_b", "a_m"],
     )  # fmt: skip
     assert [f for f in found if not f.passed] == []
     assert {f.signal for f in found} == {"T_b", "a_m"}
+
+
+MISSING = ("NaN", "times 1e30")
+SHORT = {
+    "subway_braking:sta": ("v_s", "v"),
+    "hst_braking:eppfc": ("omega", "T_b"),
+    "hst_traction:hosm_limited": ("omega", "v"),
+    "freight_traction:smes_robust": ("omega_m", "T_m"),
+}
+"""A controller of each system, and inputs that are measured."""
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_missing_samples_do_no_harm_to_any_system(name, tmp_path):
+    """One tick and ten, at one instant; all the others are in ``studies.bench.faults``."""
+    _, loop, part, scenario = next(bench.controllers([name]))
+    where = bench.WHERE[name.partition(":")[0]]
+    found = faults.faults(
+        loop, part, scenario, tmp_path, where.at[:1], where.wheel, kinds=MISSING, lengths=(1, 10),
+        signals=SHORT[name], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert len(found) == 2 * len(MISSING) * len(SHORT[name])
+    assert [f for f in found if not f.passed] == []
+    assert all(f.told == f.ticks for f in found)
+
+
+def test_the_loop_in_c_is_that_of_python(tmp_path):
+    """Bit for bit, with a part that sees at once what it gives (a brake without lag) and without.
+
+    What the faults are judged by is a plant compiled from the same Function as ``simulate`` has.
+    """
+    for name in ("hst_braking:pid", "subway_braking:sta"):
+        _, loop, part, scenario = next(bench.controllers([name]))
+        scenario = scenario.but(duration=0.5)
+        data = simulate(loop, scenario)
+        _, params = recorded(loop, part, scenario, 1)
+        module = c_module(loop[part], tmp_path / part, "ctl", period=loop.period)
+        whole = ClosedLoop(loop, part, scenario, module.compile().load().reset(**params))
+        course = whole.run(whole.ticks)
+        assert whole.passes == (2 if name.startswith("hst") else 1)
+        names = [m.name for m in whole.plan.layout.outputs for _ in range(m.size)]
+        command = names.index("T_out" if "T_out" in names else "T_b")
+        expected = data[f"{part}.{names[command]}"].values
+        np.testing.assert_array_equal(course.outputs[:, command], expected)
+        assert np.ptp(expected) > 1e3
+        assert not course.status.any()
+
+
+def test_a_controller_is_never_refused_for_good(eppfc, tmp_path):
+    """100 ticks without the wheel speed, in the middle of a run: the wheel slides meanwhile.
+
+    The estimator comes off its range by what it hears then. It alone is put to its start, after
+    ten ticks; with resets in the order of the wires the module was refused to the end of the run.
+    """
+    loop, scenario = eppfc
+    _, params = recorded(loop, "ctl", scenario, 1)
+    module = c_module(loop["ctl"], tmp_path, "ctl", period=loop.period).compile().load()
+    whole = ClosedLoop(loop, "ctl", scenario, module.reset(**params))
+    whole.run(3200)
+    omega = list(loop["ctl"].inputs).index("omega")
+    course = whole.run(1000, Wrong(omega, 100, 0.0, np.nan))
+    after = course.status[100:] & guard.REFUSED != 0
+    assert (course.status[20:100] & guard.REFUSED).all()
+    assert after.any()
+    assert after.sum() <= 4 * guard.PATIENCE
+    assert not after[300:].any()
+    assert course.status[100:].max() >= guard.RESET
+
+
+def test_outputs_that_chatter_are_compared_by_means():
+    """A square wave of two ticks and the same one tick later: as numbers they never agree."""
+    k = np.arange(400)
+    wave = np.where(k % 2 == 0, 20e3, 0.0)[:, None]
+    assert np.abs(wave[1:] - wave[:-1]).min() == 20e3
+    assert np.abs(faults._means(wave[1:], 50) - faults._means(wave[:-1], 50)).max() == 0
+    ramp = np.arange(10.0)[:, None]
+    np.testing.assert_allclose(faults._means(ramp, 4)[:, 0], np.arange(7) + 1.5)
+    assert faults._settled(np.arange(200) >= 40) == pytest.approx(39, abs=1)  # 1 % of 160 is 1.6
+    assert faults._settled(np.arange(200) >= 190) == np.inf
 
 
 def test_what_a_value_cannot_be():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
 import shutil
@@ -69,6 +70,29 @@ def test_no_page_is_longer_than_it_may_be():
     found = {page: plain.measure(text) for page, text in plain.pages().items()}
     assert len(found) > 20
     assert plain.faults(found) == []
+
+
+def told(file: Path) -> list[str]:
+    """Docstrings of a file without their equations and lists of arguments."""
+    found = [ast.get_docstring(n) or "" for n in ast.walk(ast.parse(file.read_text("utf-8")))
+             if isinstance(n, ast.Module | ast.ClassDef | ast.FunctionDef)]  # fmt: skip
+    texts = [text.partition("\n\nArgs:")[0].partition("\n\nReturns:")[0] for text in found]
+    return [re.sub(r"^ {4}.*$", "", text, flags=re.M) for text in texts]
+
+
+def test_what_a_report_prints_of_models_is_plain():
+    """The page of a study prints these docstrings beside the equations."""
+    rooms = ("models", "slipctl/estimate", "slipctl/predict", "slipctl/seek", "slipctl/block")
+    files = [file for room in rooms for file in sorted((ROOT / room).rglob("*.py"))]
+    assert len(files) > 50
+    long = [
+        f"{file.name}: {' '.join(sentence.words)}"
+        for file in files
+        for text in told(file)
+        for sentence in plain.sentences(text)
+        if len(sentence.words) > plain.LONGEST
+    ]
+    assert long == []
 
 
 def test_a_page_that_is_too_long_is_told():

@@ -89,8 +89,8 @@ def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
 
     Returns:
         ``misra``: count by rule for each file, the kernel of CasADi as ``kernel``; ``cppcheck``:
-        the same for its own findings; ``required``: findings of required and mandatory rules in
-        what we write, without the ``deviations``; ``passed``: whether there are none, and none of
+        the same for its own findings. ``required``: findings of required and mandatory rules in
+        what we write, without the ``deviations``. ``passed``: whether there are none, and none of
         cppcheck's errors and warnings in the module; ``explained``: why the others are there.
 
     Raises:

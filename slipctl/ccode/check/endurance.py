@@ -202,7 +202,7 @@ def drifting(found: Mapping[str, Any], share: float = 0.3) -> list[str]:
     """Names of the signals that grow.
 
     The largest absolute value of the second half of the run is beyond that of parts 2 to 5 by more
-    than a ``share`` (the extremes of normal noise grow by less); part 1 has the transient.
+    than a ``share``. (The extremes of normal noise grow by less.). Part 1 has the transient.
     """
     names = []
     for name, s in found["signals"].items():

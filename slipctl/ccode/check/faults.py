@@ -1,51 +1,51 @@
-"""Faults of inputs in closed loop: the plant in Python, the module in C, wrong samples between.
+"""Faults of inputs in closed loop: the plant and the module in C, wrong samples between.
 
 Each input in turn is wrong for some ticks: not a number, infinite, at an end of its range, stuck, a
 spike, its sign flipped. What has to hold: a value that cannot be true shows in the status of its
-own tick; 100 ms after the last one the status is 0 and every output is that of the run without
-faults, to 2 % of its range, in 99 % of the ticks; no wheel locks that does not lock where these
+own tick. 100 ms after the last one the status is 0 and every output is that of the run without
+faults, to 2 % of its range, in 99 % of the ticks. No wheel locks that does not lock where these
 ticks are held at the last good sample.
+
+Where the run without faults does not keep to that against itself, begun a tick later or with an
+input read 1e-9 wrong in one tick, an output chatters or its course hangs on last digits. Of such an
+output the means over 50, 200 or 500 ms are compared, the shortest over which these runs agree to
+half of the tolerance, or else how far it swings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check.in_loop import GIVEN, SEEN, _buffered, _places, place_holder
-from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.check.closed_loop import ClosedLoop, Course, Wrong
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.plan import Plan
-from slipctl.errors import BadInput
-from slipctl.run import feeding
 from slipctl.run.rail import Scenario
 
-Wrong = Callable[[float, float, float, float], float]
-"""(true value, last good one, lo, hi) -> what is read."""
+LAST, LO, HI = "the last good sample", "the lower end", "the upper end"
 
-KINDS: Mapping[str, Wrong] = {
-    "NaN": lambda u, last, lo, hi: np.nan,
-    "infinity": lambda u, last, lo, hi: np.inf,
-    "-infinity": lambda u, last, lo, hi: -np.inf,
-    "lower end": lambda u, last, lo, hi: lo,
-    "upper end": lambda u, last, lo, hi: hi,
-    "stuck": lambda u, last, lo, hi: last,
-    "times 1.01": lambda u, last, lo, hi: 1.01 * u,
-    "times 1.1": lambda u, last, lo, hi: 1.1 * u,
-    "times 2": lambda u, last, lo, hi: 2 * u,
-    "times 100": lambda u, last, lo, hi: 100 * u,
-    "times 1e30": lambda u, last, lo, hi: 1e30 * u,
-    "10000": lambda u, last, lo, hi: 1e4,
-    "65535": lambda u, last, lo, hi: 65535.0,
-    "flipped": lambda u, last, lo, hi: -u,
+KINDS: Mapping[str, tuple[float, float | str]] = {
+    "NaN": (0.0, np.nan),
+    "infinity": (0.0, np.inf),
+    "-infinity": (0.0, -np.inf),
+    "lower end": (0.0, LO),
+    "upper end": (0.0, HI),
+    "stuck": (0.0, LAST),
+    "times 1.01": (1.01, 0.0),
+    "times 1.1": (1.1, 0.0),
+    "times 2": (2.0, 0.0),
+    "times 100": (100.0, 0.0),
+    "times 1e30": (1e30, 0.0),
+    "10000": (0.0, 1e4),
+    "65535": (0.0, 65535.0),
+    "flipped": (-1.0, 0.0),
 }
-"""What is read in the place of a true value."""
+"""What is read in the place of a true value: so many times it or, with 0, a value."""
 
 LENGTHS = (1, 10, 100)
 """Ticks that a fault lasts."""
@@ -55,6 +55,12 @@ BEFORE, AFTER, SETTLED = 0.5, 2.0, 0.1
 
 NEAR, SHARE = 0.02, 0.99
 """Difference allowed, of the range of an output, in this share of the ticks."""
+
+WINDOWS = (0.0, 0.05, 0.2, 0.5)
+"""Times in s over which an output is averaged, the shortest that serves; 0 is a tick."""
+
+BARELY = 1 + 1e-9
+"""What an input is multiplied with, for one tick, in a run that should stay the same."""
 
 ENDLESS = 1e30
 """An end of a range beyond this is none."""
@@ -66,11 +72,17 @@ class Fault:
 
     Attributes:
         signal, kind, ticks: which input read what, for how long.
+        at: time of its first tick in s.
         told: faulted ticks whose status tells of an input.
         cannot_be: faulted ticks in which the value left its range or its largest change.
         missed: those of them that were not told.
-        back: share of the ticks, from 0.1 s after the last faulted one, with status 0 and every
-            output as without the fault.
+        back: share of the ticks, from the time allowed after the last faulted one on, with the
+            status and every output as without the fault.
+        settled: time in s after the last faulted tick from which on that holds in 99 % of the
+            ticks that are left; infinite if it does not in the last tenth of the window.
+        own: the same time against a run from where the fault left the plant, with a controller that
+            never saw it. A wheel that slid while its controller was blind needs its time.
+        allowed: what this time may be.
         worst: output that is off in most of the ticks that are not back.
         locks: whether the wheel locks, and would not have with the last good sample held.
     """
@@ -78,82 +90,26 @@ class Fault:
     signal: str
     kind: str
     ticks: int
+    at: float
     told: int
     cannot_be: int
     missed: int
     back: float
+    settled: float
+    own: float
+    allowed: float
     worst: str
     locks: bool
 
     @property
     def passed(self) -> bool:
-        """Whether it did no harm."""
-        return not self.missed and self.back >= SHARE and not self.locks
+        """Whether all was as without it in time."""
+        return not self.missed and self.settled <= self.allowed and not self.locks
 
-
-class InLoop:
-    """A loop whose part runs as compiled C, from a tick on that is kept to start from again.
-
-    Args:
-        loop, part, scenario: as of ``run_in_loop``.
-        module: the part, compiled and loaded, with the parameters of the run.
-        wheel: state of the plant that is the wheel's speed; at 0 it is locked.
-    """
-
-    def __init__(
-        self, loop: Block, part: str, scenario: Scenario, module: CModule, wheel: str
-    ) -> None:
-        block = loop[part]
-        rest = loop.swap(part, place_holder(block))
-        rest = feeding.begun(rest, scenario)
-        if rest.period is None:
-            raise BadInput(f"{loop.name} has no period")
-        self.module, self.period, self.plan = module, rest.period, Plan(block)
-        ticks = round(scenario.duration / rest.period)
-        rail_inputs, rail_params = feeding.rail_values(rest, scenario)
-        self.u = feeding.feeds(rest, scenario, ticks, rest.period, rail_inputs)
-        f, self.pieces = feeding.pieces(rest, scenario, ticks, rest.period, rail_params)
-        self.calls = [_buffered(f, p) for _, _, p in self.pieces]
-        self.x = np.array(ca.DM(rest.pack("state", rest.start())).full()).ravel()
-        self.given = _places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])
-        self.seen = _places(rest, "output", [f"{part}.{SEEN}{n}" for n in block.inputs])
-        self.wheel = int(_places(rest, "state", [wheel])[0])
-        self.tick = 0
-
-    def run(
-        self, ticks: int, spoil: Callable[[int, np.ndarray], np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Go on for some ticks: inputs as they are, outputs, status, and the wheel's speed."""
-        rows = np.empty((ticks, self.seen.size))
-        outputs, status = np.empty((ticks, self.given.size)), np.zeros(ticks, dtype=int)
-        speed = np.empty(ticks)
-        for j in range(ticks):
-            k = self.tick
-            at = next(i for i, (a, b, _) in enumerate(self.pieces) if a <= k < b)
-            call, (x_in, u_in, x_out, y_out), _ = self.calls[at]
-            x_in[:, 0], u_in[:, 0] = self.x, self.u[k]
-            call()
-            rows[j] = y_out[self.seen, 0]
-            read = rows[j] if spoil is None else spoil(j, rows[j].copy())
-            m = self.module
-            m._in[: read.size] = read
-            status[j] = m._call("step", m._in, m._param, m._state, m._out)
-            outputs[j] = m._out[: self.given.size]
-            u_in[self.given, 0] = outputs[j]
-            call()
-            self.x = x_out[:, 0].copy()
-            speed[j] = self.x[self.wheel]
-            self.tick += 1
-        return rows, outputs, status, speed
-
-    def keep(self) -> tuple[int, np.ndarray, np.ndarray]:
-        """Where the run is now."""
-        return self.tick, self.x.copy(), self.module._state.copy()
-
-    def go_back(self, kept: tuple[int, np.ndarray, np.ndarray]) -> None:
-        """Be there again."""
-        self.tick, self.x = kept[0], kept[1].copy()
-        self.module._state[:] = kept[2]
+    @property
+    def forgotten(self) -> bool:
+        """Whether the controller was in time what it would be without it; the plant may not be."""
+        return not self.missed and self.own <= self.allowed and not self.locks
 
 
 def faults(
@@ -161,12 +117,13 @@ def faults(
     part: str,
     scenario: Scenario,
     folder: Path,
-    at: float,
+    at: Sequence[float],
     wheel: str,
     *,
     kinds: Iterable[str] = tuple(KINDS),
     lengths: Iterable[int] = LENGTHS,
     signals: Iterable[str] | None = None,
+    settling: float = SETTLED,
     real: str = "double",
 ) -> list[Fault]:
     """Put each fault on each input of a part, in closed loop.
@@ -174,69 +131,160 @@ def faults(
     Args:
         loop, part, scenario: what runs.
         folder: where the C is written.
-        at: time in s of the first faulted tick.
-        wheel: state of the plant that is the wheel's speed.
+        at: times in s of the first faulted tick, in order.
+        wheel: state of the plant that is the wheel's speed; at 0 it is locked.
         kinds, lengths: which faults.
         signals: inputs, by default each of the part.
+        settling: time in s after a fault in which all has to be as without it; an estimator may
+            state a longer one.
         real: double or float.
     """
     from slipctl.ccode.check.logged import recorded
     from slipctl.ccode.codegen import c_module
 
-    kinds, lengths = list(kinds), list(lengths)
     block = loop[part]
     _, params = recorded(loop, part, scenario, 1)
     module = c_module(block, folder, "ctl", period=loop.period, real=real).compile().load()
     module.reset(**params)
-    whole = InLoop(loop, part, scenario, module, wheel)
-    h = whole.period
-    first, after = round(at / h), round(AFTER / h)
-    plain_before = whole.run(first)
-    kept, last_good = whole.keep(), plain_before[0][-1]
-    longest = max(lengths)
-    _, outputs, status, speed = whole.run(longest + after)
-    lo, hi, change = whole.plan.ends(whole.plan.layout.inputs, block.param_values(**params))
-    swing = _ranges(whole.plan, params, np.vstack([plain_before[1], outputs]))
+    whole = ClosedLoop(loop, part, scenario, module)
     names = [m.name for m in whole.plan.layout.inputs for _ in range(m.size)]
-    out_names = [m.name for m in whole.plan.layout.outputs for _ in range(m.size)]
-    locked = bool((speed <= 0).any())
-    wanted = set(names if signals is None else signals)
-
-    def spoilt(k: int, ticks: int, wrong: Wrong) -> Callable[[int, np.ndarray], np.ndarray]:
-        def spoil(j: int, row: np.ndarray) -> np.ndarray:
-            if j < ticks:
-                row[k] = wrong(row[k], last_good[k], lo[k], hi[k])
-            read.append(row[k])
-            return row
-
-        return spoil
-
+    wanted = [n for n in names if signals is None or n in set(signals)]
     found = []
-    for k, name in enumerate(names):
-        for ticks in lengths if name in wanted else ():
-            read: list[float] = []
-            whole.go_back(kept)
-            hold_locks = bool(
-                (whole.run(ticks + after, spoilt(k, ticks, KINDS["stuck"]))[3] <= 0).any()
-            )
-            for kind in kinds:
-                if kind.endswith("end") and abs((lo, hi)[kind == "upper end"][k]) > ENDLESS:
-                    continue
-                read.clear()
-                whole.go_back(kept)
-                _, got, said, rim = whole.run(ticks + after, spoilt(k, ticks, KINDS[kind]))
-                told = said[:ticks] & (guard.BAD_INPUT | guard.OFF_RANGE) != 0
-                false = _cannot_be(np.array(read[:ticks]), last_good[k], lo[k], hi[k], change[k])
-                late = ticks + round(SETTLED / h)
-                off = np.abs(got - outputs[: ticks + after])[late:] > NEAR * swing
-                back = (said[late:] == status[late : ticks + after]) & ~off.any(axis=1)
-                worst = out_names[int(np.argmax(off.sum(axis=0)))] if off.any() else ""
-                found.append(Fault(
-                    name, kind, ticks, int(told.sum()), int(false.sum()),
-                    int((false & ~told).sum()), float(back.mean()), worst,
-                    bool((rim <= 0).any()) and not hold_locks and not locked,
-                ))  # fmt: skip
+    for when in at:
+        good = whole.run(round(when / whole.period) - whole.tick)
+        one = _Instant(whole, params, wheel, when, good.read[-1], list(lengths), settling)
+        for k, name in enumerate(names):
+            if name in wanted:
+                found += one.faults(k, name, list(kinds))
+        whole.go_back(one.kept)
     return found
+
+
+class _Instant:
+    """Faults that begin at one tick of a run."""
+
+    def __init__(
+        self, whole: ClosedLoop, params: Mapping[str, Any], wheel: str, at: float,
+        last_good: np.ndarray, lengths: list[int], settling: float,
+    ) -> None:  # fmt: skip
+        self.whole, self.at, self.last, self.lengths = whole, at, last_good, lengths
+        self.settling, self.kept = settling, whole.keep()
+        left = whole.ticks - whole.tick - max(lengths)
+        self.after = min(round((AFTER + settling - SETTLED) / whole.period), left)
+        self.late = round(settling / whole.period)
+        self.plain = whole.run(max(lengths) + self.after)
+        block, lay = whole.plan.block, whole.plan.layout
+        self.ends = whole.plan.ends(lay.inputs, block.param_values(**params))
+        self.swing = _ranges(whole.plan, params, self.plain.outputs)
+        self.names = [m.name for m in lay.outputs for _ in range(m.size)]
+        self.wheel = whole.places(wheel)
+        self.windows = self._windows()
+        self.clean = {}
+        for ticks in lengths:
+            whole.go_back(self.kept)
+            whole.run(ticks)
+            self.clean[ticks] = whole.keep()
+
+    def faults(self, k: int, name: str, kinds: list[str]) -> list[Fault]:
+        """Each of some faults on input k."""
+        lo, hi, change = (float(e[k]) for e in self.ends)
+        values = {LAST: float(self.last[k]), LO: lo, HI: hi}
+        found = []
+        for ticks in self.lengths:
+            held = self._run(Wrong(k, ticks, 0.0, values[LAST]), ticks)
+            for kind in kinds:
+                times, value = KINDS[kind]
+                number = values[value] if isinstance(value, str) else value
+                if kind.endswith("end") and abs(number) > ENDLESS:
+                    continue
+                got = self._run(Wrong(k, ticks, times, number), ticks)
+                told = got.status[:ticks] & (guard.BAD_INPUT | guard.OFF_RANGE) != 0
+                false = _cannot_be(got.read[:ticks, k], values[LAST], lo, hi, change)
+                without = _from(self.plain, ticks, ticks + self.after)
+                share, settled, worst = self._back(got, ticks, without)
+                own = settled
+                if settled > self.settling:
+                    own = self._back(got, ticks, self._unseen(got, ticks))[1]
+                found.append(Fault(
+                    name, kind, ticks, self.at, int(told.sum()), int(false.sum()),
+                    int((false & ~told).sum()), share, settled, own, self.settling, worst,
+                    self._locks(got) and not self._locks(held) and not self._locks(self.plain),
+                ))  # fmt: skip
+        return found
+
+    def _run(self, wrong: Wrong, ticks: int) -> Course:
+        self.whole.go_back(self.kept)
+        return self.whole.run(ticks + self.after, wrong)
+
+    def _locks(self, course: Course) -> bool:
+        return bool((course.rest[:, self.wheel] <= 0).any())
+
+    def _windows(self) -> np.ndarray:
+        """Ticks over which each output is averaged; 0 where only its swing can be compared."""
+        plain = self.plain.outputs
+        twins = [(plain[1:], plain[:-1])]
+        for k in range(len(self.last)):
+            one = self._run(Wrong(k, 1, BARELY, 0.0), max(self.lengths)).outputs
+            twins.append((one[: len(plain)], plain[: len(one)]))
+        windows = np.zeros(plain.shape[1], dtype=int)
+        for w in reversed([max(1, round(t / self.whole.period)) for t in WINDOWS]):
+            agree = [(np.abs(_means(a, w) - _means(b, w)) <= NEAR / 2 * self.swing).mean(axis=0)
+                     for a, b in twins]  # fmt: skip
+            windows[np.min(agree, axis=0) >= SHARE] = w
+        return windows
+
+    def _off(self, outputs: np.ndarray, plain: np.ndarray) -> np.ndarray:
+        """Where outputs are not as in another run; means are those of the ticks from here on."""
+        off = np.zeros(outputs.shape, dtype=bool)
+        for w in np.unique(self.windows[self.windows > 0]):
+            which = np.flatnonzero(self.windows == w)
+            far = np.abs(_means(outputs[:, which], w) - _means(plain[:, which], w))
+            off[: len(far), which] = far > NEAR * self.swing[which]
+        for k in np.flatnonzero(self.windows == 0):
+            off[:, k] = _beyond(outputs[:, k], plain[:, k], 2 * NEAR * self.swing[k])
+        return off
+
+    def _back(self, got: Course, ticks: int, than: Course) -> tuple[float, float, str]:
+        """How a fault ends: share of ticks that are as in another run, from when on, what is not.
+
+        Both runs begin with the first tick after the fault.
+        """
+        off = self._off(got.outputs[ticks:], than.outputs)
+        well = (got.status[ticks:] == than.status) & ~off.any(axis=1)
+        worst = off[self.late :].sum(axis=0)
+        name = self.names[int(np.argmax(worst))] if worst.any() else ""
+        return float(well[self.late :].mean()), _settled(well) * self.whole.period, name
+
+    def _unseen(self, got: Course, ticks: int) -> Course:
+        """Run from where a fault left the plant, with a controller that never saw it."""
+        tick, _, module = self.clean[ticks]
+        self.whole.go_back((tick, got.rest[ticks - 1], module))
+        return self.whole.run(self.after)
+
+
+def _from(course: Course, first: int, last: int) -> Course:
+    """Ticks of a run."""
+    return Course(*(getattr(course, f.name)[first:last] for f in fields(course)))
+
+
+def _beyond(values: np.ndarray, plain: np.ndarray, room: float) -> np.ndarray:
+    """Which values are beyond all that the run without faults has."""
+    return (values > plain.max() + room) | (values < plain.min() - room)
+
+
+def _means(values: np.ndarray, window: int) -> np.ndarray:
+    """Means over so many ticks from each tick on, as far as there are so many."""
+    if window == 1:
+        return values
+    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
+    return (sums[window:] - sums[:-window]) / window
+
+
+def _settled(well: np.ndarray) -> float:
+    """Ticks after which all is well in 99 % of those that are left, of which there are a tenth."""
+    share = np.cumsum(well[::-1])[::-1] / np.arange(len(well), 0, -1)
+    first = np.flatnonzero(share >= SHARE)
+    return float(first[0]) if first.size and first[0] <= 0.9 * len(well) else np.inf
 
 
 def _cannot_be(read: np.ndarray, last: float, lo: float, hi: float, change: float) -> np.ndarray:

@@ -84,7 +84,10 @@ class Stored:
 
 
 def place_holder(block: Block) -> Block:
-    """Law with the inputs and outputs of a block: it shows the ones and passes the others on."""
+    """Law with the inputs and outputs of a block: it shows the ones and passes the others on.
+
+    It has the block's parameters too, which a loop may share or a scenario set; they do nothing.
+    """
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         given = {n: u[GIVEN + n] for n in block.outputs}
@@ -97,6 +100,7 @@ def place_holder(block: Block) -> Block:
             *(replace(s, role="input", name=GIVEN + n, value=0.0, lo=-np.inf, hi=np.inf)
               for n, s in block.outputs.items()),
         ],
+        params=[s for s in block.params.values() if not s.derived],
         outputs=[
             *block.outputs.values(),
             *(replace(s, role="output", name=SEEN + n, value=None)
@@ -143,8 +147,8 @@ def run_in_loop(
     start = {rest.find(k, "state"): v for k, v in scenario.start.items()}
     x = np.array(ca.DM(rest.pack("state", rest.start(**start))).full()).ravel()
 
-    given = _places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])
-    seen = _places(rest, "output", [f"{part}.{SEEN}{n}" for n in block.inputs])
+    given = places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])
+    seen = places(rest, "output", [f"{part}.{SEEN}{n}" for n in block.inputs])
     at_once = ca.DM(f.jac_sparsity(1, 1), 1)[seen.tolist(), given.tolist()]
     if ca.sparsify(at_once).nnz():
         raise BadInput(f"{loop.name}: {part} sees at once what it gives; delay it by a tick")
@@ -186,7 +190,7 @@ def run_in_loop(
     return InLoop(data.drop_vars(unseen), status)
 
 
-def _places(loop: Block, role: str, names: list[str]) -> np.ndarray:
+def places(loop: Block, role: str, names: list[str]) -> np.ndarray:
     """Places of the elements of some signals among those of their role."""
     at, places = 0, {}
     for n, s in loop._signals[role].items():

@@ -1,7 +1,7 @@
 """What arithmetic of float may give: a module run with roundings up, down, to zero, at random.
 
 The text of the module in float is compiled with another arithmetic in the place of float
-(rounding.hpp), in which each operation is rounded to one of the two floats beside its result. This
+(rounding.hpp). In it each operation is rounded to one of the two floats beside its result. This
 is Monte Carlo arithmetic (Parker, Pierce, Eggert 2000) with random rounding; rounding always to one
 side adds what random rounding would average out, the drift of sums. The compiled float module is
 one more such run, with roundings half as large. So what the runs differ by is what it may differ

@@ -117,7 +117,7 @@ def in_double(names: Iterable[str]) -> list[str]:
 def stack(target: Path) -> dict[str, int] | None:
     """Bytes of stack of each function of an object made with ``TOLD``; None if not told.
 
-    The C library's are not among them. A function that is inlined has none of its own; ``worst``
+    The C library's are not among them. A function that is inlined has none of its own. ``worst``
     is that of the deepest chain if no function called another one twice: the sum of all, which is
     never too small.
     """

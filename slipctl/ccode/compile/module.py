@@ -265,10 +265,13 @@ class CModule:
         if self._lib is None:
             raise BadInput(f"{self.name} is not loaded; call load() first")
 
-    def _call(self, function: str, *arrays: np.ndarray) -> int:
+    def function(self, name: str) -> Any:
+        """The C function ``default``, ``init``, ``tune`` or ``step``."""
         self._need_load()
-        found = self._lib[f"{self.name}_{function}"]
-        return int(found(*(a.ctypes.data_as(_VOID) for a in arrays)))
+        return self._lib[f"{self.name}_{name}"]
+
+    def _call(self, function: str, *arrays: np.ndarray) -> int:
+        return int(self.function(function)(*(a.ctypes.data_as(_VOID) for a in arrays)))
 
 
 _VOID = ctypes.c_void_p

@@ -1,8 +1,9 @@
 """A2L (ASAM MCD-2 MC, ASAP2 1.71): parameters and measurements for a calibration tool.
 
 One CHARACTERISTIC per parameter, one MEASUREMENT per input, state and output, each with unit,
-limits, a COMPU_METHOD per unit, and the place in an instance of the module's structs that the
-firmware names ``ctl_param_instance``, ``ctl_in_instance`` and so on (SYMBOL_LINK: name and offset).
+limits, and a COMPU_METHOD per unit. Its place (SYMBOL_LINK: name and offset) is one in an instance
+of the module's structs. The firmware names that ``ctl_param_instance``, ``ctl_in_instance`` and so
+on.
 The module itself has no addresses; a tool puts them in from the firmware's ELF file.
 """
 

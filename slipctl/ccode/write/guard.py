@@ -69,18 +69,20 @@ def accept() -> ca.Function:
 
 @lru_cache(maxsize=16)
 def patience(parts: int) -> ca.Function:
-    """(refused) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
+    """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
 
-    After ``PATIENCE`` ticks it is the first part, after as many more the second, in the order of
-    the wires, then all of them (``parts + 1``), and the count begins anew.
+    ``off`` is the part of which a state is out of its range, 0 if that is not the reason. After
+    ``PATIENCE`` ticks it is that part (else the first), after as many more the first, the second
+    and so on in the order of the wires, then all of them (``parts + 1``); the count begins anew.
     """
-    before = ca.SX.sym("refused")
+    before, off = ca.SX.sym("refused"), ca.SX.sym("off")
     refused = before + 1
     turn = refused / PATIENCE
     due = turn == ca.floor(turn)
-    part = ca.if_else(due, turn, 0)
-    after = ca.if_else(refused >= PATIENCE * (parts + 1), 0, refused)
-    return ca.Function("patience", [before], [after, part])
+    first = ca.if_else(off > 0, off, 1)
+    part = ca.if_else(due, ca.if_else(turn > 1, turn - 1, first), 0)
+    after = ca.if_else(refused >= PATIENCE * (parts + 2), 0, refused)
+    return ca.Function("patience", [before, off], [after, part])
 
 
 def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:

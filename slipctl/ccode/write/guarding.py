@@ -55,27 +55,34 @@ def _call(start: str, arguments: list[str]) -> list[str]:
     return [f"{start}{', '.join(arguments[:-1])},", f"        {arguments[-1]});"]
 
 
-def states_within(plan: Plan) -> str:
-    """Function that says whether the next states are in their ranges."""
+def part_off(plan: Plan) -> str:
+    """Function that says of which part a next state is out of its range."""
     n = plan.name
     members = [m for m in plan.layout.states if plan.ranged(m)]
     if not members:
         return ""
     lines, ends = plan.ends_text(members)
-    tests = []
-    for m in members:
-        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
-        if m.scalar:
-            tests.append(f"within(next->{m.c}, {each[0]})")
-        elif len(set(each)) == 1:
-            tests.append(f"all_within(next->{m.c}, {m.size}, {each[0]})")
-        else:
-            tests += [f"within({m.at('next->', k)}, {e})" for k, e in enumerate(each)]
+    tests: list[str] = []
+    for k, own in enumerate(plan.parts.values(), start=1):
+        found: list[str] = []
+        for m in own:
+            if not plan.ranged(m):
+                continue
+            each = [f"{ends[m.c, i, 'lo']}, {ends[m.c, i, 'hi']}" for i in range(m.size)]
+            if m.scalar:
+                found.append(f"within(next->{m.c}, {each[0]})")
+            elif len(set(each)) == 1:
+                found.append(f"all_within(next->{m.c}, {m.size}, {each[0]})")
+            else:
+                found += [f"within({m.at('next->', i)}, {e})" for i, e in enumerate(each)]
+        if found:
+            tests.append(if_([f"!({conjunction(found)})"], f"return {k};"))
     text = "\n".join([*lines, *tests])
     void = [f"(void){a};" for a in ("param", "state") if identifier_free(text, a)]
-    signature = prototype(plan, "static bool", "states_within", f"const struct {n}_next *next",
+    what = comment("The first part of which a next state is out of its range, 0 for none.")
+    signature = prototype(plan, "static int", "part_off", f"const struct {n}_next *next",
                           f"const {n}_param *param", f"const {n}_state *state")  # fmt: skip
-    return define(signature, [*void, *lines, f"return {conjunction(tests)};"])
+    return f"{what}\n" + define(signature, [*void, *lines, *tests, "return 0;"])
 
 
 def recover(plan: Plan) -> str:
@@ -84,8 +91,9 @@ def recover(plan: Plan) -> str:
     if not parts:
         return ""
     rule = guard.text(
-        guard.patience(parts), ["state->guard.refused"], ["state->guard.refused", "part"]
-    )
+        guard.patience(parts), ["state->guard.refused", "(double)off"],
+        ["state->guard.refused", "part"],
+    )  # fmt: skip
     which = f"(part > {number(parts + 0.5)}) ? 0 : (int)part"
     computed = [m for m in plan.layout.states if m.signal.derived]
     reset = [f"start(param, state, {which});"]
@@ -101,11 +109,12 @@ def recover(plan: Plan) -> str:
     ]
     order = ", ".join(p or "the state" for p in plan.parts)
     what = comment(
-        f"One more tick is refused. After {guard.PATIENCE} in a row a part of the state is put to"
-        f" its start, after as many more the next: {order}; then all."
+        f"One more tick is refused. After {guard.PATIENCE} in a row the part of which a state is"
+        " out of its range is put to its start, after as many more one part after the other:"
+        f" {order}; then all."
     )
     signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
-                          f"{n}_state *state")  # fmt: skip
+                          f"{n}_state *state", "int off")  # fmt: skip
     return f"{what}\n" + define(signature, lines)
 
 

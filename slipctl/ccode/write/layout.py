@@ -29,7 +29,7 @@ atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign e
 hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
 all_within fill copy hold safe reached main accept accept_all check_inputs states_within start
-recover guard part refused told in_force used limit_outputs start_outputs mark
+recover guard part part_off off refused told in_force used limit_outputs start_outputs mark
 """
 LOCAL = frozenset(_LOCAL_WORDS.split())
 """Names that mean something inside the generated functions."""

@@ -1,7 +1,7 @@
 """Sums of ramps, which is how a table of straight pieces is written in CasADi, as a table in C.
 
 A ramp is ``fmin(fmax(x - a, 0), d)``. Of ramps that follow each other along x, all before a place
-have risen there and all after it are 0, so a sum of n products is one product and a constant. The
+have risen there and all after it are 0. So a sum of n products is one product and a constant. The
 constants are added in the order of the sum: in double the bits stay.
 """
 

@@ -14,8 +14,8 @@ from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.guarding import (
     check_inputs,
     limit_outputs,
+    part_off,
     recover,
-    states_within,
     within,
 )
 from slipctl.ccode.write.header import (
@@ -40,7 +40,7 @@ def source(plan: Plan) -> str:
         [_equations(plan), _default(plan), _param_ok(plan), _tune(plan)]
         + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
         + [_init(plan)]
-        + [made for made in (check_inputs(plan), _finite(plan), states_within(plan),
+        + [made for made in (check_inputs(plan), _finite(plan), part_off(plan),
                              recover(plan), _hold(plan)) if made] + [_step(plan)]
     )  # fmt: skip
     parts = [
@@ -93,8 +93,10 @@ def _equations(plan: Plan) -> str:
     arguments.append(f"{n}_out *now")
     result = "static int" if plan.can_fail else "static void"
     signature = prototype(plan, result, "equations", *arguments)
-    what = comment(f"Equations of {plan.block.name}; {n}.h says where they come from.")
-    return "\n".join([what, signature, "{", *voids, *lines, "}"])
+    told = "The parts, in the order of the wires" if made.functions else "Equations"
+    what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
+    whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
+    return "\n\n".join([*made.functions.values(), whole])
 
 
 def _own_lines(plan: Plan) -> list[str]:
@@ -112,6 +114,8 @@ def _own_lines(plan: Plan) -> list[str]:
         for placeholder, place in places.items():
             line = line.replace(placeholder, place)
         lines.append(f"    {line}")
+    if made.functions:
+        return lines
     lines += [""] * bool(lines)
     for i, (m, pointer) in enumerate(plan.results):
         texts = [made.results[i, k] for k in range(m.size)]
@@ -340,15 +344,17 @@ def _step(plan: Plan) -> str:
         )
     passed = [f"&{following}"] * has_next + ["&now"]
     call = f"equations({', '.join([seen, 'used', 'state', *passed])})"
-    bad = [f"({call} != 0)"] if plan.can_fail else []
-    if not bad:
-        lines.append(f"{call};")
-    if any(plan.ranged(m) for m in lay.states):
-        bad.append(f"!states_within(&{following}, used, state)")
+    ranged = any(plan.ranged(m) for m in lay.states)
+    off = f"part_off(&{following}, used, state)"
+    lines.append(f"const int failed = {call};" if plan.can_fail else f"{call};")
+    bad = ["(failed != 0)"] * plan.can_fail
+    if ranged:
+        lines.append(f"const int off = {'(failed != 0) ? 0 : ' * plan.can_fail}{off};")
+        bad.append("(off != 0)")
     if plan.untested:
         bad.append(f"!result_finite({', '.join(passed)})")
     if bad:
-        again = ["status |= recover(used, state);"] * has_next
+        again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
         lines.append(if_([" || ".join(bad)], why, *again, hold, "return (int)status;"))
     lines += [

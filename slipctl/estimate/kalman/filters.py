@@ -57,7 +57,7 @@ def ctukf(
     What is estimated: a state moves by its equation; an input or a parameter is a random walk.
     What is measured: a state that is not estimated is compared by its increments,
     z_k - z_(k-1) = f_z dt + noise (eqs (20)-(21)), and its last measured value goes into the
-    equations; an estimated state or an output is compared directly. All other states and inputs
+    equations. An estimated state or an output is compared directly. All other states and inputs
     that the equations need are inputs of the filter.
 
     Increments suit noise that drifts, as the paper has it. Where the sensor adds new noise to each

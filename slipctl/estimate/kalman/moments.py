@@ -31,7 +31,7 @@ def unscented(sigma: Any) -> Moments:
     """Sigma points x, x +- sqrt((N + sigma) P), weights sigma/(N + sigma), 1/(2 (N + sigma)).
 
     P = L D L' gives the root: column j is L_j sqrt(D_j). Of the extra weight 1 - alpha^2 + beta
-    that the centre may get in a covariance, nothing is used: it has no effect where the function is
+    that the centre may get in a covariance, nothing is used. It has no effect where the function is
     linear, and Zhang 2021 gives no alpha.
     """
 
@@ -64,7 +64,7 @@ def unscented(sigma: Any) -> Moments:
 def printed_22(sigma: Any, beta: Any) -> Moments:
     """Return (22)-(27) of Zhang 2021 as printed: spread sqrt(sigma P), weights of N = 3, alpha = 1.
 
-    With one unknown there are three points, not seven: their weights add up to 0.6, so the mean
+    With one unknown there are three points, not seven. Their weights add up to 0.6, so the mean
     shrinks to 0.6 of itself in every prediction, and what is missing widens every covariance.
     """
     N = 3

@@ -23,8 +23,8 @@ def bench_pso(rounds: int = 15) -> dict[str, Any]:
     """Time the identification of the running resistance from 3000 samples.
 
     Ours is the C that ``c_module`` writes: every sample through ``linear_fit``, then one search of
-    60 particles and 300 iterations. Beside it is the same swarm in numpy, all particles at once:
-    over the samples, as (21) of Cheng 2022 has it; and, as a second row, both only search, over the
+    60 particles and 300 iterations. Beside it is the same swarm in numpy, all particles at once.
+    Over the samples, as (21) of Cheng 2022 has it; and, as a second row, both only search, over the
     nine numbers that the samples come down to. Times are processor times of this thread.
 
     Args:
