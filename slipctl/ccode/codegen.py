@@ -18,11 +18,12 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, rounding
+from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, rounding
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
 from slipctl.ccode.check.logged import recorded as recorded
+from slipctl.ccode.check.reading import reading
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile import (
     files,
@@ -71,7 +72,20 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        parts = [*self.data["targets"], self.data.get("analysis", {}), self.data.get("fuzz", {})]
+        return self._right and all(t.get("load", {}).get("passed", True) for t in self._targets)
+
+    @property
+    def only_load(self) -> bool:
+        """Whether a step takes longer than its tick, and nothing else is wrong."""
+        return self._right and not self.passed
+
+    @property
+    def _targets(self) -> list[dict[str, Any]]:
+        return list(self.data["targets"])
+
+    @property
+    def _right(self) -> bool:
+        parts = [*self._targets, self.data.get("analysis", {}), self.data.get("fuzz", {})]
         return all(p.get("passed", True) for p in (self.data, *parts))
 
     def __str__(self) -> str:
@@ -91,7 +105,7 @@ class Report:
             lines.append(
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
                 f" {d['largest_relative']:.3g} of the largest value ({worst}):"
-                f" {'passed' if self.passed else 'FAILED'}"
+                f" {'passed' if self._right else 'FAILED'}"
             )
         for t in d["targets"]:
             size_, stack = t["bytes"] or {}, t["stack"] or {}
@@ -107,12 +121,14 @@ class Report:
                     f" {count['most']}, {t['stack_used']} bytes of stack used, {t['ticks']} ticks:"
                     f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
                 )
+            if t.get("load"):
+                lines.append(f"  {t['target']}: {load.said(t['load'])}")
         if "analysis" in d:
             lines.append(f"  {analysis.summary(d['analysis'])}")
         if "fuzz" in d:
             f = d["fuzz"]
             lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
-        if not self.passed:
+        if not self._right:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
                 f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"
@@ -199,6 +215,7 @@ def export(
     fmus: bool = False,
     platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
+    clock: float | None = None,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -216,6 +233,8 @@ def export(
             ``check`` the same replay on a board of QEMU, with the instructions of a step counted.
         misra: count the findings of cppcheck and of its MISRA C:2012 addon.
         fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
+        clock: frequency of the processor in Hz, by which ``load`` is told of each target; a step
+            that takes longer than a tick fails. Without it no load is told.
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
         platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
             compiler is installed for.
@@ -229,7 +248,7 @@ def export(
     return _produce(
         block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
-        platforms=platforms, fuzz_seconds=fuzz_seconds,
+        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock,
     )  # fmt: skip
 
 
@@ -251,6 +270,7 @@ def _produce(
     fmus: bool = False,
     platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
+    clock: float | None = None,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -313,6 +333,10 @@ def _produce(
             run = expected.with_limits(plan, run, used_params, tried)
             data |= compare(plan, made, used, run, dict(params or {}))
         data["targets"] = [f.result() for f in on_boards]
+    for t in data["targets"]:
+        if clock is not None and "instructions" in t:
+            count = t["instructions"]
+            t["load"] = load.load(count["mean"], count["most"], plan.period, clock)
     if misra:
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:
@@ -388,6 +412,7 @@ def _facts(
         "content": content,
         "memory_bytes": plan.memory_bytes,
         "work": work | {"in_state": plan.work_in_state},
+        "reading": reading(plan, made[f"{plan.name}.c"]),
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {
             n: {"value": np.asarray(v).tolist(), "unit": b.params[n].unit}

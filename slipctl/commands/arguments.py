@@ -314,6 +314,10 @@ def parser() -> Parser:
         help="compile it for this processor too, and with --check run it there; two with a comma",
     )  # fmt: skip
     p.add_argument(
+        "--clock", metavar="168MHz",
+        help="clock of the processor that its load is told for; by default 25 MHz, the board's",
+    )  # fmt: skip
+    p.add_argument(
         "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
     )
 
@@ -342,6 +346,10 @@ def parser() -> Parser:
     p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
     p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
     p.add_argument("--real", choices=("double", "float"), default="double")
+    p.add_argument(
+        "--clock", metavar="168MHz",
+        help="clock of the processor that its load is told for; by default 25 MHz, the board's",
+    )  # fmt: skip
     p.add_argument(
         "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
         help="what happens to the frame of a tick on purpose: lost, late or broken",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from slipctl.block.block import Block
 from slipctl.ccode import codegen
+from slipctl.ccode.check import load
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
 from slipctl.run.results import Case
@@ -41,11 +42,17 @@ def answer(options: argparse.Namespace, command: str) -> int:
 
     if options.check and build.compiler() is None:
         raise BadInput("--check needs a C compiler; install gcc or clang, or set CC to one")
+    if options.clock is not None and not (options.check and options.target != "host"):
+        raise BadInput(
+            f"--clock {options.clock} is that of a processor that the C runs on; write --check and"
+            " --target cortex-m4"
+        )
     platforms = options.platforms.split(",") if options.platforms is not None else None
     wanted = {
         "platforms": platforms,
         "check": options.check, "real": options.real, "target": options.target,
-        "misra": options.misra, "fmus": options.fmu, "fuzz_seconds": options.fuzz or 0,
+        "clock": load.clock(options.clock), "misra": options.misra, "fmus": options.fmu,
+        "fuzz_seconds": options.fuzz or 0,
     }  # fmt: skip
     if block is not None:
         report = codegen.export(block, out, options.module, **wanted)
@@ -73,6 +80,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
             "the functions of %s differ behind their 31st character only, which C99 need not tell"
             " apart (MISRA C:2012, 5.1); --name gives a shorter name", report.data["name"],
         )  # fmt: skip
+    if report.only_load:
+        raise RunFailed(f"{name}: a step takes longer than its tick; see {out / 'report.json'}")
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0

@@ -22,11 +22,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     try:
         found = processor.compare(
             options.name, options.target, options.real, options.faults, out, options.seconds,
-            progress,
+            progress, options.clock,
         )  # fmt: skip
     finally:
         progress.end()
     print(found)
+    if found.data["failed"] == ["load"]:
+        raise RunFailed(f"{options.name}: a step takes longer than its tick on {options.target}")
     if not found.passed:
         raise RunFailed(f"{options.name}: the loop differs with its controller on {options.target}")
     return 0

@@ -13,6 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode import codegen
+from slipctl.ccode.check import load
 from slipctl.ccode.check.expected import taken
 from slipctl.ccode.check.in_loop import FAULTS, Stored, run_in_loop
 from slipctl.ccode.check.rig import Rig
@@ -69,6 +70,13 @@ class Comparison:
             said = f", moves by {move:.2g} with roundings" if move else ""
             mark = "  DIFFERS" if name in d["metrics_differ"] and not d["faults"] else ""
             lines.append(f"  {name}: {_said(python)} in Python, {_said(target)} here{said}{mark}")
+        count = d["instructions"]
+        lines.append(
+            f"  instructions of a step: {count['mean']:.0f} in the mean, most {count['most']} (tick"
+            f" {count['worst_tick']})"
+        )
+        if d["load"]:
+            lines.append(f"  {load.said(d['load'])}")
         told = [f"{_bits(n)} in {k} tick{'s' * (k > 1)}" for n, k in d["status"].items()]
         lines.append(f"  status other than 0: {', '.join(told) or 'none'}")
         if d["faults"]:
@@ -85,6 +93,7 @@ def compare(
     out: Path | None = None,
     seconds: float | None = None,
     report: Callable[[str, float], object] = lambda what, share: None,
+    clock: str | None = None,
 ) -> Comparison:
     """Run a loop of a study with its controller on a processor, and compare.
 
@@ -102,12 +111,15 @@ def compare(
         out: file for the numbers.
         seconds: length of the run, where the scenario is longer.
         report: called with what is running and the share of it that is done.
+        clock: frequency of the processor that the load is told for, ``"168MHz"``; by default that
+            of the board. A step that takes longer than a tick fails.
 
     Raises:
         BadInput: no such loop, target or fault; no tick in so many seconds, or no such tick; faults
             where the study names no slip; a tool is missing.
         RunFailed: the board does not answer.
     """
+    hertz = load.clock(clock)
     study_name, colon, loop_name = name.rpartition(":")
     study = doors.load_study(study_name if colon else name)
     if not colon:
@@ -132,9 +144,12 @@ def compare(
     began = time.perf_counter()
     with Rig(plan, codegen.texts(plan), target, params) as rig:
         got = run_in_loop(loop, part, case.scenario, rig, wanted, partial(report, target))
+        steps = rig.instructions
     took = time.perf_counter() - began
     data: dict[str, Any] = {
         "name": name, "part": part, "target": target, "real": real, "seconds": took,
+        "instructions": (count := _counted(steps)),
+        "load": load.load(count["mean"], count["most"], loop.period, hertz),
         **_judged(study, case, loop, part, python, got, wanted, real, params, report),
     }  # fmt: skip
     failed = _failed(data)
@@ -142,6 +157,12 @@ def compare(
     if out is not None:
         store.write_json(out, data)
     return Comparison(data)
+
+
+def _counted(steps: Sequence[int]) -> dict[str, Any]:
+    """Instructions of a step: the mean, the most, and in which tick."""
+    worst = int(np.argmax(steps))
+    return {"mean": float(np.mean(steps)), "most": int(steps[worst]), "worst_tick": worst}
 
 
 def _failed(data: Mapping[str, Any]) -> list[str]:
@@ -156,6 +177,8 @@ def _failed(data: Mapping[str, Any]) -> list[str]:
         failed.append(f"status of {data['wrong_status']} ticks")
     if faults and not data["difference_at_the_end"] <= METRIC:
         failed.append("no recovery")
+    if not data.get("load", {}).get("passed", True):
+        failed.append("load")
     return failed
 
 

@@ -3,10 +3,10 @@
 One frame goes to the board in each tick, and one comes back:
 
     to      0xA5, number of the tick, number of the tick now, inputs, checksum
-    back    0x5A, number of the tick, status, outputs, checksum
+    back    0x5A, number of the tick, status, instructions of the step, outputs, checksum
 
 Numbers of ticks are bytes, modulo 256; inputs and outputs are the bytes of the structs, the status
-and the checksum (Fletcher's) have two bytes, the low one first.
+and the checksum (Fletcher's) have two bytes, the instructions four, the low one first.
 """
 
 from __future__ import annotations
@@ -109,12 +109,20 @@ int main(void)
     unsigned char tick;
     unsigned char now;
     unsigned char low;
+    unsigned long from;
+    unsigned long empty; /* of reading the clock twice */
+    unsigned long count;
     int status;
+    int k;
     serial_start();
+    clock_start();
+    from = clock_now();
+    empty = instructions(from, clock_now());
     {n}_default(&param);
     for (;;) {{
         const unsigned char kind = take();
         begin();
+        count = 0;
         if (kind == 0xA4U) {{ /* parameters: start anew */
             receive(&param, SIZE(param));
             status = checked() ? {n}_init(&param, &state) : {broken};
@@ -128,7 +136,9 @@ int main(void)
             receive(&fresh, SIZE(fresh));
             if (checked()) {{
                 in = fresh;
+                from = clock_now();
                 status = {n}_step(&in, &param, &state, &out);
+                count = instructions(from, clock_now()) - empty;
                 status |= (tick != expected) ? {lost} : 0;
                 status |= (tick != now) ? {late} : 0;
                 expected = (unsigned char)(tick + 1U);
@@ -143,6 +153,9 @@ int main(void)
         give(tick);
         give((unsigned char)(status & 0xFF));
         give((unsigned char)((status >> 8) & 0xFF));
+        for (k = 0; k < 4; ++k) {{
+            give((unsigned char)((count >> (8 * k)) & 0xFFUL));
+        }}
         send(&out, SIZE(out));
         low = (unsigned char)sums[0];
         now = (unsigned char)sums[1];
@@ -171,6 +184,9 @@ class Rig:
         target: ``"cortex-m4"`` or ``"cortex-m7"``.
         params: parameters of the run, by name; the others have their defaults.
 
+    Attributes:
+        instructions: of each step so far, 0 where none was made.
+
     Raises:
         BadInput: a tool is not installed.
         RunFailed: it does not compile, or parameters are refused.
@@ -187,9 +203,10 @@ class Rig:
         (folder / "rig.c").write_text(_FIRMWARE.format(n=n, **bits), encoding="utf-8")
         targets.build(target, folder, [f"{n}.c", "rig.c"], "rig.elf", plan.real)
         self._plan, self._kind = plan, np.float32 if plan.real == "float" else np.float64
-        self._answer = 5 + size(plan.real) * max(sum(m.size for m in plan.layout.outputs), 1)
+        self.instructions: list[int] = []
+        self._answer = 9 + size(plan.real) * max(sum(m.size for m in plan.layout.outputs), 1)
         self._got = b""
-        call = [*targets.command(target, "rig.elf"), "-serial", "stdio"]
+        call = [*targets.command(target, "rig.elf"), "-serial", "stdio", *targets.COUNT]
         self._process = subprocess.Popen(
             call, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, bufsize=0,
@@ -198,6 +215,7 @@ class Rig:
         flat = [v for m in plan.layout.params for v in packed(m, values[m.name])]
         self._send(b"\xa4", self._bytes(np.array(flat or [0.0])))
         _, status, _ = self._receive()
+        self.instructions.clear()
         if status:
             raise RunFailed(f"{n} on {target} refuses its parameters: status {status}")
 
@@ -249,7 +267,8 @@ class Rig:
             self._got += more
         if fletcher(frame[:-2]) != frame[-2:]:
             raise RunFailed(f"{self._plan.name}: an answer of the board is damaged")
-        out = np.frombuffer(frame[3:-2], self._kind).astype(float)
+        out = np.frombuffer(frame[7:-2], self._kind).astype(float)
+        self.instructions.append(int.from_bytes(frame[3:7], "little"))
         return frame[0], frame[1] | frame[2] << 8, out
 
     def close(self) -> None:

@@ -26,6 +26,9 @@ def machine(target: str, real: str) -> tuple[str, ...]:
 BOARDS: Mapping[str, str] = {"cortex-m4": "mps2-an386", "cortex-m7": "mps2-an500"}
 """Boards that QEMU has with them."""
 
+CLOCK = 25e6
+"""Clock in Hz of the processor on both boards."""
+
 TOOLS = "arm-none-eabi-"
 EMULATOR = "qemu-system-arm"
 
