@@ -337,6 +337,29 @@ def _loop_path(
     return f"{path}; break it with a unit_delay() or with a state"
 
 
+def wiring(
+    block: Block,
+) -> tuple[list[Call], dict[tuple[str, str], tuple[str, str]], dict[tuple[str, str], str]]:
+    """How a connected block is evaluated.
+
+    Returns:
+        The calls of its parts in order; (part, port) that feeds each inner (part, input); name of
+        the block's own input that feeds each other (part, input).
+    """
+    inner: dict[tuple[str, str], tuple[str, str]] = {}
+    free = {(b, n): f"{b}.{n}" for b, part in block.parts.items() for n in part.inputs}
+    for destination, source in block.wires.items():
+        if "." not in destination:
+            continue
+        end = _find(block.name, block.parts, destination, "input")
+        if "." in source:
+            inner[end] = _source(block.name, block.parts, source)
+            del free[end]
+        else:
+            free[end] = source
+    return _schedule(block.name, block.parts, inner), inner, free
+
+
 def _inputs(
     b: str,
     block: Block,

@@ -287,7 +287,7 @@ def test_every_kind_of_block_agrees(name: str, tmp_path: Path) -> None:
 def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path) -> None:
     codegen.c_module(every(control(), 3), tmp_path / "a")
     text = (tmp_path / "a" / "ctl.c").read_text()
-    assert "if (0.0 == state->tick) {" in text
+    assert "if (state->tick == 0.0) {" in text
     assert "casadi" not in text.lower()
     codegen.c_module(mixed, tmp_path / "b")
     text = (tmp_path / "b" / "mixed.c").read_text()
@@ -637,7 +637,7 @@ def test_members_are_documented(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert said in header
     source = (tmp_path / "ctl.c").read_text()
-    assert "const double law_s = in->v_s - reference_v_ref;" in source
+    assert "const double s = in->v_s - now->reference_v_ref;" in source
     assert "casadi" not in source.lower()  # nothing of the template text is needed here
     for line in (tmp_path / "ctl.h").read_text().splitlines():
         assert len(line) <= 100

@@ -167,7 +167,7 @@ def _idle(plan: Plan) -> list[str]:
     lay, made = plan.layout, plan.equations
     if made.entry:
         return []
-    lines = [*made.lines, *made.results.values()]
+    lines = [*made.lines, *made.results.values(), *made.functions.values()]
     lines += plan.start_lines(lay.derived, 0, "") + plan.start_lines(
         lay.states, len(lay.derived), ""
     )

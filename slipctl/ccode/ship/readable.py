@@ -26,6 +26,8 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         f"# {data['name']} in `{data['real']}`",
         f"Written by slipctl {data['slipctl_version']} with CasADi {data['casadi_version']},"
         f" content {data['content']}. The same numbers, and more, are in `report.json`.",
+        "## Text",
+        _read(data["reading"], data["name"]),
         "## Memory",
         table(["bytes of", *memory], [["one instance", *memory.values()]]),
         "## Ranges",
@@ -38,6 +40,15 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_fuzzed(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
+
+
+def _read(told: Mapping[str, Any], name: str) -> str:
+    """How long the source is, and how many of its assignments are to a local without a name."""
+    return (
+        f"`{name}.c` has {told['lines']} lines, {told['functions']} functions of equations and"
+        f" {told['assignments']} assignments. {told['anonymous']} of these, {told['share']:.0%},"
+        " are to a local of letters and digits that no model declares, such as `a12`."
+    )
 
 
 def vectors_said(data: Mapping[str, Any]) -> str:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import casadi as ca
 
@@ -18,7 +19,7 @@ from slipctl.ccode.write import pieces
 WIDTH = 68
 """Characters of an expression above which its longest part gets a line of its own."""
 
-_ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
+ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
 
 _BINARY = {
     ca.OP_ADD: ("+", _SUM), ca.OP_SUB: ("-", _SUM), ca.OP_MUL: ("*", _PRODUCT),
@@ -71,6 +72,21 @@ HELPERS = {
         "static double at_least(double x, double bound)\n{\n"
         "    return (x >= bound) ? x : bound;\n}\n"
     ),
+    "element": (
+        "/* the element that a number names by its whole part; NaN beyond the ends */\n"
+        "static double element(const double *x, int n, double at)\n{\n"
+        "    const int k = (int)at;\n"
+        "    return ((k >= 0) && (k < n)) ? x[k] : (double)NAN;\n}\n"
+    ),
+    "multiply": (
+        "/* adds the product of matrices x and y, in columns, to z */\n"
+        "static void multiply(const double *x, int rows, int inner, const double *y, int columns,\n"
+        "                     double *z)\n{\n"
+        "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
+        "            for (int k = 0; k < inner; ++k) {\n"
+        "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
+        "            }\n        }\n    }\n}\n"
+    ),
     "reached": (
         "/* last of n rising places that x has reached; the first if none, or if x is NaN */\n"
         "static int reached(const double *at, int n, double x)\n{\n"
@@ -114,6 +130,11 @@ _CAN_BE: dict[int, Callable[..., int]] = {
 }  # fmt: skip
 """What a result can be, from what its operands can be; where nothing is said, anything."""
 
+_KNOWN = {
+    *_BINARY, *_COMPARE, *_CALLS, ca.OP_NEG, ca.OP_INV, ca.OP_TWICE, ca.OP_NOT, ca.OP_AND, ca.OP_OR,
+    ca.OP_IF_ELSE_ZERO,
+}  # fmt: skip
+
 _SELECT = -1  # our own operation: (condition, if true, if false)
 
 
@@ -132,7 +153,9 @@ class Node:
 
 
 @dataclass
-class _Text:
+class Text:
+    """Text of a value, how strongly its outermost operation binds, and what it is."""
+
     text: str
     rank: int
     truth: bool = False  # a C condition (bool), not a real number
@@ -148,6 +171,11 @@ def number(value: float) -> str:
     return text if any(c in text for c in ".en") else text + ".0"
 
 
+def known_operation(op: int) -> bool:
+    """Whether an operation of CasADi on numbers can be written as an expression."""
+    return op in _KNOWN
+
+
 def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
     """Nodes of an SX Function in order, and (output, element) -> node of its results.
 
@@ -157,8 +185,6 @@ def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]
     nodes: list[Node] = []
     results: list[tuple[tuple[int, int], int]] = []
     held: dict[int, int] = {}  # work element -> node
-    known = {*_BINARY, *_COMPARE, *_CALLS, ca.OP_NEG, ca.OP_INV, ca.OP_TWICE, ca.OP_NOT,
-             ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}  # fmt: skip
     for k in range(f.n_instructions()):
         op, o, i = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
         if op == ca.OP_OUTPUT:
@@ -171,27 +197,31 @@ def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]
         elif op == ca.OP_ASSIGN:
             held[o[0]] = held[i[0]]
             continue
-        elif op in known:
+        elif known_operation(op):
             node = Node(op, tuple(held[a] for a in i))
         else:
             raise Unsupported(f"operation {op} of {f.name()}")
         held[o[0]] = len(nodes)
-        nodes.append(_choice(nodes, node))
+        nodes.append(choice(nodes, node))
     return nodes, results
 
 
-def _choice(nodes: list[Node], node: Node) -> Node:
+def choice(nodes: Sequence[Node], node: Node) -> Node:
     """Read (c ? u : 0) + (!c ? v : 0), which is how CasADi keeps an if_else, as c ? u : v."""
     if node.op != ca.OP_ADD:
         return node
     a, b = (nodes[k] for k in node.args)
     if a.op != ca.OP_IF_ELSE_ZERO or b.op != ca.OP_IF_ELSE_ZERO:
         return node
-    if nodes[b.args[0]] == Node(ca.OP_NOT, (a.args[0],)):
+    if _negates(nodes[b.args[0]], a.args[0]):
         return Node(_SELECT, (a.args[0], a.args[1], b.args[1]))
-    if nodes[a.args[0]] == Node(ca.OP_NOT, (b.args[0],)):
+    if _negates(nodes[a.args[0]], b.args[0]):
         return Node(_SELECT, (b.args[0], b.args[1], a.args[1]))
     return node
+
+
+def _negates(node: Node, of: int) -> bool:
+    return node.op == ca.OP_NOT and node.args == (of,)
 
 
 class Writer:
@@ -206,6 +236,7 @@ class Writer:
         count: numbers of those names, shared by the writers of one C function.
         real: C type of a number.
         can_be: what (argument, element) can be; anything by default.
+        shown: results from this one on only have names; nothing is written for them alone.
 
     Attributes:
         lines: statements, each a constant.
@@ -220,24 +251,33 @@ class Writer:
         count: Iterator[int] | None = None,
         real: str = "double",
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
+        shown: int | None = None,
     ) -> None:
-        nodes, self.results = read(f)
+        nodes, self.results = self._read(f)
         self.nodes, self.tables = pieces.found(nodes)
         self.pieces: dict[int, tuple[str, str]] = {}  # table -> row of C, ramp
         self.read_input, self.real = read_input, real
         self.lines: list[str] = []
         self.helpers: set[str] = set()
-        self.texts: dict[int, _Text] = {}
+        self.texts: dict[int, Text] = {}
         self.count = itertools.count(1) if count is None else count
         self.names: dict[int, str] = {}
         for place, node in self.results:
             if names and place in names and self.nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
                 self.names.setdefault(node, names[place])
+        if shown is not None:
+            self.results = [(place, node) for place, node in self.results if place[0] < shown]
         self.uses = self._uses()
+        if shown is not None:
+            plain = {node for _, node in self.results if self.uses[node] == 1}
+            self.names = {node: n for node, n in self.names.items() if node not in plain}
         self.signed = self._signed()
         self.can_be = self._can_be(can_be)
 
-    def run(self) -> Writer:
+    def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
+        return read(f)
+
+    def run(self) -> Self:
         """Write the statements."""
         for k in range(len(self.nodes)):
             if self.uses[k]:
@@ -250,7 +290,7 @@ class Writer:
 
     def atom(self, node: int) -> str:
         """Name, member or number of a value; a longer expression gets a line first."""
-        if self.texts[node].rank != _ATOM or "(" in self.texts[node].text:
+        if self.texts[node].rank != ATOM or "(" in self.texts[node].text:
             self._line(node)
         return self._real(self.texts[node])
 
@@ -302,10 +342,10 @@ class Writer:
         node = self.nodes[k]
         if node.op == ca.OP_CONST:
             text = number(node.value)
-            self.texts[k] = _Text(text, _UNARY if text.startswith("-") else _ATOM)
+            self.texts[k] = Text(text, _UNARY if text.startswith("-") else ATOM)
             return
         if node.op == ca.OP_INPUT:
-            self.texts[k] = _Text(self.read_input(*node.place), _ATOM)
+            self.texts[k] = Text(self.read_input(*node.place), ATOM)
             return
         if node.op == pieces.PIECES:
             self._row(node)
@@ -313,7 +353,7 @@ class Writer:
         made = self._compose(node, self.signed[k])
         while len(made.text) > WIDTH:
             long = max(node.args, key=lambda a: len(self.texts[a].text))
-            if self.texts[long].rank == _ATOM and "(" not in self.texts[long].text:
+            if self.texts[long].rank == ATOM and "(" not in self.texts[long].text:
                 break
             self._line(long)
             self.helpers = set(called)  # without those of the text thrown away
@@ -347,10 +387,10 @@ class Writer:
             name = f"a{next(self.count)}"
         kind = "bool" if made.truth else self.real
         self.lines.append(f"const {kind} {name} = {made.text};")
-        self.texts[k] = _Text(name, _ATOM, made.truth)
+        self.texts[k] = Text(name, ATOM, made.truth)
 
-    def _real(self, t: _Text) -> str:
-        return f"({t.text} ? 1.0 : 0.0)" if t.truth and t.rank == _ATOM else (
+    def _real(self, t: Text) -> str:
+        return f"({t.text} ? 1.0 : 0.0)" if t.truth and t.rank == ATOM else (
             f"(({t.text}) ? 1.0 : 0.0)" if t.truth else t.text
         )  # fmt: skip
 
@@ -364,57 +404,57 @@ class Writer:
     def _condition(self, k: int, rank: int) -> str:
         t = self.texts[k]
         if not t.truth:
-            t = _Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
+            t = Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
         return t.text if t.rank >= rank else f"({t.text})"
 
-    def _compose(self, node: Node, signed: bool) -> _Text:
+    def _compose(self, node: Node, signed: bool) -> Text:
         op, a = node.op, node.args
         if op in _BINARY:
             sign, rank = _BINARY[op]
             right = self._operand(a[1], rank + 1)
             if right.startswith("-"):
                 right = f"({right})"
-            return _Text(f"{self._operand(a[0], rank)} {sign} {right}", rank)
+            return Text(f"{self._operand(a[0], rank)} {sign} {right}", rank)
         if op in _COMPARE:
             sign, rank = _COMPARE[op]
             left, right = (self._operand(k, _SUM) for k in a)
-            return _Text(f"{left} {sign} {right}", rank, True)
+            return Text(f"{left} {sign} {right}", rank, True)
         if op == pieces.PIECES:
             (row, ramp), c = self.pieces[node.place[0]], 2 * node.place[1]
-            return _Text(f"{row}[{c}] + {row}[{c + 1}] * {ramp}", _SUM)
+            return Text(f"{row}[{c}] + {row}[{c + 1}] * {ramp}", _SUM)
         if op == ca.OP_NEG:
-            return _Text(f"-{self._operand(a[0], _ATOM)}", _UNARY)
+            return Text(f"-{self._operand(a[0], ATOM)}", _UNARY)
         if op == ca.OP_INV:
-            return _Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
+            return Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
         if op == ca.OP_TWICE:
-            return _Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
+            return Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
         if op == ca.OP_NOT:
             return self._not(a[0])
         if op in (ca.OP_AND, ca.OP_OR):
             sign = "&&" if op == ca.OP_AND else "||"
-            left, right = (self._condition(k, _ATOM) for k in a)
-            return _Text(f"{left} {sign} {right}", _AND if op == ca.OP_AND else _OR, True)
+            left, right = (self._condition(k, ATOM) for k in a)
+            return Text(f"{left} {sign} {right}", _AND if op == ca.OP_AND else _OR, True)
         if op == ca.OP_IF_ELSE_ZERO:
             return self._select(a[0], self._operand(a[1], _OR), "0.0")
         if op == _SELECT:
             made = self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
             # CasADi adds 0 to the value chosen, which makes -0 a +0
-            return _Text(f"({made.text}) + 0.0", _SUM) if signed else made
+            return Text(f"({made.text}) + 0.0", _SUM) if signed else made
         return self._call(op, a)
 
-    def _not(self, k: int) -> _Text:
+    def _not(self, k: int) -> Text:
         t = self.texts[k]
         if t.truth:
-            return _Text(f"!{self._condition(k, _ATOM)}", _UNARY, True)
-        return _Text(f"{self._operand(k, _RELATION)} == 0.0", _EQUAL, True)
+            return Text(f"!{self._condition(k, ATOM)}", _UNARY, True)
+        return Text(f"{self._operand(k, _RELATION)} == 0.0", _EQUAL, True)
 
-    def _select(self, condition: int, yes: str, no: str) -> _Text:
-        return _Text(f"{self._condition(condition, _ATOM)} ? {yes} : {no}", _CHOICE)
+    def _select(self, condition: int, yes: str, no: str) -> Text:
+        return Text(f"{self._condition(condition, ATOM)} ? {yes} : {no}", _CHOICE)
 
-    def _call(self, op: int, a: tuple[int, ...]) -> _Text:
-        if op == ca.OP_SQ and self.texts[a[0]].rank == _ATOM and self._plain(a[0]):
-            x = self._operand(a[0], _ATOM)
-            return _Text(f"{x} * {x}", _PRODUCT)
+    def _call(self, op: int, a: tuple[int, ...]) -> Text:
+        if op == ca.OP_SQ and self.texts[a[0]].rank == ATOM and self._plain(a[0]):
+            x = self._operand(a[0], ATOM)
+            return Text(f"{x} * {x}", _PRODUCT)
         name = _CALLS[op]
         if op in _BOUNDS and self.can_be[a[0]]:
             name, a = _BOUNDS[op][0], (a[1], a[0])
@@ -422,7 +462,7 @@ class Writer:
             name = _BOUNDS[op][1]
         if name in HELPERS:
             self.helpers.add(name)
-        return _Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", _ATOM)
+        return Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", ATOM)
 
     def _plain(self, k: int) -> bool:
         return not self.texts[k].truth and "(" not in self.texts[k].text

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.write import guard
-from slipctl.ccode.write.comments import WIDTH, comment
+from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.layout import Member, change_text, range_text
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision, size
+from slipctl.ccode.write.statements import wrapped
 
 STATUS = (
     ("OK", 0, "all is well"),
@@ -197,18 +198,7 @@ def next_struct(plan: Plan) -> str:
 
 def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
     """Declaration of a function of the module, wrapped."""
-    start = f"{result} {function}("
-    text = start + ", ".join(arguments) + ")"
-    if len(text) < WIDTH:
-        return text
-    lines, line = [], start
-    for k, a in enumerate(arguments):
-        a += ")" if k == len(arguments) - 1 else ","
-        if len(line) + len(a) > WIDTH and line != start:
-            lines.append(line.rstrip())
-            line = " " * len(start)
-        line += a + " "
-    return "\n".join([*lines, line.rstrip()])
+    return wrapped(result, function, *arguments)
 
 
 def prototypes(plan: Plan) -> dict[str, str]:

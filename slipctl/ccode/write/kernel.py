@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
 
+from slipctl.block.block import Block
 from slipctl.ccode.write.casadi_text import chunks_of, generated, signature, static_text
-from slipctl.ccode.write.expressions import ANY, Unsupported, helper_text
+from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, helper_text
+from slipctl.ccode.write.functions import Functions
+from slipctl.ccode.write.parts import Parts, Place, Wires
 from slipctl.ccode.write.precision import tolerant
 from slipctl.ccode.write.structure import Outside, Statements, pruned
 
@@ -32,6 +35,8 @@ class Kernel:
         work: sizes of arg, res, iw, w.
         helpers: functions of ``HELPERS`` that are called.
         copied: whether text of CasADi's templates is in it.
+        letters: names that locals have from the model.
+        functions: C functions that ``lines`` call, by name: those of the parts, and what they call.
     """
 
     lines: tuple[str, ...] = ()
@@ -43,6 +48,8 @@ class Kernel:
     work: tuple[int, int, int, int] = (0, 0, 0, 0)
     helpers: frozenset[str] = field(default_factory=frozenset)
     copied: bool = False
+    functions: Mapping[str, str] = field(default_factory=dict)
+    letters: frozenset[str] = frozenset()
 
 
 def kernel(
@@ -88,6 +95,40 @@ def kernel(
     return Kernel(
         tuple(lines), results, sure, text.text, calls=True, work=text.work,
         helpers=frozenset(made.helpers | text.helpers), copied=text.copied,
+    )  # fmt: skip
+
+
+def by_parts(
+    block: Block,
+    wires: Wires,
+    signature: Callable[[str, str, Sequence[str]], str],
+    results: Sequence[Place],
+    docs: Mapping[str, str],
+    can_be: Callable[[Place, int], int],
+) -> Kernel:
+    """Make the C text of a block, a function for each of its parts.
+
+    Args:
+        block: the whole.
+        wires: where its signals lie.
+        signature: declaration of a function, from its type, name and the structs that it takes.
+        results: places of next states and outputs, in order.
+        docs: comment by name of a nested Function.
+        can_be: what an element of an argument can be.
+
+    Raises:
+        Unsupported: an operation that is left to CasADi's text.
+    """
+    functions = Functions(lambda g: _branches(g, block.name), docs)
+    parts = Parts(functions, signature, can_be)
+    parts.add(block, "", wires)
+    places = [(i, m, p, k) for i, (m, p) in enumerate(results) for k in range(m.size)]
+    return Kernel(
+        tuple(parts.lines),
+        {(i, k): parts.results[m.c, p, k] for i, m, p, k in places},
+        frozenset((i, k) for i, m, p, k in places if parts.known.get((m.c, p, k)) == FINITE),
+        helpers=frozenset(functions.helpers), functions=functions.texts | parts.texts,
+        letters=frozenset(functions.letters),
     )  # fmt: skip
 
 

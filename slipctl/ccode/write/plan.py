@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -13,10 +13,12 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.ccode.write.expressions import FINITE, NUMBER, Writer, number
-from slipctl.ccode.write.kernel import Kernel, kernel
+from slipctl.ccode.write.expressions import FINITE, NUMBER, Unsupported, Writer, number
+from slipctl.ccode.write.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.write.layout import LOCAL, Layout, Member, layout
+from slipctl.ccode.write.parts import Place, Wires
 from slipctl.ccode.write.precision import checked, rounded, size
+from slipctl.ccode.write.statements import wrapped
 from slipctl.errors import BadInput
 
 ON_STACK = 128
@@ -54,10 +56,38 @@ class Plan:
         self.layout: Layout = layout(block, name or block.name)
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
-        self.equations: Kernel = kernel(
-            self._function(), self._argument, self._local_names(), self.docs, block.name,
-            self._can_be,
+        try:
+            self.equations: Kernel = self._by_parts()
+        except Unsupported:  # a solver, say
+            self.equations = kernel(
+                self._function(), self._argument, self._local_names(), self.docs, block.name,
+                self._can_be,
+            )  # fmt: skip
+
+    def _by_parts(self) -> Kernel:
+        lay, n = self.layout, self.name
+        params = {m.name: (m, "param->") for m in lay.params}
+        params |= {m.name: (m, "state->derived.") for m in lay.derived}
+        wires = Wires(
+            {m.name: (m, "state->") for m in lay.states},
+            {m.name: (m, "next->") for m in lay.states},
+            {m.name: (m, "in->") for m in lay.inputs}, params,
+            {m.name: (m, "now->") for m in lay.outputs},
         )  # fmt: skip
+        types = {
+            "in": f"const {n}_in *in", "param": f"const {n}_param *param",
+            "state": f"const {n}_state *state", "next": f"struct {n}_next *next",
+            "now": f"{n}_out *now",
+        }  # fmt: skip
+
+        def signature(result: str, name: str, used: Sequence[str]) -> str:
+            given = [types[u] for u in used] or ["void"]
+            return wrapped(result, name, *given)
+
+        def can_be(place: Place, k: int) -> int:
+            return NUMBER if place[1] == "param->" else FINITE
+
+        return by_parts(self.block, wires, signature, self.results, self.docs, can_be)
 
     @cached_property
     def docs(self) -> dict[str, str]:

@@ -93,8 +93,10 @@ def _equations(plan: Plan) -> str:
     arguments.append(f"{n}_out *now")
     result = "static int" if plan.can_fail else "static void"
     signature = prototype(plan, result, "equations", *arguments)
-    what = comment(f"Equations of {plan.block.name}; {n}.h says where they come from.")
-    return "\n".join([what, signature, "{", *voids, *lines, "}"])
+    told = "The parts, in the order of the wires" if made.functions else "Equations"
+    what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
+    whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
+    return "\n\n".join([*made.functions.values(), whole])
 
 
 def _own_lines(plan: Plan) -> list[str]:
@@ -112,6 +114,8 @@ def _own_lines(plan: Plan) -> list[str]:
         for placeholder, place in places.items():
             line = line.replace(placeholder, place)
         lines.append(f"    {line}")
+    if made.functions:
+        return lines
     lines += [""] * bool(lines)
     for i, (m, pointer) in enumerate(plan.results):
         texts = [made.results[i, k] for k in range(m.size)]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from slipctl.ccode.write.comments import WIDTH
+
 
 def define(signature: str, lines: Iterable[str]) -> str:
     """A function of these statements."""
@@ -26,3 +28,19 @@ def conjunction(tests: list[str]) -> str:
         else:
             text, width = f"{text}{' && ' if k else ''}{t}", width + len(t) + 4
     return text
+
+
+def wrapped(result: str, function: str, *arguments: str) -> str:
+    """Declaration of a function, on as many lines as it takes."""
+    start = f"{result} {function}("
+    text = start + ", ".join(arguments) + ")"
+    if len(text) < WIDTH:
+        return text
+    lines, line = [], start
+    for k, a in enumerate(arguments):
+        a += ")" if k == len(arguments) - 1 else ","
+        if len(line) + len(a) > WIDTH and line != start:
+            lines.append(line.rstrip())
+            line = " " * len(start)
+        line += a + " "
+    return "\n".join([*lines, line.rstrip()])

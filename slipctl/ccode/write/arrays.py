@@ -1,0 +1,406 @@
+"""An MX Function as statements of C: vectors are arrays, what is done to each element is a loop.
+
+Operation for operation as CasADi evaluates it, so that C gives the bits of Python. A vector that
+is used once is written where it is used, with the index of the loop around it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import casadi as ca
+
+from slipctl.ccode.write.expressions import (
+    ANY,
+    Node,
+    Text,
+    Unsupported,
+    Writer,
+    number,
+)
+from slipctl.ccode.write.expressions import ATOM as _ATOM
+from slipctl.ccode.write.graph import (
+    CALLED,
+    CHOSEN,
+    DOT,
+    JOINED,
+    LARGEST,
+    PRODUCT,
+    SLICE,
+    SMALLEST,
+    SPREAD,
+    SUM_OF,
+    TURNED,
+    Step,
+    steps,
+)
+
+AT = "@"
+"""Stands for the index of the element in the text of a vector."""
+
+
+def reached(text: str, k: int | str) -> str:
+    """Text of one element of a vector: number k, or that of a loop."""
+
+    def index(m: re.Match[str]) -> str:
+        inside = m[1].replace(AT, str(k))
+        return f"[{_computed(inside)}]"
+
+    return re.sub(r"\[([^\[\]]*@[^\[\]]*)\]", index, text).replace(AT, str(k))
+
+
+def _computed(index: str) -> str:
+    """An index of numbers alone, worked out."""
+    if re.fullmatch(r"[\d +*%/()]+", index):
+        return str(eval(index.replace("/", "//"), {"__builtins__": {}}))
+    return re.sub(r"\b0 \+ ", "", index)
+
+
+def place(base: str, offset: int, stride: int = 1) -> str:
+    """Text of the element of a vector that lies in an array."""
+    step = AT if stride == 1 else f"{stride} * {AT}"
+    return f"{base}[{offset} + {step}]" if offset else f"{base}[{step}]"
+
+
+def where(text: str) -> tuple[str, int] | None:
+    """Array and offset of a vector that lies side by side in memory."""
+    m = re.fullmatch(r"([A-Za-z_][\w.>-]*)\[(?:(\d+) \+ )?@\]", text)
+    return (m[1], int(m[2] or 0)) if m else None
+
+
+def address(base: str, offset: int) -> str:
+    """C expression of the address of an element."""
+    return f"&{base}[{offset}]" if offset else base
+
+
+def loop(n: int, line: str) -> list[str]:
+    """A loop over n elements, of a statement with ``AT`` in it."""
+    return [f"for (int i = 0; i < {n}; ++i) {{", f"    {reached(line, 'i')}", "}"]
+
+
+class Arrays(Writer):
+    """Statements of an MX Function; ``run`` writes them.
+
+    Args:
+        f: the Function.
+        sources: by argument: text of the scalar, or of the array that holds it.
+        call: writes the call of a Function: (lines, function, addresses or texts of arguments,
+            names of results).
+        names: names of results.
+        targets: by result, the array in which it is wanted, or "".
+        count: numbers of names, shared in one C function.
+        can_be: what a scalar argument can be.
+    """
+
+    def __init__(
+        self,
+        f: ca.Function,
+        sources: Sequence[str],
+        call: Callable[[Arrays, ca.Function, Sequence[str], Sequence[str]], None],
+        names: Mapping[int, str] | None = None,
+        targets: Mapping[int, str] | None = None,
+        count: Iterator[int] | None = None,
+        can_be: Callable[[int, int], int] = lambda i, k: ANY,
+        hidden: int | None = None,
+    ) -> None:
+        self.call, self.sources = call, sources
+        self.outputs: list[int] = []  # node of each result
+        self.done: set[int] = set()
+        self.targets: dict[int, str] = {}
+        super().__init__(f, self._source, None, count, can_be=can_be)
+        shown = len(self.outputs) if hidden is None else hidden
+        self.results = [((i, 0), n) for i, n in enumerate(self.outputs[:shown]) if n >= 0]
+        for i, n in enumerate(self.outputs):
+            if n < 0 or self.nodes[n].op in (ca.OP_CONST, ca.OP_INPUT):
+                continue
+            if names and i in names and i >= shown:
+                self.names.setdefault(n, names[i])
+            if targets and targets.get(i) and self._size(n) > 1:
+                self.targets.setdefault(n, targets[i])
+        for i, n in enumerate(self.outputs[:shown]):
+            named = names is not None and i in names and n >= 0 and self._size(n) == 1
+            if named and self.nodes[n].op not in (ca.OP_CONST, ca.OP_INPUT):
+                self.names.setdefault(n, (names or {})[i])
+        self.uses = self._uses()
+        self.signed = self._signed()
+        self.can_be = self._can_be(can_be)
+
+    def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
+        nodes, self.outputs = steps(f)
+        return nodes, []
+
+    # ---- writing --------------------------------------------------------------------------------
+
+    def _size(self, k: int) -> int:
+        return int(getattr(self.nodes[k], "size", 1))
+
+    def _source(self, i: int, k: int) -> str:
+        return self.sources[i]
+
+    def text_at(self, node: int, k: int | str) -> str:
+        """Text of an element of a value."""
+        return reached(self._real(self.texts[node]), k)
+
+    def _write(self, k: int) -> None:
+        node = self.nodes[k]
+        assert isinstance(node, Step)
+        if k in self.texts or not node.size:
+            return
+        op = node.op
+        if op == ca.OP_INPUT:
+            self.texts[k] = self._input(node)
+        elif op == ca.OP_CONST and node.size > 1:
+            self.texts[k] = self._constant(node)
+        elif op == CALLED:
+            self._called(k, node)
+        elif op == SLICE:
+            self._slice(k, node)
+        elif op == SPREAD:
+            self._spread(k, node)
+        elif op == TURNED:
+            rows, columns = node.detail
+            base, offset = self._stored(node.args[0])
+            at = f"({AT} % {columns}) * {rows} + {AT} / {columns}"
+            self.texts[k] = Text(f"{base}[{offset} + {at}]" if offset else f"{base}[{at}]", _ATOM)
+        elif op in (JOINED, CHOSEN, PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT):
+            self._built(k, node)
+        elif op == ca.OP_GETNONZEROS_PARAM:
+            base, offset = self._stored(node.args[0])
+            self.helpers.add("element")
+            index = self._real(self.texts[node.args[1]])
+            text = f"element({address(base, offset)}, {node.detail}, {index})"
+            self.texts[k] = Text(text, _ATOM)
+            self._line(k)
+        elif node.size == 1:
+            super()._write(k)
+            return
+        else:
+            made = self._compose(node, self.signed[k])
+            self.texts[k] = made
+            if self.uses[k] > 1 or k in self.names or len(made.text) > 3 * 68:
+                self._line(k)
+        wanted = k in self.names and node.size == 1
+        given = op in (ca.OP_INPUT, ca.OP_CONST, CALLED)
+        if wanted and not given and self.texts[k].text != self.names[k]:
+            self._line(k)
+
+    def _input(self, node: Step) -> Text:
+        source = self.sources[node.place[0]]
+        if source.endswith("[]"):
+            base, offset = source[:-2], int(node.detail)
+            return Text(place(base, offset) if node.size > 1 else f"{base}[{offset}]", _ATOM)
+        return Text(source, _ATOM)
+
+    def _constant(self, node: Step) -> Text:
+        values = node.detail
+        if all(v == values[0] for v in values):
+            text = number(values[0])
+            return Text(f"({text})" if text.startswith("-") else text, _ATOM)
+        if values == [float(k) for k in range(len(values))]:
+            return Text(f"(double){AT}", _ATOM)
+        name = f"k{next(self.count)}"
+        self.lines.append(f"static const double {name}[{len(values)}] = {{")
+        row = ""
+        for v in values:
+            if len(row) > 70:
+                self.lines.append(f"    {row.rstrip()}")
+                row = ""
+            row += f"{number(v)}, "
+        self.lines += [f"    {row.rstrip().rstrip(',')}", "};"]
+        return Text(f"{name}[{AT}]", _ATOM)
+
+    def _stored(self, k: int) -> tuple[str, int]:
+        """Array and offset of a vector; it gets an array if it has none."""
+        text = self.texts[k]
+        if not text.truth:
+            found = where(text.text)
+            if found is not None:
+                return found
+            single = re.fullmatch(r"([A-Za-z_][\w.>-]*)\[(\d+)\]", text.text)
+            if self._size(k) == 1 and single:
+                return single[1], int(single[2])
+        self._array(k)
+        found = where(self.texts[k].text)
+        assert found is not None
+        return found
+
+    def _array(self, k: int) -> None:
+        """Put the elements of a vector into an array of its own."""
+        name, size = self._target(k), self._size(k)
+        line = f"{place(name, 0)} = {self._real(self.texts[k])};"
+        self.lines += loop(size, line)
+        self.texts[k] = Text(place(name, 0), _ATOM)
+
+    def _target(self, k: int) -> str:
+        """Array for a value: where it is wanted, or a new one."""
+        if k in self.targets and k not in self.done:
+            self.done.add(k)
+            return self.targets[k]
+        name = self.names.pop(k, None) or f"a{next(self.count)}"
+        self.lines.append(f"{self.real} {name}[{self._size(k)}];")
+        return name
+
+    def _line(self, k: int) -> None:
+        if self._size(k) > 1:
+            self._array(k)
+        else:
+            super()._line(k)
+
+    def _slice(self, k: int, node: Step) -> None:
+        (source,) = node.args
+        offset, stride = node.detail
+        text = self.texts[source]
+        if node.size == self._size(source) and stride == 1:
+            self.texts[k] = text
+            return
+        if AT not in text.text and self._size(source) > 1:  # the same number everywhere
+            self.texts[k] = text
+            return
+        if "%" in text.text or "/ " in text.text or (where(text.text) is None and node.size > 1):
+            self._stored(source)
+            text = self.texts[source]
+        if node.size == 1:
+            self.texts[k] = Text(reached(text.text, offset), text.rank, text.truth)
+            return
+        base, first = self._stored(source)
+        self.texts[k] = Text(place(base, first + offset, stride), _ATOM)
+
+    def _spread(self, k: int, node: Step) -> None:
+        (source,) = node.args
+        if node.detail == 1:
+            if self.texts[source].rank != _ATOM:
+                self._line(source)
+            self.texts[k] = self.texts[source]
+            return
+        base, offset = self._stored(source)
+        at = f"{AT} % {node.detail}"
+        self.texts[k] = Text(f"{base}[{offset} + {at}]" if offset else f"{base}[{at}]", _ATOM)
+
+    def _built(self, k: int, node: Step) -> None:
+        """Write what takes several statements, into a variable or an array of its own."""
+        op, args, lines = node.op, node.args, self.lines
+        if op == PRODUCT:
+            z, x, y = args
+            rows, inner, columns = node.detail
+            if rows * inner * columns == 1:
+                product = f"{self.text_at(z, 0)} + {self._factor(x)} * {self._factor(y)}"
+                self.texts[k] = Text(product, 6)
+                if self.uses[k] > 1 or k in self.names:
+                    self._line(k)
+                return
+            bases = [address(*self._stored(v)) for v in (x, y)]
+            name, start = self._target(k) if node.size > 1 else self._variable(k), self.texts[z]
+            self.helpers.add("multiply")
+            if node.size > 1:
+                lines += loop(node.size, f"{place(name, 0)} = {self._real(start)};")
+            else:
+                lines.append(f"double {name} = {self.text_at(z, 0)};")
+            at = name if node.size > 1 else f"&{name}"
+            lines.append(f"multiply({bases[0]}, {rows}, {inner}, {bases[1]}, {columns}, {at});")
+        elif op in (SUM_OF, LARGEST, SMALLEST, DOT):
+            self._folded(k, node)
+            return
+        elif op == CHOSEN:
+            (source,) = args
+            base, offset = self._stored(source)
+            if node.size == 1:
+                self.texts[k] = Text(f"{base}[{offset + node.detail[0]}]", _ATOM)
+                return
+            name = self._target(k)
+            for i, j in enumerate(node.detail):
+                lines.append(f"{name}[{i}] = {f'{base}[{offset + j}]' if j >= 0 else '0.0'};")
+        else:
+            texts = [(a, self._size(a), self._real(self.texts[a])) for a in args if self._size(a)]
+            if len(texts) == 1:
+                self.texts[k] = self.texts[texts[0][0]]
+                return
+            name, offset = self._target(k), 0
+            for _, n, text in texts:
+                if n == 1:
+                    lines.append(f"{name}[{offset}] = {reached(text, 0)};")
+                else:
+                    lines += loop(n, f"{place(name, offset)} = {text};")
+                offset += n
+        self.texts[k] = Text(place(name, 0) if node.size > 1 else name, _ATOM)
+
+    def _factor(self, k: int) -> str:
+        t = self.texts[k]
+        text = reached(self._real(t), 0)
+        return text if t.truth or t.rank >= 7 else f"({text})"
+
+    def _variable(self, k: int) -> str:
+        return self.names.pop(k, None) or f"a{next(self.count)}"
+
+    def _folded(self, k: int, node: Step) -> None:
+        """A sum, a largest or a smallest element."""
+        texts = [self._real(self.texts[a]) for a in node.args]
+        if node.op == SUM_OF and node.size > 1:
+            name = self._target(k)
+            self.lines += loop(node.size, f"{place(name, 0)} = 0.0;")
+            line = f"{name}[{AT} % {node.size}] += {texts[0]};"
+            self.lines += loop(node.detail, line)
+            self.texts[k] = Text(place(name, 0), _ATOM)
+            return
+        name, start = self._variable(k), "0.0"
+        if node.op in (SUM_OF, DOT):
+            if node.op == DOT:
+                texts = [self._operand(a, 7) for a in node.args]
+            line = f"{name} += {' * '.join(texts)};"
+        else:
+            way = "greater" if node.op == LARGEST else "lesser"
+            start = "-(double)INFINITY" if node.op == LARGEST else "(double)INFINITY"
+            self.helpers.add(way)
+            line = f"{name} = {way}({name}, {texts[0]});"
+        self.lines.append(f"double {name} = {start};")
+        self.lines += loop(node.detail, line)
+        self.texts[k] = Text(name, _ATOM)
+
+    def _called(self, k: int, node: Step) -> None:
+        g, number_of, slots = node.detail
+        mine = {
+            n.place[1]: j for j, n in enumerate(self.nodes)
+            if isinstance(n, Step) and n.op == CALLED and n.place[0] == number_of
+        }  # fmt: skip
+        arguments = []
+        for i, a in enumerate(node.args):
+            n = g.nnz_in(i)
+            if not n:
+                arguments.append("")
+            elif self._size(a) != n:
+                if self._size(a):
+                    raise Unsupported("argument of another size")
+                arguments.append(self._zeros(n))
+            elif n == 1:
+                arguments.append(reached(self._real(self.texts[a]), 0))
+            else:
+                arguments.append(address(*self._stored(a)))
+        results = []
+        for n in range(len(slots)):
+            j = mine.get(n)
+            size = g.nnz_out(n)
+            if not size:
+                results.append("")
+                continue
+            if j is None or not self.uses[j]:
+                results.append("")
+                continue
+            if size > 1:
+                name = self._target(j)
+                self.texts[j] = Text(place(name, 0), _ATOM)
+            else:
+                name = (self.names.pop(j) if j in self.names else "") or self.result_name(g, n)
+                self.texts[j] = Text(name, _ATOM)
+            results.append(name)
+        self.call(self, g, arguments, results)
+
+    def _zeros(self, n: int) -> str:
+        if n == 1:
+            return "0.0"
+        name = f"a{next(self.count)}"
+        self.lines.append(f"static const double {name}[{n}] = {{0.0}};")
+        return name
+
+    def result_name(self, g: ca.Function, n: int) -> str:
+        """Name of a scalar that a call gives."""
+        return f"a{next(self.count)}"

@@ -1,0 +1,385 @@
+"""Functions with names and typed arguments: what a map, a fold or a search evaluates, in C.
+
+Each CasADi Function becomes one C function: scalars by value, vectors by their address, results
+by address, or as what it returns if it has one number. A map and an accumulation become a loop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from slipctl.ccode.write.arrays import Arrays, reached
+from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
+from slipctl.ccode.write.layout import KEYWORDS, LOCAL
+from slipctl.ccode.write.rolling import rolled
+
+Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
+
+
+@dataclass
+class Functions:
+    """C functions made so far, in order.
+
+    Attributes:
+        branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
+        docs: comment by the name of a Function.
+        texts: text by C name.
+        helpers: functions of ``HELPERS`` that they call.
+        names: C name by serialised Function.
+        letters: names that locals have from the model.
+        reserved: names that are taken.
+    """
+
+    branches: Branches
+    docs: Mapping[str, str]
+    texts: dict[str, str] = field(default_factory=dict)
+    helpers: set[str] = field(default_factory=set)
+    names: dict[str, str] = field(default_factory=dict)
+    letters: set[str] = field(default_factory=set)
+    reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
+
+    def name(self, f: ca.Function) -> str:
+        """C name of a Function, which is written if it is not there yet.
+
+        Raises:
+            Unsupported: it has an operation that is not written.
+        """
+        key = f.serialize()
+        if key not in self.names:
+            name = self.names[key] = self.take(f.name())
+            self.texts[name] = self._written(f, name)  # behind those that it calls
+        return self.names[key]
+
+    def take(self, name: str) -> str:
+        """A free name, which nobody else gets."""
+        found = unused(name, self.reserved)
+        self.reserved.add(found)
+        return found
+
+    def taken(self, f: ca.Function) -> set[str]:
+        """Names that no local of a Function may have."""
+        return {*self.reserved, *(g.name() for g in f.find_functions())}
+
+    # ---- one function ---------------------------------------------------------------------------
+
+    def _written(self, f: ca.Function, name: str) -> str:
+        kind = f.class_name()
+        if kind not in ("SXFunction", "MXFunction", "Map"):
+            raise Unsupported(f"{f.name()}: {kind}")
+        inputs, outputs = _names(f, self.taken(f))
+        self.letters |= {*inputs, *outputs}
+        lines = self._body(f, kind, inputs, outputs)
+        returns = returned(f)
+        declared = [
+            f"double {n}" if f.nnz_in(i) == 1 else f"const double {n}[{f.nnz_in(i)}]"
+            for i, n in enumerate(inputs) if n
+        ]  # fmt: skip
+        if not returns:
+            declared += [
+                f"double *{n}" if f.nnz_out(i) == 1 else f"double {n}[{f.nnz_out(i)}]"
+                for i, n in enumerate(outputs) if n
+            ]  # fmt: skip
+        text = " ".join(lines)
+        voids = [f"(void){n};" for n in inputs if n and not re.search(rf"\b{re.escape(n)}\b", text)]
+        signature = _signature(f"static {'double' if returns else 'void'} {name}", declared)
+        what = self.docs.get(f.name())
+        head = [comment(f"{f.name()}: {what}")] if what else []
+        body = [f"    {line}" for line in [*voids, *lines]]
+        return "\n".join([*head, signature, "{", *body, "}"])
+
+    def _body(
+        self, f: ca.Function, kind: str, inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[str]:
+        if kind == "SXFunction":
+            return self._scalar(f, inputs, outputs)
+        if kind == "Map":
+            inner, n = mapped(f)
+            return self._loop(inner, n, inputs, outputs, 0)
+        again = accumulated(f)
+        if again is not None:
+            if f.nnz_out(0) == again[0].nnz_out(0):
+                raise Unsupported("fold")
+            return self._loop(again[0], again[1], inputs, outputs, 1)
+        sources = [n if f.nnz_in(i) == 1 else f"{n}[]" for i, n in enumerate(inputs)]
+        made = self.statements(f, sources, outputs)
+        return made
+
+    def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[str]:
+        if any(not f.sparsity_out(i).is_dense() and f.nnz_out(i) == 0 for i in range(f.n_out())):
+            raise Unsupported("empty result")
+        single = [f.nnz_in(i) == 1 for i in range(f.n_in())]
+        returns = returned(f)
+        writer = Writer(
+            f, lambda i, k: inputs[i] if single[i] else f"{inputs[i]}[{k}]", _results(f, outputs)
+        ).run()
+        self.helpers |= set(writer.helpers)
+        lines = list(writer.lines)
+        for (i, k), node in writer.results:
+            text = writer.result(node)
+            if returns:
+                lines.append(f"return {text};")
+            else:
+                to = f"*{outputs[i]}" if f.nnz_out(i) == 1 else f"{outputs[i]}[{k}]"
+                lines.append(f"{to} = {text};")
+        return rolled(lines, {*inputs, *outputs})
+
+    def _loop(
+        self, inner: ca.Function, n: int, inputs: Sequence[str], outputs: Sequence[str], kept: int
+    ) -> list[str]:
+        """N calls, each with its columns; with ``kept`` the first result goes on as argument."""
+        lines: list[str] = []
+        arguments, results = [], []
+        for i, name in enumerate(inputs):
+            size = inner.nnz_in(i)
+            if not size:
+                arguments.append("")
+            elif i < kept:
+                lines.append(f"const double *now = {'&' * (size == 1)}{name};")
+                arguments.append("*now" if size == 1 else "now")
+            else:
+                arguments.append(f"{name}[i]" if size == 1 else f"&{name}[{size} * i]")
+        for i, name in enumerate(outputs):
+            size = inner.nnz_out(i)
+            results.append(
+                "" if not size else f"{name}[i]" if size == 1 else f"&{name}[{size} * i]"
+            )
+        call = self.name(inner)
+        if returned(inner):
+            body = (
+                f"{next(r for r in results if r)} = {call}({', '.join(a for a in arguments if a)});"
+            )
+        else:
+            given = [r if r.startswith("&") else f"&{r}" for r in results if r]
+            body = f"{call}({', '.join([a for a in arguments if a] + given)});"
+        lines += [f"for (int i = 0; i < {n}; ++i) {{", f"    {body}"]
+        if kept:
+            size = inner.nnz_out(0)
+            lines.append(f"    now = &{outputs[0]}[{f'{size} * ' if size > 1 else ''}i];")
+        return [*lines, "}"]
+
+    # ---- statements of an MX Function -----------------------------------------------------------
+
+    def statements(
+        self,
+        f: ca.Function,
+        sources: Sequence[str],
+        outputs: Sequence[str],
+        count: Iterator[int] | None = None,
+        can_be: Callable[[int, int], int] = lambda i, k: ANY,
+        hidden: int | None = None,
+        names: Mapping[int, str] | None = None,
+    ) -> list[str]:
+        """Statements that give the results of an MX Function to C variables.
+
+        Args:
+            f: the Function.
+            sources: by argument, text of the scalar, or of the array with ``[]`` behind.
+            outputs: by result, name of the argument by whose address it is given.
+            count: numbers of names.
+            can_be: what a scalar argument can be.
+            hidden: results from here on are only told for their names.
+            names: names of results.
+        """
+        targets = {i: n for i, n in enumerate(outputs) if n and f.nnz_out(i) > 1}
+        made = Arrays(f, sources, self._call, names, targets, count, can_be, hidden).run()
+        self.helpers |= made.helpers
+        lines = made.lines
+        returns = hidden is None and returned(f)
+        for i, name in enumerate(outputs):
+            node = made.outputs[i]
+            if node < 0 or not name:
+                continue
+            n = f.nnz_out(i)
+            text = made._real(made.texts[node])
+            if n == 1:
+                to = name if "->" in name or "." in name else f"*{name}"
+                text = reached(text, 0)
+                lines.append(f"return {text};" if returns else f"{to} = {text};")
+            elif text != f"{name}[@]":
+                lines += [f"for (int i = 0; i < {n}; ++i) {{",
+                          f"    {name}[i] = {reached(text, 'i')};", "}"]  # fmt: skip
+        return lines
+
+    def _call(
+        self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str]
+    ) -> None:
+        """Write a call: a branch, or that of a function."""
+        chosen = self.branches(g)
+        if chosen is None:
+            self._plain(at, g, arguments, results, True)
+            return
+        for n, r in enumerate(results):
+            if r and g.nnz_out(n) == 1:
+                at.lines.append(f"double {r};")
+        lines, at.lines = at.lines, []
+        lines.append(f"if ((int)({arguments[0]}) != 0) {{")
+        for f, after in zip(chosen, ("} else {", "}"), strict=True):
+            self._plain(at, f, arguments[1:], results, False)
+            lines += [f"    {line}" for line in at.lines]
+            at.lines = []
+            lines.append(after)
+        at.lines = lines
+
+    def _plain(
+        self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str],
+        declare: bool,
+    ) -> None:  # fmt: skip
+        name = self.name(g)
+        given = [a for a in arguments if a]
+        if returned(g):
+            (result,) = (r for n, r in enumerate(results) if g.nnz_out(n))
+            what = "const double " if declare else ""
+            if result:
+                at.lines.append(f"{what}{result} = {name}({', '.join(given)});")
+            return
+        passed = []
+        for n, r in enumerate(results):
+            size = g.nnz_out(n)
+            if not size:
+                continue
+            if not r:
+                r = f"unused{next(at.count)}"
+                at.lines.append(f"double {r}{f'[{size}]' if size > 1 else ''};")
+            elif declare and size == 1:
+                at.lines.append(f"double {r};")
+            passed.append(r if size > 1 else f"&{r}")
+        at.lines += _wrapped(f"{name}(", [*given, *passed])
+
+
+def unused(name: str, taken: set[str]) -> str:
+    """A name that is not taken: itself, or with a number behind."""
+    others = (f"{name}_{k}" for k in itertools.count(2))
+    return next(n for n in itertools.chain([name], others) if n not in taken)
+
+
+def returned(f: ca.Function) -> bool:
+    """Whether a Function gives one number, which its C function returns."""
+    return sum(f.nnz_out(i) for i in range(f.n_out())) == 1
+
+
+def _results(f: ca.Function, outputs: Sequence[str]) -> dict[tuple[int, int], str]:
+    return {}
+
+
+def _wrapped(opening: str, texts: Sequence[str]) -> list[str]:
+    lines, line = [], opening
+    for k, text in enumerate(texts):
+        piece = text + (");" if k == len(texts) - 1 else ", ")
+        if len(line) + len(piece) > 84:
+            lines.append(line.rstrip())
+            line = "    "
+        line += piece
+    return [*lines, line]
+
+
+def _signature(opening: str, declared: Sequence[str]) -> str:
+    lines, line = [], f"{opening}("
+    indent = " " * len(line)
+    for k, text in enumerate(declared):
+        piece = text + (")" if k == len(declared) - 1 else ", ")
+        if len(line) + len(piece) > 98:
+            lines.append(line.rstrip())
+            line = indent
+        line += piece
+    return "\n".join([*lines, line])
+
+
+def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
+    """C names of arguments and results; empty for what holds no number."""
+    kind = f.class_name()
+    if kind == "MXFunction":
+        own = [v.name() if v.is_symbolic() else f.name_in(i) for i, v in enumerate(f.mx_in())]
+    elif kind == "SXFunction":
+        own = [_common(v, f.name_in(i)) for i, v in enumerate(f.sx_in())]
+    else:
+        own = [f.name_in(i) for i in range(f.n_in())]
+    used = set(taken)
+
+    def free(name: str) -> str:
+        name = re.sub(r"\W", "_", name)
+        name = name if re.match("[A-Za-z]", name) else f"x_{name}"
+        found = unused(name, used)
+        used.add(found)
+        return found
+
+    inputs = [free(n) if f.nnz_in(i) else "" for i, n in enumerate(own)]
+    outputs = [free(f.name_out(i)) if f.nnz_out(i) else "" for i in range(f.n_out())]
+    return inputs, outputs
+
+
+def _common(v: ca.SX, otherwise: str) -> str:
+    single = [v.nz[k] for k in range(v.nnz())]
+    names = {re.sub(r"_\d+$", "", e.name()) for e in single if e.is_symbolic()}
+    return names.pop() if len(names) == 1 else otherwise
+
+
+def mapped(f: ca.Function) -> tuple[ca.Function, int]:
+    """Function of a map, and how often it is evaluated."""
+    found = f.info().get("f")
+    inner = found if isinstance(found, ca.Function) else f.find_functions(0)[0]
+    n = next(f.nnz_in(i) // inner.nnz_in(i) for i in range(f.n_in()) if inner.nnz_in(i))
+    return inner, n
+
+
+def accumulated(f: ca.Function) -> tuple[ca.Function, int] | None:
+    """What ``mapaccum`` repeats, and how often: CasADi nests calls of ten where a loop is meant.
+
+    Believed only where both give the same numbers.
+    """
+    inner = f
+    while True:
+        called = {}
+        if inner.class_name() != "MXFunction":
+            break
+        for k in range(inner.n_instructions()):
+            if inner.instruction_id(k) == ca.OP_CALL:
+                g = inner.instruction_MX(k).which_function()
+                called[g.name()] = g
+        bases = {re.sub(r"_acc\d+$", "", n) for n in called}
+        if len(bases) != 1:
+            break
+        nested = [g for n, g in called.items() if re.search(r"_acc\d+$", n)]
+        if inner is not f and not re.search(r"_acc\d+$", inner.name()):
+            break
+        inner = nested[0] if nested else next(iter(called.values()))
+        if not nested:
+            break
+    if inner is f or not inner.n_in() or inner.n_in() != f.n_in() or inner.n_out() != f.n_out():
+        return None
+    only_last = f.nnz_out(0) == inner.nnz_out(0)
+    counts = {
+        a / b for a, b in [
+            *((f.nnz_in(i), inner.nnz_in(i)) for i in range(1, f.n_in())),
+            *((f.nnz_out(i), inner.nnz_out(i)) for i in range(int(only_last), f.n_out())),
+        ] if b
+    }  # fmt: skip
+    if len(counts) != 1 or inner.nnz_in(0) != f.nnz_in(0) or inner.nnz_out(0) != inner.nnz_in(0):
+        return None
+    (n,) = counts
+    if n != int(n) or n < 3 or not all(inner.sparsity_in(i).is_dense() for i in range(f.n_in())):
+        return None
+    rng = np.random.default_rng(1)
+    given = [rng.uniform(0.1, 1, f.size_in(i)) for i in range(f.n_in())]
+    whole = [np.array(v).reshape(f.size_out(i)) for i, v in enumerate(f.call(given))]
+    state, found = given[0], []
+    for k in range(int(n)):
+        columns = [
+            g[:, k * inner.size2_in(i) : (k + 1) * inner.size2_in(i)]
+            for i, g in enumerate(given) if i
+        ]  # fmt: skip
+        results = inner.call([state, *columns])
+        state = results[0]
+        found.append(results)
+    for i, v in enumerate(whole):
+        pieces = [np.array(r[i]).reshape(inner.size_out(i)) for r in found]
+        pieces = pieces[-1:] if not i and only_last else pieces
+        if not np.array_equal(np.hstack(pieces), v, equal_nan=True):
+            return None
+    return inner, int(n)

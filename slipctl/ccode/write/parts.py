@@ -1,0 +1,326 @@
+"""The parts of a controller as C functions, one each, in the order of the wires.
+
+A part reads what its wires carry straight from the structs of the module and writes its next states
+and outputs there. Its equations are those of its own block, with the letters of its page.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Block
+from slipctl.block.connection import wiring
+from slipctl.block.signals import Signal
+from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
+from slipctl.ccode.write.functions import Functions, unused
+from slipctl.ccode.write.layout import Member, c_name
+from slipctl.ccode.write.letters import letters
+from slipctl.ccode.write.rolling import rolled
+
+Place = tuple[Member, str]
+"""A struct member and the pointer to it."""
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Where the signals of a block lie: places by name."""
+
+    states: Mapping[str, Place]
+    following: Mapping[str, Place]
+    inputs: Mapping[str, Place | None]
+    params: Mapping[str, Place]
+    outputs: Mapping[str, Place]
+
+
+@dataclass
+class Parts:
+    """C functions of the parts, and the statements that call them.
+
+    Attributes:
+        functions: named functions that the parts call.
+        can_be: what (C name, pointer, element) can be.
+        texts: text of each part by its C name.
+        lines: the calls, in the order of the wires.
+        results: for each (C name, pointer, element), what tells that two of them are one number.
+    """
+
+    functions: Functions
+    signature: Callable[[str, str, Sequence[str]], str]
+    can_be: Callable[[Place, int], int]
+    texts: dict[str, str] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    results: dict[tuple[str, str, int], str] = field(default_factory=dict)
+    known: dict[tuple[str, str, int], int] = field(default_factory=dict)
+
+    # ---- composition ----------------------------------------------------------------------------
+
+    def add(self, block: Block, path: str, wires: Wires) -> None:
+        """Write a block: its parts, or itself.
+
+        Raises:
+            Unsupported: an operation that is not written this way.
+        """
+        if not block.prefixed:
+            self._function(block, path, wires, list(block.outputs), True)
+            return
+        plan, inner, free = wiring(block)
+        for b, outputs, last in plan:
+            part = block.parts[b]
+
+            def place(n: str, b: str = b) -> Place | None:
+                if (b, n) in free:
+                    return wires.inputs[free[b, n]]
+                source, port = inner[b, n]
+                known = block.parts[source]
+                table = wires.outputs if port in known.outputs else wires.states
+                found = table[f"{source}.{port}"]
+                started = port not in known.outputs or self._started(found)
+                return found if started else None
+
+            here = f"{path}.{b}".lstrip(".")
+            of_part = Wires(
+                {n: wires.states[f"{b}.{n}"] for n in part.states},
+                {n: wires.following[f"{b}.{n}"] for n in part.states},
+                {n: place(n) for n in part.inputs},
+                {n: wires.params[block.sharing.name(f"{b}.{n}")] for n in part.params},
+                {n: wires.outputs[f"{b}.{n}"] for n in part.outputs},
+            )
+            if last and len(outputs) == len(part.outputs) and part.prefixed:
+                self.add(part, here, of_part)
+            else:
+                self._function(part, here, of_part, outputs, last)
+        for destination, source in block.wires.items():
+            if "." not in destination:
+                b, _, port = source.partition(".")
+                table = wires.outputs if port in block.parts[b].outputs else wires.states
+                self._copy(wires.outputs[destination], table[source])
+
+    def _started(self, place: Place) -> bool:
+        return (place[0].c, place[1], 0) in self.results
+
+    def _copy(self, to: Place, source: Place) -> None:
+        """Give an output of the whole the value of a part's."""
+        self.lines += _moved(_base(to), _base(source), to[0])
+        for k in range(to[0].size):
+            key = source[0].c, source[1], k
+            self.results[to[0].c, to[1], k] = self.results.get(key, source[0].at(source[1], k))
+            self.known[to[0].c, to[1], k] = self._can_be(source, k)
+
+    def _can_be(self, place: Place, k: int) -> int:
+        if place[1] == "now->":
+            return self.known.get((place[0].c, place[1], k), ANY)
+        return self.can_be(place, k)
+
+    # ---- one part -------------------------------------------------------------------------------
+
+    def _function(
+        self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool
+    ) -> None:
+        """Write a part as a function, and its call."""
+        whole = last and len(outputs) == len(block.outputs)
+        name = c_name(path) if path else c_name(block.name)
+        name += "" if whole or last else f"_{c_name(outputs[0])}"
+        if name in self.functions.reserved:
+            name += "_part"
+        name = self.functions.take(name)
+        lines = self._lines(block, path, wires, outputs, last)
+        text = "\n".join(lines)
+        what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
+        pointers = ("in", "param", "state", "next", "now")
+        used = [p for p in pointers if re.search(rf"\b{p}\b", text)]
+        signature = self.signature("static void", name, used)
+        body = "\n".join(f"    {line}" for line in lines)
+        self.texts[name] = f"{comment(what)}\n{signature}\n{{\n{body}\n}}"
+        self.lines.append(f"{name}({', '.join(used)});")
+
+    def _lines(
+        self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool
+    ) -> list[str]:
+        held = _every(block)
+        if held is None or not last or len(outputs) < len(block.outputs):
+            return self._equations(block, wires, outputs, last)
+        inner, n, counter, names = held
+        tick = wires.states[counter]
+        own = Wires(
+            {k: wires.states[k] for k in inner.states},
+            {k: wires.following[k] for k in inner.states},
+            wires.inputs, wires.params, wires.outputs,
+        )  # fmt: skip
+        run = self._inside(inner, path, own, outputs)
+        hold = [
+            line for k in inner.states
+            for line in _moved(_base(own.following[k]), _base(own.states[k]), own.states[k][0])
+        ]  # fmt: skip
+        hold += [
+            line for h, k in names.items()
+            for line in _moved(_base(wires.outputs[k]), _base(wires.states[h]), wires.states[h][0])
+        ]  # fmt: skip
+        tick_now, tick_next = tick[0].at(tick[1], 0), wires.following[counter][0].at("next->", 0)
+        lines = [f"if ({tick_now} == 0.0) {{", *(f"    {line}" for line in run), "} else {",
+                 *(f"    {line}" for line in hold), "}"]  # fmt: skip
+        lines.append(f"{tick_next} = ({tick_now} >= {n - 1}.0) ? 0.0 : ({tick_now} + 1.0);")
+        for k in inner.states:
+            self._forget(own.following[k])
+        for h, k in names.items():
+            self._forget(wires.outputs[k])
+            to = wires.following[h]
+            lines += _moved(_base(to), _base(wires.outputs[k]), to[0])
+            for e in range(to[0].size):
+                self.results[to[0].c, to[1], e] = wires.outputs[k][0].at("now->", e)
+        self.known[tick[0].c, "next->", 0] = FINITE
+        self.results[tick[0].c, "next->", 0] = tick_next
+        return lines
+
+    def _inside(self, inner: Block, path: str, wires: Wires, outputs: Sequence[str]) -> list[str]:
+        """Statements of a block that runs at times; parts of it are functions of their own."""
+        if not inner.prefixed:
+            return self._lines(inner, path, wires, outputs, True)
+        before, self.lines = self.lines, []
+        self.add(inner, path, wires)
+        lines, self.lines = self.lines, before
+        return lines
+
+    def _forget(self, place: Place) -> None:
+        """What comes from one of two branches is itself, and may be anything that either is."""
+        for k in range(place[0].size):
+            self.results[place[0].c, place[1], k] = place[0].at(place[1], k)
+
+    def _equations(
+        self, block: Block, wires: Wires, outputs: Sequence[str], last: bool
+    ) -> list[str]:
+        """Statements of a block's own equations."""
+        groups = [block.symbols(role) for role in ("state", "input", "param")]
+        with letters(groups) as told:
+            n, y = block.expr(*groups)
+        chosen: list[tuple[Place, Signal, Any]] = []
+        if last:
+            chosen += [(wires.following[k], s, n[k]) for k, s in block.states.items()]
+        chosen += [(wires.outputs[k], block.outputs[k], y[k]) for k in outputs]
+        from slipctl.ccode.write.plan import shaped
+
+        results = [shaped(block, s, v) for _, s, v in chosen]
+        names, hidden = told(results)
+        self.functions.letters |= set(names.values())
+        arguments = [v for g in groups for v in g.values()]
+        places = [
+            *(wires.states[k] for k in block.states), *(wires.inputs[k] for k in block.inputs),
+            *(wires.params[k] for k in block.params),
+        ]  # fmt: skip
+        f = ca.Function("part", arguments, [*results, *hidden], {"cse": True})
+        targets = [place for place, _, _ in chosen]
+        if block.sx:
+            return self._scalar(f, places, targets, names)
+        return self._arrays(f, places, targets, names)
+
+    def _read(self, places: Sequence[Place | None], i: int, k: int) -> str:
+        place = places[i]
+        return "0.0" if place is None else place[0].at(place[1], k)
+
+    def _scalar(
+        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
+        names: Mapping[int, str],
+    ) -> list[str]:  # fmt: skip
+        shown = len(targets)
+        taken = self.functions.taken(f)
+        local: dict[tuple[int, int], str] = {}
+        for i, (m, _) in enumerate(targets):
+            for k in range(m.size):
+                own = _letter(m.name) + ("" if m.scalar else f"_{k}")
+                own += "_next" if targets[i][1] == "next->" else ""
+                local[i, k] = unused(own, taken)
+                taken.add(local[i, k])
+        for i, letter in names.items():
+            for k in range(f.numel_out(i)):
+                own = unused(letter if f.numel_out(i) == 1 else f"{letter}_{k}", taken)
+                local[i, k] = own
+                taken.add(own)
+        writer = Writer(
+            f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
+            can_be=lambda i, k: self._given(places, i, k), shown=shown,
+        ).run()  # fmt: skip
+        self.functions.helpers |= set(writer.helpers)
+        lines = list(writer.lines)
+        for (i, k), node in writer.results:
+            m, pointer = targets[i]
+            text = writer.result(node)
+            lines.append(f"{m.at(pointer, k)} = {text};")
+            self.known[m.c, pointer, k] = writer.can_be[node]
+            self.results[m.c, pointer, k] = (
+                text if "->" in text and text.replace("->", "").isidentifier()
+                else f"{id(f)} {node}"
+            )  # fmt: skip
+        return rolled(lines, set(local.values()))
+
+    def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:
+        place = places[i]
+        return FINITE if place is None else self._can_be(place, k)
+
+    def _arrays(
+        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
+        names: Mapping[int, str],
+    ) -> list[str]:  # fmt: skip
+        sources = []
+        for i, place in enumerate(places):
+            if place is None and f.nnz_in(i) > 1:
+                raise Unsupported("a vector that comes later")
+            sources.append("0.0" if place is None else _base(place))
+        outputs = [_base(p).removesuffix("[]") for p in targets]
+        outputs += [""] * (f.n_out() - len(targets))
+        taken = self.functions.taken(f)
+        free: dict[int, str] = {}
+        for i, (m, pointer) in enumerate(targets):
+            free[i] = unused(_letter(m.name) + ("_next" if pointer == "next->" else ""), taken)
+            taken.add(free[i])
+        for i, letter in names.items():
+            free[i] = unused(letter, taken)
+            taken.add(free[i])
+        lines = self.functions.statements(
+            f, sources, outputs, itertools.count(1),
+            lambda i, k: self._given(places, i, k), len(targets), free,
+        )  # fmt: skip
+        for m, pointer in targets:
+            for k in range(m.size):
+                self.results[m.c, pointer, k] = m.at(pointer, k)
+        return lines
+
+
+def _letter(name: str) -> str:
+    return c_name(name.rpartition(".")[2])
+
+
+def _base(place: Place) -> str:
+    """Text of a scalar, or of an array with ``[]`` behind."""
+    m, pointer = place
+    if m.size > 1:
+        return f"{pointer}{m.c}[]"
+    return m.at(pointer, 0)
+
+
+def _moved(to: str, source: str, m: Member) -> list[str]:
+    """Statements that copy a value."""
+    if m.size > 1:
+        return [f"copy({to[:-2]}, {source[:-2]}, {m.size});"]
+    return [f"{to} = {source};"]
+
+
+def _every(block: Block) -> tuple[Block, int, str, dict[str, str]] | None:
+    """Block inside an ``every``, its ticks, the counter, and held states by output."""
+    if not block.transparent or "every" not in block.choices or len(block.parts) != 1:
+        return None
+    (inner,) = block.parts.values()
+    own = [n for n in block.states if n not in inner.states]
+    if len(own) != 1 + len(inner.outputs) or list(inner.params) != list(block.params):
+        return None
+    held = dict(zip(own[1:], inner.outputs, strict=True))
+    return inner, int(block.choices["every"]), own[0], held
+
+
+def _first(doc: str) -> str:
+    return " ".join(doc.strip().partition("\n\n")[0].split())
