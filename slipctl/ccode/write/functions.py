@@ -18,6 +18,7 @@ from slipctl.ccode.write.arrays import Arrays, reached
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
+from slipctl.ccode.write.rolling import rolled
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
 
@@ -127,7 +128,7 @@ class Functions:
             else:
                 to = f"*{outputs[i]}" if f.nnz_out(i) == 1 else f"{outputs[i]}[{k}]"
                 lines.append(f"{to} = {text};")
-        return lines
+        return rolled(lines, {*inputs, *outputs})
 
     def _loop(
         self, inner: ca.Function, n: int, inputs: Sequence[str], outputs: Sequence[str], kept: int

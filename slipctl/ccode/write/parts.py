@@ -22,6 +22,7 @@ from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
 from slipctl.ccode.write.functions import Functions, unused
 from slipctl.ccode.write.layout import Member, c_name
 from slipctl.ccode.write.letters import letters
+from slipctl.ccode.write.rolling import rolled
 
 Place = tuple[Member, str]
 """A struct member and the pointer to it."""
@@ -255,7 +256,7 @@ class Parts:
                 text if "->" in text and text.replace("->", "").isidentifier()
                 else f"{id(f)} {node}"
             )  # fmt: skip
-        return lines
+        return rolled(lines, set(local.values()))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:
         place = places[i]
