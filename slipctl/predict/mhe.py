@@ -82,7 +82,8 @@ def mhe(
     block = as_block("mhe: the plant", plant)
     who = f"mhe({block.name})"
     if not isinstance(arrival, Mapping) or not arrival:
-        raise BadInput(f"{who}: arrival = {arrival!r}; give {{name of an unknown: variance, ...}}")
+        told = " ".join(repr(arrival).split())
+        raise BadInput(f"{who}: arrival = {told}; give {{name of an unknown: variance, ...}}")
     limited = [n for n in limits if n in block.outputs] if isinstance(limits, Mapping) else []
     problem = Problem.of("mhe", block, measurements, list(arrival), limited)
     for s in problem.increments:

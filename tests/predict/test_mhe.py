@@ -182,6 +182,7 @@ def test_a_limited_output_may_read_what_nothing_else_reads():
 
 BAD = [
     (dict(arrival={}), "arrival = {}"),
+    (dict(arrival=np.array([[1, 2], [2, 1]])), r"arrival = array\(\[\[1, 2\], \[2, 1\]\]\); give"),
     (dict(arrival={"x": 1.0, "v": 0.0, "d": 1.0}), "arrival.*must be positive"),
     (dict(arrival={"v": 1.0, "d": 1.0}, drift=dict(v=1.0, d=1.0)), "x is measured and not estim"),
     (dict(arrival={"x": 1.0, "z": 1.0}), "no state or input or param 'z'"),
