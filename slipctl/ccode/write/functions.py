@@ -6,7 +6,6 @@ by address, or as what it returns if it has one number. A map and an accumulatio
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ import numpy as np
 from slipctl.ccode.write.arrays import Arrays, reached
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
+from slipctl.ccode.write.graph import argument_names, unused
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
 from slipctl.ccode.write.rolling import rolled
 
@@ -188,7 +188,17 @@ class Functions:
             names: names of results.
         """
         targets = {i: n for i, n in enumerate(outputs) if n and f.nnz_out(i) > 1}
-        made = Arrays(f, sources, self._call, names, targets, count, can_be, hidden).run()
+        made = Arrays(
+            f,
+            sources,
+            self._call,
+            names,
+            targets,
+            count,
+            can_be,
+            hidden,
+            {*self.taken(f), *(x.removesuffix("[]") for x in (*sources, *outputs))},
+        ).run()
         self.helpers |= made.helpers
         lines = made.lines
         returns = hidden is None and returned(f)
@@ -253,12 +263,6 @@ class Functions:
         at.lines += _wrapped(f"{name}(", [*given, *passed])
 
 
-def unused(name: str, taken: set[str]) -> str:
-    """A name that is not taken: itself, or with a number behind."""
-    others = (f"{name}_{k}" for k in itertools.count(2))
-    return next(n for n in itertools.chain([name], others) if n not in taken)
-
-
 def returned(f: ca.Function) -> bool:
     """Whether a Function gives one number, which its C function returns."""
     return sum(f.nnz_out(i) for i in range(f.n_out())) == 1
@@ -293,13 +297,7 @@ def _signature(opening: str, declared: Sequence[str]) -> str:
 
 def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
     """C names of arguments and results; empty for what holds no number."""
-    kind = f.class_name()
-    if kind == "MXFunction":
-        own = [v.name() if v.is_symbolic() else f.name_in(i) for i, v in enumerate(f.mx_in())]
-    elif kind == "SXFunction":
-        own = [_common(v, f.name_in(i)) for i, v in enumerate(f.sx_in())]
-    else:
-        own = [f.name_in(i) for i in range(f.n_in())]
+    own = [n or f.name_in(i) for i, n in enumerate(argument_names(f))]
     used = set(taken)
 
     def free(name: str) -> str:
@@ -312,12 +310,6 @@ def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
     inputs = [free(n) if f.nnz_in(i) else "" for i, n in enumerate(own)]
     outputs = [free(f.name_out(i)) if f.nnz_out(i) else "" for i in range(f.n_out())]
     return inputs, outputs
-
-
-def _common(v: ca.SX, otherwise: str) -> str:
-    single = [v.nz[k] for k in range(v.nnz())]
-    names = {re.sub(r"_\d+$", "", e.name()) for e in single if e.is_symbolic()}
-    return names.pop() if len(names) == 1 else otherwise
 
 
 def mapped(f: ca.Function) -> tuple[ca.Function, int]:
