@@ -8,6 +8,8 @@ from typing import Any, NoReturn
 from slipctl import __version__
 from slipctl.errors import BadInput, nearest
 
+AS_JSON = "answer as JSON"
+
 EPILOG = """\
 NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real for the form that
 it has in scenario real), a model (double_exponential, subway_braking.wheelset), a block in a file
@@ -112,7 +114,7 @@ def parser() -> Parser:
         "word", metavar="TOPIC|WORD", nargs="?",
         help="studies, models or kinds; or a word in their names or meanings",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("show", "Show equations, signals, units, sources and Jacobian of NAME.")
     p.epilog, p.formatter_class = SHOW, argparse.RawDescriptionHelpFormatter
@@ -120,6 +122,7 @@ def parser() -> Parser:
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
     p.epilog, p.formatter_class = NEW, argparse.RawDescriptionHelpFormatter
@@ -184,7 +187,7 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
     p.add_argument("--export", metavar="FILE.nc", help="write all runs as one labelled netCDF file")
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set a parameter or start value in every run",
@@ -232,6 +235,7 @@ def parser() -> Parser:
         help="state what 1375 fresh draws prove: 99 %% of all draws, confidence 1 - 1e-6",
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set a parameter or start value in every run",
@@ -272,12 +276,13 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
     p.epilog, p.formatter_class = COMPARE, argparse.RawDescriptionHelpFormatter
     p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("fit", "Fit the parameters of a law to a measured curve.")
     p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")
@@ -301,10 +306,12 @@ def parser() -> Parser:
         "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
     )
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("c", "Write a controller, from sensor to actuator, as C.")
     p.add_argument("name", metavar="NAME")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
     p.add_argument(
         "--real", choices=("double", "float"), default="double", help="type of every number in C"
@@ -358,6 +365,7 @@ def parser() -> Parser:
         "--seconds", metavar="S", type=float, help="run only so long; by default the scenario"
     )
     p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
     p.add_argument(
@@ -370,7 +378,7 @@ def parser() -> Parser:
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="gains and bounds, k1=1.5 k2=1.1 L=1 in SI, or each with its unit",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
     p.add_argument(
         "--map", metavar="X[=LO:HI],Y[=LO:HI]",

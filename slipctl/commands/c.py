@@ -74,7 +74,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
             inputs=inputs, params=params, period=loop.period, **wanted,
         )  # fmt: skip
-    print(report)
+    print(store.text_of(out / "report.json") if options.json else report)
     if len(report.data["name"]) > codegen.SIGNIFICANT:
         log.warning(
             "the functions of %s differ behind their 31st character only, which C99 need not tell"

@@ -29,10 +29,11 @@ MODEL = "fitted.py"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the fit gives."""
-    print(run(
+    said = run(
         options.curve, options.law, options.settings, options.starts, options.columns,
         options.unknown, options.ordered, options.out, command,
-    ))  # fmt: skip
+    )  # fmt: skip
+    print(store.text_of(Path(options.out) / "fit.json") if options.json else said)
     return 0
 
 

@@ -26,7 +26,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         )  # fmt: skip
     finally:
         progress.end()
-    print(found)
+    print(store.json_text(found.data).rstrip() if options.json else found)
     if found.data["failed"] == ["load"]:
         raise RunFailed(f"{options.name}: a step takes longer than its tick on {options.target}")
     if not found.passed:

@@ -55,6 +55,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
     })  # fmt: skip
     store.write_text(out / "replay.csv", csv_of(columns(found)))
     store.write_text(out / "report.html", page(found, rows, figures, options, command))
+    if options.json:
+        print(store.text_of(out / "replay.json"))
+        return 0
     print(text(found, rows, options))
     print(f"\n{out / 'replay.csv'}\n{out / 'report.html'}")
     return 0

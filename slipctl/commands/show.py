@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import textwrap
+from typing import Any
 
 from slipctl.errors import BadInput
+from slipctl.run import store
 from slipctl.study import doors, trip_files
 
 
@@ -17,8 +19,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
         or (name.endswith(".py") and ":" not in name)
         or trip_files.is_trip(name)
     )
+    if options.json and (options.latex or options.graph or options.against):
+        raise BadInput("--json says all; leave out --latex, --graph and --against")
     if whole and not (options.latex or options.graph or options.against):
-        print(_study_text(name))
+        print(store.json_text(_study_data(name)).rstrip() if options.json else _study_text(name))
         return 0
     if whole:
         study = doors.load_study(name)
@@ -28,6 +32,11 @@ def answer(options: argparse.Namespace, command: str) -> int:
     from slipctl.draw import show
 
     block = doors.load_block(name)
+    if options.json:
+        from slipctl.draw.described import described
+
+        print(store.json_text(described(block)).rstrip())
+        return 0
     if options.against:
         print(show.difference(block, doors.load_block(options.against)).rstrip())
         return 0
@@ -38,6 +47,22 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if not (options.latex or options.graph):
         print(show.text(block).rstrip())
     return 0
+
+
+def _study_data(name: str) -> dict[str, Any]:
+    study = doors.load_study(name)
+    return {
+        "name": study.name, "title": study.title, "source": study.source, "doc": study.doc,
+        "scenarios": [
+            {"name": c.scenario.name, "duration_s": c.scenario.duration, "seed": c.scenario.seed,
+             "doc": c.scenario.doc, "loops": list(c.loops)}
+            for c in doors.build_cases(study)
+        ],
+        "models": list(study.models),
+        "experiments": {k: e.title for k, e in study.experiments.items()},
+        "claims": [{"id": c.id, "claim": c.claim, "source": c.source} for c in study.claims],
+        "figures": {k: f.caption for k, f in study.figures.items()},
+    }  # fmt: skip
 
 
 def _study_text(name: str) -> str:

@@ -55,6 +55,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
         said = written.certificate_of(found, command, options.settings, options.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
     store.write_text(out / "report.html", page.page(found, command))
+    if options.json:
+        print(store.json_text(written.found_of(found, command) | {"folder": str(out)}).rstrip())
+        return 0
     print(page.text(found))
     names = ["gains.toml", *(["certificate.json"] if certified else []), "report.html"]
     print("\n" + "\n".join(str(out / n) for n in names))

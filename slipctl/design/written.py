@@ -34,6 +34,29 @@ def value(number: float, unit: str) -> str:
     return f"{number!r}" if unit == "1" else f"{number!r} {unit}"
 
 
+def found_of(found: Tuned, command: str) -> dict[str, Any]:
+    """What a search found, as ``slipctl tune --json`` prints it."""
+    search, judged = found.search, found.judged
+    said: dict[str, Any] = {
+        "format": FORMAT, "slipctl": __version__, "command": command, "loop": found.name,
+        "minimise": search.objective.text,
+        "gains": {f.name: {"value": found.gains[f.name], "unit": f.unit} for f in found.frees},
+        "candidates": search.thought, "refused": sum(search.refused.values()),
+        "runs": search.spent, "samples": search.samples,
+        "margins": {
+            name: {"tuned": tuned, "by_hand": by_hand}
+            for name, (tuned, by_hand) in found.margins.items()
+        },
+    }  # fmt: skip
+    if judged is not None:
+        said["judged"] = {
+            "draws": len(judged.tuned.values), "tuned": judged.tuned.mean(),
+            "by_hand": judged.by_hand.mean(), "difference": judged.difference,
+            "standard_error": judged.error,
+        }  # fmt: skip
+    return said | ({"statement": dict(found.statement)} if found.statement is not None else {})
+
+
 def certificate_of(
     found: Tuned, command: str, settings: Sequence[str] = (), swaps: Sequence[str] = ()
 ) -> dict[str, Any]:

@@ -27,10 +27,6 @@ from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
 from slipctl.predict.joining import check_lag, joined
 
-UNROLL = 200_000
-"""Instructions of one stage above which the problem is refused: the C code would not compile."""
-
-
 HARD = 1e6
 """Cost of giving up a hard limit by its own size."""
 
@@ -70,7 +66,7 @@ class Horizon:
     """An optimal control problem; made by :meth:`of`.
 
     Attributes:
-        model: plant and cost, connected and discretised.
+        flow: plant and cost, connected; ``model``: discretised.
         controls: inputs of the model that are decided.
         held: its other inputs, which keep their present value over the horizon or are previewed.
         residuals: outputs that are squared; ``last`` those of the last stage, ``own`` those that
@@ -79,8 +75,10 @@ class Horizon:
         stages: N.
         scale: size of each control.
         tail: further residuals of the last stage, L x + M d + c.
+        over: method and substeps of a stage.
     """
 
+    flow: Block
     model: Block
     controls: tuple[str, ...]
     held: tuple[str, ...]
@@ -92,6 +90,7 @@ class Horizon:
     scale: tuple[float, ...]
     own: tuple[str, ...] = ()
     tail: tuple[Any, Any, Any] | None = None
+    over: tuple[str, int] = ("", 1)
 
     @classmethod
     def of(
@@ -109,12 +108,13 @@ class Horizon:
         expressions(where, plant)
         controls = tuple(alias[plant.find(c, "input")] for c in control)
         check_lag(where, plant, model, controls, stages * h)
-        model = sampled(model, h, method, substeps)
+        flow, model = model, sampled(model, h, method, substeps)
         residuals = tuple(f"cost.{n}" for n in cost.outputs)
         horizon = cls(
-            model, controls, tuple(n for n in model.inputs if n not in controls), residuals, (),
-            tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
+            flow, model, controls, tuple(n for n in model.inputs if n not in controls), residuals,
+            (), tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
             tuple(f"last.{n}" for n in laws["last"].outputs) if "last" in laws else (),
+            over=(method, substeps),
         )  # fmt: skip
         horizon._refuse_controls_at_the_end(where)
         return horizon._with_last(where, cost, terminal)
@@ -296,37 +296,18 @@ class Horizon:
 
     # ---- one stage ------------------------------------------------------------------------------
 
-    def stage(self, where: str) -> tuple[ca.Function, Layout]:
-        """Function (x, v, d, q, next x) -> column of a stage, and how it is packed.
-
-        Raises:
-            BadInput: the plant cannot be differentiated, or the stage is too large.
-        """
+    def rows(self) -> tuple[ca.Function, tuple[Any, ...]]:
+        """Function (x, v, d, q) -> column of H, g, c, C and w of a stage, and their sparsities."""
         x, u, d, _ = self.symbols()
-        q, following = ca.SX.sym("q", self.nq), ca.SX.sym("following", self.nx)
-        v = u * ca.DM(self.scale)
-        n, _ = self.step()(x, v, d, q[: self.np_])
-        y = self._outputs(x, v, d, q[: self.np_])
+        q = ca.SX.sym("q", self.nq)
+        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         z = ca.vertcat(x, u)
         r, c = self._rows(y, self.residuals, q), self._soft_rows(_on_the_way(y), q)
-        slope, J, C = ca.jacobian(n, z), ca.jacobian(r, z), ca.jacobian(c, z)
-        H, g = ca.triu(J.T @ J), ca.densify(J.T @ r)
-        pieces = [
-            slope[:, : self.nx], slope[:, self.nx :], ca.densify(n - following), H, g, c, C,
-            self._caps(q),
-        ]  # fmt: skip
+        J, C = ca.jacobian(r, z), ca.jacobian(c, z)
+        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, self._caps(q)]
         layout = Layout.of(pieces)
-        f = ca.Function(
-            "stage", [x, u, d, q, following],
-            [layout.pack(pieces)], {"cse": True},
-        )  # fmt: skip
-        f = reciprocals(f)
-        if f.n_instructions() > UNROLL:
-            raise BadInput(
-                f"{where}: one stage takes {f.n_instructions()} instructions; use fewer substeps,"
-                " or a smaller plant"
-            )
-        return f, layout
+        column = layout.pack(pieces)
+        return ca.Function("rows", [x, u, d, q], [column], {"cse": True}), layout.sparsity
 
     def end(self) -> tuple[ca.Function, Layout]:
         """Function (x, d, q) -> column of the last stage: H, g, c and C over the state alone."""
@@ -399,40 +380,3 @@ def expressions(where: str, block: Block) -> ca.Function:
             f"{where}: {block.name} cannot be differentiated twice ({reason}); write it in"
             " expressions, an equation solved inside as a fixed number of its steps"
         ) from None
-
-
-def reciprocals(f: ca.Function) -> ca.Function:
-    """Return the same function of scalars with a/b as a (1/b), each 1/b computed once.
-
-    Derivatives divide by the same number over and over, and a division takes as long as several
-    multiplications.
-    """
-    if any(f.instruction_id(k) == ca.OP_CALL for k in range(f.n_instructions())):
-        return f  # a function is called inside
-    arguments = [ca.SX.sym(f"a{i}", f.sparsity_in(i)) for i in range(f.n_in())]
-    given = [a.nonzeros() for a in arguments]
-    results = [[ca.SX(0)] * f.nnz_out(i) for i in range(f.n_out())]
-    work: dict[int, Any] = {}
-    before = ca.GlobalOptions.getSimplificationOnTheFly()
-    ca.GlobalOptions.setSimplificationOnTheFly(False)  # it would turn a (1/b) back into a/b
-    try:
-        for k in range(f.n_instructions()):
-            operation, into = f.instruction_id(k), f.instruction_output(k)
-            read = f.instruction_input(k)
-            if operation == ca.OP_OUTPUT:
-                results[into[0]][into[1]] = work[read[0]]
-            elif operation == ca.OP_INPUT:
-                work[into[0]] = given[read[0]][read[1]]
-            elif operation == ca.OP_CONST:
-                work[into[0]] = ca.SX(f.instruction_constant(k))
-            elif operation == ca.OP_DIV:
-                inverse = ca.SX.unary(ca.OP_INV, work[read[1]])
-                work[into[0]] = ca.SX.binary(ca.OP_MUL, work[read[0]], inverse)
-            elif len(read) == 2:
-                work[into[0]] = ca.SX.binary(operation, work[read[0]], work[read[1]])
-            else:
-                work[into[0]] = ca.SX.unary(operation, work[read[0]])
-        columns = [ca.SX(f.sparsity_out(i), ca.vertcat(*r)) for i, r in enumerate(results)]
-        return ca.Function(f.name(), arguments, columns, {"cse": True})
-    finally:
-        ca.GlobalOptions.setSimplificationOnTheFly(before)

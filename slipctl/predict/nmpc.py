@@ -27,6 +27,7 @@ from slipctl.predict.asked import (
 )  # fmt: skip
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.limits import limits_of
+from slipctl.predict.linearised import linearised
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.repeating import apart
 from slipctl.predict.terminal import with_lqr, with_matrix
@@ -189,8 +190,7 @@ class _Controller:
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
         self.short = dict(zip(controls, problem.controls, strict=True))
-        self.step = problem.step()
-        self.stage, layout = problem.stage(where)
+        self.once, self.stage, layout, self.step = linearised(where, problem)
         self.end, last = problem.end()
         layouts = (problem, layout, last, tied, bool(rate), *most)
         self.tied = tied
@@ -275,9 +275,10 @@ class _Controller:
 
     def _command(self, c: str) -> Signal:
         """Control as an output, in the range of the bounds that are parameters."""
-        s = self.h.model.inputs[c].as_role("output", value=None).named(c)
+        short = self.short[c]
+        s = self.h.model.inputs[short].as_role("output", value=None).named(short)
         given = [
-            (k, f"{self.short[c]}_{k}")
+            (k, f"{short}_{k}")
             for k, v in zip(("lo", "hi"), self.limits[c], strict=True) if not isinstance(v, str)
         ]  # fmt: skip
         own = {k for k, _ in given}
@@ -302,7 +303,7 @@ class _Controller:
         if self.solver != "riccati":
             doc = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, doc).named(f"answer_of_{self.solver}"))
-        outputs = [self._command(c) for c in self.h.controls]
+        outputs = [self._command(c) for c in self.short]
         outputs += [
             Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
                 "status"
@@ -393,7 +394,8 @@ class _Controller:
         before = ca.if_else(begun, xs["applied"], start)
 
         X, V = xs["X"], xs["U"]
-        following, _ = self.step(X[-nx:], V[-nu:] * self.scale, d[:, -1], q[: self.h.np_])
+        shared = self.once(q)
+        following = self.step(X[-nx:], V[-nu:], d[:, -1], shared)
         X = ca.if_else(begun, ca.vertcat(X[nx:], following), ca.vec(ca.repmat(x0, 1, N + 1)))
         later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
         V = ca.if_else(begun, later, ca.vec(ca.repmat(start, 1, N)))
@@ -405,7 +407,7 @@ class _Controller:
             X, V, residual = self.whole(x0, d, d_last, q, before, bounds, X, V)
         else:
             for _ in range(self.iterations):
-                found = self.iterate(X, V, S, x0, (d, d_last), q, before, bounds)
+                found = self.iterate(X, V, S, x0, (d, d_last), (q, shared), before, bounds)
                 X, V, S, open_, over = X + found.X, V + found.U, found.S, found.open, found.over
                 made, residual = made + found.passes, found.residual
 
@@ -466,13 +468,14 @@ class _Controller:
         return value / self.h.scale[self.h.controls.index(name)]
 
     def iterate(
-        self, X: Any, V: Any, S: Any, x0: Any, held: tuple[Any, Any], q: Any, before: Any,
-        bounds: Any,
+        self, X: Any, V: Any, S: Any, x0: Any, held: tuple[Any, Any], constants: tuple[Any, Any],
+        before: Any, bounds: Any,
     ) -> Found:  # fmt: skip
         """One real-time iteration on (X, V, S): linearise and solve the QP; its step."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        q, shared = constants
         states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
-        D = self.stage.map(N)(states[:, :-1], v, held[0], ca.repmat(q, 1, N), states[:, 1:])
+        D = self.stage.map(N)(states[:, :-1], v, held[0], ca.repmat(shared, 1, N), states[:, 1:])
         E = self.end(states[:, -1], held[1], q)
         return self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
 

@@ -202,6 +202,11 @@ def write_json(path: Path, payload: Mapping[str, Any]) -> None:
     write_text(path, json_text({"format": FORMAT, **payload}))
 
 
+def text_of(path: Path) -> str:
+    """Text of a file that was just written, as a command prints it."""
+    return Path(path).read_text(encoding="utf-8").rstrip()
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file of ours.
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from slipctl import Context, Experiment, Table, sampled
 from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.horizon import Horizon
+from slipctl.predict.linearised import linearised
 from slipctl.predict.trials import Driver
 from slipctl.studies.bench.peers.slip_nmpc import axle, cost, make
 from slipctl.studies.predictive.estimation import estimation
@@ -294,14 +296,22 @@ def horizons(context: Context) -> Table:
 def operations(stages: int) -> tuple[int, int]:
     """Operations of the linearisation and of one pass over a horizon."""
     problem = Horizon.of(axle, cost, ["u"], None, {}, stages, 0.02, "rk4", 4, {"u": 8.0})
-    stage, layout = problem.stage("horizons")
+    of_stage = linearised("horizons", problem)
     end, last = problem.end()
-    qp = ActiveSet(problem, layout, last, [False] * stages, False, 1)
+    qp = ActiveSet(problem, of_stage.layout, last, [False] * stages, False, 1)
     both = qp._backward.n_instructions() + qp._forward.n_instructions()
     return (
-        stages * stage.n_instructions() + end.n_instructions(),
+        stages * scalar(of_stage.stage) + end.n_instructions(),
         stages * both + qp._start.n_instructions(),
     )
+
+
+def scalar(f: ca.Function) -> int:
+    """Operations of the scalar functions that a function calls, as often as it calls them."""
+    if f.is_a("SXFunction"):
+        return f.n_instructions()
+    calls = (k for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CALL)
+    return sum(scalar(f.instruction_MX(k).which_function()) for k in calls)
 
 
 EXPERIMENTS = {

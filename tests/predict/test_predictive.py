@@ -413,3 +413,21 @@ def test_generated_c_repeats_the_controller(real, tmp_path):
     assert max(relative.values()) < (1e-12 if real == "double" else 1e-3)
     text = (tmp_path / "nmpc.c").read_text(encoding="utf-8")
     assert not any(word in text for word in ("malloc", "calloc", "free("))
+
+
+def test_controls_of_parts_that_share_a_name():
+    """Two axles side by side are commanded as one each: the problem falls into two."""
+    options = dict(h=0.02, horizon=10, substeps=4)
+    one_axle = nmpc(axle, cost, "u", **options)
+    both = nmpc(
+        connect("two", {}, a=axle, b=axle), connect("costs", {}, a=cost, b=cost), ["a.u", "b.u"],
+        **options,
+    )  # fmt: skip
+    cases = {
+        "a": dict(v=10.0, q=10.1, T=1.2, xi=0.0, mu_p=0.3, s_ref=0.02),
+        "b": dict(v=8.0, q=8.3, T=2.0, xi=0.01, mu_p=0.15, s_ref=0.02),
+    }
+    out = both(**{n: cases[n[0]][n[2:]] for n in both.inputs})[1]
+    for n, case in cases.items():
+        # last digits of two ways to the same minimum
+        assert out[f"{n}_u"] == pytest.approx(one_axle(**case)[1]["u"], abs=1e-8)

@@ -64,7 +64,9 @@ def generated(functions: Sequence[ca.Function], where: str) -> str:
         of = f" {named[1]!r}" if named else ""
         instead = _INSTEAD.get(what, "write it in other operations, or compute it outside")
         raise BadInput(f"{where}: CasADi cannot generate C for {what}{of}; {instead}")
-    return re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
+    text = re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
+    # an argument is NULL only where it has no numbers; the table of zeros would be constant data
+    return re.sub(r"\b(arg\[\d+\])\s*\? \1 : casadi_zeros\b", r"\1", text)
 
 
 _OWN = {

@@ -148,18 +148,20 @@ def osqp(inputs: np.ndarray) -> Any:
     from scipy import sparse
 
     from slipctl.predict.horizon import Horizon
+    from slipctl.predict.linearised import linearised
     from slipctl.predict.reference import Sparse
 
     problem = Horizon.of(axle, cost, ["u"], None, {}, 20, 0.02, "rk4", 4, {"u": 8.0})
-    stage, layout = problem.stage("bench")
+    of_stage = linearised("bench", problem)
     end, last = problem.end()
-    matrices = Sparse("osqp", problem, layout, last, [False] * 20, False, 1)._matrices()
+    matrices = Sparse("osqp", problem, of_stage.layout, last, [False] * 20, False, 1)._matrices()
     X, V, x0 = ca.MX.sym("X", 4, 21), ca.MX.sym("V", 1, 20), ca.MX.sym("x0", 4)
     d, q = ca.MX.sym("d", problem.nd), ca.MX.sym("q", problem.nq)
-    step = problem.step()
-    following, _ = step(X[:, -1], V[:, -1] * 8.0, d, q[: problem.np_])
+    shared = of_stage.once(q)
+    following = of_stage.step(X[:, -1], V[:, -1], d, shared)
     Xs, Vs = ca.horzcat(X[:, 1:], following), ca.horzcat(V[:, 1:], V[:, -1])
-    D = stage.map(20)(Xs[:, :-1], Vs, ca.repmat(d, 1, 20), ca.repmat(q, 1, 20), Xs[:, 1:])
+    held, shared = ca.repmat(d, 1, 20), ca.repmat(shared, 1, 20)
+    D = of_stage.stage.map(20)(Xs[:, :-1], Vs, held, shared, Xs[:, 1:])
     H, g, A, lba, uba, lbx, ubx = matrices(
         D, end(Xs[:, -1], d, q), ca.vec(Vs), 0, ca.repmat(ca.DM([0, 1, 1e9]), 1, 20), x0 - Xs[:, 0]
     )
