@@ -180,7 +180,7 @@ def limits(
 
 LAW = {
     "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
-    "v_s": (-5, 120, "a locked wheel; a tooth wheel jumps", 0.5),
+    "v_s": (-0.5, 120, "a locked wheel; noise alone slips the other way", 0.5),
     "v_best": (-20, 20, "twice the range that is searched"),
     "D": (-1e5, 1e5, "adhesion of 2 on the least inertia"),
     "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),

@@ -468,7 +468,11 @@ def controller(
         block = block.with_params(**{"*.v_off": 3.0})
     most = "a quarter more than the largest; a brake does not drive"
     brake = Input("N m", source=most, lo="-1.25 * T_max", hi=1e3)
-    return ranged(block, T_b=brake)
+    given: dict[str, Any] = {"T_b": brake}
+    if "lam" in block.inputs:
+        ahead = "a locked wheel has 1; below 0 noise alone; ten times what a run has in a tick"
+        given["lam"] = Input("1", source=ahead, lo=-0.1, hi=1.5, change=0.05)
+    return ranged(block, **given)
 
 
 def check(slip_law: Block, search: Block | None = None, shape: Block | None = None) -> None:

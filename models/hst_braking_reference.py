@@ -308,14 +308,17 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
             "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1e6, hi=1e6
         ),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        T_most=Param(
+            "N m", 1e5, "torque on the wheel that cannot be", "thrice brake and rail", lo=1, hi=1e9
+        ),
     ):
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
 
         mu = (mean T_b - I_w (omega - omega_n)/(n T)) / (r F_z). The increment makes it exact, and
         it has no lag beyond the window. White noise of the wheel speed leaves it as 1/n, which is
         why a long window beats the mean of many short ones. After a change of the rail the window
-        starts afresh, so that it does not mix two rails. Added here: it tells no adhesion beyond 2,
-        which it would where the speed jumps in the window, after samples that were missing.
+        starts afresh, so that it does not mix two rails. Added here: so it does where the speed has
+        jumped as no wheel can, after samples that were missing; that is no acceleration.
         """
         inside, first = place >= W - count, place == W - count
         torque_0, slip_0 = dot(first, torques), dot(first, slips)
@@ -325,9 +328,10 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         mean_lam = (dot(inside, slips) + (lam - slip_0) / 2) / count
         square = dot(inside, (slips - mean_lam) ** 2)
         square = square + ((lam - mean_lam) ** 2 - (slip_0 - mean_lam) ** 2) / 2
-        mu = (mean_T - J * (omega - dot(first, omegas)) / (count * T)) / (r * m * g / n)
-        mu = fmax(-2, fmin(2, mu))
-        restart = logic_and(changed > 0.5, before < 0.5)
+        jump = fabs(J * (omega - omegas[W - 1]) / T) > T_most
+        gained = if_else(jump, 0, omega - dot(first, omegas))
+        mu = (mean_T - J * gained / (count * T)) / (r * m * g / n)
+        restart = logic_or(jump, logic_and(changed > 0.5, before < 0.5))
         nxt = dict(
             omegas=vertcat(omegas[1:], omega),
             torques=vertcat(torques[1:], T_b),

@@ -35,7 +35,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         for n, s in curve.params.items() if n in estimator.outputs
     } | {
         "predicted": (-most, most, FAR),
-        "residual": (-most, most, FAR),
+        "residual": (-most - 5, most + 5, "measured, less predicted"),
         "changed": (0, 1, FLAG),
         "covariance": (-1e9, 1e9, FAR),
         "theta": (-12, 12, FAR),

@@ -27,6 +27,7 @@ from slipctl import (
     law,
     opened,
     probe,
+    ranged,
     rls,
     step,
 )
@@ -344,11 +345,13 @@ def controller(slip_law: Block, name: str = "ctl") -> Block:
     }
     if "T_top" in slip_law.inputs:
         wires["law.T_top"] = "arbitration.T_top"
-    return connect(
+    block = connect(
         name, wires, share=SHARED,
         reference=slip_reference, equivalent=equivalent_torque, law=slip_law,
         arbitration=arbitration,
     )  # fmt: skip
+    noise = "a locked wheel; below 0 noise alone, a braked wheel does not run ahead of the rail"
+    return ranged(block, v_s=Input("m/s", source=noise, lo=-0.5, hi=120, change=0.5))
 
 
 def estimating_controller(

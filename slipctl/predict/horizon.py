@@ -76,6 +76,7 @@ class Horizon:
         scale: size of each control.
         tail: further residuals of the last stage, L x + M d + c.
         over: method and substeps of a stage.
+        damped: whether the last constant is a curvature added for each step of a scaled control.
     """
 
     flow: Block
@@ -91,6 +92,7 @@ class Horizon:
     own: tuple[str, ...] = ()
     tail: tuple[Any, Any, Any] | None = None
     over: tuple[str, int] = ("", 1)
+    damped: bool = False
 
     @classmethod
     def of(
@@ -198,8 +200,8 @@ class Horizon:
 
     @property
     def nq(self) -> int:
-        """Number of constants: parameters, weights, and (lo, hi, weight, linear) of each limit."""
-        return self.np_ + len(self.weighed) + 4 * len(self.soft)
+        """Number of constants: parameters, weights, four of each limit, and the damping."""
+        return self.np_ + len(self.weighed) + 4 * len(self.soft) + self.damped
 
     @property
     def weighed(self) -> tuple[str, ...]:
@@ -304,7 +306,10 @@ class Horizon:
         z = ca.vertcat(x, u)
         r, c = self._rows(y, self.residuals, q), self._soft_rows(_on_the_way(y), q)
         J, C = ca.jacobian(r, z), ca.jacobian(c, z)
-        pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, self._caps(q)]
+        H = ca.triu(J.T @ J)
+        if self.damped:
+            H = H + q[-1] * ca.diag(ca.vertcat(ca.SX(self.nx, 1), ca.SX.ones(self.nu)))
+        pieces = [H, ca.densify(J.T @ r), c, C, self._caps(q)]
         layout = Layout.of(pieces)
         column = layout.pack(pieces)
         return ca.Function("rows", [x, u, d, q], [column], {"cse": True}), layout.sparsity

@@ -1,9 +1,9 @@
 """The linear step, Hessian and limits of one stage, in few operations and little code.
 
-An explicit method is differentiated as it goes. Of x' = f(x, u), F = df/dx, G = df/du, a substep
-carries the slopes of its x by S' = F S + (0, G), begun at the identity. Those of the substeps are
-multiplied: one small function, called for each of them. What depends on parameters and weights
-alone is computed once for all stages.
+An explicit method is differentiated as it goes. Of x' = f(x, u), with F = df/dx and G = df/du, a
+substep carries the slopes of its x by S' = F S + (0, G), begun at the identity. Those of the
+substeps are multiplied. So one small function is called for each of them. What depends on
+parameters and weights alone is computed once for all stages.
 """
 
 from __future__ import annotations

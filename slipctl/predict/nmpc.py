@@ -11,7 +11,7 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, State
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, check_positive
 from slipctl.predict import telling
 from slipctl.predict.active_set import SMALL, ActiveSet, Found
 from slipctl.predict.asked import (
@@ -55,6 +55,7 @@ def nmpc(
     final: Block | None = None,
     moves: Sequence[int] | None = None,
     iterations: int = 1,
+    damping: float = 0.0,
     passes: int = 20,
     rescue: int | None = None,
     method: str = "rk4",
@@ -105,6 +106,8 @@ def nmpc(
             names. final: the same at the end of the horizon alone.
         moves: number of stages over which each free control is held; their sum is the horizon.
         iterations: real-time iterations per tick.
+        damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
+            over its size. The steps get shorter and what they end at stays; 0 leaves it out.
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
             or went in a circle. By default 30, and 60 where limits are hard or linear. 0 for none,
@@ -156,6 +159,11 @@ def nmpc(
     problem = Horizon.of(
         plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws
     )
+    if damping != 0:
+        check_positive(f"{where}: damping", damping)
+        if solver in ("ipopt", "fatrop"):
+            raise BadInput(f"{where}: {solver} makes no iterations of ours; leave damping= out")
+        problem = replace(problem, damped=True)
     if terminal is not None and own is None and names is None:
         point = by_name(where, "at", at)
         if isinstance(terminal, str) and terminal == "lqr":
@@ -169,7 +177,7 @@ def nmpc(
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return _Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), rescue), solver, ahead,
+        (int(passes), rescue), solver, ahead, float(damping),
     ).block(name, h, [plant, cost, *laws.values()], (method, substeps))  # fmt: skip
 
 
@@ -184,9 +192,9 @@ class _Controller:
         self, where: str, problem: Horizon, controls: list[str],
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
         weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
-        solver: str, ahead: tuple[str, ...] = (),
+        solver: str, ahead: tuple[str, ...] = (), damping: float = 0.0,
     ) -> None:  # fmt: skip
-        self.ahead = ahead
+        self.ahead, self.damping = ahead, damping
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
         self.short = dict(zip(controls, problem.controls, strict=True))
@@ -227,11 +235,8 @@ class _Controller:
         for n, w in self.weights.items():
             outputs = self.h.model.outputs
             unit = (outputs.get(f"cost.{n}") or outputs[f"last.{n}"]).unit
-            found.append(
-                Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12).named(
-                    f"weight_{n}"
-                )
-            )
+            weight = Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12)
+            found.append(weight.named(f"weight_{n}"))
         for c, (lo, hi) in self.limits.items():
             s, short = self.h.model.inputs[self.short[c]], self.short[c]
             for word, value in (("lo", lo), ("hi", hi)):
@@ -242,15 +247,9 @@ class _Controller:
                     )
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
-            found.append(
-                Param(
-                    f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s",
-                    r,
-                    f"largest rate: {s.doc}",
-                    lo=0,
-                    hi=1e12,
-                ).named(f"{self.short[c]}_rate")
-            )
+            unit = f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s"
+            rate = Param(unit, r, f"largest rate: {s.doc}", lo=0, hi=1e12)
+            found.append(rate.named(f"{self.short[c]}_rate"))
         for n, limit in self.softs.items():
             short = _short(n)
             unit = self._signal(n).unit
@@ -267,6 +266,11 @@ class _Controller:
                     found.append(
                         Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
                     )
+        if self.h.damped:
+            doc = "curvature added for steps of controls"
+            found.append(
+                Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12).named("damping")
+            )
         return found
 
     def _signal(self, name: str) -> Signal:
@@ -345,6 +349,7 @@ class _Controller:
             short = _short(n)
             rows += [p[f"{short}_min"], p[f"{short}_max"]]
             rows += [p.get(f"{short}_weight", limit.weight), p.get(f"{short}_linear", limit.linear)]
+        rows += [p["damping"]] if self.h.damped else []
         return ca.vertcat(model, *rows)
 
     def bounds(self, u: Exprs, p: Exprs) -> Any:

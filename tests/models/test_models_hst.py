@@ -180,6 +180,22 @@ def test_meter_is_exact_and_starts_afresh_after_a_change():
             assert y["mu_m"] == pytest.approx((-5e3 if k <= 20 else -9e3) / F_Z, rel=1e-9)
 
 
+def test_meter_takes_no_jump_for_an_acceleration():
+    """A speed that is missing and comes back 10 rad/s lower: the window begins with it."""
+    block = control.adhesion_meter(10)
+    x = block.start()
+    omega, F, T_b = 50 / R, -5e3, -1500.0
+    for k in range(60):
+        gone = 10.0 if k >= 30 else 0.0
+        x, y = block(omega=omega - gone, T_b=T_b, lam=0.1, changed=0.0, **x)
+        omega += (T_b - R * F) / I_W * 1e-3
+        if k == 30:
+            assert x["count"] == 1
+            assert y["mu_m"] == pytest.approx(T_b / (R * F_Z), rel=1e-9)  # without acceleration
+        elif k > 10:
+            assert y["mu_m"] == pytest.approx(F / F_Z, rel=1e-9)
+
+
 def test_shaper_never_falls_faster_than_a_released_wheel():
     block, x = control.shaper, {"limited": 0.2, "smooth": 0.2}
     fastest = ppc.slip_fall_rate(4500.0, 40.0, R, I_W)

@@ -1,6 +1,7 @@
 """Model predictive control: reference values, the QP against another solver, limits, fallback."""
 
 import math
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -431,3 +432,23 @@ def test_controls_of_parts_that_share_a_name():
     for n, case in cases.items():
         # last digits of two ways to the same minimum
         assert out[f"{n}_u"] == pytest.approx(one_axle(**case)[1]["u"], abs=1e-8)
+
+
+def test_damping_shortens_the_steps_and_not_what_they_end_at():
+    """One iteration from the first plan moves less the more it is damped; 40 end at one control."""
+    at = dict(v=10.0, q=10.6, T=3.0, xi=0.0, mu_p=0.2, s_ref=0.02)
+    given = dict(horizon=8, bounds={"u": (-8, 8)})
+    moved = []
+    for damping in (0.0, 1.0, 100.0, 1e7, 1e9):
+        block = make(**given, damping=damping)
+        moved.append(abs(block(**at)[1]["u"] - 1.0))  # the first plan is 1 kN m everywhere
+    assert moved[0] > 0.1
+    assert all(a >= b for a, b in pairwise(moved))
+    # the step tends to the gradient over the damping, which outweighs all curvature by far
+    assert moved[-2] == pytest.approx(100 * moved[-1], rel=0.01)
+    ends = [make(**given, damping=d, iterations=40)(**at)[1]["u"] for d in (0.0, 0.1)]
+    assert ends[1] == pytest.approx(ends[0], abs=1e-6)  # of a range of 16 kN m
+    with pytest.raises(BadInput, match="damping"):
+        make(damping=-1.0)
+    with pytest.raises(BadInput, match="ipopt makes no iterations of ours; leave damping= out"):
+        make(damping=1.0, solver="ipopt")
