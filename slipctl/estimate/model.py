@@ -204,7 +204,10 @@ def output_function(law: Block, measured: str, unknown: Sequence[str]) -> ca.Fun
         at += s.size
     y = law.expr({}, law.unpack("input", inputs), law.derive(free))[1][measured]
     results = [y, ca.densify(ca.jacobian(y, values))]
-    return ca.Function(f"{law.name}_of", [values, inputs, constants], results, {"cse": True})
+    return ca.Function(
+        f"{law.name}_of", [values, inputs, constants], results,
+        ["values", "inputs", "constants"], ["output", "row"], {"cse": True},
+    )  # fmt: skip
 
 
 def stacked(columns: Iterable[Any]) -> Any:
@@ -249,7 +252,10 @@ def _coordinate_map(
             raise BadInput(f"{where}: {inside} = {at:g} at the start; it must be positive")
     guess = np.array([math.log(a) if i else a for a, i in zip(first, inner, strict=True)])
     slopes = ca.densify(ca.jacobian(full, theta))
-    return ca.Function("parameters", [theta], [full, slopes], {"cse": True}), guess
+    found_at = ca.Function(
+        "parameters", [theta], [full, slopes], ["theta"], ["values", "slopes"], {"cse": True}
+    )
+    return found_at, guess
 
 
 def _inside_log(expression: str) -> str | None:

@@ -28,6 +28,8 @@ def white_sums(model: Model, window: int) -> ca.Function:
         "one_sample",
         inputs,
         [weight * e**2, weight * row.T @ row, weight * row.T * e],
+        ["values", "sample", "weight", "constants"],
+        ["squares", "JJ", "Je"],
         {"cse": True},
     )
     return one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])

@@ -60,6 +60,10 @@ BELIEF = 0.01
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
 
+DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
+"""Arguments of the normal equations."""
+
+
 def windowed(
     model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0
 ) -> Block:
@@ -253,14 +257,16 @@ def _normal_equations(model: Model, sums: ca.Function) -> ca.Function:
         "normal_equations",
         [theta, kept, weights, mean, Lambda, sigma2, constants],
         [J, squares, H, r],
+        list(DATA),
+        ["J", "squares", "H", "r"],
     )
 
 
 def _iteration(normal: ca.Function) -> ca.Function:
     """Function (theta, J, squares, H, r, damping, pivots, eps, data) -> the first six anew."""
-    inputs = [ca.MX.sym(f"i{k}", normal.sparsity_in(k)) for k in range(normal.n_in())]
+    inputs = [ca.MX.sym(n, normal.sparsity_in(k)) for k, n in enumerate(normal.name_in())]
     theta, data = inputs[0], inputs[1:]
-    now = [ca.MX.sym(f"o{k}", normal.sparsity_out(k)) for k in range(normal.n_out())]
+    now = [ca.MX.sym(n, normal.sparsity_out(k)) for k, n in enumerate(normal.name_out())]
     J, _, H, r = now
     damping, eps = ca.MX.sym("damping"), ca.MX.sym("eps")
     least = ca.MX.sym("least", theta.shape[0])
@@ -273,7 +279,9 @@ def _iteration(normal: ca.Function) -> ca.Function:
     more = ca.if_else(4 * damping > BLIND / ca.sqrt(eps), DAMPING, ca.fmin(damping * 4, MOST))
     after = ca.if_else(better, ca.fmax(damping / 4, LEAST), more)
     taken = [theta, *now, damping, least, eps, *data]
-    return ca.Function("iteration", taken, [*following, after])
+    names = [DATA[0], *normal.name_out(), "damping", "least", "eps", *DATA[1:]]
+    given = [f"{n}_next" for n in names[: len(following) + 1]]
+    return ca.Function("iteration", taken, [*following, after], names, given)
 
 
 def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -299,7 +307,10 @@ def _solver(n: int) -> ca.Function:
     """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
     A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
     D, LT = _ldl(A, least)
-    return ca.Function("solve", [A, b, least], [ca.ldl_solve(b, D, LT, range(n))], {"cse": True})
+    return ca.Function(
+        "solve", [A, b, least], [ca.ldl_solve(b, D, LT, range(n))],
+        ["A", "b", "least"], ["solution"], {"cse": True},
+    )  # fmt: skip
 
 
 def _inverse(n: int) -> ca.Function:
@@ -313,4 +324,4 @@ def _inverse(n: int) -> ca.Function:
     inverse = ca.densify((columns + columns.T) / 2)
     lost = ca.logic_not(ca.mmax(ca.diag(inverse) * least) <= 1 + ROUNDED)
     known = ca.if_else(lost, ca.densify(ca.diag(1 / least)), inverse)
-    return ca.Function("inverse", [A, least], [known], {"cse": True})
+    return ca.Function("inverse", [A, least], [known], ["A", "least"], ["inverse"], {"cse": True})

@@ -179,11 +179,21 @@ def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     place = lo + (hi - lo) * wh.uniform(after)
     value = worse * value_of(place, given)
     value = ca.if_else(value >= LOWEST, value, LOWEST)
-    one = ca.Function("one_member", [rng, given, lo, hi], [after, place, value])
+    taken = ["rng", "given", "lo", "hi"]
+    one = ca.Function(
+        "one_member",
+        [rng, given, lo, hi],
+        [after, place, value],
+        taken,
+        ["after", "place", "value"],
+    )
     many = one.mapaccum("members", n)
     r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
     states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))
-    return ca.Function("first", [r, g, a, b], [states[:, -1], places.T, values.T])
+    return ca.Function(
+        "first", [r, g, a, b], [states[:, -1], places.T, values.T],
+        taken, ["after", "members", "heights"],
+    )  # fmt: skip
 
 
 def repeated(step: ca.Function, count: int) -> ca.Function:
@@ -200,7 +210,9 @@ def repeated(step: ca.Function, count: int) -> ca.Function:
         after = many(after, constants, K)
     if rest:
         after = repeated(step, rest)(after, constants, K)
-    return ca.Function(f"{step.name()}s_{count}", [z, constants, K], [after])
+    return ca.Function(
+        f"{step.name()}s_{count}", [z, constants, K], [after], ["s", "constants", "K"], ["after"]
+    )
 
 
 def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
@@ -233,7 +245,8 @@ def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
         places.append(both_x[which])
         values.append(both_v[which])
     return ca.Function(
-        "generation", [s, constants, K], [ca.vertcat(G + 1, rng, *places, *values)]
+        "generation", [s, constants, K], [ca.vertcat(G + 1, rng, *places, *values)],
+        ["s", "constants", "K"], ["after"],
     )  # fmt: skip
 
 
@@ -263,7 +276,8 @@ def _draw(n: int, size: int) -> ca.Function:
         partners += [o + (first + (i + 1)) for o in (o1, o2, o3)]
     return ca.Function(
         f"draw_{size}", [rng, first, share, K],
-        [ca.vertcat(*partners), ca.vertcat(*trials), state], {"cse": True},
+        [ca.vertcat(*partners), ca.vertcat(*trials), state],
+        ["rng", "first", "share", "K"], ["partners", "trials", "after"], {"cse": True},
     )  # fmt: skip
 
 
@@ -288,7 +302,9 @@ def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     which = [ca.if_else(values[i] >= v[i], trial[i], 0) + i for i in range(size)]
     return ca.Function(
         f"select_{size}", [mates, trial, x, v, F, given, lo, hi],
-        [ca.vertcat(x, *places), ca.vertcat(v, *values), ca.vertcat(*which)], {"cse": True},
+        [ca.vertcat(x, *places), ca.vertcat(v, *values), ca.vertcat(*which)],
+        ["mates", "trial", "x", "v", "F", "given", "lo", "hi"], ["places", "heights", "which"],
+        {"cse": True},
     )  # fmt: skip
 
 
@@ -299,4 +315,4 @@ def _best_of(n: int) -> ca.Function:
     for i in range(1, n):
         better = v[i] > value
         place, value = ca.if_else(better, x[i], place), ca.if_else(better, v[i], value)
-    return ca.Function("best_of", [x, v], [place, value])
+    return ca.Function("best_of", [x, v], [place, value], ["x", "v"], ["place", "value"])

@@ -94,7 +94,7 @@ def _run(lines: list[str], x: np.ndarray) -> list[float]:
         else:
             for word in ("const ", "double "):
                 bare = bare.removeprefix(word)
-            text.append(indent + bare.replace("(double)", "float"))
+            text.append(indent + bare.replace("(double)i", "float(i)"))
     y = [0.0] * 40
     exec("\n".join(text), {"x": x, "y": y})
     return y

@@ -7,7 +7,7 @@ is used once is written where it is used, with the index of the loop around it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import casadi as ca
 
@@ -33,7 +33,10 @@ from slipctl.ccode.write.graph import (
     SUM_OF,
     TURNED,
     Step,
+    argument_names,
+    result_name,
     steps,
+    unused,
 )
 
 AT = "@"
@@ -91,6 +94,8 @@ class Arrays(Writer):
         targets: by result, the array in which it is wanted, or "".
         count: numbers of names, shared in one C function.
         can_be: what a scalar argument can be.
+        hidden: results from this one on only have names.
+        taken: names that no local may have.
     """
 
     def __init__(
@@ -103,11 +108,14 @@ class Arrays(Writer):
         count: Iterator[int] | None = None,
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
         hidden: int | None = None,
+        taken: Iterable[str] = (),
     ) -> None:
         self.call, self.sources = call, sources
         self.outputs: list[int] = []  # node of each result
         self.done: set[int] = set()
         self.targets: dict[int, str] = {}
+        self.suggested: dict[int, str] = {}
+        self.taken = {*taken, *(names or {}).values()}
         super().__init__(f, self._source, None, count, can_be=can_be)
         shown = len(self.outputs) if hidden is None else hidden
         self.results = [((i, 0), n) for i, n in enumerate(self.outputs[:shown]) if n >= 0]
@@ -122,6 +130,10 @@ class Arrays(Writer):
             named = names is not None and i in names and n >= 0 and self._size(n) == 1
             if named and self.nodes[n].op not in (ca.OP_CONST, ca.OP_INPUT):
                 self.names.setdefault(n, (names or {})[i])
+        for node in self.nodes:
+            if node.op == CALLED and isinstance(node, Step):
+                for a, name in zip(node.args, argument_names(node.detail[0]), strict=True):
+                    self.suggested.setdefault(a, name)
         self.uses = self._uses()
         self.signed = self._signed()
         self.can_be = self._can_be(can_be)
@@ -178,7 +190,7 @@ class Arrays(Writer):
         else:
             made = self._compose(node, self.signed[k])
             self.texts[k] = made
-            if self.uses[k] > 1 or k in self.names or len(made.text) > 3 * 68:
+            if self.uses[k] > 1 or k in self.names or len(made.text) > 150:
                 self._line(k)
         wanted = k in self.names and node.size == 1
         given = op in (ca.OP_INPUT, ca.OP_CONST, CALLED)
@@ -237,7 +249,7 @@ class Arrays(Writer):
         if k in self.targets and k not in self.done:
             self.done.add(k)
             return self.targets[k]
-        name = self.names.pop(k, None) or f"a{next(self.count)}"
+        name = self._name(k)
         self.lines.append(f"{self.real} {name}[{self._size(k)}];")
         return name
 
@@ -245,6 +257,8 @@ class Arrays(Writer):
         if self._size(k) > 1:
             self._array(k)
         else:
+            if k not in self.names and self.suggested.get(k):
+                self.names[k] = self._name(k)
             super()._line(k)
 
     def _slice(self, k: int, node: Step) -> None:
@@ -330,7 +344,21 @@ class Arrays(Writer):
         return text if t.truth or t.rank >= 7 else f"({text})"
 
     def _variable(self, k: int) -> str:
-        return self.names.pop(k, None) or f"a{next(self.count)}"
+        return self._name(k)
+
+    def _name(self, k: int) -> str:
+        """Name for a value: its own, that of what gives it or takes it, or a new one."""
+        if k in self.names:
+            return self.names.pop(k)
+        node = self.nodes[k]
+        said = self.suggested.get(k, "")
+        if node.op == CALLED and isinstance(node, Step):
+            said = result_name(node.detail[0], node.place[1]) or said
+        if not said:
+            return f"a{next(self.count)}"
+        name = unused(said, self.taken)
+        self.taken.add(name)
+        return name
 
     def _folded(self, k: int, node: Step) -> None:
         """A sum, a largest or a smallest element."""
@@ -389,7 +417,7 @@ class Arrays(Writer):
                 name = self._target(j)
                 self.texts[j] = Text(place(name, 0), _ATOM)
             else:
-                name = (self.names.pop(j) if j in self.names else "") or self.result_name(g, n)
+                name = self._name(j)
                 self.texts[j] = Text(name, _ATOM)
             results.append(name)
         self.call(self, g, arguments, results)
@@ -400,7 +428,3 @@ class Arrays(Writer):
         name = f"a{next(self.count)}"
         self.lines.append(f"static const double {name}[{n}] = {{0.0}};")
         return name
-
-    def result_name(self, g: ca.Function, n: int) -> str:
-        """Name of a scalar that a call gives."""
-        return f"a{next(self.count)}"

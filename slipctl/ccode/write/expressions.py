@@ -16,7 +16,7 @@ import casadi as ca
 
 from slipctl.ccode.write import pieces
 
-WIDTH = 68
+WIDTH = 150
 """Characters of an expression above which its longest part gets a line of its own."""
 
 ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
@@ -372,7 +372,7 @@ class Writer:
         self.helpers |= {"reached", "at_least", "at_most"}
         self.lines += [
             f"/* straight pieces over {x}: begin, length, height and slope of each result */",
-            *table.lines(name, number, WIDTH),
+            *table.lines(name, number, 68),
             f"const int {at} = reached({name}_at, {len(table.ramps)}, {x});",
             f"const {self.real} {ramp} ="
             f" at_most(at_least({x} - {name}_at[{at}], 0.0), {name}_long[{at}]);",

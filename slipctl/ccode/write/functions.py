@@ -6,18 +6,22 @@ by address, or as what it returns if it has one number. A map and an accumulatio
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
-import numpy as np
 
 from slipctl.ccode.write.arrays import Arrays, reached
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
+from slipctl.ccode.write.graph import (
+    argument_names,
+    result_name,
+    unused,
+)
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
+from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, sums
 from slipctl.ccode.write.rolling import rolled
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
@@ -102,6 +106,12 @@ class Functions:
         if kind == "Map":
             inner, n = mapped(f)
             return self._loop(inner, n, inputs, outputs, 0)
+        summed = sums(f)
+        if summed is not None:
+            return self._sums(f, summed, inputs, outputs)
+        chain = chained(f)
+        if chain is not None:
+            return self._chain(f, *chain, inputs, outputs)
         again = accumulated(f)
         if again is not None:
             if f.nnz_out(0) == again[0].nnz_out(0):
@@ -164,6 +174,64 @@ class Functions:
             lines.append(f"    now = &{outputs[0]}[{f'{size} * ' if size > 1 else ''}i];")
         return [*lines, "}"]
 
+    def _chain(
+        self, f: ca.Function, inner: ca.Function, n: int, inputs: Sequence[str],
+        outputs: Sequence[str],
+    ) -> list[str]:  # fmt: skip
+        """Calls one after the other, each with what the one before gave, in two arrays by turns."""
+        taken = {*self.taken(f), *inputs, *outputs}
+        now, to, other = (unused(word, taken) for word in ("before", "to", "between"))
+        given = ", ".join([now, *(x for x in inputs[1:] if x), to])
+        return [
+            f"double {other}[{f.nnz_out(0)}];",
+            f"for (int i = 0; i < {f.nnz_out(0)}; ++i) {{",
+            f"    {other}[i] = 0.0;",
+            "}",
+            f"const double *{now} = {inputs[0]};",
+            f"for (int i = 0; i < {n}; ++i) {{",
+            f"    double *const {to} = ((i % 2) == {(n - 1) % 2}) ? {outputs[0]} : {other};",
+            f"    {self.name(inner)}({given});",
+            f"    {now} = {to};",
+            "}",
+        ]
+
+    def _sums(
+        self, f: ca.Function, found: Sums, inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[str]:
+        """Sums of what each evaluation of a map gives, without an array of all of it."""
+        inner, taken = found.inner, {*self.taken(f), *inputs, *outputs}
+        lines: list[str] = []
+        arguments, results, body = [], [], []
+        for i, source in enumerate(found.sources):
+            size, whole = inner.nnz_in(i), f.nnz_in(source)
+            if not size:
+                continue
+            name = inputs[source]
+            if whole == size:
+                arguments.append(name)
+            else:
+                arguments.append(f"{name}[i]" if size == 1 else f"&{name}[{size} * i]")
+        for k, name in enumerate(outputs):
+            size = f.nnz_out(k)
+            one = unused(f"{result_name(inner, k) or 'term'}_one", taken)
+            taken.add(one)
+            body.append(f"double {one}{f'[{size}]' if size > 1 else ''};")
+            results.append(one if size > 1 else f"&{one}")
+            if size == 1:
+                lines.append(f"*{name} = 0.0;")
+            else:
+                lines += [f"for (int j = 0; j < {size}; ++j) {{", f"    {name}[j] = 0.0;", "}"]
+        body += _wrapped(f"{self.name(inner)}(", [*arguments, *results])
+        for k, name in enumerate(outputs):
+            size, one = f.nnz_out(k), results[k].removeprefix("&")
+            if size == 1:
+                body.append(f"*{name} += {one};")
+            else:
+                body += [f"for (int j = 0; j < {size}; ++j) {{",
+                         f"    {name}[j] += {one}[j];", "}"]  # fmt: skip
+        lines.append(f"for (int i = 0; i < {found.count}; ++i) {{")
+        return [*lines, *(f"    {line}" for line in body), "}"]
+
     # ---- statements of an MX Function -----------------------------------------------------------
 
     def statements(
@@ -188,7 +256,17 @@ class Functions:
             names: names of results.
         """
         targets = {i: n for i, n in enumerate(outputs) if n and f.nnz_out(i) > 1}
-        made = Arrays(f, sources, self._call, names, targets, count, can_be, hidden).run()
+        made = Arrays(
+            f,
+            sources,
+            self._call,
+            names,
+            targets,
+            count,
+            can_be,
+            hidden,
+            {*self.taken(f), *(x.removesuffix("[]") for x in (*sources, *outputs))},
+        ).run()
         self.helpers |= made.helpers
         lines = made.lines
         returns = hidden is None and returned(f)
@@ -253,12 +331,6 @@ class Functions:
         at.lines += _wrapped(f"{name}(", [*given, *passed])
 
 
-def unused(name: str, taken: set[str]) -> str:
-    """A name that is not taken: itself, or with a number behind."""
-    others = (f"{name}_{k}" for k in itertools.count(2))
-    return next(n for n in itertools.chain([name], others) if n not in taken)
-
-
 def returned(f: ca.Function) -> bool:
     """Whether a Function gives one number, which its C function returns."""
     return sum(f.nnz_out(i) for i in range(f.n_out())) == 1
@@ -293,13 +365,7 @@ def _signature(opening: str, declared: Sequence[str]) -> str:
 
 def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
     """C names of arguments and results; empty for what holds no number."""
-    kind = f.class_name()
-    if kind == "MXFunction":
-        own = [v.name() if v.is_symbolic() else f.name_in(i) for i, v in enumerate(f.mx_in())]
-    elif kind == "SXFunction":
-        own = [_common(v, f.name_in(i)) for i, v in enumerate(f.sx_in())]
-    else:
-        own = [f.name_in(i) for i in range(f.n_in())]
+    own = [n or f.name_in(i) for i, n in enumerate(argument_names(f))]
     used = set(taken)
 
     def free(name: str) -> str:
@@ -313,74 +379,3 @@ def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
     inputs = [free(n) if f.nnz_in(i) else "" for i, n in enumerate(own)]
     outputs = [free(f.name_out(i)) if f.nnz_out(i) else "" for i in range(f.n_out())]
     return inputs, outputs
-
-
-def _common(v: ca.SX, otherwise: str) -> str:
-    single = [v.nz[k] for k in range(v.nnz())]
-    names = {re.sub(r"_\d+$", "", e.name()) for e in single if e.is_symbolic()}
-    return names.pop() if len(names) == 1 else otherwise
-
-
-def mapped(f: ca.Function) -> tuple[ca.Function, int]:
-    """Function of a map, and how often it is evaluated."""
-    found = f.info().get("f")
-    inner = found if isinstance(found, ca.Function) else f.find_functions(0)[0]
-    n = next(f.nnz_in(i) // inner.nnz_in(i) for i in range(f.n_in()) if inner.nnz_in(i))
-    return inner, n
-
-
-def accumulated(f: ca.Function) -> tuple[ca.Function, int] | None:
-    """What ``mapaccum`` repeats, and how often: CasADi nests calls of ten where a loop is meant.
-
-    Believed only where both give the same numbers.
-    """
-    inner = f
-    while True:
-        called = {}
-        if inner.class_name() != "MXFunction":
-            break
-        for k in range(inner.n_instructions()):
-            if inner.instruction_id(k) == ca.OP_CALL:
-                g = inner.instruction_MX(k).which_function()
-                called[g.name()] = g
-        bases = {re.sub(r"_acc\d+$", "", n) for n in called}
-        if len(bases) != 1:
-            break
-        nested = [g for n, g in called.items() if re.search(r"_acc\d+$", n)]
-        if inner is not f and not re.search(r"_acc\d+$", inner.name()):
-            break
-        inner = nested[0] if nested else next(iter(called.values()))
-        if not nested:
-            break
-    if inner is f or not inner.n_in() or inner.n_in() != f.n_in() or inner.n_out() != f.n_out():
-        return None
-    only_last = f.nnz_out(0) == inner.nnz_out(0)
-    counts = {
-        a / b for a, b in [
-            *((f.nnz_in(i), inner.nnz_in(i)) for i in range(1, f.n_in())),
-            *((f.nnz_out(i), inner.nnz_out(i)) for i in range(int(only_last), f.n_out())),
-        ] if b
-    }  # fmt: skip
-    if len(counts) != 1 or inner.nnz_in(0) != f.nnz_in(0) or inner.nnz_out(0) != inner.nnz_in(0):
-        return None
-    (n,) = counts
-    if n != int(n) or n < 3 or not all(inner.sparsity_in(i).is_dense() for i in range(f.n_in())):
-        return None
-    rng = np.random.default_rng(1)
-    given = [rng.uniform(0.1, 1, f.size_in(i)) for i in range(f.n_in())]
-    whole = [np.array(v).reshape(f.size_out(i)) for i, v in enumerate(f.call(given))]
-    state, found = given[0], []
-    for k in range(int(n)):
-        columns = [
-            g[:, k * inner.size2_in(i) : (k + 1) * inner.size2_in(i)]
-            for i, g in enumerate(given) if i
-        ]  # fmt: skip
-        results = inner.call([state, *columns])
-        state = results[0]
-        found.append(results)
-    for i, v in enumerate(whole):
-        pieces = [np.array(r[i]).reshape(inner.size_out(i)) for r in found]
-        pieces = pieces[-1:] if not i and only_last else pieces
-        if not np.array_equal(np.hstack(pieces), v, equal_nan=True):
-            return None
-    return inner, int(n)

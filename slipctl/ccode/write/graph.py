@@ -171,3 +171,33 @@ def _nonzeros(args: tuple[int, ...], size: int, mx: ca.MX) -> Step:
     if stride > 0 and taken == [taken[0] + stride * k for k in range(len(taken))]:
         return Step(SLICE, args, size=size, detail=(taken[0], stride))
     return Step(CHOSEN, args, size=size, detail=taken)
+
+
+def unused(name: str, taken: set[str]) -> str:
+    """A name that is not taken: itself, or with a number behind."""
+    others = (f"{name}_{k}" for k in itertools.count(2))
+    return next(n for n in itertools.chain([name], others) if n not in taken)
+
+
+def argument_names(f: ca.Function) -> list[str]:
+    """Names that a Function's own symbols give its arguments; "" for i0, i1, ... of CasADi."""
+    kind = f.class_name()
+    if kind == "MXFunction":
+        own = [v.name() if v.is_symbolic() else f.name_in(i) for i, v in enumerate(f.mx_in())]
+    elif kind == "SXFunction":
+        own = [_common(v, f.name_in(i)) for i, v in enumerate(f.sx_in())]
+    else:
+        own = [f.name_in(i) for i in range(f.n_in())]
+    return ["" if re.fullmatch(r"i\d+(_\d+)?", n) else re.sub(r"\W", "_", n) for n in own]
+
+
+def result_name(f: ca.Function, n: int) -> str:
+    """Name that a Function gives a result; "" for o0, o1, ... of CasADi."""
+    name = str(f.name_out(n))
+    return "" if re.fullmatch(r"o\d+", name) else name
+
+
+def _common(v: ca.SX, otherwise: str) -> str:
+    single = [v.nz[k] for k in range(v.nnz())]
+    names = {re.sub(r"_\d+$", "", e.name()) for e in single if e.is_symbolic()}
+    return names.pop() if len(names) == 1 else otherwise

@@ -17,7 +17,15 @@ import casadi as ca
 MOST = 400
 """Local variables that are looked at."""
 
-_NOT_OURS = ("casadi", "numpy", "slipctl.block.", "slipctl.ccode.", "contextlib", "functools")
+_NOT_OURS = (
+    "casadi",
+    "numpy",
+    "slipctl.block.",
+    "slipctl.ccode.",
+    "contextlib",
+    "functools",
+    "abc",
+)
 
 
 @contextmanager

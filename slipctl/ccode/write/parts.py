@@ -19,7 +19,8 @@ from slipctl.block.connection import wiring
 from slipctl.block.signals import Signal
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
-from slipctl.ccode.write.functions import Functions, unused
+from slipctl.ccode.write.functions import Functions
+from slipctl.ccode.write.graph import unused
 from slipctl.ccode.write.layout import Member, c_name
 from slipctl.ccode.write.letters import letters
 from slipctl.ccode.write.rolling import rolled

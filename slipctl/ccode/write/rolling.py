@@ -141,10 +141,11 @@ class _Run:
     ) -> str:  # fmt: skip
         if (q, k) in self.steps:
             value, step = self.steps[q, k]
-            index = "i" if step == 1 else f"{step} * i"
-            text = index if not value else f"{index} + {value}"
-            inside = k > 0 and self.tokens[q][k - 1] == "["
-            return text if inside else f"(double)({text})"
+            if k > 0 and self.tokens[q][k - 1] == "[":
+                index = "i" if step == 1 else f"{step} * i"
+                return f"{index} + {value}" if value else index
+            number = "(double)i" if step == 1 else f"{step}.0 * (double)i"
+            return f"({number} + {value}.0)" if value or step > 1 else number
         if (q, k) in self.before:
             return carried[self.before[q, k]]
         if (q, k) in self.own:

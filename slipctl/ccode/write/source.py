@@ -29,7 +29,7 @@ from slipctl.ccode.write.kernel import Kernel, definitions
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, constant, first_sentence
 from slipctl.ccode.write.precision import in_precision
-from slipctl.ccode.write.statements import conjunction, define, if_
+from slipctl.ccode.write.statements import broken, conjunction, define, if_
 from slipctl.ccode.write.structure import assign
 
 
@@ -73,7 +73,7 @@ def source(plan: Plan) -> str:
         text = text.replace(
             "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
         )
-    return in_precision(text, plan.real, plan.block.name)
+    return broken(in_precision(text, plan.real, plan.block.name))
 
 
 # ---- equations ----------------------------------------------------------------------------------

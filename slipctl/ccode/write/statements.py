@@ -44,3 +44,25 @@ def wrapped(result: str, function: str, *arguments: str) -> str:
             line = " " * len(start)
         line += a + " "
     return "\n".join([*lines, line.rstrip()])
+
+
+def broken(text: str) -> str:
+    """C text of which no statement is longer than a line: it goes on below, further in."""
+    lines: list[str] = []
+    for line in text.split("\n"):
+        plain = line.lstrip()
+        if len(line) <= WIDTH or plain.startswith(("#", "*", "/*", '"')) or "/*" in line:
+            lines.append(line)
+            continue
+        indent = " " * (len(line) - len(plain) + 4)
+        while len(line) > WIDTH:
+            at = max(line.rfind(mark, len(indent) + 8, WIDTH) for mark in _BREAKS)
+            if at < 0:
+                break
+            lines.append(line[:at].rstrip())
+            line = indent + line[at:].lstrip()
+        lines.append(line)
+    return "\n".join(lines)
+
+
+_BREAKS = (" + ", " - ", " ? ", " : ", " && ", " || ", " * ", " / ")
