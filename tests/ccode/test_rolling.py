@@ -98,3 +98,21 @@ def _run(lines: list[str], x: np.ndarray) -> list[float]:
     y = [0.0] * 40
     exec("\n".join(text), {"x": x, "y": y})
     return y
+
+
+def test_a_model_may_call_its_numbers_as_counted_locals_are_called(tmp_path):
+    """Burckhardt's law has a0, a1, a2; locals without a name are counted a1, a2, ... too."""
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        a1 = ca.sin(u["u"]) * p["r1"]
+        a2 = ca.exp(a1) * ca.sin(a1 + p["k1"])
+        return {"a3": a1 + a2}, {"y": ca.exp(a2) * ca.sin(a2) * x["a3"]}
+
+    block = make_block(
+        "counted", "step", body, period=1e-3,
+        states=[State("1", 0.5, lo=-1e3, hi=1e3).named("a3")],
+        inputs=[Input("1", lo=-10, hi=10).named("u")],
+        params=[Param("1", 2.0, lo=0, hi=5).named("r1"), Param("1", 0.1, lo=0, hi=1).named("k1")],
+        outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    assert codegen.export(block, tmp_path / "c", check=HAS_COMPILER).passed

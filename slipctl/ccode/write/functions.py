@@ -370,8 +370,7 @@ def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
 
     def free(name: str) -> str:
         name = re.sub(r"\W", "_", name)
-        ours = re.fullmatch(r"[akr]\d+", name)  # locals are counted under these letters
-        name = name if re.match("[A-Za-z]", name) and not ours else f"x_{name}"
+        name = name if re.match("[A-Za-z]", name) else f"x_{name}"
         found = unused(name, used)
         used.add(found)
         return found

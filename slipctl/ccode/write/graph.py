@@ -174,7 +174,11 @@ def _nonzeros(args: tuple[int, ...], size: int, mx: ca.MX) -> Step:
 
 
 def unused(name: str, taken: set[str]) -> str:
-    """A name that is not taken: itself, or with a number behind."""
+    """A name that is not taken: itself, or with a number behind.
+
+    Names like ``a1`` are those of counted locals, so a model's ``a1`` is written ``a_1``.
+    """
+    name = re.sub(r"^([akr])(\d+)$", r"\1_\2", name)
     others = (f"{name}_{k}" for k in itertools.count(2))
     return next(n for n in itertools.chain([name], others) if n not in taken)
 
