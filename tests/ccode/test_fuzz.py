@@ -76,8 +76,8 @@ def test_the_fuzzer_finds_nothing_in_what_is_sound() -> None:
         ("    limited |= limit(&out->y, -10.0, 10.0);\n", "", "deadly signal"),
         ("0.0 * next->x", "0.0", "deadly signal"),
         ("out->y = 0.5;", "", "deadly signal"),
-        ("const double x_next =", "const int n = (int)in->u * 2147483647;\n"
-         "    const double x_next = (double)(n + n) * 0.0 +", "signed integer overflow"),
+        ("next->x =", "const int n = (int)in->u * 2147483647;\n"
+         "    next->x = (double)(n + n) * 0.0 +", "signed integer overflow"),
         ("now->z[0] =", "now->z[(int)param->k] =", "runtime error"),
     ],
 )  # fmt: skip

@@ -72,6 +72,9 @@ class Parts:
             self._function(block, path, wires, list(block.outputs), True)
             return
         plan, inner, free = wiring(block)
+        if not set(free.values()) <= set(wires.inputs):  # its own equations stand between its parts
+            self._function(block, path, wires, list(block.outputs), True)
+            return
         for b, outputs, last in plan:
             part = block.parts[b]
 
