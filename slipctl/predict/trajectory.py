@@ -88,7 +88,7 @@ def trajectory(
     tolerance: float = 1e-4,
     meshes: int = 6,
 ) -> Trajectory:
-    """Find the clairvoyant optimum of a plant in a scenario.
+    """Find the optimal control bound of a plant in a scenario.
 
     Args:
         plant: a flow, with actuators if their limits count.

@@ -241,7 +241,7 @@ def freight_world() -> Block:
 
 
 class Vehicle(NamedTuple):
-    """A vehicle, its rails, and what the clairvoyant optimum needs.
+    """A vehicle, its rails, and what the optimal control bound needs.
 
     Attributes:
         wheel: its wheel, as the controller knows it.

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from slipctl import Block, Context, Experiment, Table, __version__, simulate
-from slipctl import trajectory as clairvoyant
+from slipctl import Block, Context, Experiment, Table, __version__, simulate, trajectory
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile.compilers import sizes
 from slipctl.run import build
@@ -47,7 +46,7 @@ SLIDE = 2.0
 # ---- one run -------------------------------------------------------------------------------------
 
 
-def way(log: Any) -> float:
+def distance(log: Any) -> float:
     """Distance in m at the end of the run; the log ends a tick before."""
     v = log["world.v_true"].values
     return float(log["world.x_true"].values[-1] + (1.5 * v[-1] - 0.5 * v[-2]) * H)
@@ -69,7 +68,7 @@ def outcome(vehicle: str, rail: str, log: Any) -> dict[str, float]:
     over, torque = log["world.slip_true"].values / places, log["world.T"].values
     ends = [slice(ticks * (k + 1) - round(0.5 / H), ticks * (k + 1)) for k in range(3)]
     return {
-        "way": way(log),
+        "distance": distance(log),
         "slide": longest(over > SLIDE) * H,
         "over": float(over.max()),
         "ripple": float(np.mean([np.ptp(torque[s]) for s in ends]) / v.wheel.T_max),
@@ -108,18 +107,18 @@ def as_guess(vehicle: str, log: Any) -> xarray.Dataset:
 
 
 def optimum(vehicle: str, rail: str, draw: Draw, guesses: Sequence[Any]) -> dict[str, Any]:
-    """Clairvoyant optimum of a draw: distance in m, its meshes, and where each guess leads."""
+    """Optimal control bound of a draw: distance in m, its meshes, and where each guess leads."""
     v, world = VEHICLES[vehicle], scenario(vehicle, rail, draw=draw, of="")
     lo, hi = sorted((0.0, v.wheel.T_max / v.unit))
     inside = 1e-6 * (hi - lo)  # the actuator's own limits have no derivative
     sign = "-" if v.driven else ""
-    found = clairvoyant(
+    found = trajectory(
         v.plant(), world, "T_cmd", f"{sign}{v.position}",
         bounds={"T_cmd": (lo + inside, hi - inside)}, limits=v.limits,
         guesses=[as_guess(vehicle, g) for g in guesses],
     )  # fmt: skip
     return {
-        "way": abs(found.value), "change": abs(found.meshes[-1][1] - found.meshes[-2][1]),
+        "distance": abs(found.value), "change": abs(found.meshes[-1][1] - found.meshes[-2][1]),
         "starts": [abs(s) for s in found.starts],
     }  # fmt: skip
 
@@ -152,9 +151,9 @@ def shown(context: Context) -> list[tuple[str, str]]:
     return [tuple(c.scenario.name.split("_", 1)) for c in context.cases]  # type: ignore[misc]
 
 
-def regret(vehicle: str, way: float, best_way: float) -> float:
+def regret(vehicle: str, distance: float, best: float) -> float:
     """What is lost against the optimum in m, not negative where nobody beats it."""
-    return (best_way - way) if VEHICLES[vehicle].driven else way - best_way
+    return (best - distance) if VEHICLES[vehicle].driven else distance - best
 
 
 def seeds(context: Context) -> dict[str, Table]:
@@ -180,7 +179,7 @@ def seeds(context: Context) -> dict[str, Table]:
         draw, ours = drawn(vehicle, rail, seed), blocks[vehicle]
         ran = {n: run(context, vehicle, rail, n, ours[n], seed, draw) for n in NAMES}
         sign = -1 if VEHICLES[vehicle].driven else 1
-        nearest = min(NAMES, key=lambda n: sign * ran[n]["way"])
+        nearest = min(NAMES, key=lambda n: sign * ran[n]["distance"])
         return {"runs": ran, "bound": optimum_of(context, vehicle, rail, draw, ours, (nearest,))}
 
     wanted = [(*pair, seed) for pair in pairs for seed in range(FIRST, FIRST + count)]
@@ -194,7 +193,7 @@ def seeds(context: Context) -> dict[str, Table]:
             change = max(change, bound["change"])
             for n in NAMES:
                 found[n].append(ran[n])
-                lost[n].append(regret(vehicle, ran[n]["way"], bound["way"]))
+                lost[n].append(regret(vehicle, ran[n]["distance"], bound["distance"]))
             row = (vehicle, rail, seed, *(lost[n][-1] for n in NAMES))
             for key, value in zip(draws, row, strict=True):
                 draws[key].append(value)
@@ -220,7 +219,7 @@ def seeds(context: Context) -> dict[str, Table]:
             checks[key].append(value)
     return {
         "regret": Table(
-            "Regret: distance lost against the clairvoyant optimum",
+            "Regret: distance lost against the optimal control bound",
             {
                 "vehicle": ("", rows["vehicle"]),
                 "rail": ("", rows["rail"]),
@@ -238,7 +237,7 @@ def seeds(context: Context) -> dict[str, Table]:
             " above twice the best. Ripple: peak to peak over the last 0.5 s of each section.",
         ),
         "bound": Table(
-            "The clairvoyant optimum",
+            "The optimal control bound",
             {
                 "vehicle": ("", checks["vehicle"]),
                 "rail": ("", checks["rail"]),
@@ -274,12 +273,13 @@ def seeds(context: Context) -> dict[str, Table]:
 
 def guesses(context: Context) -> Table:
     """Where the optimum ends from the run of each loop."""
-    rows: dict[str, list[Any]] = {k: [] for k in ("scenario", "way", "low", "high", "lost")}
+    rows: dict[str, list[Any]] = {k: [] for k in ("scenario", "distance", "low", "high", "lost")}
     pairs = shown(context)
     for k, (vehicle, rail) in enumerate(pairs):
         found = optimum_of(context, vehicle, rail, NOMINAL, loops(vehicle), NAMES)
         ends = [s for s in found["starts"] if s is not None]
-        values = (f"{vehicle}_{rail}", found["way"], min(ends), max(ends), len(NAMES) - len(ends))
+        least, most = min(ends), max(ends)
+        values = (f"{vehicle}_{rail}", found["distance"], least, most, len(NAMES) - len(ends))
         for key, value in zip(rows, values, strict=True):
             rows[key].append(value)
         context.progress((k + 1) / len(pairs))
@@ -287,7 +287,7 @@ def guesses(context: Context) -> Table:
         "The optimum on the first mesh, started from the run of each loop",
         {
             "scenario": ("", rows["scenario"]),
-            "optimum": ("m", rows["way"]),
+            "optimum": ("m", rows["distance"]),
             "shortest distance from a guess": ("m", rows["low"]),
             "longest distance from a guess": ("m", rows["high"]),
             "guesses from which IPOPT finds nothing": ("1", rows["lost"]),

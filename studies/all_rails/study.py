@@ -37,7 +37,7 @@ def below_every_paper(vehicle: str, rail: str) -> Any:
 
 
 CLAIMS = (
-    Claim("bound", SOURCE, "no loop beats the clairvoyant optimum", "yes/no", True,
+    Claim("bound", SOURCE, "no loop beats the optimal control bound", "yes/no", True,
           nobody_beats_it),
     Claim("stable", SOURCE, "the optimum rests to 1e-4 m when the mesh is refined", "number", 1e-4,
           lambda r: max(r.table("seeds", "bound")["change on the last mesh, largest"]), "m",
@@ -101,8 +101,8 @@ def changes(scenario: str, span: tuple[float, float]) -> Any:
 
 FIGURES = {
     "regret": Figure(
-        "Regret against the clairvoyant optimum of the same draw: every draw a dot, the middle half"
-        " a box, the median a line.", regret_spread,
+        "Regret against the optimal control bound of the same draw: every draw a dot, the middle"
+        " half a box, the median a line.", regret_spread,
     ),
     "ripple": Figure(
         "Ripple of the torque over the last 0.5 s of each section, peak to peak, of its limit.",

@@ -27,7 +27,7 @@ def against_optimum(
     farthest: bool = False,
     every: int = 1,
 ) -> Table:
-    """Regret of loops against the clairvoyant optimum of their scenario, a row per loop.
+    """Regret of loops against the optimal control bound of their scenario, a row per loop.
 
     Args:
         context: of the experiment.
@@ -82,7 +82,7 @@ def against_optimum(
     scenarios, names, distances, regrets, above = (list(c) for c in zip(*rows, strict=True))
     change = max(part["change"] for part in parts)
     return Table(
-        "Regret against the clairvoyant optimum",
+        "Regret against the optimal control bound",
         {
             "scenario": ("", scenarios),
             "loop": ("", names),

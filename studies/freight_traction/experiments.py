@@ -395,7 +395,7 @@ def dither(context: Context) -> Table:
 
 
 def regret(context: Context) -> Table:
-    """Every loop against the clairvoyant optimum: the longest way in the time of the scenario."""
+    """Every loop against the optimal control bound: the longest distance in its time."""
     law = context.models["adh"]
     lagging = freight.motor(lag=True).with_params(tau=LAG)
     plants = {"base": freight.plant(law), "moving_optimum": freight.plant(law)}

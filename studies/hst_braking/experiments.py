@@ -413,7 +413,7 @@ def table_4(context: Context) -> Table:
 
 
 def regret(context: Context) -> Table:
-    """Loops against the clairvoyant optimum, without and with lag."""
+    """Loops against the optimal control bound, without and with lag."""
     adh = context.models["adh"]
     plants = {"base": plant(adh), "real": plant(adh, air_brake("lag"))}
     wanted = {

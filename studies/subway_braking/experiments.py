@@ -457,7 +457,7 @@ def _largest(criterion: Any, k1: float, k2: float) -> float | None:
 
 
 def regret(context: Context) -> Table:
-    """Loops against the clairvoyant optimum, without and with lag."""
+    """Loops against the optimal control bound, without and with lag."""
     adh = context.models["adh"]
     plants = {"base": plant(adh), "real": plant(adh, brake(lag=True))}
     plants["moving_optimum"] = plants["base"]

@@ -1,4 +1,4 @@
-"""Loops of the braking studies against the clairvoyant optimum."""
+"""Loops of the braking studies against the optimal control bound."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The clairvoyant optimum against closed forms, and between bound and loops of a study."""
+"""The optimal control bound against closed forms, and between bound and loops of a study."""
 
 import numpy as np
 import pytest
