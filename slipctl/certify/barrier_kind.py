@@ -332,7 +332,7 @@ def _witness(n: Numbers) -> Witness | None:
 BARRIER = register(System(
     "barrier_lyapunov",
     "Cheng 2022 (42), (44), signs put right: e' = -2 k e (k_x^2 - e^2) + w, k_x = k_a for e < 0"
-    " else k_s, |w| <= W, input held over T: does e stay in (-k_a, k_s)?",
+    " else k_s, |w| <= W, input held over T. Does e stay in (-k_a, k_s)?",
     {
         "k": Number("s/m^2", "gain", power=-2.0),
         "k_a": Number("m/s", "barrier below", power=1.0),

@@ -361,7 +361,7 @@ def _start(n: Numbers) -> str:
 PERTURBATION_SEEK = register(System(
     "perturbation_seek",
     "v = th + a sin wt, th' = k xi, xi' = w_l ((y - eta) sin wt - xi), eta' = w_h (y - eta),"
-    " sampled, on the parabola y of a peak at v*: does th stay near v* and come back to it?",
+    " sampled, on the parabola y of a peak at v*. Does th stay near v* and come back to it?",
     {
         "k": Number("m/s^2", "gain, in v/mu per s", low="any", power=1.0),
         "w": Number("1/s", "dither"),

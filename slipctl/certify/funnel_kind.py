@@ -370,7 +370,7 @@ _INPUTS = ("T", "W", "step", "F_error", "a", "noise")
 PRESCRIBED_PERFORMANCE = register(System(
     "prescribed_performance",
     "Zhang 2021 (34): an error inside -delta_l eta < e < delta_u eta, e' = -K1 eps/l + e eta'/eta"
-    " + w, |w| <= W and all other inputs, added, input held over T: does it stay inside?",
+    " + w, |w| <= W and all other inputs, added, input held over T. Does it stay inside?",
     {
         "K1": Number("1/s", "gain"),
         "T": Number("s", "sample period", role=INPUT, says="an input held over T = {}"),

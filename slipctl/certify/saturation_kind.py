@@ -252,8 +252,8 @@ _BOTH = ("dies_out", "dies_out_near")
 
 SATURATION = register(System(
     "saturation_compensation",
-    "Wang 2025 (34)-(36): lam' = -k3 lam - (F_HO - F)/M keeps s' = u - delta/M in any saturation;"
-    " do the errors die out while the need varies in any way, and from how far?",
+    "Wang 2025 (34)-(36): lam' = -k3 lam - (F_HO - F)/M keeps s' = u - delta/M in any saturation."
+    " Do the errors die out while the need varies in any way, and from how far?",
     {
         "k1": Number("1/s", "slope of the sliding surface"),
         "k3": Number("1/s", "rate at which the compensation is forgotten"),

@@ -297,7 +297,7 @@ def _ripple_claim(n: Numbers, _: Entries) -> str:
 
 SLIDING_SEEK = register(System(
     "sliding_seek",
-    "Cheng 2022 (22)-(36), sampled: v' = k sgn sin(pi (y - g)/beta), g' = rho, y = mu(v): does mu"
+    "Cheng 2022 (22)-(36), sampled: v' = k sgn sin(pi (y - g)/beta), g' = rho, y = mu(v). Does mu"
     " climb at rho where it has its steepest slope, and how much does v ripple at the peak?",
     {
         "k": Number("m/s^2", "rate of v", power=1.0),

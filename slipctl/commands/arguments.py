@@ -11,9 +11,10 @@ from slipctl.errors import BadInput, nearest
 AS_JSON = "answer as JSON"
 
 EPILOG = """\
-NAME is a study (subway_braking), a loop of it (subway_braking:sta, or sta@real for the form that
-it has in scenario real), a model (double_exponential, subway_braking.wheelset), a block in a file
-(my_law.py:my_law, my_law.toml:law), or an equation ("mu = c*v_s where v_s [m/s], c = 0.1 s/m").
+NAME is a study (subway_braking) or a loop of it (subway_braking:sta, or sta@real for the form that
+it has in scenario real). It may be a model (double_exponential, subway_braking.wheelset) or a block
+in a file (my_law.py:my_law, my_law.toml:law). It may also be an equation, such as
+"mu = c*v_s where v_s [m/s], c = 0.1 s/m".
 
   slipctl run subway_braking --set m=8.2t --loop sta --scenario base
   slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine

@@ -427,8 +427,8 @@ def stopped(r: Results) -> str:
     ]
     (some, before), (most, after) = steps[-2:]
     return (
-        f"properly in {proper_share(PRINTED)(r):.0%} of the seeds; with its small inertia and pulls"
-        f" it comes to rest before it arrives: the median error of a3 is {before:.2g} after {some}"
+        f"properly in {proper_share(PRINTED)(r):.0%} of the seeds. With its small inertia and pulls"
+        f" it comes to rest before it arrives. The median error of a3 is {before:.2g} after {some}"
         f" iterations and {after:.2g} after {most}"
     )
 

@@ -165,7 +165,7 @@ def lyapunov(context: Context) -> Table:
             "V' against the slope of V": ("1", [*own, None]),
         },
         "The last column is the largest difference of V' by the chain rule and the slope of V"
-        " between two samples, over the largest V'; in the loop V' is that slope.",
+        " between two samples, over the largest V'. In the loop V' is that slope.",
     )  # fmt: skip
 
 

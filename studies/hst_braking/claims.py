@@ -159,8 +159,8 @@ COMFORT = (
             f"variance_{loop}", "Table 4", f"variance of the acceleration of {loop}", "number",
             printed, lambda r, loop=loop: variance(r, "base", loop), "m2/s4", tolerance="5 %",
             scenario="base", loop=loop,
-            assumption="mean over the 0.5 s after 0, 2 and 4 s; the windows are not stated, and"
-            " the unit printed is m/s2; 20 kN m of torque, a guess: with a fifth less E-FC has the"
+            assumption="mean over the 0.5 s after 0, 2 and 4 s. The windows are not stated, and"
+            " the unit printed is m/s2. 20 kN m of torque, a guess: with a fifth less E-FC has the"
             " printed variance, and no other has",
             why_not="the rail's own steps and the limit of the torque make most of it, and they are"
             " the same for each controller",

@@ -171,8 +171,8 @@ def consistency(context: Context) -> Table:
             "white": ("", rows["white"]),
         },
         f"{samples} samples; band {low:.4f} to {high:.4f}, white below {white:.4f}. With gamma P"
-        " forgets the data at a fixed rate, whatever the force does: its P is that of one drift"
-        " only, so on any other the NIS is off, and it is 2/(2 + gamma) on a constant force.",
+        " forgets the data at a fixed rate, whatever the force does. Its P is that of one drift"
+        " only. So on any other the NIS is off, and it is 2/(2 + gamma) on a constant force.",
     )
 
 
@@ -302,7 +302,7 @@ def _bound_table(law: Block, log: Any, prior: Any) -> Table:
             "slip ratio has moved by": ("1", rows["moved"]),
         },
         "Standard deviation of any unbiased estimate (Cramer-Rao) of the three parameters' best"
-        f" slip. With the brake released the slip falls by {rate:.3f} 1/s on snow, so in 50 ms it"
+        f" slip. With the brake released the slip falls by {rate:.3f} 1/s on snow. So in 50 ms it"
         " sees a piece of the curve that is nearly a parabola's, and its peak is far away.",
     )
 

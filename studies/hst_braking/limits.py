@@ -272,6 +272,6 @@ def standstill(context: Context) -> Table:
             "largest slip ratio above 1 m/s": ("1", rows["slip"]),
             "restarts of the funnel": ("1", rows["restarts"]),
         },
-        "Slip control is off below 1 m/s on the true and below 3 m/s on the estimated speed; the"
+        "Slip control is off below 1 m/s on the true and below 3 m/s on the estimated speed. The"
         " torque is then 0.7 of what the last estimate says the rail carries.",
     )

@@ -122,8 +122,8 @@ def meaning(free: Fitted, ordered: Fitted) -> str:
         f" both become {ordered.values['k_A']:.3f} and the largest error"
         f" grows {ordered.max_error / free.max_error:.1f} times. Polach expects dirt to soften the"
         f" part of the patch that slips more than the part that adheres. CONTACT computed this"
-        f" curve with an elastic layer between wheel and rail: it softens the part that adheres,"
-        f" where it adds to the give of the steel, and does not matter where friction alone sets"
+        f" curve with an elastic layer between wheel and rail. It softens the part that adheres,"
+        f" where it adds to the give of the steel. It does not matter where friction alone sets"
         f" the stress. So k_A falls more than k_S. Together they keep"
         f" {50 * (p['k_A'] + p['k_S']):.0f} % of Kalker's slope without creep."
     )

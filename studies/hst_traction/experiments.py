@@ -112,7 +112,7 @@ def observer(context: Context) -> dict[str, Table]:
         f"Ours is K1 = {K1:.1f}, K2 = {K2:.0f}; it holds L up to"
         f" {observer_bounds.largest_slope(K1, K2):.0f} rad/s^3. After a jump of 0.11 in mu the"
         f" error is gone within {observer_bounds.convergence_time(K1, K2, 1500.0, 0, jump):.3f} s"
-        f" at |f'| < 1500 by the unit-free bound, within"
+        f" at |f'| < 1500 by the unit-free bound. It is within"
         f" {observer_bounds.convergence_time_printed(K1, K2, 1500.0, 0, jump):.0f} s by the printed"
         " one from the same matrix.",
     )

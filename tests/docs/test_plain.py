@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -89,6 +90,48 @@ def test_what_a_report_prints_of_models_is_plain():
         f"{file.name}: {' '.join(sentence.words)}"
         for file in files
         for text in told(file)
+        for sentence in plain.sentences(text)
+        if len(sentence.words) > plain.LONGEST
+    ]
+    assert long == []
+
+
+CODE = re.compile(r"[;{}]$|\(\)$|^/begin", re.M)
+"""Ends and beginnings of lines of C, of styles, of CMake and of A2L."""
+
+
+def texts(file: Path) -> Iterator[str]:
+    """Literals that a person may be shown: no docstrings, code, lists of names, equations."""
+    tree = ast.parse(file.read_text("utf-8"))
+    nodes = list(ast.walk(tree))
+    apart = {id(n.value) for n in nodes if isinstance(n, ast.Expr)}
+    apart |= {id(v) for n in nodes if isinstance(n, ast.JoinedStr) for v in n.values}
+    for node in nodes:
+        if id(node) in apart:
+            continue
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = node.value
+        elif isinstance(node, ast.JoinedStr):
+            text = "".join(
+                str(v.value) if isinstance(v, ast.Constant) else "`x`" for v in node.values
+            )
+        else:
+            continue
+        if re.search(r"[.,:?]", text) and text.count(" = ") < 5 and not CODE.search(text):
+            yield re.sub(r"^ +slipctl .*$", "", text, flags=re.M)  # examples of commands
+
+
+def test_what_a_command_or_a_report_prints_is_plain():
+    """No sentence of a literal is too long: help, messages, captions, notes, reasons."""
+    files = [
+        f for room in ("slipctl", "models", "studies") for f in sorted((ROOT / room).rglob("*.py"))
+    ]
+    found = [(file, text) for file in files for text in texts(file)]
+    assert len(found) > 5000
+    long = [
+        f"{file.relative_to(ROOT)}: {' '.join(sentence.words)}"
+        for file, text in found
+        if len(text.split()) > plain.LONGEST
         for sentence in plain.sentences(text)
         if len(sentence.words) > plain.LONGEST
     ]

@@ -66,7 +66,7 @@ Nothing but these files, a C compiler and `make` (or CMake 3.20 or newer) is nee
 | `make cortex-m4` | runs the test on an emulated board and counts instructions; also `cortex-m7` |
 
 The test prints the largest difference of each signal with its limit, tries NaN and numbers out of
-range as inputs, and ends with exit code 0 if all is well. With CMake:
+range as inputs. It ends with exit code 0 if all is well. With CMake:
 
     cmake -B build
     cmake --build build

@@ -110,8 +110,8 @@ def recover(plan: Plan) -> str:
     order = ", ".join(p or "the state" for p in plan.parts)
     what = comment(
         f"One more tick is refused. After {guard.PATIENCE} in a row the part of which a state is"
-        " out of its range is put to its start, after as many more one part after the other:"
-        f" {order}; then all."
+        " out of its range is put to its start. After as many more it is one part after the other:"
+        f" {order}. Then it is all of it."
     )
     signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
                           f"{n}_state *state", "int off")  # fmt: skip
