@@ -1,7 +1,7 @@
 """A notebook of each how-to page: ``python docs/make_notebooks.py FOLDER [--run]``.
 
 Text becomes text, ``python`` and ``console`` blocks become cells, and a block that begins with the
-name of a file writes that file. ``--run`` executes each in an empty folder, as a reader does; a
+name of a file writes that file. ``--run`` executes each in an empty folder, as a reader does; one
 that fails is told, with 1 as the exit code. The ``notebook`` extra has what that needs.
 """
 
