@@ -105,7 +105,7 @@ def test_a_run_is_kept_and_read_again_with_the_same_bits(tmp_path, monkeypatch):
     faster = block.with_params(**{"law.law.K": 120.0})
     assert runs.run(context, *arguments[:3], faster, *arguments[4:]) != first
     log = simulate(block, loops.scenario("hst", "section_5", 1, arguments[5]), log=runs.LOG)
-    assert first["way"] == pytest.approx(float(log["world.x_true"][-1]), rel=1e-3)
+    assert first["distance"] == pytest.approx(float(log["world.x_true"][-1]), rel=1e-3)
     assert first["slide"] == 0.0
     assert len(list(tmp_path.iterdir())) == 2
 
