@@ -97,7 +97,7 @@ def trajectory(
         minimise: a state, whose value at the end is minimised; with a minus in front it is
             maximised; or ``"time"``, which needs ``end``. An energy is a state too.
         bounds: (lo, hi) of a control, by default its declared range.
-        limits: (lo, hi) of states and outputs all along the way.
+        limits: (lo, hi) of states and outputs at all times.
         end: states at the end; the duration is then free, and the scenario's the longest.
         guesses: logs of runs to start from (signals by full or last name). Without any, the plant
             with its controls at rest, from where a plant that can slip away is seldom solved.

@@ -386,7 +386,7 @@ def braked(
         "time": float(len(beyond) * H),
         "recovered": float((beyond[-1] - beyond[0]) * H) if len(beyond) else 0.0,
         "slipping": bool(len(beyond) and beyond[-1] >= np.flatnonzero(moving)[-1] - 5),
-        "way": float(x[-1]),
+        "distance": float(x[-1]),
     }
 
 
@@ -394,13 +394,14 @@ def position(context: Context) -> dict[str, Table]:
     """Braking onto ice: how much deceleration the limit and a brake of 0.4 s lag hold."""
     rates = (0.4, 0.6, 0.8) if context.quick else (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
     rows: dict[str, list[Any]] = {
-        k: [] for k in ("a", "limited", "creep", "share", "beyond", "recovery", "way")
+        k: [] for k in ("a", "limited", "creep", "share", "beyond", "recovery", "distance")
     }
     for count, a in enumerate(rates):
         for limited in (False, True):
             found = braked(context, a, limited)
-            values = (a, limited, found["creep"], found["share"], found["time"],
-                      None if found["slipping"] else found["recovered"], found["way"])  # fmt: skip
+            recovered = None if found["slipping"] else found["recovered"]
+            values = (a, limited, found["creep"], found["share"], found["time"], recovered,
+                      found["distance"])  # fmt: skip
             for key, value in zip(rows, values, strict=True):
                 rows[key].append(value)
         context.progress(0.6 * (count + 1) / len(rates))
@@ -413,7 +414,7 @@ def position(context: Context) -> dict[str, Table]:
             "creep by that of the peak": ("1", rows["share"]),
             "time beyond the peak": ("s", rows["beyond"]),
             "from first to last time beyond it": ("s", rows["recovery"]),
-            "way in 14 s": ("m", rows["way"]),
+            "distance in 14 s": ("m", rows["distance"]),
         },
         "Law: robust. The whole train brakes by what its poorest observed axle may use.",
     )
