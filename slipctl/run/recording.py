@@ -236,7 +236,7 @@ def _in_order(log: Recording, wanted: str) -> None:
     order = np.flatnonzero(good)[np.argsort(time[good], kind="stable")]
     if (np.diff(time[good]) < 0).any():
         log.notes.append("rows were not in order of time; sorted")
-    later = np.append(np.diff(time[order]) > 0, True)
+    later = np.diff(time[order], append=np.inf) > 0
     if not later.all():
         log.notes.append(f"{int((~later).sum())} rows with the time of the next one left out")
     order = order[later]

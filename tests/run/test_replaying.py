@@ -166,6 +166,7 @@ def test_command(tmp_path: Path, capsys: Any) -> None:
         ("t;x\n0;1\n", "1 whole rows"),
         ("t;t\n0;1\n1;2\n", "two columns 't'"),
         ("t;x\n0;1\n0;2\n", "fewer than two different times"),
+        ("t;x\nnan;1\n-;2\n", "fewer than two different times"),
         ("t;x\n0;1\n1;abc\n", "'abc' in row 2 is no number"),
         ("t;x\n0;1\nabc;2\n", "is no number"),
         ("\x00\x01", "is no text"),
