@@ -115,9 +115,10 @@ def enclosure(
     apart = gap * max(float(np.ptp(places)), 1e-6 * float(np.abs(places).max()), 1e-12)
     x = ca.SX.sym("x", len(low))
     up, down = (ca.Function("signed", [x], [sign * f(x)]) for sign in (1, -1))
+    smooth = not jumps(f) or largest_jump(f, low, high).bound == 0  # so that slopes say how far
     found = [
         largest(g, low, high, apart,
-                slope=None if jumps(f) else ca.Function("slope", [x], [ca.gradient(g(x), x)]))
+                slope=ca.Function("slope", [x], [ca.gradient(g(x), x)]) if smooth else None)
         for g in (down, up)
     ]  # fmt: skip
     return -found[0].bound, found[1].bound

@@ -22,6 +22,9 @@ Interval = tuple[np.ndarray, np.ndarray]
 
 ULPS = 8
 
+AT_ONCE = 4096
+"""Boxes that are halved together, those with the largest bounds first."""
+
 
 class Bracket(NamedTuple):
     """Where the largest value of a function over a box lies.
@@ -132,39 +135,70 @@ def largest(
         bound: from enclosures to upper bounds of that; default the upper end of row 0.
         most: boxes after which the search ends with what it has.
         slope: gradient of row 0, a column, where f is continuous and row 0 is made large. A box
-            along which it only rises or only falls shrinks to the side where it is largest.
+            along which it only rises or only falls shrinks to the side where it is largest. What
+            is left is also bounded from its middle, by the enclosed slopes (mean value form; Moore,
+            Kearfott, Cloud, chapter 6), and halved where slope times width is largest.
 
     Returns:
         The bracket; its bound is proven even where the search ended early.
     """
     value = value or (lambda y: y[0])
     bound = bound or (lambda a, b: b[0])
-    width = np.where(hi > lo, hi - lo, 1.0)
+    width = np.where(hi > lo, hi - lo, 1.0)[:, None]
     low, high = lo.reshape(-1, 1).astype(float), hi.reshape(-1, 1).astype(float)
+    known = np.array([np.inf])  # upper bound of each box, from the one that it is a half of
     best, done, boxes = -np.inf, -np.inf, 0
-    while low.shape[1]:
-        boxes += low.shape[1]
+    while known.size:
+        order = np.argsort(-known, kind="stable")
+        now, later = order[:AT_ONCE], order[AT_ONCE:]
+        waiting = low[:, later], high[:, later], known[later]
+        low, high = low[:, now], high[:, now]
+        boxes += now.size
         if slope is not None:
             a, b = enclose(slope, low, high)
             rises, falls = a >= 0, (b <= 0) & (a < 0)
             low, high = np.where(rises, high, low), np.where(falls, low, high)
         middle = low + (high - low) / 2
+        reach = (high - low) / width
         points = np.hstack([low, middle, high]) if boxes == 1 else middle
+        if slope is not None:  # and the corner that is uphill from the middle
+            uphill = np.array(slope(middle).full()) > 0
+            points = np.hstack([points, np.where(uphill, high, low)])
         found = value(np.array(f(points).full()))
         best = max(best, float(np.nanmax(found, initial=-np.inf)))
         ends = bound(*enclose(f, low, high))
-        open_ = ends > best + gap
-        if boxes > most or not (high > low)[:, open_].any():
-            return Bracket(best, float(max(done, ends.max())), boxes)
+        if slope is not None:
+            ends = np.fmin(ends, _from_middle(f, low, high, (a, b)))
+            change = np.maximum(np.abs(a), np.abs(b)) * (high - low)
+            reach = np.where(np.isfinite(change).all(axis=0), change, reach)
+        open_ = (ends > best + gap) & (high > low).any(axis=0)
+        if boxes > most:
+            return Bracket(best, float(max(done, *ends, *waiting[2])), boxes)
         done = max(done, float(ends[~open_].max(initial=-np.inf)))
         low, high, middle = low[:, open_], high[:, open_], middle[:, open_]
-        along = np.argmax((high - low) / width[:, None], axis=0)
+        along = np.argmax(reach[:, open_], axis=0)
         cut = np.arange(low.shape[0])[:, None] == along
-        low, high = (
-            np.hstack([low, np.where(cut, middle, low)]),
-            np.hstack([np.where(cut, middle, high), high]),
-        )
+        low = np.hstack([waiting[0], low, np.where(cut, middle, low)])
+        high = np.hstack([waiting[1], np.where(cut, middle, high), high])
+        known = np.concatenate([waiting[2], ends[open_], ends[open_]])
+        open_ = known > best + gap
+        done = max(done, float(known[~open_].max(initial=-np.inf)))
+        low, high, known = low[:, open_], high[:, open_], known[open_]
     return Bracket(best, max(done, best), boxes)
+
+
+def _from_middle(f: ca.Function, low: np.ndarray, high: np.ndarray, slope: Interval) -> np.ndarray:
+    """Upper bounds of row 0 over boxes, from its middles and enclosed slopes; mean value form."""
+    middle = low + (high - low) / 2
+    with np.errstate(all="ignore"):
+        total = tuple(end[0] for end in enclose(f, middle, middle))
+        for k in range(low.shape[0]):
+            apart = _sound(low[k] - middle[k], high[k] - middle[k])
+            step = _sound(*_mul(apart, (slope[0][k], slope[1][k])))
+            still = low[k] == high[k]  # an infinite slope times nothing
+            step = np.where(still, 0.0, step[0]), np.where(still, 0.0, step[1])
+            total = _sound(total[0] + step[0], total[1] + step[1])
+    return np.asarray(total[1])
 
 
 # ---- rules --------------------------------------------------------------------------------------
