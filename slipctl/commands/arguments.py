@@ -214,8 +214,8 @@ def parser() -> Parser:
         help="numbers that are searched, each in its range; ends may have units",
     )  # fmt: skip
     p.add_argument(
-        "--minimise", metavar="METRIC", dest="objective",
-        help="a metric, or a weighted sum: 'distance + 0.001*torque_ripple'",
+        "--minimise", metavar="METRIC", nargs="+", action="extend", default=[], dest="objective",
+        help="a metric, or a weighted sum: 'distance + 0.001*torque_ripple'; several give a front",
     )  # fmt: skip
     p.add_argument(
         "--subject-to", metavar="LIMIT", nargs="+", action="extend", default=[], dest="limits",
@@ -230,7 +230,9 @@ def parser() -> Parser:
     p.add_argument(
         "--held-out", metavar="N", type=int, default=200, help="draws of the judgement (200)"
     )
-    p.add_argument("--runs", metavar="N", type=int, help="most runs of the search (250 a number)")
+    p.add_argument(
+        "--runs", metavar="N", type=int, help="most runs of the search (250 a number and metric)"
+    )
     p.add_argument(
         "--prove", action="store_true",
         help="state what 1375 fresh draws prove: 99 %% of all draws, confidence 1 - 1e-6",

@@ -9,6 +9,7 @@ from pathlib import Path
 from slipctl.design import page, written
 from slipctl.design.promises import of_loop
 from slipctl.design.tune import Stopped, Tuned, tune
+from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.run import stopping, store
 from slipctl.run.ensemble import Ensemble, load_ensemble
@@ -54,12 +55,16 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if certified:
         said = written.certificate_of(found, command, options.settings, options.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
+    if found.front:
+        store.write_json(out / "front.json", written.front_of(found, command))
+        plots.save(page.front_picture(found), out, "front", command)
     store.write_text(out / "report.html", page.page(found, command))
     if options.json:
         print(store.json_text(written.found_of(found, command) | {"folder": str(out)}).rstrip())
         return 0
     print(page.text(found))
-    names = ["gains.toml", *(["certificate.json"] if certified else []), "report.html"]
+    names = ["gains.toml", *(["certificate.json"] if certified else []),
+             *(["front.json", "front.svg"] if found.front else []), "report.html"]  # fmt: skip
     print("\n" + "\n".join(str(out / n) for n in names))
     return 0
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slipctl.design.goals import Limit, Score, paired
 from slipctl.design.ranges import Free
-from slipctl.design.tuning import HELD_OUT, Candidate, Search, add
+from slipctl.design.tuning import HELD_OUT, Candidate, Search
 
 POINTS = 9
 """Points of a slice along the range of a number, both ends included."""
@@ -31,13 +31,19 @@ class Judged:
 
     Attributes:
         tuned, by_hand: what both gave. difference: mean of the paired differences of the objective,
-            tuned minus hand-set. error: its standard error.
+            tuned minus hand-set. error: its standard error. more: of further objectives.
     """
 
     tuned: Score
     by_hand: Score
     difference: float
     error: float
+    more: tuple[Judged, ...] = ()
+
+    @property
+    def each(self) -> tuple[Judged, ...]:
+        """Of all objectives."""
+        return (self, *self.more)
 
     def kept(self, limits: Sequence[Limit]) -> list[tuple[Limit, int, int]]:
         """Each limit with the draws in which the tuned and the hand-set numbers keep it."""
@@ -53,13 +59,15 @@ class Slice:
     """The objective along one number, the others as tuned.
 
     Attributes:
-        free: the number. values: along its range. means: of the objective, NaN where nothing is
-            proved or a limit is missed. at: mean of the tuned numbers on the same draws.
+        objective: what is kept, in words. free: the number. values: along its range.
+        means: of the objective, NaN where nothing is proved or a limit is missed.
+        at: mean of the tuned numbers on the same draws.
         lo, hi: range about the tuned number in which the objective stays within :data:`CLOSE`.
         answer: change of the objective in percent for one percent more of the number; NaN where a
             neighbour has none.
     """
 
+    objective: str
     free: Free
     values: Sequence[float]
     means: Sequence[float]
@@ -71,40 +79,40 @@ class Slice:
 
 def judge(search: Search, draws: int) -> Judged:
     """Both sets of numbers on draws that the search has not seen."""
-    found = []
+    both = []
     for c in (search.best, search.by_hand):
-        score = Score([], [])
+        both.append(search.made(c.number, c.numbers, c.share))
         asked = [(c.number, c.numbers, k) for k in range(draws)]
         for metrics in search.rolls.all(HELD_OUT, asked):
-            add(score, metrics, search.objective, search.limits)
-        found.append(score)
-    difference, error = paired(found[0].values, found[1].values)
-    if search.best is search.by_hand:
-        difference, error = 0.0, 0.0
-    return Judged(found[0], found[1], difference, error)
+            search.ran(both[-1], metrics)
+    found = []
+    for tuned, by_hand in zip(*(c.scores for c in both), strict=True):
+        difference, error = paired(tuned.values, by_hand.values)
+        if search.best is search.by_hand:
+            difference, error = 0.0, 0.0
+        found.append(Judged(tuned, by_hand, difference, error))
+    return replace(found[0], more=tuple(found[1:]))
 
 
 def slices(search: Search) -> list[Slice]:
-    """The objective along each number."""
+    """Each objective along each number."""
     draws = min(DRAWS, search.samples)
-    base = search.best.score.values[:draws]
     asked: list[tuple[int, Candidate | None]] = []
     for k, free in enumerate(search.frees):
         here = search.best.numbers[free.name]
         values = [*_along(search, k), *(x for x in (here * (1 - NUDGE), here * (1 + NUDGE)))]
         asked += [(k, _at(search, free, x)) for x in values]
-    rolled = [c for _, c in asked if c is not None]
-    search.extend(rolled, draws)
+    search.extend([c for _, c in asked if c is not None], draws)
     found = []
-    for k, free in enumerate(search.frees):
-        row = [c for which, c in asked if which == k]
-        means = [_mean(c, search.limits) for c in row]
-        values = [*_along(search, k)]
-        at = float(np.mean(base))
-        lo, hi = _close(free, values, means[:-2], search.best.numbers[free.name], at)
-        down, up = means[-2:]
-        answer = (up - down) / (2 * NUDGE) / abs(at) if at else math.nan
-        found.append(Slice(free, values, means[:-2], at, lo, hi, answer))
+    for i, goal in enumerate(search.objectives):
+        at = search.best.scores[i].mean(draws)
+        for k, free in enumerate(search.frees):
+            means = [_mean(c, i, search.limits) for which, c in asked if which == k]
+            values = [*_along(search, k)]
+            lo, hi = _close(free, values, means[:-2], search.best.numbers[free.name], at)
+            down, up = means[-2:]
+            answer = (up - down) / (2 * NUDGE) / abs(at) if at else math.nan
+            found.append(Slice(goal.text, free, values, means[:-2], at, lo, hi, answer))
     return found
 
 
@@ -121,13 +129,13 @@ def _at(search: Search, free: Free, value: float) -> Candidate | None:
     numbers: Mapping[str, float] = {**search.best.numbers, free.name: value}
     if not free.lo <= value <= free.hi or search.refusal(numbers):
         return None
-    return Candidate(search.thought, numbers, search.best.share)
+    return search.made(search.thought, numbers, search.best.share)
 
 
-def _mean(c: Candidate | None, limits: Sequence[Limit]) -> float:
+def _mean(c: Candidate | None, objective: int, limits: Sequence[Limit]) -> float:
     if c is None or c.score.missed(limits) > 0:
         return math.nan
-    return c.score.mean()
+    return c.scores[objective].mean()
 
 
 def _close(

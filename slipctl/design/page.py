@@ -21,36 +21,65 @@ from slipctl.study.texts import number, with_unit, wrapped
 
 Rows = list[list[str]]
 
+MOST = 12
+"""Points of a front that a table shows."""
+
+KNEE = (
+    "The gains are those of the knee, whose largest loss is least; a loss is counted from the best"
+    " of the front, in shares of its span."
+)
+
+
+def goals(found: Tuned) -> str:
+    """What was made small, in words."""
+    return ", ".join(goal.text for goal in found.search.objectives)
+
 
 def gains_rows(found: Tuned) -> Rows:
-    """Each number: tuned, by hand, the range that keeps the objective, how it answers."""
-    keeps = f"keeps {100 * CLOSE:g} %"
-    rows = [["number", "unit", "range", "by hand", "tuned", keeps, "% a %"]]
-    by = {s.free.name: s for s in found.slices}
+    """Each number: tuned, by hand, the range that keeps each objective, how that answers."""
+    rows = [["number", "unit", "range", "by hand", "tuned"]]
+    texts = [goal.text for goal in found.search.objectives]
+    for text in texts:
+        what = f" of {text}" if len(texts) > 1 else ""
+        rows[0] += [f"keeps {100 * CLOSE:g} %{what}", f"% a %{what}"]
+    by = {(s.objective, s.free.name): s for s in found.slices}
     for f in found.frees:
-        s = by.get(f.name)
-        kept = f"{number(s.lo)} .. {number(s.hi)}" if s else "–"
-        answer = number(s.answer, 2) if s and math.isfinite(s.answer) else "–"
         rows.append([f.name, f.unit, f"{number(f.lo)} .. {number(f.hi)}", number(f.now),
-                     number(found.gains[f.name], 6), kept, answer])  # fmt: skip
+                     number(found.gains[f.name], 6)])  # fmt: skip
+        for text in texts:
+            s = by.get((text, f.name))
+            rows[-1].append(f"{number(s.lo)} .. {number(s.hi)}" if s else "–")
+            rows[-1].append(number(s.answer, 2) if s and math.isfinite(s.answer) else "–")
+    return rows
+
+
+def front_rows(found: Tuned, most: int = MOST) -> Rows:
+    """Points of the front, from the least of the first objective on; of many an even share."""
+    front, goals_ = found.front, found.search.objectives
+    rows = [["front", *(f.short for f in found.frees), *(g.text for g in goals_)]]
+    at = {round(k) for k in np.linspace(0, len(front) - 1, min(most, len(front)))}
+    for k, c in enumerate(front):
+        marks = [n for n, other in (("knee", found.search.best), ("by hand", found.search.by_hand))
+                 if c is other]  # fmt: skip
+        if k in at or marks:
+            rows.append([" and ".join(marks), *(number(c.numbers[f.name]) for f in found.frees),
+                         *(number(s.mean(), 6) for s in c.scores)])  # fmt: skip
     return rows
 
 
 def judged_rows(found: Tuned) -> Rows:
-    """Objective and limits on the held-out draws."""
+    """Objectives and limits on the held-out draws."""
     judged = found.judged
     assert judged is not None
     rows = [["held-out draws", "by hand", "tuned"]]
-    hand, tuned = judged.by_hand, judged.tuned
     spread: dict[str, Callable[..., Any]] = {
-        "least": np.min, "median": np.median, "largest": np.max
+        "least": np.min, "median": np.median, "largest": np.max, "mean": np.mean
     }  # fmt: skip
-    for what, of in spread.items():
-        rows.append([f"{what} {found.search.objective.text}", *(
-            number(float(of(s.values)), 6) for s in (hand, tuned))])  # fmt: skip
-    rows.append([f"mean {found.search.objective.text}", number(hand.mean(), 6),
-                 number(tuned.mean(), 6)])  # fmt: skip
-    many = len(tuned.values)
+    for goal, its in zip(found.search.objectives, judged.each, strict=True):
+        for what, of in spread.items():
+            rows.append([f"{what} {goal.text}", *(
+                number(float(of(s.values)), 6) for s in (its.by_hand, its.tuned))])  # fmt: skip
+    many = len(judged.tuned.values)
     for limit, kept, before in judged.kept(found.search.limits):
         rows.append([f"draws with {limit.text}", f"{before} of {many}", f"{kept} of {many}"])
     return rows
@@ -67,24 +96,28 @@ def promise_rows(found: Tuned) -> Rows:
     return rows
 
 
-def difference(found: Tuned) -> str:
-    """Mean paired difference on the held-out draws, in words."""
+def differences(found: Tuned) -> list[str]:
+    """Mean paired difference of each objective on the held-out draws, in words."""
     judged = found.judged
     assert judged is not None
     if found.search.best is found.search.by_hand:
-        return "nothing that was tried is better than the gains set by hand; they are kept"
-    mean, error = judged.difference, judged.error
-    sure = "more than" if abs(mean) > 2 * error else "within"
-    return (
-        f"tuned minus by hand, the same {len(judged.tuned.values)} held-out draws:"
-        f" {mean:+.4g} +- {error:.2g} (standard error), {sure} twice the error"
-    )
+        return ["nothing that was tried is better than the gains set by hand; they are kept"]
+    lines = []
+    for goal, its in zip(found.search.objectives, judged.each, strict=True):
+        mean, error = its.difference, its.error
+        sure = "more than" if abs(mean) > 2 * error else "within"
+        which = f"{goal.text}, " if judged.more else ""
+        lines.append(
+            f"{which}tuned minus by hand, the same {len(its.tuned.values)} held-out draws:"
+            f" {mean:+.4g} +- {error:.2g} (standard error), {sure} twice the error"
+        )
+    return lines
 
 
 def text(found: Tuned) -> str:
     """What a person reads on the terminal."""
     search = found.search
-    wide = [found.name, f"minimise {search.objective.text}",
+    wide = [found.name, f"minimise {goals(found)}",
             *(f"subject to {limit.text}" for limit in search.limits),
             *(f"subject to {p.text}" for p in search.promises.wanted)]  # fmt: skip
     refused = sum(search.refused.values())
@@ -92,8 +125,9 @@ def text(found: Tuned) -> str:
         f"{search.thought} candidates, {refused} refused by a certificate before any run,"
         f" {search.spent} runs on {search.samples} draws"
     )
-    blocks = [", ".join(wide), counted, _table(gains_rows(found)), _table(judged_rows(found)),
-              difference(found)]  # fmt: skip
+    front = [_table(front_rows(found)), KNEE] if found.front else []
+    blocks = [", ".join(wide), counted, *front, _table(gains_rows(found)),
+              _table(judged_rows(found)), "\n".join(differences(found))]  # fmt: skip
     if found.promises.gains:
         blocks.append(_table(promise_rows(found)))
     if found.statement is not None:
@@ -109,9 +143,57 @@ def _table(rows: Rows) -> str:
 
 
 def pictures(found: Tuned) -> dict[str, plots.Figure]:
-    """Convergence, slices, and paired differences, by caption."""
+    """Front or convergence, slices, and paired differences, by caption."""
     search = found.search
-    what = (search.objective.text, _unit(found))
+    units = _units(found)
+    named = [(goal.text, unit) for goal, unit in zip(search.objectives, units, strict=True)]
+    shown = {}
+    if found.front:
+        shown["Means over the draws of the search: no candidate is better in all objectives than"
+              " one of the front."] = front_picture(found)  # fmt: skip
+    else:
+        shown["Mean over the draws of the search, against its runs."] = _course(found, named[0])
+    for what in named:
+        along = [s for s in found.slices if s.objective == what[0]]
+        if along:
+            shown[
+                f"Mean {what[0]} over draws along each number, the others as tuned; the range that"
+                f" keeps {100 * CLOSE:g} % is shaded. Where nothing is drawn a certificate or a"
+                " limit fails."
+            ] = _sliced(along, what)
+    if found.judged and search.best is not search.by_hand:
+        for what, its in zip(named, found.judged.each, strict=True):
+            d = np.sort(np.subtract(its.tuned.values, its.by_hand.values))
+            share = (np.arange(d.size) + 0.5) / d.size * 100
+            shown[f"Tuned minus by hand, {what[0]}, each held-out draw, in order."] = plots.lines(
+                {"difference": (share, d)}, ("share of the draws", "%"),
+                (f"difference of {what[0]}", what[1]), legend=False,
+            )  # fmt: skip
+    return shown
+
+
+def front_picture(found: Tuned) -> plots.Figure:
+    """The front with its knee and the gains set by hand; a panel for each further objective."""
+    search, units = found.search, _units(found)
+    fig, axes = plots.panels(len(search.others), 1, height=3.2)
+    first = (search.objective.text, units[0])
+    for k, goal in enumerate(search.others, 1):
+        curves: dict[str, tuple[Any, Any]] = {
+            "front": (
+                [c.score.mean() for c in found.front],
+                [c.scores[k].mean() for c in found.front],
+            )
+        }
+        for name, c in (("knee", search.best), ("by hand", search.by_hand)):
+            at = [c.scores[i].mean() for i in (0, k)]
+            if np.isfinite(at).all():
+                curves[name] = ([at[0]], [at[1]])
+        plots.lines(curves, first, (goal.text, units[k]), axis=axes[k - 1, 0], points=True)
+    return fig
+
+
+def _course(found: Tuned, what: tuple[str, str]) -> plots.Figure:
+    search = found.search
     runs = [r for r, *_ in search.course]
     fig, axes = plots.panels(height=2.8)
     curves: dict[str, tuple[Any, Any]] = {
@@ -120,27 +202,14 @@ def pictures(found: Tuned) -> dict[str, plots.Figure]:
     if math.isfinite(search.by_hand.score.mean()):
         curves["by hand"] = ([runs[0], runs[-1]], [search.by_hand.score.mean()] * 2)
     plots.lines(curves, ("runs", "1"), what, axis=axes[0, 0], points=True)
-    shown = {"Mean over the draws of the search, against its runs.": fig}
-    if found.slices:
-        shown[
-            "Mean over draws along each number, the others as tuned; the range that keeps"
-            f" {100 * CLOSE:g} % is shaded. Where nothing is drawn a certificate or a limit fails."
-        ] = _sliced(found.slices, what)
-    if found.judged and search.best is not search.by_hand:
-        d = np.sort(np.subtract(found.judged.tuned.values, found.judged.by_hand.values))
-        share = (np.arange(d.size) + 0.5) / d.size * 100
-        shown["Tuned minus by hand, each held-out draw, in order."] = plots.lines(
-            {"difference": (share, d)}, ("share of the draws", "%"),
-            (f"difference of {what[0]}", what[1]), legend=False,
-        )  # fmt: skip
-    return shown
+    return fig
 
 
-def _unit(found: Tuned) -> str:
-    """Unit of the objective."""
+def _units(found: Tuned) -> list[str]:
+    """Unit of each objective."""
     search = found.search
     first = search.rolls.all(TRAINING, [(-1, search.by_hand.numbers, 0)])[0]
-    return search.objective.unit(first) if first else "1"
+    return [goal.unit(first) if first else "1" for goal in search.objectives]
 
 
 def _sliced(slices: Sequence[Slice], what: tuple[str, str]) -> plots.Figure:
@@ -160,8 +229,11 @@ def _sliced(slices: Sequence[Slice], what: tuple[str, str]) -> plots.Figure:
 def page(found: Tuned, command: str) -> str:
     """Write the page."""
     drawn = {caption: plots.svg_text(fig, command) for caption, fig in pictures(found).items()}
+    lines = "".join(_p(line) for line in differences(found))
     sections = [("Gains", _html(gains_rows(found)) + _note()),
-                ("Held-out draws", _html(judged_rows(found)) + _p(difference(found)))]  # fmt: skip
+                ("Held-out draws", _html(judged_rows(found)) + lines)]  # fmt: skip
+    if found.front:
+        sections.insert(0, ("Front", _html(front_rows(found, len(found.front))) + _p(KNEE)))
     if found.promises.gains:
         sections.append(("Certificates", _html(promise_rows(found)) + _promised(found)))
     if found.statement is not None:
@@ -183,7 +255,7 @@ def page(found: Tuned, command: str) -> str:
 </head>
 <body>
 <h1>{escape(title)}</h1>
-<p class="soft">minimise {escape(found.search.objective.text)} · slipctl {__version__}</p>
+<p class="soft">minimise {escape(goals(found))} · slipctl {__version__}</p>
 {body}
 </body>
 </html>

@@ -16,6 +16,7 @@ from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.certify.promise import CERTIFIED
 from slipctl.design import judging, statement
+from slipctl.design.fronts import FrontSearch
 from slipctl.design.judging import Judged, Slice
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
@@ -59,6 +60,11 @@ class Tuned:
         """Certificates of the loop."""
         return self.search.promises
 
+    @property
+    def front(self) -> tuple[Candidate, ...]:
+        """Candidates of the front, where there are several objectives."""
+        return tuple(self.search.front) if isinstance(self.search, FrontSearch) else ()
+
     def tuned_loop(self) -> Block:
         """The loop with the tuned numbers."""
         return self.loop.with_params(**self.gains)
@@ -79,7 +85,7 @@ class Stopped(KeyboardInterrupt):
 def tune(
     loop: Block,
     free: Sequence[str] | Mapping[str, Any],
-    objective: str,
+    objective: str | Sequence[str],
     ensemble: Ensemble,
     subject_to: Sequence[str] = (),
     *,
@@ -107,7 +113,9 @@ def tune(
     Args:
         loop: the loop, with its hand-set numbers.
         free: what is searched, ``{"ctl.law.k1": (1, 60)}`` or ``["k1=1:60"]``.
-        objective: a metric, or a weighted sum, ``"distance + 0.001*torque_ripple"``.
+        objective: a metric, or a weighted sum, ``"distance + 0.001*torque_ripple"``. Several of
+            them, ``["distance", "torque_ripple"]``, give a front, and the gains are those of its
+            knee.
         ensemble: what differs from draw to draw.
         subject_to: ``["torque_ripple<=8kN m", "slip_max@0.95<=2m/s", "margin>=1.2"]``.
         scenario: what happens.
@@ -118,7 +126,7 @@ def tune(
         samples: draws of the search.
         seed: of draws and search.
         held_out: draws on which both sets of numbers are judged.
-        runs: most runs of the search; by default 250 for each free number.
+        runs: most runs of the search; by default 250 for each free number and each objective.
         prove: state what 1375 fresh draws prove: kept in 99 % of all draws, confidence 1 - 1e-6.
         controller: part of the loop that a bare name is looked for in.
         jobs: runs at once; by default one for each core. The result is the same.
@@ -141,8 +149,6 @@ def tune(
     check_whole("--jobs", jobs or 1, 1)
     name = str((about or {}).get("loop", loop.name))
     frees = read_frees(free, loop, scenario, controller)
-    runs = RUNS * len(frees) if runs is None else runs
-    check_whole("--runs", runs, 1)
     world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
                   free=[f.name for f in frees], compile=compile)  # fmt: skip
     for note in world.notes:
@@ -150,14 +156,19 @@ def tune(
     _apart(frees, world)
     numbers = {f.name: f.now for f in frees}
     there = world.metrics(numbers, world.draw(TRAINING, 0))
-    goal, limits, proved = wanted(objective, subject_to, there, name, [g.name for g in gains])
-    world.wanted = tuple(dict.fromkeys((*goal.metrics, *(limit.metric for limit in limits))))
+    goals, limits, proved = wanted(objective, subject_to, there, name, [g.name for g in gains])
+    if runs is None:
+        runs = RUNS * len(frees) * len(goals)
+    check_whole("--runs", runs, 1)
+    named = [m for goal in goals for m in goal.metrics]
+    world.wanted = tuple(dict.fromkeys((*named, *(limit.metric for limit in limits))))
     promises = Promises(tuple(gains), tuple(proved))
     kept = [g.name for g in gains if promises.verdict(g, loop) == CERTIFIED]
     promises = Promises(promises.gains, promises.wanted, tuple(kept))
     told = {
         "scenario": scenario.name, "free": [[f.name, f.lo, f.hi, f.unit] for f in frees],
-        "objective": goal.text, "constraints": list(subject_to), "ensemble": ensemble.hash,
+        "objective": ", ".join(goal.text for goal in goals),
+        "constraints": list(subject_to), "ensemble": ensemble.hash,
         "draws": samples, "runs": runs, "seed": seed, "slipctl": __version__,
         "casadi": ca.CasadiMeta.version(), "numpy": np.__version__, "machine": platform.machine(),
         "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
@@ -166,8 +177,9 @@ def tune(
     store = sweep_store.begin(Path(out), told, FILE, "search") if out is not None else None
     try:
         rolls = Rolls(world, jobs or machine.cores(), store)
-        search = Search(loop, frees, rolls, goal, limits, promises, samples, runs, seed,
-                        tell or (lambda text: None))  # fmt: skip
+        kind = Search if len(goals) == 1 else FrontSearch
+        search = kind(loop, frees, rolls, goals[0], limits, promises, samples, runs, seed,
+                      tell or (lambda text: None), tuple(goals[1:]))  # fmt: skip
         found = Tuned(loop, name, tuple(frees), numbers, search, None, (), {})
         try:
             best = search.run()

@@ -28,7 +28,7 @@ from slipctl.design.goals import (
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free
 from slipctl.design.rolls import Rolls
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import Metric
 from slipctl.seek import population
 from slipctl.study.texts import with_unit
@@ -62,12 +62,19 @@ class Candidate:
     Attributes:
         number: in the order in which it was thought of; -1 is the hand-set one.
         numbers: by name. share: the same as a point of the cube. score: so far.
+        more: scores of further objectives.
     """
 
     number: int
     numbers: Mapping[str, float]
     share: np.ndarray
     score: Score = field(default_factory=lambda: Score([], []))
+    more: tuple[Score, ...] = ()
+
+    @property
+    def scores(self) -> tuple[Score, ...]:
+        """Of all objectives."""
+        return (self.score, *self.more)
 
 
 @dataclass
@@ -78,7 +85,7 @@ class Search:
         loop: with its hand-set numbers. frees: what is searched. rolls: what runs candidates.
         objective, limits, promises: what is wanted.
         samples: draws of a candidate. runs: most runs. seed: of the search.
-        tell: told a line when there is something to say.
+        tell: told a line when there is something to say. others: further objectives.
         by_hand, best: the hand-set candidate, and the best one so far.
         refused: candidates that were not run, by reason. thought: all candidates.
         course: runs, mean of the best and how far it misses its limits, after each generation.
@@ -95,6 +102,7 @@ class Search:
     runs: int
     seed: int
     tell: Callable[[str], None] = lambda text: None
+    others: Sequence[Objective] = ()
     by_hand: Candidate = field(init=False)
     best: Candidate = field(init=False)
     refused: dict[str, int] = field(default_factory=dict)
@@ -106,17 +114,36 @@ class Search:
         self.box = population.Box([f.lo for f in self.frees], [f.hi for f in self.frees])
         now = np.array([f.now for f in self.frees])
         share = np.clip(self.box.share(now), 0.0, 1.0)
-        self.by_hand = Candidate(-1, {f.name: f.now for f in self.frees}, share)
+        self.by_hand = self.made(-1, {f.name: f.now for f in self.frees}, share)
         self.best = self.by_hand
 
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """All that is made small."""
+        return (self.objective, *self.others)
+
     # ---- candidates ------------------------------------------------------------------------------
+
+    def made(self, number: int, numbers: Mapping[str, float], share: np.ndarray) -> Candidate:
+        """Candidate that has not run."""
+        more = tuple(Score([], []) for _ in self.others)
+        return Candidate(number, numbers, share, more=more)
+
+    def ran(self, c: Candidate, metrics: Mapping[str, Metric] | None) -> None:
+        """Add what a draw gave to the scores of a candidate."""
+        for score, goal in zip(c.scores, self.objectives, strict=True):
+            add(score, metrics, goal, self.limits)
+
+    def behind(self, one: Candidate, other: Candidate, final: bool) -> bool:
+        """Whether one candidate is behind another on the draws that both have."""
+        return behind(one, other, self.limits, final)
 
     def candidate(self, share: np.ndarray) -> Candidate | None:
         """Candidate at a point of the cube; None where its certificates fail."""
         point = self.box.point(share)
         numbers = {f.name: float(x) for f, x in zip(self.frees, point, strict=True)}
         self.thought += 1
-        made = Candidate(self.thought, numbers, share)
+        made = self.made(self.thought, numbers, share)
         why = self.refusal(numbers)
         if why:
             self.refused[why] = self.refused.get(why, 0) + 1
@@ -139,7 +166,7 @@ class Search:
                  for k in range(len(c.score.values), draws)]  # fmt: skip
         for (number, _, _), metrics in zip(asked, self.rolls.all(TRAINING, asked), strict=True):
             c = next(c for c in candidates if c.number == number)
-            add(c.score, metrics, self.objective, self.limits)
+            self.ran(c, metrics)
 
     def race(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> list[bool]:
         """Run each first one of a pair until it is behind the second; whether it got through.
@@ -153,7 +180,7 @@ class Search:
                 break
             self.extend([one for one, _ in racing.values()], draws)
             racing = {k: p for k, p in racing.items()
-                      if not behind(*p, self.limits, final=draws == self.samples)}  # fmt: skip
+                      if not self.behind(*p, final=draws == self.samples)}  # fmt: skip
         return [k in racing for k in range(len(pairs))]
 
     # ---- the search ------------------------------------------------------------------------------
@@ -164,24 +191,38 @@ class Search:
         Raises:
             BadInput: what is wanted is met by nothing; says how close it came.
         """
-        self.extend([self.by_hand], self.samples)
-        inside = all(f.lo <= f.now <= f.hi for f in self.frees)
-        fit = inside and not self.refusal(self.by_hand.numbers)
-        self.members = self._first(6 + 2 * len(self.frees) - fit)
-        if fit:
-            self.members.insert(0, self.by_hand)
-        if len(self.members) < 4:
-            raise BadInput(self._unproved())
-        self._begin(fit)
+        self._populate(6 + 2 * len(self.frees))
+        self._begin()
         generation = 0
         while self.rolls.done < self.runs and self._spread() > ALIKE and generation < 200:
             generation += 1
             self._generation(generation)
         self.spent = self.rolls.done
-        missed = self.best.score.missed(self.limits)
-        if missed > 0 or not math.isfinite(self.best.score.mean()):
-            raise BadInput(self._unmet())
+        self._end()
         return self.best
+
+    def _populate(self, many: int) -> None:
+        """First members: the hand-set one, if it may be, and others that are proved.
+
+        Raises:
+            BadInput: too few are.
+        """
+        self.extend([self.by_hand], self.samples)
+        inside = all(f.lo <= f.now <= f.hi for f in self.frees)
+        fit = inside and not self.refusal(self.by_hand.numbers)
+        self.members = [*([self.by_hand] if fit else []), *self._first(many - fit)]
+        if len(self.members) < 4:
+            raise BadInput(self._unproved())
+
+    def _end(self) -> None:
+        """Refuse a best one that misses a limit, or that has no number.
+
+        Raises:
+            BadInput: says how close it came.
+        """
+        means = [s.mean() for s in self.best.scores]
+        if self.best.score.missed(self.limits) > 0 or not np.isfinite(means).all():
+            raise BadInput(self._unmet())
 
     def _first(self, wanted: int) -> list[Candidate]:
         """First members, spread over the ranges, all proved."""
@@ -194,7 +235,7 @@ class Search:
                     return found
         return found
 
-    def _begin(self, fit: bool) -> None:
+    def _begin(self) -> None:
         """Race the first members against the hand-set one, or against each other."""
         self.best = self.members[0]
         self.extend([self.best], self.samples)
@@ -224,7 +265,7 @@ class Search:
     def _crown(self, pairs: Sequence[tuple[Candidate, Candidate]], through: Sequence[bool]) -> None:
         """Take the best of those that got through, on all draws."""
         for (trial, _), better in zip(pairs, through, strict=True):
-            if better and not behind(trial, self.best, self.limits, final=True):
+            if better and not self.behind(trial, self.best, final=True):
                 self.best = trial
 
     def _spread(self) -> float:
@@ -283,7 +324,8 @@ class Search:
                     f"nothing in the ranges meets {limit.text!r}: the closest, {where}, comes to"
                     f" {with_unit(came, limit.unit)}"
                 )
-        return f"no candidate has a finite {self.objective.text}; its runs fail or never end"
+        wanted = " and ".join(goal.text for goal in self.objectives)
+        return f"no candidate has a finite {wanted}; its runs fail or never end"
 
 
 def add(
@@ -321,21 +363,24 @@ def behind(one: Candidate, other: Candidate, limits: Sequence[Limit], final: boo
 
 
 def wanted(
-    objective: str, subject_to: Sequence[str], there: Mapping[str, Metric], name: str,
-    certificates: Sequence[str],
-) -> tuple[Objective, list[Limit], list[Any]]:  # fmt: skip
-    """Objective and constraints of a loop that has these metrics.
+    objective: str | Sequence[str], subject_to: Sequence[str], there: Mapping[str, Metric],
+    name: str, certificates: Sequence[str],
+) -> tuple[list[Objective], list[Limit], list[Any]]:  # fmt: skip
+    """Objectives and constraints of a loop that has these metrics.
 
     Raises:
-        BadInput: a metric or certificate that the loop has not.
+        BadInput: a metric or certificate that the loop has not, an objective twice.
     """
-    from slipctl.errors import nearest
-
-    goal = read_objective(objective)
-    for metric in goal.metrics:
-        if metric not in there:
-            raise BadInput(f"{name} has no metric {metric!r} to minimise{nearest(metric, there)}")
-        if math.isnan(single(there[metric])):
-            raise BadInput(f"{name}: {metric} has no number")
+    texts = [objective] if isinstance(objective, str) else list(objective)
+    goals = [read_objective(text) for text in texts or [""]]
+    for goal in goals:
+        for metric in goal.metrics:
+            if metric not in there:
+                close = nearest(metric, there)
+                raise BadInput(f"{name} has no metric {metric!r} to minimise{close}")
+            if math.isnan(single(there[metric])):
+                raise BadInput(f"{name}: {metric} has no number")
+        if sum(g.terms == goal.terms for g in goals) > 1:
+            raise BadInput(f"--minimise names {goal.text!r} twice; write it once")
     limits, proved = read_limits(subject_to, there, certificates, name)
-    return goal, limits, proved
+    return goals, limits, proved

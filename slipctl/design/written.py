@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,10 +10,14 @@ from slipctl import __version__
 from slipctl.certify import certificate as certificates
 from slipctl.certify.entries import mapping, rows
 from slipctl.design import statement
+from slipctl.design.judging import CLOSE, Judged
 from slipctl.design.promises import certificate
+from slipctl.design.ranges import Free
 from slipctl.design.tune import Tuned
+from slipctl.design.tuning import Candidate
 from slipctl.errors import BadInput
 from slipctl.run import store
+from slipctl.study.texts import number, with_unit
 
 KIND = "certificate of gains"
 FORMAT = 1
@@ -20,18 +25,55 @@ ENTRIES = ("format", "kind", "slipctl", "command", "loop", "gains", "exact", "st
 
 
 def gains_text(found: Tuned, command: str) -> str:
-    """``gains.toml``: each number with its unit, to the last bit."""
+    """``gains.toml``: each number with its unit, to the last bit, and what it is worth."""
     rest = "" if found.judged else "# The search was stopped; these are the best so far.\n"
-    lines = "".join(f'"{f.name}" = "{value(found.gains[f.name], f.unit)}"\n' for f in found.frees)
+    if found.front:
+        rest += "# The knee of the front; front.json has the others.\n"
+    lines = "".join(
+        "".join(f"# {line}\n" for line in worth(found, f))
+        + f'"{f.name}" = "{value(found.gains[f.name], f.unit)}"\n' for f in found.frees
+    )  # fmt: skip
     return (
         f"# {command}\n# slipctl {__version__}; --set FILE of slipctl run, sweep and c takes it\n"
         f'{rest}format = {FORMAT}\nloop = "{found.name}"\n\n[gains]\n{lines}'
     )
 
 
-def value(number: float, unit: str) -> str:
+def worth(found: Tuned, free: Free) -> list[str]:
+    """What a number is worth to each objective, the others as tuned, a line each."""
+    lines = []
+    for s in found.slices:
+        if s.free is free:
+            told = f"{s.objective} stays within {100 * CLOSE:g} % from {number(s.lo)} to" \
+                   f" {with_unit(s.hi, free.unit)}"  # fmt: skip
+            more = f"; 1 % more of it changes that by {number(s.answer, 2)} %"
+            lines.append(told + (more if math.isfinite(s.answer) else ""))
+    return lines
+
+
+def front_of(found: Tuned, command: str) -> dict[str, Any]:
+    """Entries of ``front.json``: the numbers and the means of each point."""
+    goals = [goal.text for goal in found.search.objectives]
+    return {
+        "format": FORMAT, "slipctl": __version__, "command": command, "loop": found.name,
+        "minimise": goals, "units": {f.name: f.unit for f in found.frees},
+        "draws": found.search.samples, "by_hand": _point(found, found.search.by_hand),
+        "knee": _point(found, found.search.best),
+        "front": [_point(found, c) for c in found.front],
+    }  # fmt: skip
+
+
+def _point(found: Tuned, c: Candidate) -> dict[str, Any]:
+    means = zip(found.search.objectives, c.scores, strict=True)
+    return {
+        "gains": {f.name: c.numbers[f.name] for f in found.frees},
+        "means": {goal.text: s.mean() for goal, s in means},
+    }
+
+
+def value(of: float, unit: str) -> str:
     """Number with its unit, to the last bit."""
-    return f"{number!r}" if unit == "1" else f"{number!r} {unit}"
+    return f"{of!r}" if unit == "1" else f"{of!r} {unit}"
 
 
 def found_of(found: Tuned, command: str) -> dict[str, Any]:
@@ -39,7 +81,7 @@ def found_of(found: Tuned, command: str) -> dict[str, Any]:
     search, judged = found.search, found.judged
     said: dict[str, Any] = {
         "format": FORMAT, "slipctl": __version__, "command": command, "loop": found.name,
-        "minimise": search.objective.text,
+        "minimise": ", ".join(goal.text for goal in search.objectives),
         "gains": {f.name: {"value": found.gains[f.name], "unit": f.unit} for f in found.frees},
         "candidates": search.thought, "refused": sum(search.refused.values()),
         "runs": search.spent, "samples": search.samples,
@@ -49,12 +91,26 @@ def found_of(found: Tuned, command: str) -> dict[str, Any]:
         },
     }  # fmt: skip
     if judged is not None:
-        said["judged"] = {
-            "draws": len(judged.tuned.values), "tuned": judged.tuned.mean(),
-            "by_hand": judged.by_hand.mean(), "difference": judged.difference,
-            "standard_error": judged.error,
-        }  # fmt: skip
+        by = [_judged(its) for its in judged.each]
+        said["judged"] = by[0]
+        if judged.more:
+            texts = [goal.text for goal in search.objectives]
+            said["judged_each"] = dict(zip(texts, by, strict=True))
+    said["worth"] = [
+        {"objective": s.objective, "number": s.free.name, "lo": s.lo, "hi": s.hi,
+         "percent_a_percent": s.answer if math.isfinite(s.answer) else None}
+        for s in found.slices
+    ]  # fmt: skip
+    if found.front:
+        said["front"] = front_of(found, command)["front"]
     return said | ({"statement": dict(found.statement)} if found.statement is not None else {})
+
+
+def _judged(its: Judged) -> dict[str, Any]:
+    return {
+        "draws": len(its.tuned.values), "tuned": its.tuned.mean(), "by_hand": its.by_hand.mean(),
+        "difference": its.difference, "standard_error": its.error,
+    }  # fmt: skip
 
 
 def certificate_of(
