@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
@@ -19,7 +21,11 @@ def check_inputs(plan: Plan) -> str:
     if not lay.inputs:
         return ""
     lines, ends = plan.ends_text(lay.inputs)
-    lines = [*lines, "unsigned int told = 0U;"]
+    good = ["(state->guard.fresh > 0.0)", *_all_good(lay.inputs, ends)]
+    lines += [
+        "unsigned int told = 0U;",
+        if_([conjunction(good)], "state->guard.last = *in;", "return told;"),
+    ]
     at = 0
     for m in lay.inputs:
         each = [
@@ -39,12 +45,30 @@ def check_inputs(plan: Plan) -> str:
                 last = f"&{m.at('state->guard.last.', k)}, &state->guard.age[{at + k}]"
                 lines += _call("told |= accept(", [m.at("in->", k), given, last])
         at += m.size
+    lines.append("state->guard.fresh = (told == 0U) ? 1.0 : 0.0;")
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     text = "\n".join(lines)
     void = ["(void)param;"] * identifier_free(text, "param")
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
                           f"const {n}_param *param", f"{n}_state *state")  # fmt: skip
     return f"{what}\n" + define(signature, [*void, *lines, "return told;"])
+
+
+def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
+    """Conditions that ``accept`` finds each input good, when it did so in the tick before."""
+    found = []
+    for m in inputs:
+        each = [tuple(ends[m.c, k, what] for what in ("lo", "hi", "change")) for k in range(m.size)]
+        if m.size > 1 and len(set(each)) == 1:
+            rows = [("all_", f"{m.address('in->')}, {m.size}", m.address("state->guard.last."))]
+            each = each[:1]
+        else:
+            rows = [("", m.at("in->", k), m.at("state->guard.last.", k)) for k in range(m.size)]
+        for (many, value, last), (lo, hi, change) in zip(rows, each, strict=True):
+            found.append(f"{many}within({value}, {lo}, {hi})")
+            if change != "DBL_MAX":
+                found.append(f"{many}can_follow({value}, {last}, {change})")
+    return found
 
 
 def _call(start: str, arguments: list[str]) -> list[str]:
@@ -125,6 +149,12 @@ def limit_outputs(plan: Plan) -> str:
     if not limited:
         return ""
     lines, ends = plan.ends_text(limited)
+    once: dict[str, str] = {}
+    for (c, k, what), end in ends.items():
+        if "->" in end and end not in once:
+            name = once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
+            lines.append(f"const double {name} = {end};")
+    ends = {key: once.get(end, end) for key, end in ends.items()}
     lines = [*lines, "unsigned int limited = 0U;"]
     for m in limited:
         each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]

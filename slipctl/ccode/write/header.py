@@ -159,7 +159,10 @@ def _state(plan: Plan) -> str:
         for m in lay.derived:
             lines += [member_comment(m), f"    {m.declared()}"]
         lines += ["};", ""]
-    ages = [f"    double age[{plan.n_in}]; /* ticks since then, -1 where none is known */"]
+    ages = [
+        f"    double age[{plan.n_in}]; /* ticks since then, -1 where none is known */",
+        "    double fresh; /* 1 if all of them were good in the last tick */",
+    ]
     lines += [
         f"struct {n}_guard {{",
         f"    {n}_in last; /* inputs as the equations see them: the last good ones */",

@@ -28,8 +28,9 @@ in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan
 atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
 hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
-all_within fill copy hold safe reached main accept accept_all check_inputs states_within start
-recover guard part part_off off refused told in_force used limit_outputs start_outputs mark
+all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
+states_within start recover guard part part_off off refused told in_force used limit_outputs
+start_outputs mark fresh
 """
 LOCAL = frozenset(_LOCAL_WORDS.split())
 """Names that mean something inside the generated functions."""

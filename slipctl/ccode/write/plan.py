@@ -139,7 +139,7 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += max(self.n_in, 1) + self.n_in + 2  # what the guards keep
+        numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2  # what the guards keep
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)

@@ -234,7 +234,7 @@ def _init(plan: Plan) -> str:
     for m in lay.inputs:
         lines += _constant(m, "state->guard.last.", 0.0)
     if plan.n_in:
-        lines.append(f"fill(state->guard.age, {plan.n_in}, -1.0);")
+        lines += [f"fill(state->guard.age, {plan.n_in}, -1.0);", "state->guard.fresh = 0.0;"]
     lines += ["state->guard.refused = 0.0;", f"state->guard.mark = {number(guard.MARK)};"]
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
@@ -392,6 +392,15 @@ _SMALL = {
         "    double told = 0.0;\n"
         + "".join(f"    {line}\n" for line in _ACCEPT)
         + "    return (unsigned int)(int)told;\n",
+    ),
+    "all_can_follow": (
+        "bool all_can_follow(const double *x, int n, const double *last, double change)",
+        _LOOP % "if (!can_follow(x[k], last[k], change)) {\n            return false;\n        }"
+        + "    return true;\n",
+    ),
+    "can_follow": (
+        "bool can_follow(double x, double last, double change)",
+        "    return fabs(x - last) <= change; /* from one tick to the next */\n",
     ),
     "zero_of": (
         "double zero_of(const double *x, int n)",
