@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from controllers import REPRESENTATIVE
-from test_codegen import matrices
+from test_codegen import BLOCKS, matrices
 
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
@@ -38,7 +38,9 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     free = [s for s in block.params.values() if not s.derived]
     assert text.count("/begin CHARACTERISTIC") == len(free)
     others = len(block.inputs) + len(block.states) + len(block.outputs)
-    assert text.count("/begin MEASUREMENT") == others
+    derived = sum(s.derived for s in block.params.values())
+    counted = 2 if block.inputs else 1
+    assert text.count("/begin MEASUREMENT") == others + derived + 9 + counted
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
 
@@ -46,7 +48,9 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
 def test_a_matrix_has_its_columns_first() -> None:
     """ASAP2: x counts columns, y rows; COLUMN_DIR lays down column by column, y running first."""
     text = a2l.a2l(Plan(matrices, "m"))
-    blocks = re.findall(r"/begin [A-Z]+ m_\w+\.(\w+) \"(.*?)/end", text, flags=re.DOTALL)
+    blocks = re.findall(
+        r"/begin [A-Z]+ m_(?:in|param|state|out)\.(\w+) \"(.*?)/end", text, flags=re.DOTALL
+    )
     found = {n: re.findall(r"MATRIX_DIM ([\d ]+)\n", body) for n, body in blocks}
     matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
     assert found == {"x": ["3"], "u": ["3"], "z": ["3"], "y": [], "k": []} | matrix
@@ -57,14 +61,15 @@ def test_a_matrix_has_its_columns_first() -> None:
 def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
     """Offsets in the description are the places of the members: the ELF file says the same."""
     codegen.c_module(matrices, tmp_path, "m")
-    structs = ("in", "param", "state", "out")
+    structs = ("in", "param", "state", "out", "status")
     (tmp_path / "firmware.c").write_text(
         '#include "m.h"\n'
-        + "".join(f"m_{s} m_{s}_instance;\n" for s in structs)
-        + "int main(void)\n{\n    m_default(&m_param_instance);\n"
-        "    return m_init(&m_param_instance, &m_state_instance)\n"
-        "        | m_step(&m_in_instance, &m_param_instance, &m_state_instance,\n"
-        "                 &m_out_instance);\n}\n"
+        + "".join(f"m_{s} m_{s}_instance;\n" for s in structs if s != "status")
+        + "int m_status_instance;\n"
+        "int main(void)\n{\n    m_default(&m_param_instance);\n"
+        "    m_status_instance = m_init(&m_param_instance, &m_state_instance);\n"
+        "    m_status_instance = m_step(&m_in_instance, &m_param_instance, &m_state_instance,\n"
+        "                               &m_out_instance);\n    return m_status_instance;\n}\n"
     )
     elf = tmp_path / "firmware.elf"
     objects = [tmp_path / "m.o", tmp_path / "firmware.o"]
@@ -94,6 +99,30 @@ def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
         )
     )  # fmt: skip
     assert set(links) == set(addresses)
-    assert len(links) == 8
+    assert len(links) == 8 + 9 + 2  # the status, its bits, and what the guards count
     for name, (symbol, offset) in links.items():
         assert int(addresses[name], 16) == at[symbol] + offset, name
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.parametrize("name", ["matrices", "derived", "loops"])
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_offsets_are_those_of_the_compiler(name: str, real: str, tmp_path: Path) -> None:
+    """``offsetof`` of every member that is described, the derived and the guards' included."""
+    codegen.c_module(BLOCKS[name], tmp_path, "m", real=real)
+    links = re.findall(
+        r"/begin (?:MEASUREMENT|CHARACTERISTIC) m_(in|param|state|out)\.(\S+)"
+        r".*?SYMBOL_LINK \"m_\w+_instance\" (\d+)",
+        (tmp_path / "m.a2l").read_text(), flags=re.DOTALL,
+    )  # fmt: skip
+    places = "".join(f'    (void)printf("%zu\\n", offsetof(m_{s}, {m}));\n' for s, m, _ in links)
+    (tmp_path / "places.c").write_text(
+        '#include "m.h"\n#include <stddef.h>\n#include <stdio.h>\n'
+        f"int main(void)\n{{\n{places}    return 0;\n}}\n"
+    )
+    compiler = compilers.compilers()[0]
+    compilers.compile_object(compiler, tmp_path / "places.c", tmp_path / "places.o")
+    compilers.link(compiler, [tmp_path / "places.o"], tmp_path / "places")
+    said = subprocess.run([tmp_path / "places"], capture_output=True, text=True, check=True).stdout
+    assert [int(k) for k in said.split()] == [int(k) for *_, k in links]
+    assert any(m == "guard.refused" for _, m, _ in links)

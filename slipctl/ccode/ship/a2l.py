@@ -1,9 +1,10 @@
 """A2L (ASAM MCD-2 MC, ASAP2 1.71): parameters and measurements for a calibration tool.
 
 One CHARACTERISTIC per parameter, one MEASUREMENT per input, state and output, each with unit,
-limits, and a COMPU_METHOD per unit. Its place (SYMBOL_LINK: name and offset) is one in an instance
-of the module's structs. The firmware names that ``ctl_param_instance``, ``ctl_in_instance`` and so
-on.
+limits, and a COMPU_METHOD per unit. Derived parameters, the status with its bits, and how long
+inputs have been bad are measured too. Its place (SYMBOL_LINK: name and offset) is one in an
+instance of the module's structs. The firmware names that ``ctl_param_instance``,
+``ctl_in_instance`` and so on, and keeps what the step returns in ``ctl_status_instance``.
 The module itself has no addresses; a tool puts them in from the firmware's ELF file.
 """
 
@@ -12,9 +13,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT
+from slipctl.ccode.write.header import CONTENT, STATUS
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import size
@@ -28,7 +30,8 @@ def a2l(plan: Plan) -> str:
 
     lay = plan.layout
     kind = "FLOAT64_IEEE" if plan.real == "double" else "FLOAT32_IEEE"
-    units = sorted({m.signal.unit for g in _groups(plan).values() for m in g})
+    members = [*(m for g in _groups(plan).values() for m in g), *lay.derived]
+    units = sorted({m.signal.unit for m in members})
     methods = {u: f"CM_{k}" for k, u in enumerate(units)}
     blocks = [
         f'/begin COMPU_METHOD {name} {_quoted(u)} IDENTICAL "%.9" {_quoted(u)}\n/end COMPU_METHOD'
@@ -46,17 +49,14 @@ def a2l(plan: Plan) -> str:
         for m in members if struct != "param" else ():
             blocks.append(_measurement(plan, struct, m, offset, methods, kind))
             offset += m.size * size(plan.real)
-    names = {
-        "parameters": ("REF_CHARACTERISTIC", [_name(plan, "param", m) for m in lay.params]),
-        **{
-            s: ("REF_MEASUREMENT", [_name(plan, s, m) for m in g])
-            for s, g in _groups(plan).items() if s != "param"
-        },
-    }  # fmt: skip
-    for title, (key, listed) in names.items():
-        if listed:
-            inner = f"/begin {key} {' '.join(listed)} /end {key}"
-            blocks.append(f'/begin GROUP {plan.name}_{title} "{title}" ROOT {inner}\n/end GROUP')
+    status = _status(plan, methods.setdefault("1", "CM_none"), kind)
+    offset = sum(m.size for m in lay.states) * size(plan.real)
+    for m in lay.derived:
+        blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
+        offset += m.size * size(plan.real)
+    blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
+    blocks += status.values()
+    blocks += _grouped(plan, list(status))
     body = "\n".join(blocks)
     return f"""ASAP2_VERSION 1 71
 /begin PROJECT {plan.name} {_quoted(first_sentence(plan.block.doc) or plan.block.name)}
@@ -77,9 +77,80 @@ def _groups(plan: Plan) -> dict[str, tuple[Member, ...]]:
     return dict(zip(_STRUCTS, (lay.inputs, lay.params, lay.states, lay.outputs), strict=True))
 
 
-def _name(plan: Plan, struct: str, m: Member) -> str:
+_NONE = '/begin COMPU_METHOD CM_none "1" IDENTICAL "%.9" "1"\n/end COMPU_METHOD'
+_METHODS = [
+    '/begin COMPU_METHOD CM_said "no or yes" TAB_VERB "%.0" "" COMPU_TAB_REF VT_said\n'
+    "/end COMPU_METHOD",
+    '/begin COMPU_VTAB VT_said "no or yes" TAB_VERB 2 0 "no" 1 "yes"\n/end COMPU_VTAB',
+]
+"""Conversions of numbers without a unit, and of the bits of the status."""
+
+
+def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
+    """Measurements of the status, of each of its bits, and of what the guards count, by name."""
+    n, lay = plan.name, plan.layout
+    link = f'\n  SYMBOL_LINK "{n}_status_instance" 0'
+    found = {
+        f"{n}_status": f'/begin MEASUREMENT {n}_status "what the step returns; 0: all is well"\n'
+        f"  SLONG {bare} 0 0 0 255\n  ECU_ADDRESS 0x0{link}\n/end MEASUREMENT"
+    }
+    for word, value, meaning in STATUS[1:]:
+        name = f"{n}_status.{word}"
+        found[name] = (
+            f"/begin MEASUREMENT {name} {_quoted(meaning)}\n"
+            f"  SLONG CM_said 0 0 0 1\n  BIT_MASK 0x{value:X}\n  ECU_ADDRESS 0x0{link}\n"
+            "/end MEASUREMENT"
+        )
+    before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
+    ends = (lay.params, lay.outputs, lay.inputs)
+    at = sum(m.size for m in before) + sum(not members for members in ends)
+    counts = [("age", plan.n_in, "ticks since each input was good, -1 where none is known", -1)]
+    counts += [("refused", 1, "ticks refused in a row since the last good one or reset", 0)]
+    for member, many, what, least in counts:
+        if many:
+            name = f"{n}_state.guard.{member}"
+            dims = f"\n  MATRIX_DIM {many}" if many > 1 else ""
+            found[name] = (
+                f"/begin MEASUREMENT {name} {_quoted(what)}\n"
+                f"  {kind} {bare} 0 0 {least} {guard.MANY:.0f}\n"
+                f"  ECU_ADDRESS 0x{at * size(plan.real):X}{dims}"
+                f"{_link(plan, 'state', at * size(plan.real))}\n/end MEASUREMENT"
+            )
+        at += many + 1 if many and member == "age" else 0  # fresh lies between
+    return found
+
+
+def _grouped(plan: Plan, status: list[str]) -> list[str]:
+    """A group of each struct, of the status, and of each part of the block."""
+    lay = plan.layout
+    given = {s: [_name(plan, s, m) for m in g] for s, g in _groups(plan).items()}
+    given["derived"] = [_name(plan, "state", m, "derived.") for m in lay.derived]
+    groups = {("parameters" if s == "param" else s): names for s, names in given.items()}
+    groups["status"] = status
+    members = [*((s, m, "") for s, g in _groups(plan).items() for m in g),
+               *(("state", m, "derived.") for m in lay.derived)]  # fmt: skip
+    for struct, m, within in members:
+        part = m.name.rpartition(".")[0]
+        if part:
+            groups.setdefault(f"part_{part}", []).append(_name(plan, struct, m, within))
+    texts = []
+    for title, names in groups.items():
+        kinds = {
+            key: [x for x in names if x.startswith(f"{plan.name}_param.") == calibrated]
+            for key, calibrated in (("REF_CHARACTERISTIC", True), ("REF_MEASUREMENT", False))
+        }
+        inner = " ".join(
+            f"/begin {key} {' '.join(listed)} /end {key}" for key, listed in kinds.items() if listed
+        )
+        if inner:
+            said = title.removeprefix("part_")
+            texts.append(f'/begin GROUP {plan.name}_{title} "{said}" ROOT {inner}\n/end GROUP')
+    return texts
+
+
+def _name(plan: Plan, struct: str, m: Member, within: str = "") -> str:
     """Identifier of ASAP2: the symbol and the member, with dots."""
-    return f"{plan.name}_{struct}.{m.c}"
+    return f"{plan.name}_{struct}.{within}{m.c}"
 
 
 def _quoted(text: str) -> str:
@@ -124,10 +195,11 @@ def _characteristic(plan: Plan, m: Member, offset: int, methods: dict[str, str])
 
 
 def _measurement(
-    plan: Plan, struct: str, m: Member, offset: int, methods: dict[str, str], kind: str
-) -> str:
+    plan: Plan, struct: str, m: Member, offset: int, methods: dict[str, str], kind: str,
+    within: str = "",
+) -> str:  # fmt: skip
     return (
-        f"/begin MEASUREMENT {_name(plan, struct, m)} {_about(m)}\n"
+        f"/begin MEASUREMENT {_name(plan, struct, m, within)} {_about(m)}\n"
         f"  {kind} {methods[m.signal.unit]} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
         f"{_dims(m, True)}{_link(plan, struct, offset)}\n/end MEASUREMENT"
     )
