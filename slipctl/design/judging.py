@@ -63,8 +63,8 @@ class Slice:
         means: of the objective, NaN where nothing is proved or a limit is missed.
         at: mean of the tuned numbers on the same draws.
         lo, hi: range about the tuned number in which the objective stays within :data:`CLOSE`.
-        answer: change of the objective in percent for one percent more of the number; NaN where a
-            neighbour has none.
+        answer: change of the objective in percent for one percent more of the number; NaN where
+            neither neighbour has one.
     """
 
     objective: str
@@ -110,10 +110,18 @@ def slices(search: Search) -> list[Slice]:
             means = [_mean(c, i, search.limits) for which, c in asked if which == k]
             values = [*_along(search, k)]
             lo, hi = _close(free, values, means[:-2], search.best.numbers[free.name], at)
-            down, up = means[-2:]
-            answer = (up - down) / (2 * NUDGE) / abs(at) if at else math.nan
+            answer = _answer(*means[-2:], at)
             found.append(Slice(goal.text, free, values, means[:-2], at, lo, hi, answer))
     return found
+
+
+def _answer(down: float, up: float, at: float) -> float:
+    """Relative change of the objective by that of a number; at an end of its range to one side."""
+    if math.isnan(up) or math.isnan(down):
+        change = (at - down) / NUDGE if math.isnan(up) else (up - at) / NUDGE
+    else:
+        change = (up - down) / (2 * NUDGE)
+    return change / abs(at) if at else math.nan
 
 
 def _along(search: Search, k: int) -> list[float]:

@@ -126,7 +126,8 @@ def text(found: Tuned) -> str:
         f" {search.spent} runs on {search.samples} draws"
     )
     front = [_table(front_rows(found)), KNEE] if found.front else []
-    blocks = [", ".join(wide), counted, *front, _table(gains_rows(found)),
+    gradient = [found.polished.text()] if found.polished else []
+    blocks = [", ".join(wide), "\n".join([counted, *gradient]), *front, _table(gains_rows(found)),
               _table(judged_rows(found)), "\n".join(differences(found))]  # fmt: skip
     if found.promises.gains:
         blocks.append(_table(promise_rows(found)))
@@ -288,10 +289,11 @@ def _searched(found: Tuned) -> str:
     drawn += [f"{f.name} times {number(f.lo)} .. {number(f.hi)}" for f in world.factors]
     drawn += ["noise"] if world.ensemble.seeds else []
     refused = "; ".join(f"{n} by {why}" for why, n in search.refused.items()) or "none"
+    gradient = f" {found.polished.text()}." if found.polished else ""
     return _p(
         f"Scenario {world.scenario.name}; drawn: {', '.join(drawn)}. {search.thought} candidates"
         f" (refused before any run: {refused}), {search.spent} runs on {search.samples} draws,"
-        f" seed {search.seed}, ensemble {world.ensemble.hash[:16]}."
+        f" seed {search.seed}, ensemble {world.ensemble.hash[:16]}.{gradient}"
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from slipctl.certify.promise import CERTIFIED
 from slipctl.design import judging, statement
 from slipctl.design.fronts import FrontSearch
 from slipctl.design.judging import Judged, Slice
+from slipctl.design.polish import Polished, polish
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
 from slipctl.design.rolls import FILE, Rolls
@@ -43,6 +44,7 @@ class Tuned:
         margins: by certificate, the factor on its bounds up to which it is proved, tuned and
             hand-set; 0 where it is not proved.
         statement: what fresh draws prove, as a certificate holds it; None where not asked for.
+        polished: what came of exact slopes.
     """
 
     loop: Block
@@ -54,6 +56,7 @@ class Tuned:
     slices: tuple[Slice, ...]
     margins: Mapping[str, tuple[float, float]]
     statement: Mapping[str, Any] | None = None
+    polished: Polished | None = None
 
     @property
     def promises(self) -> Promises:
@@ -181,15 +184,19 @@ def tune(
         search = kind(loop, frees, rolls, goals[0], limits, promises, samples, runs, seed,
                       tell or (lambda text: None), tuple(goals[1:]))  # fmt: skip
         found = Tuned(loop, name, tuple(frees), numbers, search, None, (), {})
+        polished = Polished("a front has none")
         try:
             best = search.run()
+            if len(goals) == 1:
+                polished = polish(search)
+                best = search.best
             judged = judging.judge(search, held_out)
             along = tuple(judging.slices(search))
             stated = statement.prove(search) if prove else None
         except KeyboardInterrupt:
             stopping.heard()
             raise Stopped(_with(found, search.best, None, ())) from None
-        return _with(found, best, judged, along, stated)
+        return replace(_with(found, best, judged, along, stated), polished=polished)
     finally:
         if store is not None:
             store.close()

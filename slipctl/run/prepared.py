@@ -159,6 +159,29 @@ class Prepared:
         return Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
                    columns, first, every)  # fmt: skip
 
+    def whole(
+        self, numbers: Mapping[str, Any], seed: int | None = None, rail: Rail | None = None
+    ) -> Whole:
+        """Roll with these numbers and keep every state and output of every tick.
+
+        Raises:
+            BadInput, RunFailed: as a call.
+        """
+        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
+        scenario = scenario if rail is None else scenario.but(rail=rail)
+        block = self._numbered(numbers) if numbers else self._begun
+        u, roll, parts = self._parts(block, scenario)
+        h = float(block.period or 0.0)
+        f, _ = pieces(block, scenario, self.ticks, h, rail_values(block, scenario)[1])
+        x = build.column(block.pack("state", block.start()))
+        x_log = np.empty((self.ticks, x.size))
+        y_log = np.empty((self.ticks, total_size(block.outputs.values())))
+        for first, last, p in parts:
+            n = roll(x, u[first:last], p, x_log[first:last], y_log[first:last])
+            if n < last - first:
+                raise RunFailed(_broken(block, x, (first + n + 1) * h))
+        return Whole(block, f, u, x_log, y_log, parts)
+
     def _numbered(self, numbers: Mapping[str, Any]) -> Block:
         """Loop with these numbers, in the scenario; where only numbers differ, made from one."""
         key = tuple(numbers)
@@ -189,6 +212,23 @@ class Prepared:
         if roller is None or roller[0] is not f:
             roller = self._roller = (f, build.rolling(f, self._compile, self.ticks))
         return fed[1], roller[1], parts
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A run with all that it was made of.
+
+    Attributes:
+        block: the loop with its numbers. f: what was rolled, (x, u, p) -> (x+, y).
+        u, x, y: a row a tick; x at its start. parts: first tick, last tick and p of each part.
+    """
+
+    block: Block
+    f: ca.Function
+    u: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    parts: list[tuple[int, int, np.ndarray]]
 
 
 def _ticks(loop: Block, scenario: Scenario, every: int) -> int:

@@ -30,7 +30,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.prepared import Log, logged, prepare
+from slipctl.run.prepared import Log, Prepared, logged, prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals
@@ -278,6 +278,12 @@ class Measured:
         wanted: Sequence[str] | None = None,
     ) -> dict[str, Any]:  # fmt: skip
         """Metrics of a log; of another scenario and what is known of it, where they are given."""
+        return measure(self.seen(log, scenario, known), wanted or MEASURED)
+
+    def seen(
+        self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None
+    ) -> Run:
+        """A log as metrics see it."""
         scenario = scenario or self.scenario
         seen: Any = _Seen(log, float(self.loop.period or 0.0))
         rail = scenario.rail
@@ -287,7 +293,12 @@ class Measured:
             seen.add(name, known_column(known_, rail, where, whole), known_.unit)
         changes = rail_changes(seen, scenario, self.signals)
         names = rail_names(scenario, changes)
-        return measure(Run(seen, self.signals, changes, rails=names), wanted or MEASURED)
+        return Run(seen, self.signals, changes, rails=names)
+
+    @property
+    def prepared(self) -> Prepared:
+        """What rolls."""
+        return self._run
 
     def fingerprint(self) -> str:
         """Hash of the loop's own run: its numbers, its inputs, and how this machine computes."""

@@ -43,6 +43,11 @@ class Box:
         ratio = np.where(log, hi, math.e) / safe
         return np.where(log, np.log(at / safe) / np.log(ratio), (point - lo) / (hi - lo))
 
+    def by_share(self, share: np.ndarray) -> np.ndarray:
+        """Slopes of the numbers by the shares."""
+        ratio = np.where(self.logarithmic, self.hi, 1.0) / np.where(self.logarithmic, self.lo, 1.0)
+        return np.where(self.logarithmic, self.point(share) * np.log(ratio), self.hi - self.lo)
+
 
 def first(members: int, numbers: int, seed: int) -> np.ndarray:
     """Points of the cube, a row each, one in each stratum of each number (a Latin hypercube)."""
