@@ -110,7 +110,7 @@ def slices(search: Search) -> list[Slice]:
             means = [_mean(c, i, search.limits) for which, c in asked if which == k]
             values = [*_along(search, k)]
             lo, hi = _close(free, values, means[:-2], search.best.numbers[free.name], at)
-            answer = _answer(*means[-2:], at)
+            answer = _answer(means[-2], means[-1], at)
             found.append(Slice(goal.text, free, values, means[:-2], at, lo, hi, answer))
     return found
 

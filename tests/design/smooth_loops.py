@@ -18,8 +18,8 @@ from slipctl.design.gradients import AGREES, SMOOTH, Slopes, apart
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
 from slipctl.run.ensemble import Ensemble, World
-from slipctl.study.doors import build_cases, load_study
 from slipctl.studies.bench import speed
+from slipctl.study.doors import build_cases, load_study
 
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 MOST = 4
@@ -30,8 +30,8 @@ def own(loop: Any, controller: str) -> list[str]:
     """First numbers of a loop's law, else of its controller."""
     values = loop.values_by_place()
     for head in (f"{controller}.law.", f"{controller}."):
-        found = [n for n, s in loop.params.items()
-                 if n.startswith(head) and not s.derived and not s.shape and values[n] != 0]  # fmt: skip
+        plain = [n for n, s in loop.params.items() if not s.derived and not s.shape]
+        found = [n for n in plain if n.startswith(head) and values[n] != 0]
         if found:
             return found[:MOST]
     return []
