@@ -11,6 +11,7 @@ winds up while there is nothing to control.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from casadi import fabs, fmax, fmin, if_else, logic_and
 
@@ -331,7 +332,8 @@ def axle_control(trip: Trip, part: Controller) -> Block:
              "T_top": "T_demand"}  # fmt: skip
     if isinstance(reference, Searched):
         curve, begin = fitted(reference)
-        found, inner = best_slip.searched(curve, begin, reference.noise)
+        found, given = _searched(curve, tuple(begin.items()), reference.noise)
+        inner = dict(given)
         ports["v_best"] = inner.pop("v_best")
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
         parts |= found
@@ -354,6 +356,14 @@ def axle_control(trip: Trip, part: Controller) -> Block:
               if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip
     block = connect("ctl", wires, **parts)
     return block.with_params(**_numbers(block, w))
+
+
+@lru_cache(maxsize=8)
+def _searched(
+    curve: Block, begin: tuple[tuple[str, float], ...], noise: float
+) -> tuple[Mapping[str, Block], Mapping[str, str]]:
+    """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
+    return best_slip.searched(curve, dict(begin), noise)
 
 
 def known_curve() -> tuple[Block, dict[str, str]]:

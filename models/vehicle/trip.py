@@ -12,7 +12,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -182,30 +182,51 @@ def demand(trip: Trip) -> Block:
 # ---- the loop ------------------------------------------------------------------------------------
 
 
-def loop(trip: Trip, controller: Controller | str) -> Block:
+class Common:
+    """What all loops of a trip have in common, each part made once."""
+
+    def __init__(self, trip: Trip) -> None:
+        self.trip = trip
+
+    @cached_property
+    def plant(self) -> Block:
+        """Vehicle on its rail."""
+        return plant(self.trip.vehicle, self.trip.actuator, rail_law(self.trip))
+
+    @cached_property
+    def demand(self) -> Block:
+        """What is wanted."""
+        return demand(self.trip)
+
+    @cached_property
+    def slip(self) -> Block:
+        """True slip of each axle, seen as that of a braked one."""
+        driven = self.trip.vehicle.mode == "drive"
+        seen = mirror("m/s", "braking", "speed") if driven else flip_sign("m/s", "braking")
+        return replicate(seen, self.trip.vehicle.axles)
+
+
+def loop(trip: Trip, controller: Controller | str, common: Common | None = None) -> Block:
     """Closed loop of a trip with one of its controllers.
 
     Args:
         trip: the trip.
         controller: a controller, or the name of one of the trip's.
+        common: parts that other loops of this trip have too; None makes them.
 
     Returns:
         Step with the parts ``plant``, ``demand``, ``ctl``, ``slip`` (the true slip of each axle,
         seen as that of a braked one) and the sensors ``angle``, ``wheel``, ``speed``.
     """
     part = trip.controllers[controller] if isinstance(controller, str) else controller
-    vehicle, n = trip.vehicle, len(trip.vehicle.worked)
-    driven = vehicle.mode == "drive"
+    common = common or Common(trip)
     ctl = axle_control(trip, part)
-    common = [k for k in ctl.inputs if k in ("v", "T_demand", "fall.a_R", "probe.limit")]
+    one = [k for k in ctl.inputs if k in ("v", "T_demand", "fall.a_R", "probe.limit")]
     parts: dict[str, Block] = {
-        "plant": plant(vehicle, trip.actuator, rail_law(trip)),
-        "demand": demand(trip),
-        "ctl": replicate(ctl, n, common),
-        "slip": replicate(
-            mirror("m/s", "braking", "speed") if driven else flip_sign("m/s", "braking"),
-            vehicle.axles,
-        ),
+        "plant": common.plant,
+        "demand": common.demand,
+        "ctl": replicate(ctl, len(trip.vehicle.worked), one),
+        "slip": common.slip,
     }
     wires = {
         "demand.x": "plant.train.x",
@@ -352,5 +373,6 @@ def known(trip: Trip) -> dict[str, Known]:
 
 def case(trip: Trip, name: str = "trip") -> Case:
     """The trip with each of its controllers."""
-    loops = Loops({k: partial(loop, trip, c) for k, c in trip.controllers.items()})
+    common = Common(trip)
+    loops = Loops({k: partial(loop, trip, c, common) for k, c in trip.controllers.items()})
     return Case(scenario(trip, name), loops, known(trip))

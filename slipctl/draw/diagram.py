@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -150,11 +151,14 @@ def svg(block: Block, deep: bool = False) -> str:
         block: a connected block; one without parts is drawn as a box with its signals.
         deep: draw each connected part below, too.
     """
+    return drawn([level(block), *(_levels_inside(block, "") if deep else [])])
+
+
+def drawn(levels: Sequence[Level]) -> str:
+    """Draw levels of blocks below each other as SVG."""
     from slipctl.draw.drawing import FONT, Drawing
 
-    drawings = [Drawing(level(block))]
-    if deep:
-        drawings += [Drawing(lv) for lv in _levels_inside(block, "")]
+    drawings = [Drawing(lv) for lv in levels]
     width = max(d.width for d in drawings)
     out, y = [], 0.0
     for d in drawings:

@@ -42,6 +42,10 @@ class _Place:
         return self.y + HEAD + SLOT * (ports.index(port) + 0.5 + spare / 2)
 
 
+_Link = tuple[_Place, Port, _Place, Port]
+"""Piece of a wire across one channel, from a port of a place to one of the next column."""
+
+
 @dataclass
 class _Hop:
     """A wire across one channel: from a port (or passing place) to others."""
@@ -83,6 +87,11 @@ class Drawing:
                 self.passing[net, c] = place
                 self.stacks[c].append(place)
         self.links = self._links()
+        self.into: dict[int, list[_Link]] = defaultdict(list)  # links by the place they touch
+        self.out_of: dict[int, list[_Link]] = defaultdict(list)
+        for link in self.links:
+            self.out_of[id(link[0])].append(link)
+            self.into[id(link[2])].append(link)
         self._sort()
         self._set_heights()
         self._route()
@@ -115,7 +124,7 @@ class Drawing:
         boxes = sum(p.node is not None and p.node.box for p in (above, below))
         return (SLOT - END, 14.0, GAP)[boxes]
 
-    def _links(self) -> list[tuple[_Place, Port, _Place, Port]]:
+    def _links(self) -> list[_Link]:
         """Pieces of wires with the stream, each across one channel."""
         out = []
         for net, ends in self.lv.nets.items():
@@ -137,13 +146,12 @@ class Drawing:
         rank = {id(p): float(i) for stack in self.stacks for i, p in enumerate(stack)}
 
         def middle(place: _Place, left: bool) -> float:
-            near = [
-                rank[id(a)] + 0.9 * _share(a, pa, True)
-                for a, pa, b, _ in self.links if left and b is place
-            ] + [
-                rank[id(b)] + 0.9 * _share(b, pb, False)
-                for a, _, b, pb in self.links if not left and a is place
-            ]  # fmt: skip
+            if left:
+                links = self.into[id(place)]
+                near = [rank[id(a)] + 0.9 * _share(a, pa, True) for a, pa, _, _ in links]
+            else:
+                links = self.out_of[id(place)]
+                near = [rank[id(b)] + 0.9 * _share(b, pb, False) for _, _, b, pb in links]
             return sum(near) / len(near) if near else rank[id(place)]
 
         for sweep in range(8):
@@ -154,9 +162,8 @@ class Drawing:
                     rank[id(p)] = float(i)
         for place in self.places.values():  # outputs in the order of what they feed
             goal: dict[Port, list[float]] = defaultdict(list)
-            for a, pa, b, pb in self.links:
-                if a is place:
-                    goal[pa].append(rank[id(b)] + 0.9 * _share(b, pb, False))
+            for _, pa, b, pb in self.out_of[id(place)]:
+                goal[pa].append(rank[id(b)] + 0.9 * _share(b, pb, False))
             place.outs.sort(key=lambda o: sum(goal[o]) / len(goal[o]) if goal[o] else 1e9)
 
     def _set_heights(self) -> None:
@@ -180,11 +187,8 @@ class Drawing:
     def _settle(self, stack: list[_Place], both: bool) -> None:
         wish = []
         for p in stack:
-            moves = []
-            for a, pa, b, pb in self.links:
-                if p in (a, b):
-                    shift = a.port_y(pa, True) - b.port_y(pb, False)
-                    moves.append(shift if p is b else -shift)
+            moves = [-shift for shift in self._bends(self.out_of[id(p)])]
+            moves += self._bends(self.into[id(p)])
             moves.sort(key=abs)
             best = moves[0] if moves and both else sum(moves) / len(moves) if moves else 0.0
             wish.append(p.y + best)
@@ -203,13 +207,16 @@ class Drawing:
             for p, below in _pairs(group):
                 p.y, y = y, y + p.height + (self._gap(p, below) if below else 0.0)
 
+    @staticmethod
+    def _bends(links: list[_Link]) -> list[float]:
+        """How far each wire falls on its way."""
+        return [a.port_y(pa, True) - b.port_y(pb, False) for a, pa, b, pb in links]
+
     def _straighten(self, stack: list[_Place]) -> None:
         """Shift nodes a little where that makes one wire more run straight."""
         for i, p in enumerate(stack):
-            bends = [
-                (b.port_y(pb, False) - a.port_y(pa, True)) * (1 if p is a else -1)
-                for a, pa, b, pb in self.links if p in (a, b)
-            ]  # fmt: skip
+            bends = [-shift for shift in self._bends(self.out_of[id(p)])]
+            bends += self._bends(self.into[id(p)])
             high = (
                 stack[i + 1].y - self._gap(p, stack[i + 1]) - p.height
                 if i + 1 < len(stack)

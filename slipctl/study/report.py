@@ -310,22 +310,28 @@ def _same(a: Block, b: Block, show: Any) -> bool:
 
 def _loops(results: Results) -> str:
     """Diagrams of the loops, and of what is inside; the same diagram is drawn once."""
-    from slipctl.draw import show
+    from slipctl.draw import diagram
 
-    drawn: dict[str, list[str]] = {}
+    levels: dict[str, diagram.Level] = {}  # by all that a drawing shows
+    whole: dict[str, list[str]] = {}
     inside: dict[str, list[str]] = {}
-    for name, loop in distinct_loops(results).items():
-        drawn.setdefault(show.svg(loop), []).append(name)
-        for path, part in _composites(loop):
-            inside.setdefault(show.svg(part), []).append(f"{path} in {name}")
+    loops = distinct_loops(results)
+    for name, loop in loops.items():
+        for path, part in [("", loop), *_composites(loop)]:
+            level = diagram.level(part)
+            levels.setdefault(key := repr(level), level)
+            if path:
+                inside.setdefault(key, []).append(f"{path} in {name}")
+            else:
+                whole.setdefault(key, []).append(name)
     out = []
-    for svg, names in drawn.items():
+    for key, names in whole.items():
         title = ", ".join(names)
-        drawing = image(svg, f"block diagram of {title}")
+        drawing = image(diagram.drawn([levels[key]]), f"block diagram of {title}")
         out.append(f"<h3>{escape(title)}</h3><div class='diagram'>{drawing}</div>")
-    for svg, places in inside.items():
-        said = _places(places, list(distinct_loops(results)))
-        drawing = image(svg, f"block diagram of {said}")
+    for key, places in inside.items():
+        said = _places(places, list(loops))
+        drawing = image(diagram.drawn([levels[key]]), f"block diagram of {said}")
         out.append(f"<h3>Inside {escape(said)}</h3><div class='diagram'>{drawing}</div>")
     return "".join(out)
 

@@ -167,3 +167,28 @@ def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
     except BadInput as error:
         found = error
     assert isinstance(found, (parts.Trip, BadInput))
+
+
+def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path, monkeypatch):
+    from slipctl.draw import drawing
+    from slipctl.models.vehicle import trip as made
+    from slipctl.study import report, running
+
+    counts = {"plant": 0, "drawing": 0}
+
+    def counted(name, make):
+        def once_more(*given):
+            counts[name] += 1
+            return make(*given)
+
+        return once_more
+
+    monkeypatch.setattr(made, "plant", counted("plant", made.plant))
+    monkeypatch.setattr(drawing, "Drawing", counted("drawing", drawing.Drawing))
+    path = tmp_path / "my.toml"
+    path.write_text(METRO, encoding="utf-8")
+    study = doors.load_study(str(path))
+    results = running.new_results(study, study.cases(study.models, True), True)
+    page = report.constant(results)["loops"]()
+    assert counts["plant"] == 1
+    assert counts["drawing"] == page.count("<img") == len(set(re.findall(r'src="[^"]+"', page)))
