@@ -193,8 +193,18 @@ class Block:
             return next(iter(self.parts.values()))[path]
         head, _, rest = path.partition(".")
         if head not in self.parts:
-            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, self.parts)}")
+            inside = [p for n, part in self.parts.items() for p in part._paths(n)]
+            inside = [p for p in inside if p.endswith(f".{path}")]
+            where = f"; did you mean {inside[0]!r}?" if inside else nearest(head, self.parts)
+            raise BadInput(f"{self.name} has no part {head!r}{where}")
         return self.parts[head][rest] if rest else self.parts[head]
+
+    def _paths(self, prefix: str) -> list[str]:
+        """Paths of all parts inside, and its own."""
+        if self.transparent:
+            return next(iter(self.parts.values()))._paths(prefix)
+        inside = [p for n, part in self.parts.items() for p in part._paths(f"{prefix}.{n}")]
+        return [prefix, *inside]
 
     def leaves(self, prefix: str = "") -> Iterable[tuple[str, Block]]:
         """Yield path and block of every block without parts, depth first."""

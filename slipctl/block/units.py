@@ -308,12 +308,26 @@ def factor(source: str, target: str) -> float:
     """Number that turns a value in ``source`` into one in ``target``: 1000/3600 for km/h to m/s.
 
     Raises:
-        BadInput: different dimensions, or a unit that cannot be read.
+        BadInput: different dimensions, a unit that cannot be read, or a count per minute or in Hz
+            for an angular speed.
     """
     a, b = unit(source), unit(target)
     if a.dims != b.dims:
         raise BadInput(f"{source} cannot be turned into {target}: the dimensions differ")
+    if "rad" in target:
+        refuse_count(source)
     return 1.0 if a.same(b) else float(_ratio(a, b))
+
+
+def refuse_count(text: str) -> None:
+    """Refuse a rate of which nobody can tell whether it counts revolutions or radians.
+
+    Raises:
+        BadInput: 1/min, Hz and the like, without rad, deg or rpm.
+    """
+    a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
+    if a.dims == _dims(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
+        raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
 
 
 def _ratio(a: Unit, b: Unit) -> Fraction:
@@ -365,6 +379,8 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
         return value
     try:
         source = unit(given)
+        if "rad" in wanted:
+            refuse_count(given)
     except BadInput as error:
         raise BadInput(f"{name}[{wanted}]: {error}") from None
     if source.dims != target.dims:

@@ -31,6 +31,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
     left, colon, loop_name = name.rpartition(":")
     if name in doors.studies():
         raise doors.no_loop(name, doors.load_study(name))
+    if colon and "." in loop_name and not doors.is_written(name):
+        name, loop_name, options.part = _with_part(name, loop_name, options.part)
     is_loop = (
         colon and not doors.is_written(name) and (not left.endswith(".py") or doors.has_study(left))
     )
@@ -85,6 +87,14 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0
+
+
+def _with_part(name: str, loop: str, part: str | None) -> tuple[str, str, str]:
+    """``STUDY:LOOP.PART`` as the loop and its part."""
+    if part:
+        raise BadInput(f"{name} names a part, and --part {part} another; leave one out")
+    found, _, path = loop.partition(".")
+    return name.removesuffix(f".{path}"), found, path
 
 
 def found_loop(study: Study, name: str, settings: Sequence[str]) -> tuple[Block, Case]:

@@ -17,7 +17,7 @@ from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.recording import csv_of, read_recording
-from slipctl.run.replaying import Replayed, part_of, replay
+from slipctl.run.replaying import Replayed, replay
 from slipctl.study import doors
 from slipctl.study.report import STYLE, image, table
 from slipctl.study.texts import number, wrapped
@@ -72,12 +72,11 @@ def load_part(name: str) -> Block:
     left, colon, right = name.rpartition(":")
     if doors.is_written(name) or not colon or (left.endswith(".py") and not doors.has_study(left)):
         return doors.load_block(name)
-    loop_name, dot, path = right.partition(".")
-    loop, _ = doors.find_loop(doors.load_study(left), loop_name)
-    if not dot:
-        parts = ", ".join(f"{name}.{n}" for n in loop.parts)
+    block = doors.load_block(name)
+    if "." not in right:
+        parts = ", ".join(f"{name}.{n}" for n in block.parts)
         raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
-    return part_of(loop, path)
+    return block
 
 
 def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:

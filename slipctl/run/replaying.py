@@ -15,7 +15,7 @@ from slipctl.block.block import Block
 from slipctl.block.expression import read
 from slipctl.block.signals import Signal
 from slipctl.block.timing import sampled
-from slipctl.block.units import factor, parse_quantity, si_text, unit
+from slipctl.block.units import factor, parse_quantity, refuse_count, si_text, unit
 from slipctl.errors import BadInput, Faults, check_positive, nearest
 from slipctl.run.rail import Scenario
 from slipctl.run.recording import Recording
@@ -87,8 +87,10 @@ class Replayed:
 def part_of(loop: Block, path: str) -> Block:
     """Part of a loop with the numbers and the start that it has there.
 
+    A part of which the loop has several copies, such as the filter of each axle, is one of them.
+
     Raises:
-        BadInput: no such part.
+        BadInput: no such part, or a number of it that differs from copy to copy.
     """
     part = loop[path]
     values, start = loop.values_by_place(), loop.start()
@@ -102,12 +104,20 @@ def part_of(loop: Block, path: str) -> Block:
     for n, value in new.items():
         shape = {**part.params, **part.states}[n].shape
         if np.shape(value) != shape and np.size(value) > 1:
-            raise BadInput(
-                f"{path} is one of several copies in {loop.name} ({n} has the shape"
-                f" {np.shape(value)} there); name the part that holds them all"
-            )
+            new[n] = _of_a_copy(f"{path}.{n}", np.asarray(value), shape)
     known = part.with_params(**new) if new else part
     return known if known.period is not None else with_period(known, loop.period)
+
+
+def _of_a_copy(name: str, values: np.ndarray, shape: tuple[int, ...]) -> Any:
+    """Number of one of several copies, if it is that of all of them."""
+    each = values.reshape(*shape, -1)
+    if (each != each[..., :1]).any():
+        raise BadInput(
+            f"{name} differs from copy to copy; name the part that holds them all, or give them"
+            " one number by --set"
+        )
+    return each[..., 0] if shape else float(each[0])
 
 
 def with_period(block: Block, period: float | None) -> Block:
@@ -194,12 +204,19 @@ def _tick(block: Block, log: Recording, period: float | None) -> float:
 
 @dataclass(frozen=True)
 class _Source:
-    """Where the values of a signal come from: a column, its unit, and arithmetic behind it."""
+    """Where the values of a signal come from: a column, its unit, and arithmetic behind it.
+
+    Attributes:
+        column, scale: what is read first, and what makes its unit the one wanted.
+        tail: arithmetic with ``numbers`` of the block and with further columns.
+        others: scales of these columns.
+    """
 
     column: str
     scale: float
     tail: str
     numbers: Mapping[str, float]
+    others: Mapping[str, float] = field(default_factory=dict)
 
     def values(self, log: Recording) -> np.ndarray:
         """Values at the samples, NaN where nothing was measured."""
@@ -209,7 +226,8 @@ class _Source:
         tree = read("u__" + self.tail)
         symbols = {n: ca.SX.sym(n) for n in tree.names}
         f = ca.Function("f", list(symbols.values()), [ca.SX(tree.value(symbols))])
-        given = [x.reshape(1, -1) if n == "u__" else self.numbers[n] for n in symbols]
+        rows = {n: log.channel(n) * scale for n, scale in self.others.items()} | {"u__": x}
+        given = [rows[n].reshape(1, -1) if n in rows else self.numbers[n] for n in symbols]
         return np.array(f(*given).full()).ravel()
 
     def at(self, log: Recording, ticks: np.ndarray, rule: str, keep: np.ndarray) -> np.ndarray:
@@ -323,23 +341,33 @@ def _source(block: Block, log: Recording, signal: Signal, text: str) -> _Source:
         if scale != 1.0:
             log.notes.append(f"{column} converted from {told} to {signal.unit}")
         return _Source(column, scale, "", {})
+    refuse_count(told or "1")
     si = si_text(told or "1")
+    said = dict(log.units)  # the unit of a further column may stand behind it too
+    for c in log.texts:
+        inside = re.search(rf"\b{re.escape(c)}\s*\[([^\]]*)\]", tail)
+        if inside:
+            said[c], tail = inside[1], tail.replace(inside[0], c)
     tree = read("u__" + tail)
-    numbers = {}
+    numbers, others, units = {}, {}, {"u__": si}
     for n in tree.names:
         if n == "u__":
             continue
+        if n in log.texts:
+            refuse_count(said[n] or "1")
+            units[n] = si_text(said[n] or "1")
+            others[n] = factor(said[n] or "1", units[n])
+            continue
         full = block.find(n, "param")
-        numbers[n] = float(block.param_values()[full])
-    units = {n: block.params[block.find(n, "param")].unit for n in numbers} | {"u__": si}
+        numbers[n], units[n] = float(block.param_values()[full]), block.params[full].unit
     symbols = {n: ca.SX.sym(n) for n in tree.names}
     value = ca.SX(tree.value(symbols))
     wrong = unit_walk.check({signal.name: value}, units, {signal.name: signal.unit})
     if wrong:
-        said = wrong[0].partition(": ")[2].replace("u__", column)
-        raise BadInput(f"{text}: {said}")
+        why = wrong[0].partition(": ")[2].replace("u__", column)
+        raise BadInput(f"{text}: {why}")
     log.notes.append(f"{signal.name} = {text}" + (f" ({told} to {si})" if told != si else ""))
-    return _Source(column, factor(told or "1", si), tail, numbers)
+    return _Source(column, factor(told or "1", si), tail, numbers, others)
 
 
 def _wordy(letter: str) -> bool:

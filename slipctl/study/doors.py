@@ -267,6 +267,7 @@ def load_written(name: str) -> Block:
 def load_block(name: str) -> Block:
     """Block by ``study:loop[@scenario]``, ``model``, ``module.model``, ``file.py:block`` or text.
 
+    ``study:loop.part`` is a part of the loop, with the numbers and the start that it has there.
     A text is an equation, ``"mu = c*v_s where ..."``, or a table of a file, ``file.toml:table``.
 
     Raises:
@@ -282,7 +283,11 @@ def load_block(name: str) -> Block:
     if colon and left.endswith(".py") and not has_study(left):
         return find_block(load_file(left), right, left)
     if colon:
-        return find_loop(load_study(left), right)[0]
+        from slipctl.run.replaying import part_of
+
+        loop, dot, path = right.partition(".")
+        found = find_loop(load_study(left), loop)[0]
+        return part_of(found, path) if dot else found
     if name.endswith((".py", ".toml")):
         raise BadInput(f"{name}: write which block of it, {name}:block")
     known = models()

@@ -475,3 +475,15 @@ def test_random_equations_that_fit_pass_and_one_misfit_is_found(data):
     build.grow()
     found = check({"y": spoiled * build.pool[-1][0]}, build.given, {})
     assert len(found) == 1
+
+
+@pytest.mark.parametrize("text", ["1/min", "min^-1", "Hz", "kHz", "1/h"])
+def test_a_count_is_no_angular_speed(text: str) -> None:
+    """A wheel speed in 1/min is one of revolutions, or of radians: off by 2 pi if it is guessed."""
+    with pytest.raises(BadInput, match="may count revolutions or radians"):
+        units.factor(text, "rad/s")
+    with pytest.raises(BadInput, match="may count revolutions or radians"):
+        units.parse_quantity(f"2 {text}", "rad/s")
+    assert units.factor("rpm", "rad/s") == pytest.approx(2 * math.pi / 60, rel=1e-15)
+    assert units.factor("1/s", "rad/s") == 1.0
+    assert units.factor(text, "1/s") > 0

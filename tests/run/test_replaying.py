@@ -12,7 +12,18 @@ from conftest import closed_loop, three_rails
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl import BadInput, Block, from_text, simulate
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Param,
+    State,
+    connect,
+    from_text,
+    replicate,
+    simulate,
+    step,
+)
 from slipctl.commands.cli import main
 from slipctl.errors import Faults
 from slipctl.run.recording import read_recording
@@ -113,6 +124,36 @@ def test_arithmetic_has_units(tmp_path: Path) -> None:
                        ("Wheel / (r", "column"), ("Wheel[km/q]", "no known unit")):  # fmt: skip
         with pytest.raises(Faults, match=said):
             replay(block, read_recording(file), {"omega": text}, compile=False)
+
+
+def test_arithmetic_takes_further_columns(tmp_path: Path) -> None:
+    """Slip speed from two recorded speeds, the unit of each in the head or behind its name."""
+    t = np.arange(5) * 0.1
+    file = write(tmp_path / "log.csv", {"t": t, "Train [km/h]": 36 + t, "Wheel": 180 + t})
+    block = from_text("y = v_s*r where v_s [m/s], r = 0.5 m")
+    found = replay(block, read_recording(file), {"v_s": "Train - Wheel[rpm] * r"}, compile=False)
+    wanted = 0.5 * ((36 + t) / 3.6 - (180 + t) * 2 * np.pi / 60 * 0.5)
+    assert np.allclose(found.data["y"].values, wanted, rtol=1e-12)  # a few roundings
+    with pytest.raises(Faults, match="1/min may count revolutions or radians; write rpm"):
+        replay(block, read_recording(file), {"v_s": "Train - Wheel[1/min] * r"}, compile=False)
+
+
+@step(period=0.1)
+def counted(n=State("1", 0.0), u=Input("1"), k=Param("1", 2.0, lo=0, hi=10)):  # type: ignore[no-untyped-def]
+    """A sum."""
+    return {"n": n + k * u}, {}
+
+
+def test_a_part_of_which_there_are_copies_is_one_of_them() -> None:
+    """With the numbers that all copies have; refused where they differ."""
+    one = connect("axle", {"filter.u": "u"}, filter=counted)
+    both = connect("train", {}, axles=replicate(one, 2, distinct=("filter.k",)))
+    path = "axles.filter"
+    state, _ = part_of(both, path)(u=1.0, n=1.0)
+    assert state["n"] == 3.0
+    differing = both.with_params(**{f"{path}.k": [2.0, 3.0]})
+    with pytest.raises(BadInput, match=r"axles\.filter\.k differs from copy to copy"):
+        part_of(differing, path)
 
 
 def test_units_in_a_row_and_dates(tmp_path: Path) -> None:
