@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, rounding
+from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, proof, rounding
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
@@ -72,12 +72,18 @@ class Report:
     @property
     def passed(self) -> bool:
         """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        return self._right and all(t.get("load", {}).get("passed", True) for t in self._targets)
+        proven = bool(self.data.get("proof", {}).get("passed", True))
+        return self._right and self._in_time and proven
 
     @property
     def only_load(self) -> bool:
         """Whether a step takes longer than its tick, and nothing else is wrong."""
-        return self._right and not self.passed
+        return self._right and not self._in_time
+
+    @property
+    def only_unproven(self) -> bool:
+        """Whether a proof was asked for and did not come about, and nothing else is wrong."""
+        return self._right and self._in_time and not self.passed
 
     @property
     def _targets(self) -> list[dict[str, Any]]:
@@ -87,6 +93,10 @@ class Report:
     def _right(self) -> bool:
         parts = [*self._targets, self.data.get("analysis", {}), self.data.get("fuzz", {})]
         return all(p.get("passed", True) for p in (self.data, *parts))
+
+    @property
+    def _in_time(self) -> bool:
+        return all(t.get("load", {}).get("passed", True) for t in self._targets)
 
     def __str__(self) -> str:
         d = self.data
@@ -128,6 +138,8 @@ class Report:
         if "fuzz" in d:
             f = d["fuzz"]
             lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
+        if "proof" in d:
+            lines.append(f"  {proof.summary(d['proof'])}")
         if not self._right:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
@@ -216,6 +228,7 @@ def export(
     platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
     clock: float | None = None,
+    prove: bool = False,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -235,6 +248,8 @@ def export(
         fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
         clock: frequency of the processor in Hz, by which ``load`` is told of each target; a step
             that takes longer than a tick fails. Without it no load is told.
+        prove: let Frama-C's Eva prove that nothing goes wrong at run time, and that every state
+            and output stays in its range, for any inputs and any number of ticks.
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
         platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
             compiler is installed for.
@@ -248,7 +263,7 @@ def export(
     return _produce(
         block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
-        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock,
+        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove,
     )  # fmt: skip
 
 
@@ -271,6 +286,7 @@ def _produce(
     platforms: Sequence[str] | None = None,
     fuzz_seconds: int = 0,
     clock: float | None = None,
+    prove: bool = False,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -284,6 +300,8 @@ def _produce(
         analysis.tool()
     if fuzz_seconds:
         fuzz.tool()
+    if prove:
+        proof.tool()
     if platforms is not None and not fmus:
         raise BadInput("platforms are those of FMUs; ask for these too (--fmu)")
     built_for = chosen(platforms) if fmus else []
@@ -341,6 +359,8 @@ def _produce(
         data["analysis"] = analysis.analysed(plan, made)
     if fuzz_seconds:
         data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
+    if prove:
+        data["proof"] = proof.proved(plan, made)
     written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
     if fmus:
         written |= fmu.fmus(plan, made, content, built_for)

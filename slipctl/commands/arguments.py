@@ -335,6 +335,10 @@ def parser() -> Parser:
         "--fuzz", metavar="SECONDS", type=int,
         help="feed it any bytes for so long, by libFuzzer with sanitizers",
     )  # fmt: skip
+    p.add_argument(
+        "--prove", action="store_true",
+        help="let Frama-C prove that nothing goes wrong at run time and that ranges are kept",
+    )  # fmt: skip
     p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
     p.add_argument(
         "--platforms", metavar="linux64,win64",

@@ -54,7 +54,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "platforms": platforms,
         "check": options.check, "real": options.real, "target": options.target,
         "clock": load.clock(options.clock), "misra": options.misra, "fmus": options.fmu,
-        "fuzz_seconds": options.fuzz or 0,
+        "fuzz_seconds": options.fuzz or 0, "prove": options.prove,
     }  # fmt: skip
     if block is not None:
         report = codegen.export(block, out, options.module, **wanted)
@@ -84,6 +84,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         )  # fmt: skip
     if report.only_load:
         raise RunFailed(f"{name}: a step takes longer than its tick; see {out / 'report.json'}")
+    if report.only_unproven:
+        raise RunFailed(f"{name}: not all of it is proven; see {out / 'report.md'}")
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0

@@ -481,6 +481,7 @@ def test_what_cannot_be_c_is_one_line(
         ("--target cortex-m4", "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"),
         ("--misra", "apt install cppcheck"),
         ("--fuzz 1", "apt install clang"),
+        ("--prove", "apt install frama-c-base"),
     ],
 )
 def test_a_tool_that_is_missing_is_named_with_its_package(

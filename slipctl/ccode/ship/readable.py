@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from slipctl.ccode.check import analysis, load
+from slipctl.ccode.check import analysis, load, proof
 
 _COMPARED = {
     "every tick": "every tick",
@@ -38,6 +38,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_targets(data),
         *_analysed(data),
         *_fuzzed(data),
+        *_proved(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
 
@@ -162,6 +163,21 @@ def _fuzzed(data: Mapping[str, Any]) -> list[str]:
         "## Any bytes",
         f"{f['executions']} runs of libFuzzer in {f['seconds']} s: {f['said']}.",
     ]
+
+
+def _proved(data: Mapping[str, Any]) -> list[str]:
+    if "proof" not in data:
+        return []
+    p = data["proof"]
+    said = [f"{proof.summary(p)}. {p['tool']}; options: `{p['options']}`."]
+    if p["alarms"]:
+        rows = [
+            [a["line"], f"`{a['function']}`", a["kind"], f"`{a['condition']}`"] for a in p["alarms"]
+        ]
+        said.append(table(["line", "function", "what may go wrong", "unless"], rows))
+    if p["ranges"]["open"] and p["ended"]:
+        said.append("Ranges not proven: " + ", ".join(f"`{n}`" for n in p["ranges"]["open"]) + ".")
+    return ["## Proven", *said, "What is assumed:\n\n" + _bullets(p["assumptions"])]
 
 
 def _bytes(sizes: Mapping[str, int] | None) -> list[Any]:

@@ -423,7 +423,8 @@ _SMALL = {
     ),
     "limit": (
         "unsigned int limit(double *x, double lo, double hi)",
-        "    if (*x < lo) {\n        *x = lo;\n        return LIMITED_BITU;\n    }\n"
+        "    if (!(*x >= lo)) { /* NaN too */\n"
+        "        *x = lo;\n        return LIMITED_BITU;\n    }\n"
         "    if (*x > hi) {\n        *x = hi;\n        return LIMITED_BITU;\n    }\n"
         "    return 0U;\n".replace("LIMITED_BIT", str(guard.LIMITED)),
     ),

@@ -1,0 +1,257 @@
+"""No run-time error, and every range kept, for any number of ticks: proven by Frama-C's Eva.
+
+Eva computes with sets of numbers what a program can do. The harness sets the module up, then steps
+without end, each input any number at all in every tick. What must hold: no alarm (an index out of
+bounds, an uninitialised number, an overflow of integers, a conversion that does not fit), and every
+state and output in its declared range after every tick.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from slipctl.ccode.write.layout import Member
+from slipctl.ccode.write.plan import Plan
+from slipctl.errors import BadInput, RunFailed
+
+SECONDS = 60
+"""CPU time for a proof; a module that is not through by then is not proven."""
+
+HARNESS = "harness.c"
+"""File of the program that is analysed with the module."""
+
+_WRITTEN_OUT = {
+    "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
+    "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
+    "if (!(*x >= lo)) {": "if (!((*x == *x) && (*x >= lo))) {",
+}
+"""A comparison with NaN is false. Eva 25 does not know that, so it is written out for it."""
+
+ASSUMPTIONS = (
+    "the caller calls init once, then step, with the default parameters, which stay",
+    "inputs are any numbers in every tick, NaN and infinite ones too, in range or not",
+    "arithmetic is that of IEEE 754, rounded to nearest, and the compiler keeps it"
+    " (no -ffast-math, -ffp-contract=off); int has 32 bits",
+    "a comparison with NaN is false; in the analysed text that is written out, as x == x",
+    "functions of the C library do what Frama-C's headers and builtins say of them",
+)
+"""What a proof takes for true."""
+
+
+def tool() -> str:
+    """Path of Frama-C.
+
+    Raises:
+        BadInput: not installed.
+    """
+    found = shutil.which("frama-c")
+    if found is None:
+        raise BadInput(
+            "--prove needs frama-c; install it (Debian, Ubuntu: apt install frama-c-base)"
+        )
+    return found
+
+
+def harness(plan: Plan) -> str:
+    """Text of the program that is analysed: init, then steps without end."""
+    n, lay = plan.name, plan.layout
+    ends = _ends(plan)
+    hints = sorted({v for rows in ends.values() for row in rows for v in row})
+    body: list[str] = []
+    for m in lay.inputs:
+        body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
+    body.append(f"(void){n}_step(&in, &param, &state, &out);")
+    for what, members in (("state", lay.states), ("out", lay.outputs)):
+        for m in members:
+            rows = ends[what, m.c]
+            if len(set(rows)) == 1:
+                at = f"{what}.{m.c}{'' if m.scalar else '[k]'}"
+                body += _each(m, _check(what, m, at, rows[0]))
+            else:
+                body += [_check(what, m, m.at(f"{what}.", k), r) for k, r in enumerate(rows)]
+    structs = [f"    static {n}_{what} {what};" for what in ("param", "state", "in", "out")]
+    widened = f'    /*@ widen_hints "all", {", ".join(v.hex() for v in hints)}; */'
+    lines = [
+        f'#include "{n}.h"', "", f"static volatile {plan.real} any;",
+        "static volatile int more;", "", "int main(void)", "{", *structs, "    int k;",
+        f"    {n}_default(&param);", f"    (void){n}_init(&param, &state);",
+        *[widened] * bool(hints), "    while (more != 0) {",
+        *(f"        {line}" for line in body), "    }", "    return 0;", "}", "",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def proved(
+    plan: Plan, made: Mapping[str, str], seconds: int = SECONDS, finite: bool = True
+) -> dict[str, Any]:
+    """Run Eva on a module, with special floats allowed and then without.
+
+    Args:
+        plan: the module.
+        made: text of its files by name.
+        seconds: CPU time of each of the two.
+        finite: whether the second is tried.
+
+    Returns:
+        ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
+        ``alarms``: line, function, kind and condition of each; ``ranges``: how many ends of ranges
+        are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number of
+        alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end;
+        ``passed``: no alarm, and every range proven.
+
+    Raises:
+        BadInput: Frama-C is not installed.
+        RunFailed: it refuses the module.
+    """
+    frama_c, n = tool(), plan.name
+    text = made[f"{n}.c"]
+    options = _options(plan, text)
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        folder = Path(scratch)
+        (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
+        (folder / f"{n}.c").write_text(written_out(text), encoding="utf-8")
+        (folder / HARNESS).write_text(harness(plan), encoding="utf-8")
+        command = [frama_c, HARNESS, f"{n}.c", *options]
+        rows, used = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
+        strict = None
+        if finite and rows is not None:
+            strict, _ = _analysed(folder, [*command, "-warn-special-float", "non-finite"], seconds)
+    claims = _claims(harness(plan))
+    good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
+    open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
+    of = len(set(claims.values()))
+    alarms = _alarms(rows or [], n)
+    said = subprocess.run([frama_c, "-version"], capture_output=True, text=True, check=False)
+    return {
+        "tool": f"Frama-C {said.stdout.strip()}, Eva",
+        "options": " ".join(["-warn-special-float none", *options]),
+        "assumptions": list(ASSUMPTIONS),
+        "seconds": round(used, 1), "limit_seconds": seconds,
+        "ended": rows is not None,
+        "alarms": alarms,
+        "ranges": {"proven": of - len(open_), "of": of, "open": open_},
+        "non_finite": None if strict is None else len(_alarms(strict, n)),
+        "passed": rows is not None and not alarms and not open_,
+    }  # fmt: skip
+
+
+def written_out(text: str) -> str:
+    """Source with the comparisons that NaN decides written out; lines keep their numbers."""
+    for short, long in _WRITTEN_OUT.items():
+        text = text.replace(short, long)
+    return text
+
+
+def summary(data: Mapping[str, Any]) -> str:
+    """One line on a proof."""
+    if not data["ended"]:
+        return f"Frama-C: no end in {data['limit_seconds']} s, nothing is proven"
+    ranges, alarms = data["ranges"], len(data["alarms"])
+    finite = data["non_finite"]
+    strict = "no end" if finite is None else f"{finite} alarms"
+    return (
+        f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven"
+        f" (NaN and infinity as alarms: {strict}):"
+        f" {'proven' if data['passed'] else 'NOT PROVEN'}"
+    )
+
+
+# ---- small parts --------------------------------------------------------------------------------
+
+
+def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    """Range of each element of each state and output, with the default parameters."""
+    values = plan.block.param_values()
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for what, members in (("state", plan.layout.states), ("out", plan.layout.outputs)):
+        for m in members:
+            lo, hi, _ = plan.ends([m], values)
+            found[what, m.c] = [(float(a), float(b)) for a, b in zip(lo, hi, strict=True)]
+    return found
+
+
+def _check(what: str, m: Member, at: str, row: tuple[float, float]) -> str:
+    """A claim; hexadecimal, as a decimal number is a real one there and not the nearest double."""
+    return f"/*@ check {what}_{m.c}: {row[0].hex()} <= {at} <= {row[1].hex()}; */"
+
+
+def _each(m: Member, statement: str) -> list[str]:
+    """A statement for a number, or for each element ``k``."""
+    if m.scalar:
+        return [statement]
+    return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {statement}", "}"]
+
+
+def _options(plan: Plan, text: str) -> list[str]:
+    """Options of Eva: how many cases are kept apart in which function."""
+    largest = max((m.size for m in (*plan.layout.states, *plan.layout.outputs)), default=1)
+    states = sum(m.size for m in plan.layout.states)
+    wanted = {
+        "within": 8, "limit": 8, "accept": 64, "all_within": 4 * largest + 16,
+        "limit_all": 4 * largest + 16, "part_off": 4 * states + 64, f"{plan.name}_step": 64,
+        "reached": 8 * max([int(k) for k in re.findall(r"reached\(\w+, (\d+)", text)], default=0),
+    }  # fmt: skip
+    there = [
+        f"{f}:{k}" for f, k in wanted.items() if re.search(rf"^(?:static )?\w.*\b{f}\(", text, re.M)
+    ]
+    options = [
+        "-eva", "-eva-slevel-function", ",".join(there), "-eva-split-return", "full",
+        "-eva-auto-loop-unroll", str(max(128, largest)),
+    ]  # fmt: skip
+    if "static int part_off(" in text:
+        options += ["-eva-split-return-function", "part_off:0"]
+    return options
+
+
+def _analysed(
+    folder: Path, command: Sequence[str], seconds: int
+) -> tuple[list[dict[str, str]] | None, float]:
+    """Properties that Eva decided or left open, None if it did not end; CPU seconds."""
+    import resource  # not on Windows, which has no frama-c either
+
+    told = folder / "told.csv"
+    told.unlink(missing_ok=True)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command, "-then", "-report",
+         "-report-csv", told.name],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if done.returncode in (-signal.SIGKILL, -signal.SIGXCPU) or used >= seconds:
+        return None, used
+    if done.returncode or not told.exists():
+        said = [line for line in done.stdout.splitlines() if "rror" in line]
+        raise RunFailed(f"frama-c fails: {(said or [done.stderr.strip()])[0][:200]}")
+    with told.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t")), used
+
+
+def _claims(text: str) -> dict[int, str]:
+    """What each line of a harness claims to be in its range."""
+    lines = enumerate(text.splitlines(), start=1)
+    found = {k: re.search(r"/\*@ check (\w+):", line) for k, line in lines}
+    return {k: m[1].replace("_", ".", 1) for k, m in found.items() if m}
+
+
+def _valid(row: Mapping[str, str]) -> bool:
+    return row["status"] in ("Valid", "Considered valid") or "dead" in row["status"].lower()
+
+
+def _alarms(rows: Sequence[Mapping[str, str]], name: str) -> list[dict[str, Any]]:
+    """What may go wrong in the module itself; reading any number in the harness may not."""
+    return [
+        {"line": int(r["line"]), "function": r["function"], "kind": r["property kind"],
+         "condition": r["property"]}
+        for r in rows
+        if r["file"] == f"{name}.c" and not _valid(r)
+    ]  # fmt: skip

@@ -1,0 +1,129 @@
+"""What Frama-C's Eva proves of generated C. Every controller is proven in .ci/full."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from slipctl import BadInput, Input, Output, Param, State, step
+from slipctl.ccode import codegen
+from slipctl.ccode.check import proof
+from slipctl.ccode.write.plan import Plan
+from slipctl.study import doors
+
+try:
+    proof.tool()
+    HAS_TOOL = True
+except BadInput:
+    HAS_TOOL = False
+needs_tool = pytest.mark.skipif(not HAS_TOOL, reason="no frama-c here")
+
+
+@step(
+    period=0.01,
+    y=Output("1", "sum", lo=-10, hi=10),
+    z=Output("1", "two numbers", shape=(2,), lo=-3, hi="3 * k"),
+)
+def sums(
+    x=State("1", 0.0, "sum", lo=-100, hi=100),
+    kept=State("1", [0.0, 0.0, 0.0], "last inputs", shape=(3,), lo=-1, hi=1),
+    u=Input("1", "summand", lo=-1, hi=1),
+    k=Param("1", 1.0, "gain", lo=0, hi=2),
+):
+    """Sum whose range is kept by the guards alone."""
+    return dict(x=x + k * u, kept=[u, kept[0], kept[1]]), dict(y=x / u, z=[u, kept[2]])
+
+
+def test_the_harness_gives_any_inputs_and_claims_each_range() -> None:
+    text = proof.harness(Plan(sums))
+    assert "in.u = any;" in text
+    assert "check state_x: -0x1.9000000000000p+6 <= state.x <= 0x1.9000000000000p+6;" in text
+    assert "check out_z: -0x1.8000000000000p+1 <= out.z[k] <= 0x1.8000000000000p+1;" in text
+    for claim in ("state_x", "state_kept", "out_y", "out_z"):
+        assert text.count(f"check {claim}:") == 1
+
+
+def test_comparisons_are_written_out_in_what_is_analysed() -> None:
+    text = codegen.texts(Plan(sums))["sums.c"]
+    analysed = proof.written_out(text)
+    for own in ("x == x", "value == value", "*x == *x"):
+        assert (text.count(own), analysed.count(own)) == (0, 1)
+    assert analysed.count("\n") == text.count("\n")
+
+
+@needs_tool
+def test_ranges_that_only_the_guards_keep_are_proven() -> None:
+    """0/0 and x/0 are among the outputs of the equations; a sum without end is refused."""
+    plan = Plan(sums)
+    said = proof.proved(plan, codegen.texts(plan))
+    assert said["passed"], said
+    assert said["ranges"] == {"proven": 4, "of": 4, "open": []}
+    assert said["alarms"] == []
+    assert said["non_finite"] > 0  # a division by 0
+
+
+@needs_tool
+@pytest.mark.parametrize(
+    ("old", "new", "finding"),
+    [
+        ("    limited |= limit(&out->y, -10.0, 10.0);\n", "", "out.y"),
+        ("within(next->x, -100.0, 100.0)", "true", "state.x"),
+        ("now->z[0] =", "now->z[(int)(3.0 * in->u)] =", "index_bound"),
+        ("    next->x =", "    const int n = (int)in->u * 2147483647;\n"
+         "    next->x = (double)(n + n) * 0.0 +", "signed_overflow"),
+        ("    next->x =", "    double a[2];\n    next->x = a[1] +", "initialization"),
+    ],
+)  # fmt: skip
+def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
+    plan = Plan(sums)
+    made = codegen.texts(plan)
+    assert old in made["sums.c"]
+    spoilt = made | {"sums.c": made["sums.c"].replace(old, new)}
+    said = proof.proved(plan, spoilt, finite=False)
+    assert not said["passed"]
+    assert finding in [*said["ranges"]["open"], *(a["kind"] for a in said["alarms"])], said
+
+
+@needs_tool
+@pytest.mark.parametrize(
+    ("name", "real"), [("subway_braking:smc", "float"), ("subway_braking:sta", "double")]
+)
+def test_short_controllers_are_proven(name: str, real: str) -> None:
+    study, _, loop = name.partition(":")
+    found = doors.load_study(study)
+    controller = doors.find_loop(found, loop)[0][found.controller]
+    plan = Plan(controller, "ctl", real=real)
+    said = proof.proved(plan, codegen.texts(plan))
+    assert said["passed"], said
+    assert said["non_finite"] == 0
+
+
+@needs_tool
+def test_no_end_is_told(tmp_path: Path) -> None:
+    plan = Plan(sums)
+    said = proof.proved(plan, codegen.texts(plan), seconds=0, finite=False)
+    assert not said["ended"]
+    assert not said["passed"]
+    assert proof.summary(said) == "Frama-C: no end in 0 s, nothing is proven"
+
+
+@needs_tool
+def test_the_proof_is_in_the_report(tmp_path: Path) -> None:
+    report = codegen.export(sums, tmp_path / "out", prove=True)
+    told = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))["proof"]
+    assert report.passed
+    assert told["assumptions"] == list(proof.ASSUMPTIONS)
+    assert "-warn-special-float none" in told["options"]
+    assert "0 alarms, 4 of 4 ranges proven" in str(report)
+    text = (tmp_path / "out/report.md").read_text(encoding="utf-8")
+    assert "## Proven" in text
+    assert told["options"] in text
+
+
+def test_without_frama_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BadInput, match=r"--prove needs frama-c; install it .*frama-c-base"):
+        codegen.export(sums, tmp_path / "out", prove=True)
+    assert not (tmp_path / "out").exists()
