@@ -9,9 +9,9 @@ state and output in its declared range after every tick.
 from __future__ import annotations
 
 import csv
+import os
 import re
 import shutil
-import signal
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -215,19 +215,17 @@ def _analysed(
     folder: Path, command: Sequence[str], seconds: int
 ) -> tuple[list[dict[str, str]] | None, float]:
     """Properties that Eva decided or left open, None if it did not end; CPU seconds."""
-    import resource  # not on Windows, which has no frama-c either
-
     told = folder / "told.csv"
     told.unlink(missing_ok=True)
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before = os.times()
     done = subprocess.run(
         ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command, "-then", "-report",
          "-report-csv", told.name],
         cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    if done.returncode in (-signal.SIGKILL, -signal.SIGXCPU) or used >= seconds:
+    after = os.times()
+    used = sum(after[2:4]) - sum(before[2:4])
+    if done.returncode < 0 or used >= seconds:
         return None, used
     if done.returncode or not told.exists():
         said = [line for line in done.stdout.splitlines() if "rror" in line]
