@@ -192,11 +192,13 @@ def _each(m: Member, statement: str) -> list[str]:
 
 def _options(plan: Plan, text: str) -> list[str]:
     """Options of Eva: how many cases are kept apart in which function."""
-    largest = max((m.size for m in (*plan.layout.states, *plan.layout.outputs)), default=1)
+    lay = plan.layout
+    largest = max((m.size for m in (*lay.inputs, *lay.states, *lay.outputs)), default=1)
     states = sum(m.size for m in plan.layout.states)
     wanted = {
-        "within": 8, "limit": 8, "accept": 64, "all_within": 4 * largest + 16,
-        "limit_all": 4 * largest + 16, "part_off": 4 * states + 64, f"{plan.name}_step": 64,
+        "within": 8, "limit": 8, "can_follow": 8, "accept": 64, "all_within": 4 * largest + 16,
+        "limit_all": 4 * largest + 16, "check_inputs": 2 * plan.n_in + 16,
+        "part_off": 4 * states + 64, f"{plan.name}_step": 64,
         "reached": 8 * max([int(k) for k in re.findall(r"reached\(\w+, (\d+)", text)], default=0),
     }  # fmt: skip
     there = [
