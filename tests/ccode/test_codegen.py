@@ -788,3 +788,25 @@ def test_logged_inputs_follow_the_wires(run: Any) -> None:
         codegen.logged_inputs(loop, "ctrl", log)
     with pytest.raises(BadInput, match=r"plant\.wheel\.v, which was not logged"):
         codegen.logged_inputs(loop, "ctl", log.drop_vars("plant.wheel.v"))
+
+
+@needs_compiler
+def test_no_local_has_the_name_of_a_counter(tmp_path: Path) -> None:
+    """A Function calls an argument ``i``, and a loop counts beside it: gcc refuses a shadow."""
+    v, i = ca.SX.sym("v", 3), ca.SX.sym("i")
+    peak = ca.Function("peak", [v, i], [ca.sin(v * i)], ["v", "i"], ["g"])
+    V, s = ca.MX.sym("V", 3), ca.MX.sym("s")
+    h = ca.fmin(ca.fmax(s, 0.5), 2.0)
+    g = peak(V, h)
+    outer = ca.Function("outer", [V, s], [g.T @ (V @ V.T) @ g / h])
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        return {}, {"y": outer(u["u"], u["s"]) + outer(2 * u["u"], u["s"])}
+
+    block = make_block(
+        "counted", "law", body, sx=False, doc="A quadratic form.",
+        inputs=[Input("1", shape=(3,)).named("u"), Input("1").named("s")],
+        outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    codegen.c_module(block, tmp_path, "m").compile()
+    assert "peak(" in (tmp_path / "m.c").read_text()

@@ -32,8 +32,8 @@ all_within all_can_follow can_follow fill copy hold safe reached main accept acc
 states_within start recover guard part part_off off refused told in_force used limit_outputs
 start_outputs mark fresh
 """
-LOCAL = frozenset(_LOCAL_WORDS.split())
-"""Names that mean something inside the generated functions."""
+LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
+"""Names that mean something inside the generated functions; loops count by the last three."""
 
 
 _FILE_WORDS = """
