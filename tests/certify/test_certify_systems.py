@@ -324,7 +324,7 @@ def test_covariance_under_excitation_stays_between_its_bounds():
 
 
 def test_enclosure_of_the_peak():
-    low, high = funnel_kind.peak_enclosure().ends()
+    low, high = funnel_kind.peak_enclosure.__wrapped__().ends()  # not one found before
     assert low < F(ppc.H_MAX) + F(1, 10**15) < high + F(2, 10**15)
     assert 0 < high - low < F(1, 10**14)
     z = np.linspace(0.6, 0.7, 100001)

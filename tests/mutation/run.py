@@ -33,7 +33,8 @@ from sites import Site, sites
 
 ROOT = Path(__file__).parents[2]
 ROOMS = {
-    "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py"],
+    "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
+                        "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
     "slipctl/ccode": ["tests/ccode"],
     "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
     "slipctl/predict": ["tests/predict", "tests/models/test_parts.py"],
