@@ -49,6 +49,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
         )  # fmt: skip
     finally:
         progress.end()
+    if options.samples > 1 and not found.plan.drawn:
+        log.warning(
+            "--samples %d is left out, as nothing is drawn; --vary P=lo:hi draws", options.samples
+        )
     print(json.dumps(spread(found), indent=1) if options.json else report(found))
     if options.export:
         found.save(options.export)

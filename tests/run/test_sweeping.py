@@ -30,6 +30,7 @@ from slipctl import (
     sweep,
 )
 from slipctl.commands.cli import main
+from slipctl.models.vehicle import parts
 from slipctl.run import sweeping
 from slipctl.run.ensemble import Ensemble, World
 from slipctl.run.metrics import Run, measure, rail_changes, rail_names
@@ -314,3 +315,15 @@ def test_bad_lines(line: str, said: str, tmp_path: Path, capsys: Any) -> None:
     assert len(told) == 1
     assert said in told[0]
     assert not out.exists()
+
+
+def test_samples_of_nothing_that_is_drawn_are_told(tmp_path: Path, capsys: Any) -> None:
+    """A grid alone has one run for each point; who asks for more of each is told."""
+    text = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+    short = text.replace('duration = "17 s"', 'duration = "20 ms"')
+    (tmp_path / "metro.toml").write_text(short, encoding="utf-8")
+    line = ["sweep", f"{tmp_path / 'metro.toml'}:none", "--vary", "m=36t:40t:2", "--samples", "5"]
+    assert main([*line, "--out", str(tmp_path / "out"), "--no-compile"]) == 0
+    said = capsys.readouterr()
+    assert "2 runs" in said.out
+    assert "--samples 5 is left out, as nothing is drawn" in said.err
