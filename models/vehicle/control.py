@@ -30,7 +30,7 @@ from slipctl import (
     step,
 )
 from slipctl.block.units import parse_quantity
-from slipctl.errors import nearest
+from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
@@ -102,21 +102,27 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
     """Numbers of a block's parameters, with their units where they are texts.
 
     Raises:
-        BadInput: an unknown or derived parameter, another dimension, a value off range.
+        Faults: unknown or derived parameters, another dimension, values off range.
     """
-    found = {}
+    found, faults = {}, []
     for name, value in given.items():
         hits = [k for k in block.params if k == name or k.endswith(f".{name}")]
         if len(hits) != 1:
             free = [k for k, s in block.params.items() if not s.derived]
             why = f" could be {' or '.join(hits)}" if hits else f" is unknown{nearest(name, free)}"
-            raise BadInput(f"{where}.{name}:{why}")
-        signal = block._settable(hits[0])
-        number = value
-        if isinstance(value, str):
-            number = parse_quantity(value, signal.unit, f"{where}.{name}")
-        signal.check(f"{where}.{name}", number)
-        found[hits[0]] = float(number)
+            faults.append(f"{where}.{name}:{why}")
+            continue
+        try:
+            signal = block._settable(hits[0])
+            number = value
+            if isinstance(value, str):
+                number = parse_quantity(value, signal.unit, f"{where}.{name}")
+            signal.check(f"{where}.{name}", number)
+            found[hits[0]] = float(number)
+        except BadInput as error:
+            faults.append(str(error))
+    if faults:
+        raise Faults(faults)
     return found
 
 

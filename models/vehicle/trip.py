@@ -19,7 +19,6 @@ import numpy as np
 from casadi import fabs, if_else
 
 from slipctl import (
-    BadInput,
     Block,
     Case,
     End,
@@ -39,6 +38,7 @@ from slipctl import (
     replicate,
     step,
 )
+from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.control import axle_control, numbers_of
@@ -70,24 +70,27 @@ def rail_law(trip: Trip) -> Block:
     """Adhesion law of the rail with its own conditions and those of the trip.
 
     Raises:
-        BadInput: no such law, or a parameter that it has not.
+        Faults: no such law, parameters that it has not, conditions that nobody has.
     """
     track = trip.rail
     block = load_block(track.law)
     on_train(block)  # says what is wrong with it
-    own = {
-        name: numbers_of(block, values, f"rail.conditions.{name}")
-        for name, values in track.conditions.items()
-    }
-    known = {k: dict(v) for k, v in block.conditions.items()} | own
+    known = {k: dict(v) for k, v in block.conditions.items()} | {c: {} for c in track.conditions}
+    faults: list[str] = []
+    for name, values in track.conditions.items():
+        try:
+            known[name] = numbers_of(block, values, f"rail.conditions.{name}")
+        except Faults as error:
+            faults += error.lines
     for k, stretch in enumerate(track.sections):
         if stretch.condition not in known:
-            from slipctl.errors import nearest
-
-            raise BadInput(
+            faults.append(
                 f"rail.sections.{k}.condition: the rail has no condition {stretch.condition!r}"
-                f"{nearest(stretch.condition, known)}"
+                f"{nearest(stretch.condition, known)}; {stretch.condition} = {{}} under"
+                f" [rail.conditions] is the law as it stands"
             )
+    if faults:
+        raise Faults(faults)
     used = dict.fromkeys(s.condition for s in track.sections)
     # what one condition sets is set in all, so that none keeps what the one before left
     names = dict.fromkeys(n for c in used for n in known[c])

@@ -67,9 +67,9 @@ def _of_laws(trip: Any) -> list[tuple[tuple[str | int, ...], str]]:
         except BadInput as error:
             lines = error.lines if isinstance(error, Faults) else (str(error),)
             for line in lines:
-                head, _, rest = line.partition(": ")
-                path = head.split(".")
-                if rest and path[0] in ("rail", "start", "gains") and " " not in head:
+                found = re.match(r"((?:rail|start|gains)(?:\.\w+)*):? (.+)", line)
+                if found:
+                    path, rest = found[1].split("."), found[2]
                     inner = tuple(int(k) if k.isdigit() else k for k in path)
                     inner = inner[1:] if path[0] == "gains" or keys[:1] == ("rail",) else inner
                     faults.append(((*keys, *inner), rest))

@@ -124,6 +124,18 @@ def test_all_faults_are_told_at_once(tmp_path):
     assert len(told(tmp_path, text)) == 3
 
 
+def test_all_faults_of_a_law_of_ones_own_are_told_at_once(tmp_path):
+    """Conditions of another law stay in the file: each number of them, and each section."""
+    text = METRO.replace(
+        'law = "double_exponential"', 'law = "mu = m*v_s where v_s [m/s], m = 1 s/m"'
+    )
+    text = text.replace("leaves = { c = 0.18 }", 'leaves = { c = 0.18, m = "2 kg" }')
+    lines = told(tmp_path, text)
+    paths = [re.search(r"line \d+: (\S+): ", line)[1] for line in lines]
+    assert paths == ["rail.conditions.leaves.c", "rail.conditions.leaves.m",
+                     "rail.sections.0.condition", "rail.sections.2.condition"]  # fmt: skip
+
+
 def test_a_fault_on_the_command_line_is_one_line_each_and_exit_code_2(
     tmp_path, monkeypatch, capsys
 ):
