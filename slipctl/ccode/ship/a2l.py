@@ -30,8 +30,8 @@ def a2l(plan: Plan) -> str:
 
     lay = plan.layout
     kind = "FLOAT64_IEEE" if plan.real == "double" else "FLOAT32_IEEE"
-    members = [*(m for g in _groups(plan).values() for m in g), *lay.derived]
-    units = sorted({m.signal.unit for m in members})
+    every = [*(m for g in _groups(plan).values() for m in g), *lay.derived]
+    units = sorted({m.signal.unit for m in every})
     methods = {u: f"CM_{k}" for k, u in enumerate(units)}
     blocks = [
         f'/begin COMPU_METHOD {name} {_quoted(u)} IDENTICAL "%.9" {_quoted(u)}\n/end COMPU_METHOD'
