@@ -35,12 +35,18 @@ JUMPS = {
 }  # fmt: skip
 """Operations that jump wherever they change; comparisons may be kinks, and :func:`apart` tells."""
 
-STEPS = (1e-3, 1e-4, 1e-5)
+STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 """Steps of the central differences that guard a slope, as shares of each number."""
 
 AGREES = 1e-6
 """Relative difference of a slope and the central difference that is taken for agreement."""
 
+
+LONGEST = 400_000
+"""Operations of a tick from which on no slopes are asked for: predictive control is beyond it."""
+
+AT_ONCE = 1000
+"""Ticks of which the jumps are looked at together."""
 
 # ---- metrics -------------------------------------------------------------------------------------
 
@@ -119,6 +125,8 @@ class Slopes:
         self._settable = np.repeat([free for _, free in sizes], [many for many, _ in sizes])
         self._given = self._by_numbers()
         whole = world.measured.prepared.whole({})
+        if operations(whole.f) > LONGEST:
+            raise BadInput(f"its tick is longer than {LONGEST:.0e} operations")
         try:
             self._f = whole.f if whole.f.is_a("SXFunction") else whole.f.expand()
         except RuntimeError:
@@ -211,23 +219,39 @@ class Slopes:
         if not jumps:
             return
         least, most = dict.fromkeys(jumps, np.inf), dict.fromkeys(jumps, -np.inf)
-        for first, last, p in whole.parts:
+        spans = [(k, min(k + AT_ONCE, last), p) for first, last, p in whole.parts
+                 for k in range(first, last, AT_ONCE)]  # fmt: skip
+        for first, last, p in spans:
             rows = [whole.x[first:last], whole.u[first:last], np.tile(p, (last - first, 1))]
             points = np.hstack(rows).T
             seen: dict[int, Interval] = {}
             enclose(column, points, points, seen)
             for k in jumps:
                 least[k], most[k] = min(least[k], seen[k][1].min()), max(most[k], seen[k][0].max())
-        for k in jumps:
-            if most[k] > least[k]:
-                said = JUMPS[column.instruction_id(k)]
-                raise BadInput(f"{said} in it changes along the run{self._where(k, column)}")
+                if most[k] > least[k]:
+                    said = JUMPS[column.instruction_id(k)]
+                    raise BadInput(f"{said} in it changes along the run{self._where(k, column)}")
 
     def _where(self, k: int, column: ca.Function) -> str:
         """Part that has the operation, where only one kind of part has it."""
         op = column.instruction_id(k)
         parts = [path for path, b in _leaves(self.loop, "") if _has(b, op)]
         return f" ({', '.join(parts)})" if parts else ""
+
+
+def operations(f: ca.Function) -> int:
+    """Operations of a Function written out, calls counted as what they call."""
+    if f.is_a("SXFunction"):
+        return int(f.n_instructions())
+    if not f.is_a("MXFunction"):  # a map, whose columns say how many, or a switch
+        inside = f.find_functions(0)
+        if f.is_a("Map"):
+            wide = [f.size2_in(k) // max(inside[0].size2_in(k), 1) for k in range(f.n_in())]
+            return max(wide) * operations(inside[0])
+        return sum(operations(g) for g in inside)
+    calls = [k for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CALL]
+    inner = sum(operations(f.instruction_MX(k).which_function()) for k in calls)
+    return int(f.n_instructions()) - len(calls) + inner
 
 
 def reaching(column: ca.Function, states: set[int], params: set[int], many: int) -> list[int]:

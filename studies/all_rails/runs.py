@@ -18,6 +18,7 @@ from slipctl import Block, Context, Experiment, Table, __version__, simulate, tr
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile.compilers import sizes
 from slipctl.run import build
+from slipctl.studies.all_rails.fair import fair
 from slipctl.studies.all_rails.loops import (
     LOG,
     NAMES,
@@ -369,5 +370,8 @@ EXPERIMENTS = {
         "Speed tracking", tracking, "And who follows a speed under the adhesion limit?"
     ),
     "guesses": Experiment("Guesses", guesses, "Is the optimum the same from every loop's run?"),
+    "fair": Experiment(
+        "Tuned alike", fair, "Who wins when every law is tuned by one tuner, with one budget?"
+    ),
     "cost": Experiment("Cost", cost, "What does a tick cost, and how large is the C?"),
 }
