@@ -26,7 +26,10 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
 
     if rate:
 
-        @flow(name="brake", choices={"lag": True, "rate": True})
+        @flow(
+            R=Output("N m/s", "rate of the torque", lo="-R_max", hi="R_max"),
+            name="brake", choices={"lag": True, "rate": True},
+        )  # fmt: skip
         def limited(
             T_b=State("N m", 0.0, "brake torque", lo=0, hi=1e8, positive="braking"),
             T_cmd=Input("N m", "commanded torque", positive="braking"),
@@ -36,7 +39,8 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
         ):
             """Limits of a brake, a first-order lag and a largest rate."""
             wanted = (fmin(T_max, fmax(0, T_cmd)) - T_b) / tau
-            return dict(T_b=fmax(-R_max, fmin(R_max, wanted))), {}
+            R = fmax(-R_max, fmin(R_max, wanted))
+            return dict(T_b=R), dict(R=R)
 
         return limited
 

@@ -13,6 +13,7 @@ import json
 import logging
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -25,7 +26,7 @@ from slipctl.study import doors, files, preparing, running, speaking
 from slipctl.study.declaration import Verdict
 from slipctl.study.jobs import Cores
 from slipctl.study.keeping import Keep, key_of
-from slipctl.study.texts import changes, claim_table, left_to_full, metric_table
+from slipctl.study.texts import changes, claim_table, doubts, left_to_full, metric_table
 
 log = logging.getLogger("slipctl")
 
@@ -159,6 +160,7 @@ class _Run:
             for name in ("metrics", "claims")
             if (out / f"{name}.json").is_file()
         }
+        found["warnings"] = [{"text": t, "runs": where} for t, where in doubts(self.results)]
         return json.dumps(found | {"folder": str(out)}, indent=1, ensure_ascii=False)
 
     def _summary(self, verdicts: Sequence[Verdict]) -> str:
@@ -172,6 +174,9 @@ class _Run:
         quick = " (quick)" if results.quick else ""
         title = f"{results.study.name}: {results.study.title}{quick}"
         parts = ["\n".join(filter(None, [title, changes(results)]))]
+        told = [f"warning: {line} ({where})" for line, where in doubts(results)]
+        if told:
+            parts.append("\n".join(textwrap.fill(t, width, subsequent_indent="  ") for t in told))
         if verdicts:
             parts.append(claim_table(verdicts, width))
         parts += [metric_table(results, scenario, width) for scenario in results.metrics]

@@ -460,6 +460,19 @@ AGAINST_IDEAL = ("ideal_distance", "above_ideal")
 """Metrics that need the loop ``ideal``."""
 
 
+NEEDS: dict[str, tuple[str, ...]] = {
+    "stopping_distance": ("speed",),
+    "settling_time": ("slip", "best_slip"),
+    "tracking_time": ("slip", "reference"),
+    "slip_max": ("slip",),
+    "slip_min": ("slip",),
+    "torque_ripple": ("torque",),
+    "torque_variation": ("torque",),
+    "adhesion_use": ("adhesion", "best_adhesion"),
+}
+"""Roles without which a metric has no meaning; only what is told when it is left out."""
+
+
 def measure(run: Run, names: Sequence[str] = tuple(METRICS)) -> dict[str, Metric]:
     """All metrics that have a meaning for the run, or those of these names, in order."""
     found = ((name, METRICS[name][0](run)) for name in names)

@@ -15,6 +15,7 @@ from slipctl.block.block import Block, as_block
 from slipctl.block.signals import Signal, total_size
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
+from slipctl.run.doubts import told_run, watched
 from slipctl.run.feeding import begun, feeds, pieces, rail_values
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
@@ -98,6 +99,7 @@ class Prepared:
         seed: int | None = None,
         rail: Rail | None = None,
         progress: Callable[[float], None] | None = None,
+        doubt: bool = False,
     ) -> Log:
         """Roll with these numbers.
 
@@ -107,6 +109,7 @@ class Prepared:
             seed: of the noise; None is the scenario's.
             rail: another rail; None is the scenario's.
             progress: called with the share done, 0 to 1.
+            doubt: watch the whole run, so that :meth:`Log.told` says what stays off or limited.
 
         Returns:
             Arrays by name, ``"time"`` in s and the signals, the tick's start value for states.
@@ -123,9 +126,12 @@ class Prepared:
         h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
         rows = np.arange(0, ticks, every)
         columns = logged(block, self._wanted)
+        beside = logged(block, watched(block)) if doubt else {}
         n_y = total_size(block.outputs.values())
         kept = {role: _places(columns, role) for role in ("input", "output", "state")}
+        seen = {role: _places(beside, role) for role in ("output", "state")}
         x_log, y_log = (np.empty((rows.size, kept[role].size)) for role in ("state", "output"))
+        x_seen, y_seen = (np.empty((rows.size, seen[role].size)) for role in ("state", "output"))
         first: dict[str, np.ndarray] = {"input": u[:1]}
         most = -(-ticks // CHUNKS) if progress else ticks
         size = max(min(SCRATCH // max(x.size + n_y, 1), most), 1)
@@ -147,6 +153,9 @@ class Prepared:
                     first |= {"output": y_now[:1].copy(), "state": x_now[:1].copy()}
                 x_log[a:b] = x_now[np.ix_(rows[a:b] - k, kept["state"])]
                 y_log[a:b] = y_now[np.ix_(rows[a:b] - k, kept["output"])]
+                if beside:
+                    x_seen[a:b] = x_now[np.ix_(rows[a:b] - k, seen["state"])]
+                    y_seen[a:b] = y_now[np.ix_(rows[a:b] - k, seen["output"])]
                 if progress:
                     progress(stop / ended)
                 if ended < ticks:
@@ -156,8 +165,12 @@ class Prepared:
         many = int(np.searchsorted(rows, ended))
         rows, x_log, y_log = rows[:many], x_log[:many], y_log[:many]
         u_log = u[np.ix_(rows, kept["input"])]
-        return Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
-                   columns, first, every)  # fmt: skip
+        log = Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
+                  columns, first, every)  # fmt: skip
+        if beside:
+            watch = {"output": y_seen[:many], "state": x_seen[:many]}
+            log.watched = Log(block, scenario, rows * h, watch, beside, first, every)
+        return log
 
     def whole(
         self, numbers: Mapping[str, Any], seed: int | None = None, rail: Rail | None = None
@@ -354,6 +367,7 @@ class Log(Mapping[str, np.ndarray]):
     Attributes:
         loop: the loop as it ran.
         scenario: the scenario as it ran.
+        watched: what gives reason to doubt the run, where it was watched.
     """
 
     def __init__(
@@ -362,6 +376,7 @@ class Log(Mapping[str, np.ndarray]):
     ) -> None:  # fmt: skip
         self.loop, self.scenario, self._time, self._every = loop, scenario, time, every
         self._values, self._first = values, first
+        self.watched: Log | None = None
         self._columns: dict[str, _Column] = {}
         ends = dict.fromkeys(values, 0)
         for n, c in columns.items():
@@ -399,13 +414,15 @@ class Log(Mapping[str, np.ndarray]):
         return 1 + len(self._columns)
 
     def told(self) -> list[str]:
-        """What to know before the numbers are believed: estimators that begin far off."""
+        """What to know before the numbers are believed: of estimators, and of limits."""
         from slipctl.run.starting import told_starts
 
         every = {s.name for s in self.loop.signals if s.role != "param"}
         begin = Log(self.loop, self.scenario, self._time[:1], self._first,
                     logged(self.loop, every), self._first)  # fmt: skip
-        return told_starts(self.loop, self.scenario.but(params={}, start={}), begin)
+        scenario = self.scenario.but(params={}, start={})
+        late = [] if self.watched is None else told_run(self.loop, scenario, self.watched)
+        return [*told_starts(self.loop, scenario, begin), *late]
 
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""

@@ -38,8 +38,8 @@ def simulate(
         Dataset with dimension ``time`` [s], and ``axle`` or another of ``replicate`` where there
         are copies, and one variable per signal (``"plant.v"``), attributes
         ``units``, ``long_name``, ``positive``. The tick's start value for states. Its attributes
-        hold version, scenario, seed and parameters with units, and in ``told``, where there is
-        something to tell, which estimators begin further off than the deviation they state.
+        hold version, scenario, seed and parameters with units. ``told`` is there where the run is
+        to be doubted: an estimate begins or stays off, a limit is active for most of it.
 
     Raises:
         BadInput: unfed inputs, unknown names, a rail condition that the loop does not know, every
@@ -47,4 +47,4 @@ def simulate(
         RunFailed: a state became NaN or infinite; says block, signal and time.
     """
     run = prepare(loop, scenario, compile=compile, log=log, every=every)
-    return run(progress=progress).dataset()
+    return run(progress=progress, doubt=True).dataset()

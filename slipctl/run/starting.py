@@ -10,6 +10,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.errors import BadInput, RunFailed
+from slipctl.run.doubts import meant
 from slipctl.run.feeding import begun, rail_values
 from slipctl.run.prepared import prepare
 from slipctl.run.rail import Scenario
@@ -38,7 +39,7 @@ def told_starts(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None =
         return []
     own = {n.rpartition(".")[0] for n in judged}
     found = {
-        (n, text): {k: _meant(loop, k, own) for k in names_in(text)}
+        (n, text): {k: meant(loop, k, own) for k in names_in(text)}
         for n, s in judged.items()
         for text in s.truth
     }
@@ -80,17 +81,6 @@ def _line(
         f"{what} begins at {first:.6g}{unit}, {other} at {second:.6g}{unit}: {away:.3g}{unit} away,"
         f" its stated deviation is {most:.3g}{unit}"
     ]
-
-
-def _meant(loop: Block, name: str, own: set[str]) -> str | None:
-    """What an estimator means by a name: a shared number, or the one other signal that has it."""
-    if name in loop.params:
-        return name
-    for signals in (loop.states, loop.params, loop.outputs):
-        hits = [n for n in signals if n.endswith("." + name) and n.rpartition(".")[0] not in own]
-        if hits:
-            return hits[0] if len(hits) == 1 else None
-    return None
 
 
 def _values(

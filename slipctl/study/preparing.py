@@ -14,6 +14,7 @@ from slipctl.block.sharing import number_at, targets, told_apart
 from slipctl.block.timing import check_sample_times
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
+from slipctl.run.doubts import told_loop
 from slipctl.run.feeding import begun, rail_values
 from slipctl.run.prepared import Log, Prepared
 from slipctl.run.rail import Scenario
@@ -181,13 +182,19 @@ def prepare(
 
 
 def told(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) -> list[str]:
-    """What a run says of its numbers: places set apart, estimators that begin far off.
+    """What a run says of its numbers: places set apart, noise, wires, first guesses far off.
 
     Args:
         loop, scenario: the run.
         log: its log by name, or the beginning of it, if there is one.
     """
-    return [*told_apart(begun(loop, scenario)), *told_starts(loop, scenario, log)]
+    return [*told_before(loop, scenario), *told_starts(loop, scenario, log)]
+
+
+def told_before(loop: Block, scenario: Scenario) -> list[str]:
+    """What a loop says before it runs."""
+    started = begun(loop, scenario)
+    return [*told_apart(started), *told_loop(started, scenario.but(params={}, start={}))]
 
 
 def _select(

@@ -23,12 +23,13 @@ from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
-from slipctl.study.preparing import told
 from slipctl.study.provenance import provenance
 from slipctl.study.texts import (
+    absent,
     answers,
     changes,
     count,
+    doubts,
     judged,
     left_out,
     left_to_full,
@@ -127,6 +128,10 @@ def page(
     body = "".join(f'<section><h2 id="{k}">{t}</h2>{text}</section>' for k, t, text in named)
     stopped = f'<p class="failed">{escape(state)}</p>' if state else ""
     left = f"<p>{escape(left_to_full(results))}</p>" if results.left else ""
+    doubted = "".join(
+        f'<p class="quick">{escape(line)}.<br><span class="soft">{escape(where)}</span></p>'
+        for line, where in doubts(results)
+    )
     quick = '<p class="quick">A quick run: shorter or fewer runs than the study proper.</p>'
     failed = "".join(
         f'<p class="failed">{escape(where)} failed: {escape(why)}</p>'
@@ -147,7 +152,7 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
-{stopped}{quick if results.quick else ""}{changed}{failed}{left}
+{stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
 </body>
@@ -237,7 +242,7 @@ def _metrics(results: Results) -> str:
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
-                left_out(results.metrics[scenario])]  # fmt: skip
+                [*left_out(results.metrics[scenario]), *absent(results, scenario)]]  # fmt: skip
     meanings = [(n, doc) for n, (_, doc) in METRICS.items()]
     used = {n for loops in results.metrics.values() for m in loops.values() for n in m}
     out.append("<details><summary>What the metrics mean</summary>")
@@ -426,26 +431,7 @@ def _parameters(results: Results) -> str:
             text += " (the rail sets it)"
         rows.append([name, text, "" if s.unit == "1" else pretty(s.unit), s.doc, s.source])
     main = table(["Parameter", "Value", "Unit", "Meaning", "Source"], rows)
-    return main + _apart(results) + _conditions(results, loops)
-
-
-def _apart(results: Results) -> str:
-    """What was set apart and what begins far off, each line with the runs that it is about."""
-    by_line: dict[str, dict[str, list[str]]] = {}
-    for case in results.cases:
-        for name, loop in case.loops.items():
-            log = results.data.get(case.scenario.name, {}).get(name)
-            for line in told(loop, case.scenario, log):
-                runs = by_line.setdefault(line, {})
-                runs.setdefault(case.scenario.name, []).append(name)
-    rows = [
-        (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
-        for line, runs in by_line.items()
-    ]
-    return "".join(
-        f'<p>{escape(line)}.<br><span class="soft">{escape(where)}</span></p>'
-        for line, where in rows
-    )
+    return main + _conditions(results, loops)
 
 
 def _alike(value: Any) -> Any:

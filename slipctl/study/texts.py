@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.units import scaled
-from slipctl.run.metrics import METRICS, Metric
+from slipctl.run.metrics import METRICS, NEEDS, Metric
 from slipctl.run.results import Results
 from slipctl.study.declaration import (
     CHANGED,
@@ -22,6 +22,7 @@ from slipctl.study.declaration import (
     Claim,
     Verdict,
 )
+from slipctl.study.preparing import told_before
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -240,6 +241,48 @@ def left_out(loops: Mapping[str, Mapping[str, Metric]]) -> list[str]:
     return lines
 
 
+def absent(results: Results, scenario: str) -> list[str]:
+    """A line for metrics that some loops have and others have not, with the reason.
+
+    A stopping distance that no loop has is told where it has a limit.
+    """
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    loops, signals = results.metrics[scenario], results.study.signals
+    limits = getattr(results.study, "limits", {})
+    for name, needs in NEEDS.items():
+        if not any(name in m for m in loops.values()) and name not in limits:
+            continue
+        reasons: dict[str, list[str]] = {}
+        for loop in (n for n, m in loops.items() if name not in m):
+            log = results.data[scenario][loop]
+            missing = [r.replace("_", " ") for r in needs if signals.find(r, log) is None]
+            why = f"no {' and no '.join(missing)}" if missing else ""
+            if not why and name == "stopping_distance":
+                why = "no standstill"
+            if why:
+                reasons.setdefault(why, []).append(loop)
+        for why, names in reasons.items():
+            by_reason.setdefault((", ".join(names), why), []).append(name)
+    return [f"{', '.join(names)} of {of}: left out, there is {why}"
+            for (of, why), names in by_reason.items()]  # fmt: skip
+
+
+def doubts(results: Results) -> list[tuple[str, str]]:
+    """What gives reason to doubt the runs, each line with the runs that it is about."""
+    by_line: dict[str, dict[str, list[str]]] = {}
+    for case in results.cases:
+        scenario = case.scenario.name
+        for name, loop in case.loops.items():
+            log = results.data.get(scenario, {}).get(name)
+            late = str(log.attrs.get("told", "")) if log is not None else ""
+            for line in [*told_before(loop, case.scenario), *filter(None, late.split("\n"))]:
+                by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
+    return [
+        (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
+        for line, runs in by_line.items()
+    ]
+
+
 def metric_table(results: Results, scenario: str, width: int = 132) -> str:
     """Metrics of one scenario as text; loops that do not fit beside the others go below them."""
     rows = metric_rows(results, scenario)
@@ -251,7 +294,8 @@ def metric_table(results: Results, scenario: str, width: int = 132) -> str:
             cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
             lines.append("  " + "  ".join(cells).rstrip())
         lines.append("")
-    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario])]:
+    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario]),
+                 *absent(results, scenario)]:  # fmt: skip
         lines[-1:] = [*textwrap.wrap(text, width - 2, initial_indent="  ",
                                      subsequent_indent="  "), ""]  # fmt: skip
     return "\n".join(lines[:-1])
