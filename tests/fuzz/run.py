@@ -4,7 +4,8 @@
 run again. A third of the cases are command lines with their files (curves, models, certificates),
 a third are calls of public functions with a wrong argument, and a third are vehicle files,
 expressions and logs. ``--only lines``, ``calls`` or ``desk`` makes one kind. What ends badly is
-told with its seed and case. Ctrl-C ends it with what it has.
+told with its seed and case. Ctrl-C ends it with what it has. The file of ``--out`` is written as it
+goes, and the same line again goes on from there.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import calls
 import test_commands
@@ -58,6 +60,24 @@ def described(number: int, seed: int) -> list[tuple[str, str]]:
 KINDS = {"lines": lined, "calls": called, "desk": described}
 
 
+def begun(out: Path | None, seed: int, kinds: list[str]) -> dict[str, Any]:
+    """What an earlier run of the same has found, or nothing yet."""
+    fresh = {"seed": seed, **dict.fromkeys(kinds, 0), "seeds": 0, "wrong": []}
+    if out is None or not out.exists():
+        return fresh
+    found = json.loads(out.read_text(encoding="utf-8"))
+    if found.get("seed") != seed or list(found) != list(fresh):
+        sys.exit(f"{out} is of another run; remove it, or give the same --seed and --only")
+    return found
+
+
+def keep(out: Path, told: dict[str, Any]) -> None:
+    """Write what was found, whole or not at all."""
+    part = out.with_name(out.name + ".part")
+    part.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    part.replace(out)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=float("inf"))
@@ -69,22 +89,28 @@ def main() -> int:
     for asked in (signal.SIGINT, signal.SIGTERM):
         signal.signal(asked, signal.default_int_handler)
     kinds = [chosen.only] if chosen.only else list(KINDS)
-    start, done, found = time.monotonic(), dict.fromkeys(kinds, 0), []
-    for seed in itertools.chain(KEPT, itertools.count(chosen.seed)):
-        if sum(done.values()) >= chosen.cases or time.monotonic() - start > chosen.seconds:
+    start, told = time.monotonic(), begun(chosen.out, chosen.seed, kinds)
+    seeds = itertools.chain(KEPT, itertools.count(chosen.seed))
+    for seed in itertools.islice(seeds, told["seeds"], None):
+        many = sum(told[kind] for kind in kinds)
+        if many >= chosen.cases or time.monotonic() - start > chosen.seconds:
             break
         try:
-            for kind in kinds:
-                for what, wrong in KINDS[kind](BATCH, seed):
-                    found.append((what, wrong))
-                    print(what, ascii(wrong)[:500], flush=True)
-                done[kind] += BATCH
+            new = [(kind, case) for kind in kinds for case in KINDS[kind](BATCH, seed)]
         except KeyboardInterrupt:
             break
-    print(f"{sum(done.values())} cases, {len(found)} end badly")
+        for _, (what, wrong) in new:
+            print(what, ascii(wrong)[:500], flush=True)
+        told["wrong"] += [list(case) for _, case in new]
+        told["seeds"] += 1
+        for kind in kinds:
+            told[kind] += BATCH
+        if chosen.out:
+            keep(chosen.out, told)
+    found = told["wrong"]
+    print(f"{sum(told[kind] for kind in kinds)} cases, {len(found)} end badly")
     if chosen.out:
-        told = {"seed": chosen.seed, **done, "wrong": found}
-        chosen.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        keep(chosen.out, told)
     return bool(found)
 
 

@@ -7,14 +7,18 @@ run: each text may hold a call that would leave a file behind, and there is none
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
+import json
 import os
 import random
+import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
 
+import pytest
 from test_commands import TOKENS, altered
 
 from slipctl import from_text
@@ -183,3 +187,23 @@ def attack(cases: int, seed: int) -> list[tuple[list[str], str]]:
 def test_altered_vehicles_expressions_and_logs_are_answered():
     """A few; the fuzz job makes more, each with a seed."""
     assert [found for found in attack(60, seed=1) if "takes" not in found[1]] == []
+
+
+def test_a_long_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch, capsys):
+    spec = importlib.util.spec_from_file_location("long_run", Path(__file__).parent / "run.py")
+    long_run = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(long_run)
+    monkeypatch.setattr(long_run, "KINDS", {"desk": lambda n, seed: [(f"seed {seed}", "bad")]})
+
+    def run(out, cases, seed=100):
+        line = f"run.py --only desk --cases {cases} --seed {seed} --out {tmp_path / out}"
+        monkeypatch.setattr(sys, "argv", line.split())
+        return long_run.main()
+
+    monkeypatch.setattr(long_run.signal, "signal", lambda *_: None)
+    assert [run("parts", 100), run("parts", 200), run("whole", 200)] == [1, 1, 1]
+    found = [json.loads((tmp_path / n).read_text(encoding="utf-8")) for n in ("parts", "whole")]
+    assert found[0] == found[1]
+    assert [what for what, _ in found[0]["wrong"]] == ["seed 1", "seed 2", "seed 100", "seed 101"]
+    with pytest.raises(SystemExit, match="is of another run"):
+        run("parts", 300, seed=7)
