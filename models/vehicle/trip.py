@@ -205,7 +205,11 @@ class Common:
     def slip(self) -> Block:
         """True slip of each axle, seen as that of a braked one."""
         driven = self.trip.vehicle.mode == "drive"
-        seen = mirror("m/s", "braking", "speed") if driven else flip_sign("m/s", "braking")
+        seen = (
+            mirror("m/s", "braking", "speed")
+            if driven
+            else flip_sign("m/s", "braking", "slip speed")
+        )
         return replicate(seen, self.trip.vehicle.axles)
 
 

@@ -8,18 +8,19 @@ from slipctl.block.block import Block, make_block
 from slipctl.block.signals import Input, Output, Param
 
 
-def flip_sign(unit: str, to: str = "braking") -> Block:
+def flip_sign(unit: str, to: str = "braking", what: str = "signal with its sign turned") -> Block:
     """Turn the sign of a signal: from traction positive to braking positive or back.
 
     Args:
         unit: unit of the signal.
         to: convention of the output, ``"braking"`` or ``"traction"``.
+        what: meaning of the output.
     """
     other = "traction" if to == "braking" else "braking"
     return make_block(
         "flip_sign", "law", lambda x, u, p: ({}, {"y": -u["u"]}),
         inputs=[Input(unit, "signal", positive=other).named("u")],
-        outputs=[Output(unit, "signal with its sign turned", positive=to).named("y")],
+        outputs=[Output(unit, what, positive=to).named("y")],
         doc=f"y = -u: positive for {to}.",
     )  # fmt: skip
 

@@ -40,6 +40,9 @@ COLOURS = {
     "smes": ORANGE,
     "improved": BLUE,
     "esa": GREEN,
+    "none": ORANGE,
+    "super_twisting": BLUE,
+    "predictive": GREEN,
 }
 """Loops whose colour is fixed; any other name gets one of the palette by its letters."""
 
