@@ -456,6 +456,17 @@ METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
 """Function and definition of each metric, in the order of files and tables."""
 
 
+BETTER = {
+    "stopping_distance": "low", "settling_time": "low", "tracking_time": "low",
+    "slip_error_rms": "low", "torque_ripple": "low", "torque_variation": "low",
+    "adhesion_use": "high", "acceleration_variance": "low", "jerk_rms": "low",
+    "funnel_exits": "low", "barrier_exits": "low", "speed_error_rms": "low",
+    "speed_error_max": "low", "position_error_rms": "low", "position_error_max": "low",
+    "lock_time": "low", "above_ideal": "low", "step_time": "low",
+}  # fmt: skip
+"""Which end of a metric is the better one; the others say nothing of good or bad by themselves."""
+
+
 AGAINST_IDEAL = ("ideal_distance", "above_ideal")
 """Metrics that need the loop ``ideal``."""
 

@@ -34,8 +34,8 @@ from slipctl.study.texts import (
     left_out,
     left_to_full,
     limits_broken,
-    metric_rows,
     number,
+    ranked_rows,
     times,
     tolerance_text,
 )
@@ -114,11 +114,11 @@ def page(
     note = changes(results)
     changed = f'<p class="quick">{escape(note[0].upper() + note[1:])}.</p>' if note else ""
     sections: list[tuple[str, str]] = []
-    if verdicts:
-        sections.append(("Claims", changed + _claims(verdicts)))
-    sections.append(("Metrics", _metrics(results)))
     if figures:
         sections.append(("Figures", _figures(results, figures)))
+    sections.append(("Metrics", _metrics(results)))
+    if verdicts:
+        sections.append(("Claims", changed + _claims(verdicts)))
     if results.tables:
         sections.append(("Experiments", _experiments(results)))
     sections += [(n.capitalize(), texts[n]) for n in written if n in texts]
@@ -233,13 +233,18 @@ def _metrics(results: Results) -> str:
         scenario = case.scenario.name
         if scenario not in results.metrics:
             continue
-        head, *rows = metric_rows(results, scenario)
+        (head, _), *rows = ranked_rows(results, scenario)
         doc = f"<p>{escape(case.scenario.doc)}</p>" if case.scenario.doc else ""
         out.append(f"<h3>{escape(scenario)}</h3>{doc}")
         for first in range(1, len(head), LOOPS):
             group = [0, *range(first, min(first + LOOPS, len(head)))]
-            shown = [[r[k] for k in group] for r in rows if any(r[k] for k in group[1:])]
+            shown = [
+                [Html(f"<b>{escape(r[k])}</b>") if k in best else r[k] for k in group]
+                for r, best in rows if any(r[k] for k in group[1:])
+            ]  # fmt: skip
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
+        if any(best for _, best in rows):
+            out.append('<p class="soft">Bold: the best of a row, the bound left out.</p>')
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
                 [*left_out(results.metrics[scenario]), *absent(results, scenario)]]  # fmt: skip

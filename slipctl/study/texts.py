@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.units import scaled
-from slipctl.run.metrics import METRICS, NEEDS, Metric
+from slipctl.run.metrics import BETTER, METRICS, NEEDS, Metric
 from slipctl.run.results import Results
 from slipctl.study.declaration import (
     CHANGED,
@@ -153,9 +153,18 @@ def wrapped(rows: Sequence[Sequence[str]], widths: Sequence[int]) -> str:
 
 def metric_rows(results: Results, scenario: str) -> list[list[str]]:
     """Table of one scenario: a metric per row, a loop per column, the head first."""
+    return [cells for cells, _ in ranked_rows(results, scenario)]
+
+
+def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[int]]]:
+    """The same rows, each with the columns that hold its best number.
+
+    The bound, ``ideal``, is no competitor. No column is the best where all say the same, and
+    where a metric has no better end.
+    """
     loops = results.metrics[scenario]
     above = beyond(results, scenario)
-    rows = [["metric", *loops]]
+    rows: list[tuple[list[str], list[int]]] = [(["metric", *loops], [])]
     for name in METRICS:
         found = {loop: m[name] for loop, m in loops.items() if name in m}
         if not found:
@@ -173,8 +182,23 @@ def metric_rows(results: Results, scenario: str) -> list[list[str]]:
                 if k < len(v := lists.get(loop, [])) else "" for loop in loops
             ]  # fmt: skip
             rail = f", {named[k]}" if k < len(named) else ""
-            rows.append([f"{label}{rail}" if k == shown[0] or rail else "", *cells])
+            told = f"{label}{rail}" if k == shown[0] or rail else ""
+            values = {
+                column: v[k] for column, loop in enumerate(loops, 1)
+                if k < len(v := lists.get(loop, [])) and not loop.startswith("ideal")
+            }  # fmt: skip
+            rows.append(([told, *cells], _best(name, values, digits)))
     return rows
+
+
+def _best(name: str, values: Mapping[int, Any], digits: int) -> list[int]:
+    """Columns whose number, as it is shown, is at the better end."""
+    known = {k: v for k, v in values.items() if v is not None}
+    if name not in BETTER or not known or len(values) < 2:
+        return []
+    end = (min if BETTER[name] == "low" else max)(known.values())
+    best = [k for k, v in known.items() if number(v, digits) == number(end, digits)]
+    return best if len(best) < len(values) else []
 
 
 MARK = " !"

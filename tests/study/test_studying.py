@@ -21,7 +21,7 @@ from slipctl.run.results import NotRun, Results
 from slipctl.study import files, preparing, running
 from slipctl.study.declaration import Context, half_last_digit, judge
 from slipctl.study.doors import load_study
-from slipctl.study.texts import metric_rows, metric_table, number
+from slipctl.study.texts import metric_rows, metric_table, number, ranked_rows
 
 EMPTY = Results(toy_study.study, [])
 
@@ -475,6 +475,21 @@ def test_a_table_of_many_loops_goes_on_below_and_never_wraps(width: int) -> None
     assert [w for w in words if w.startswith("loop_number")] == list(loops)
     assert [float(w) for w in words if w.endswith(".25")] == [k + 0.25 for k in range(19)]
     assert text.count("settling_time [s], dry") == text.count("settling_time [s], wet") > 1
+
+
+def test_the_best_of_a_row_is_marked_but_not_the_bound() -> None:
+    """Low or high as the metric says; equal as shown is equal; nothing where all say the same."""
+    values = {"ideal": (90.0, 1.0, 0.0), "one": (100.0, 0.5, 0.0), "two": (120.0, 0.7, 0.0),
+              "three": (100.0000001, 0.6, 0.0)}  # fmt: skip
+    loops = {
+        n: {"stopping_distance": Metric(d, "m"), "adhesion_use": Metric(mu, "1"),
+            "lock_time": Metric(lock, "s"), "slip_max": Metric(d, "m/s")}
+        for n, (d, mu, lock) in values.items()
+    }  # fmt: skip
+    results = Results(toy_study.study, [], metrics={"base": loops})
+    found = {cells[0]: best for cells, best in ranked_rows(results, "base")[1:]}
+    assert found == {"stopping_distance [m]": [2, 4], "adhesion_use": [3], "lock_time [s]": [],
+                     "slip_max [m/s]": []}  # fmt: skip
 
 
 def test_a_settling_time_that_tells_no_loop_from_another_is_left_out_with_the_reason() -> None:
