@@ -12,8 +12,9 @@ from slipctl.study.texts import MARK, limits_broken, metric_table
 
 
 def results(limits, **loops):
-    study = SimpleNamespace(limits=limits)
-    return SimpleNamespace(study=study, metrics={"base": loops})
+    study = SimpleNamespace(limits=limits, signals=Signals(speed="v", position="x"))
+    logs = {"base": {n: {"v": 0.0, "x": 0.0} for n in loops}}
+    return SimpleNamespace(study=study, metrics={"base": loops}, data=logs)
 
 
 def test_a_value_above_its_limit_is_marked_and_one_at_it_is_not():
