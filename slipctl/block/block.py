@@ -18,7 +18,7 @@ import numpy as np
 
 from slipctl.block import sharing
 from slipctl.block.sharing import ALONE, Sharing
-from slipctl.block.signals import Signal, evaluate, names_in, packed_numbers, total_size
+from slipctl.block.signals import Signal, Split, evaluate, names_in, packed_numbers, total_size
 from slipctl.block.units import read_unit
 from slipctl.errors import BadInput, check_positive, known, nearest
 
@@ -66,6 +66,7 @@ class Block:
         guard: refuses numbers, by name, for which the block may not be made: a step that is too
             long for them, say. What else its making refuses is no matter of numbers.
         solves: lines of the problem that it solves, and the blocks that these speak of.
+        split: for a step whose tick may be made in two, how.
     """
 
     def __init__(
@@ -98,6 +99,7 @@ class Block:
         by_structure: bool = False,
         guard: Callable[[Mapping[str, Any]], None] | None = None,
         solves: tuple[Sequence[tuple[str, str]], Mapping[str, Block]] | None = None,
+        split: Split | None = None,
     ) -> None:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
@@ -128,7 +130,7 @@ class Block:
         self.own = frozenset(own)
         self.sharing = sharing
         self.by_structure = by_structure
-        self.guard, self.solves = guard, solves
+        self.guard, self.solves, self.split = guard, solves, split
         self._body, self._rebuild = body, rebuild
         self._made: dict[Any, Any] = {}
         self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
@@ -586,7 +588,7 @@ class Block:
             leaves_out=self.leaves_out,
             prefixed=self.prefixed, transparent=self.transparent, own=self.own,
             sharing=self.sharing, by_structure=self.by_structure, guard=self.guard,
-            solves=self.solves,
+            solves=self.solves, split=self.split,
         )  # fmt: skip
         block._made = self._made
         return block

@@ -6,12 +6,28 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipctl.block import expression
 from slipctl.errors import BadInput, Faults, check_number, check_whole, known, nearest
+
+
+class Split(NamedTuple):
+    """How the tick of a step is made in two: what can be done before its inputs, and the rest.
+
+    Attributes:
+        only: state that is 1 where it is to prepare, and no more.
+        prepared: state that is above 0 where the next tick is prepared.
+        inputs: those that preparing reads.
+        ahead: states that preparing makes, and the rest leaves as they are.
+    """
+
+    only: str
+    prepared: str
+    inputs: tuple[str, ...]
+    ahead: tuple[str, ...]
 
 
 @dataclass(frozen=True)

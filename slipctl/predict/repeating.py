@@ -91,6 +91,20 @@ def apart(
     return called
 
 
+def only_if(
+    name: str, condition: Any, f: Callable[..., Sequence[Any]], otherwise: Sequence[int],
+    *given: Any,
+) -> list[Any]:  # fmt: skip
+    """Results of f(*given) where a condition holds, else of given the numbers ``otherwise``.
+
+    What is not chosen is not computed.
+    """
+    symbols = [ca.MX.sym(f"i{k}", *ca.MX(v).shape) for k, v in enumerate(given)]
+    some = ca.Function(name, symbols, [ca.densify(v) for v in f(*symbols)])
+    none = ca.Function(f"{name}_not", symbols, [symbols[k] for k in otherwise])
+    return list(ca.Function.if_else(f"{name}_maybe", some, none).call([condition, *given]))
+
+
 class Repeated:
     """Apply a Function (z, constants...) -> z again and again, as long as z[going] is above 0.
 

@@ -52,6 +52,18 @@ class Driver:
         self.p = build.column(block.pack("param", block.param_values()))
         self._roll = build.rolling(block.f, compile)
 
+    def prepare(self, *inputs: Any) -> None:
+        """Prepare the next tick of a block made with ``split=True``; measured inputs are not read.
+
+        Raises:
+            BadInput: the block is not in two parts.
+        """
+        if self.block.split is None:
+            raise BadInput(f"{self.block.name} prepares nothing; make it with split=True")
+        only = list(self.block.states).index(self.block.split.only)
+        self.x[sum(s.size for s in list(self.block.states.values())[:only])] = 1.0
+        self(*inputs)
+
     def __call__(self, *inputs: Any) -> np.ndarray:
         """Outputs of the next tick; an input that is previewed may be one number for all stages."""
         signals = zip(self.block.inputs.values(), inputs, strict=True)

@@ -52,7 +52,7 @@ int main(void)
         (void){n}_init(&param, &state);
         clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &a);
         for (k = 0; k < {ticks}; ++k) {{
-            (void){n}_step((const {n}_in *)(const void *)rows[k], &param, &state, &out);
+{prepare}            (void){n}_step((const {n}_in *)(const void *)rows[k], &param, &state, &out);
         }}
         clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &b);
         x = (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
@@ -90,11 +90,18 @@ class Program:
         return float(done.stdout)
 
 
-def built(folder: Path, name: str, real: str, rows: np.ndarray, scratch: Path) -> Program:
-    """Compile a module and a program that calls it on rows of inputs."""
+def built(
+    folder: Path, name: str, real: str, rows: np.ndarray, scratch: Path, prepares: int = 0
+) -> Program:
+    """Compile a module and a program that calls it on rows of inputs.
+
+    Each tick is prepared so often before; what is prepared again is computed again.
+    """
     scratch.mkdir(parents=True, exist_ok=True)
     repeats = max(3, int(20 * 250 / len(rows)))
-    fields = dict(n=name, real=real, ticks=len(rows), width=rows.shape[1], repeats=repeats)
+    call = f"(void){name}_prepare((const {name}_in *)(const void *)rows[k], &param, &state);\n"
+    fields = dict(n=name, real=real, ticks=len(rows), width=rows.shape[1], repeats=repeats,
+                  prepare=prepares * call)  # fmt: skip
     (scratch / "times.c").write_text(TIMES.format(**fields), encoding="utf-8")
     flags = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffp-contract=off", f"-I{folder}"]
     before = os.times()
@@ -169,6 +176,7 @@ PROBLEMS: dict[str, Callable[[], tuple[Block, np.ndarray]]] = {
     "reference": lambda: (make(), recorded(make())),
     "80 stages": lambda: (make(horizon=80), recorded(make())),
     "160 stages": lambda: (make(horizon=160), recorded(make())),
+    "two parts": lambda: (make(split=True), recorded(make())),
     "four axles": lambda: _with_rows(four_axles()),
     "window": window,
 }
@@ -188,6 +196,11 @@ def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str
                 programs[f"{name}, {real}"] = built(
                     folder, module.name, real, rows, folder / "built"
                 )
+                if block.split:
+                    for k in (1, 2):
+                        programs[f"{name} prepared {k}, {real}"] = built(
+                            folder, module.name, real, rows, folder / f"built_{k}", k
+                        )
         if against is not None:
             rows = PROBLEMS["reference"]()[1]
             for real in ("double", "float"):
@@ -204,6 +217,11 @@ def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str
         for n, p in programs.items()
     }
     for real in ("double", "float"):
+        if f"two parts, {real}" in times:
+            step, once, twice = (
+                np.array(times[f"two parts{p}, {real}"]) for p in ("", " prepared 1", " prepared 2")
+            )
+            found[f"feedback over step, {real}"] = float(np.median((2 * once - twice) / step))
         ratios = {"160 over 80 stages": ("160 stages", "80 stages")}
         if against is not None:
             ratios["reference over against"] = ("reference", "against")

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-import slipctl.predict.nmpc as module
+import slipctl.predict.controller as module
 from slipctl import Input, State, flow, mhe, one
 from slipctl.draw import show
 from slipctl.predict.reference import Sparse

@@ -177,6 +177,20 @@ class CModule:
         self.status = int(self._call("step", self._in, self._param, self._state, self._out))
         return _values(self._plan.layout.outputs, self._out)
 
+    def prepare(self, **inputs: Any) -> int:
+        """Make the first part of the next tick, of a block made with ``split=True``; its status.
+
+        An input that it does not read may be left out. The next :meth:`step` makes the rest.
+
+        Raises:
+            BadInput: the block is not in two parts.
+        """
+        if self.block.split is None:
+            raise BadInput(f"{self.name} prepares nothing; make its block with split=True")
+        self._in[:] = self._row(dict.fromkeys(self.block.inputs, 0.0) | inputs)
+        self.status = int(self._call("prepare", self._in, self._param, self._state))
+        return int(self.status)
+
     @property
     def state(self) -> dict[str, Any]:
         """States by name, as they are now."""
@@ -266,7 +280,7 @@ class CModule:
             raise BadInput(f"{self.name} is not loaded; call load() first")
 
     def function(self, name: str) -> Any:
-        """The C function ``default``, ``init``, ``tune`` or ``step``."""
+        """A C function by its short name, ``init`` or ``step``, say."""
         self._need_load()
         return self._lib[f"{self.name}_{name}"]
 

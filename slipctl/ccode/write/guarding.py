@@ -79,6 +79,13 @@ def _call(start: str, arguments: list[str]) -> list[str]:
     return [f"{start}{', '.join(arguments[:-1])},", f"        {arguments[-1]});"]
 
 
+def early_good(plan: Plan) -> tuple[list[str], str]:
+    """Statements, and the condition that the inputs which ``prepare`` reads are in their ranges."""
+    lines, ends = plan.ends_text(plan.early)
+    open_ = {k: "DBL_MAX" if k[2] == "change" else v for k, v in ends.items()}
+    return lines, conjunction(_all_good(plan.early, open_))
+
+
 def part_off(plan: Plan) -> str:
     """Function that says of which part a next state is out of its range."""
     n = plan.name

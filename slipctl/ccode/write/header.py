@@ -214,6 +214,9 @@ def prototypes(plan: Plan) -> dict[str, str]:
         "tune": ("int", param, state),
         "step": ("int", f"const {n}_in *in", param, state, f"{n}_out *out"),
     }
+    if plan.block.split:
+        arguments["prepare"] = arguments["step"][:-1]
+        arguments["feedback"] = arguments["step"]
     return {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
 
 
@@ -238,6 +241,17 @@ def _prototypes(plan: Plan) -> str:
             + " Else the step was made, with the last good value of an input that was bad."
         ),
     }
+    if plan.block.split:
+        read = ", ".join(m.c for m in plan.early) or "nothing"
+        told["prepare"] = (
+            f"What can be done of the next tick before its inputs are there: of in it reads {read}."
+            f" Status 0, or {big}_REFUSED with the reason: then nothing is prepared, and the next"
+            " tick does it all. Parameters that tune takes after it count from the tick after next."
+        )
+        told["feedback"] = (
+            "The rest of the tick, of all inputs; without prepare before it, the whole. Status and"
+            " outputs are those of step, which does the same."
+        )
     return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
 
 

@@ -146,6 +146,22 @@ class Plan:
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 
     @property
+    def early(self) -> list[Member]:
+        """Inputs that ``prepare`` reads."""
+        names = self.block.split.inputs if self.block.split else ()
+        return [m for m in self.layout.inputs if m.name in names]
+
+    @property
+    def ahead(self) -> list[Member]:
+        """States that ``prepare`` makes and the rest of the tick leaves as they are."""
+        names = self.block.split.ahead if self.block.split else ()
+        return [m for m in self.layout.states if m.name in names]
+
+    def state_named(self, name: str) -> Member:
+        """The state of this name."""
+        return next(m for m in self.layout.states if m.name == name)
+
+    @property
     def n_in(self) -> int:
         """Number of input elements."""
         return sum(m.size for m in self.layout.inputs)

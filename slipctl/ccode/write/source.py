@@ -29,6 +29,7 @@ from slipctl.ccode.write.kernel import Kernel, definitions
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, constant, first_sentence
 from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.splitting import in_place, prepare, taken
 from slipctl.ccode.write.statements import broken, conjunction, define, if_
 from slipctl.ccode.write.structure import assign
 
@@ -41,7 +42,7 @@ def source(plan: Plan) -> str:
         + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
         + [_init(plan)]
         + [made for made in (check_inputs(plan), _finite(plan), part_off(plan),
-                             recover(plan), _hold(plan)) if made] + [_step(plan)]
+                             recover(plan), _hold(plan), prepare(plan)) if made] + [_step(plan)]
     )  # fmt: skip
     parts = [
         head(plan, f"{n}.c"),
@@ -120,7 +121,7 @@ def _own_lines(plan: Plan) -> list[str]:
     for i, (m, pointer) in enumerate(plan.results):
         texts = [made.results[i, k] for k in range(m.size)]
         lines += [f"    {line}" for line in assign(f"{pointer}{m.c}", texts, not m.scalar)]
-    return lines + ["    return failed;"] * made.calls
+    return in_place(plan, lines) + ["    return failed;"] * made.calls
 
 
 def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
@@ -257,16 +258,26 @@ def _start_outputs(plan: Plan) -> str:
 
 
 def _finite(plan: Plan) -> str:
-    """Function that says whether what comes out of the equations is finite."""
-    n, lay = plan.name, plan.layout
+    """Functions that say whether what comes out of the equations is finite."""
+    n, lay, ahead = plan.name, plan.layout, plan.ahead
     if not plan.untested:
         return ""
+    rest = [place for place in plan.untested if place[0] not in ahead]
+    first = [place for place in plan.untested if place[0] in ahead]
     arguments = [f"const struct {n}_next *next"] * bool(lay.states) + [f"const {n}_out *now"]
-    lines = _zero(plan.untested)
-    text = "\n".join(lines)
-    voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
-    signature = prototype(plan, "static bool", "result_finite", *arguments)
-    return define(signature, [*(v for v in voids if lay.states or v != "(void)next;"), *lines])
+    made = []
+    for name, places, given in (
+        ("result_finite", rest, arguments), ("ahead_finite", first, arguments[:1])
+    ):  # fmt: skip
+        if not places:
+            continue
+        lines = _zero(places)
+        text = "\n".join(lines)
+        voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
+        signature = prototype(plan, "static bool", name, *given)
+        there = " ".join(given)
+        made.append(define(signature, [*(v for v in voids if f"*{v[6:-1]}" in there), *lines]))
+    return "\n\n".join(made)
 
 
 _CHAIN = 6
@@ -343,6 +354,9 @@ def _step(plan: Plan) -> str:
             if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;")
         )
     passed = [f"&{following}"] * has_next + ["&now"]
+    if plan.block.split:
+        before = plan.state_named(plan.block.split.prepared).c
+        lines.append(f"const bool whole = !(state->{before} > 0.0); /* nothing is prepared */")
     call = f"equations({', '.join([seen, 'used', 'state', *passed])})"
     ranged = any(plan.ranged(m) for m in lay.states)
     off = f"part_off(&{following}, used, state)"
@@ -353,20 +367,24 @@ def _step(plan: Plan) -> str:
         bad.append("(off != 0)")
     if plan.untested:
         bad.append(f"!result_finite({', '.join(passed)})")
+    if plan.ahead:
+        bad.append(f"(whole && !ahead_finite(&{following}))")
     if bad:
         again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
         lines.append(if_([" || ".join(bad)], why, *again, hold, "return (int)status;"))
-    lines += [
-        f"state->{m.c} = {following}.{m.c};" if m.scalar
-        else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
-        for m in lay.states
-    ]  # fmt: skip
-    lines.append("state->guard.refused = 0.0;")
+    if plan.ahead:
+        lines.append(if_(["whole"], *taken(plan, plan.ahead)))
+    rest = [m for m in lay.states if m not in plan.ahead]
+    lines += [*taken(plan, rest), "state->guard.refused = 0.0;"]
     if any(plan.ranged(m) for m in lay.outputs):
         lines.append("status |= limit_outputs(used, state, &now);")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
-    return define(prototypes(plan)["step"], lines)
+    texts = prototypes(plan)
+    if not plan.block.split:
+        return define(texts["step"], lines)
+    whole = define(texts["step"], [f"return {n}_feedback(in, param, state, out);"])
+    return f"{define(texts['feedback'], lines)}\n\n{whole}"
 
 
 # ---- small text ---------------------------------------------------------------------------------

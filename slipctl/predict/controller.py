@@ -1,0 +1,399 @@
+"""The body of a predictive controller: signals, and what one tick computes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
+from slipctl.predict import telling
+from slipctl.predict.active_set import SMALL, ActiveSet
+from slipctl.predict.asked import Limit
+from slipctl.predict.horizon import Horizon, Soft
+from slipctl.predict.linearised import linearised
+from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
+from slipctl.predict.repeating import apart, only_if
+
+STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
+"""What the output ``status`` says, in words."""
+
+PREPARE = "prepare_only"
+"""State of a controller in two parts: 1 where its next tick is to prepare, and no more."""
+
+AHEAD = ("stages", "last_stage")
+"""States that preparing makes."""
+
+
+class Controller:
+    """What the body of the block needs."""
+
+    def __init__(
+        self, where: str, problem: Horizon, controls: list[str],
+        limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
+        weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
+        solver: str, ahead: tuple[str, ...] = (), damping: float = 0.0, split: bool = False,
+    ) -> None:  # fmt: skip
+        self.ahead, self.damping, self.split = ahead, damping, split
+        self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
+        self.weights, self.iterations, self.solver = weights, iterations, solver
+        self.short = dict(zip(controls, problem.controls, strict=True))
+        self.once, self.stage, layout, self.step = linearised(where, problem)
+        self.end, last = problem.end()
+        self.layout, self.last = layout, last
+        layouts = (problem, layout, last, tied, bool(rate), *most)
+        self.tied = tied
+        self.qp = Sparse(solver, *layouts) if solver in QUADRATIC else ActiveSet(*layouts)
+        self.whole = None
+        if solver in ("ipopt", "fatrop"):
+            self.whole = nonlinear(where, problem, solver, tied, bool(rate))
+        self.scale = ca.DM(problem.scale)
+
+    # ---- signals --------------------------------------------------------------------------------
+
+    def measured(self) -> list[Signal]:
+        """States of the plant, as inputs."""
+        return [
+            s.as_role("input", value=None).named(n.removeprefix("plant."))
+            for n, s in self.h.model.states.items()
+        ]
+
+    def given(self) -> list[Signal]:
+        """Held inputs, and bounds that are inputs."""
+        held = [self.h.model.inputs[n] for n in self.h.held]
+        limits = {
+            b: self.h.model.inputs[self.short[c]]
+            for c, pair in self.limits.items() for b in pair if isinstance(b, str)
+        }  # fmt: skip
+        signals = [*held, *(_named_limit(b, s) for b, s in limits.items())]
+        return [
+            replace(s, shape=(self.h.stages + 1,)) if s.name in self.ahead else s for s in signals
+        ]
+
+    def settings(self) -> list[Signal]:
+        """Weights, bounds, rates and soft limits, as parameters."""
+        found = []
+        for n, w in self.weights.items():
+            outputs = self.h.model.outputs
+            unit = (outputs.get(f"cost.{n}") or outputs[f"last.{n}"]).unit
+            weight = Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12)
+            found.append(weight.named(f"weight_{n}"))
+        for c, (lo, hi) in self.limits.items():
+            s, short = self.h.model.inputs[self.short[c]], self.short[c]
+            for word, value in (("lo", lo), ("hi", hi)):
+                if not isinstance(value, str):
+                    doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
+                    found.append(
+                        Param(s.unit, value, doc, lo=-1e12, hi=1e12).named(f"{short}_{word}")
+                    )
+        for c, r in self.rate.items():
+            s = self.h.model.inputs[self.short[c]]
+            unit = f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s"
+            rate = Param(unit, r, f"largest rate: {s.doc}", lo=0, hi=1e12)
+            found.append(rate.named(f"{self.short[c]}_rate"))
+        for n, limit in self.softs.items():
+            short = _short(n)
+            unit = self._signal(n).unit
+            kind = "hard" if limit.hard else "soft"
+            found += [
+                Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
+                    f"{short}_{end}"
+                )
+                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
+            ]
+            for word, value in (("weight", limit.weight), ("linear", limit.linear)):
+                if value > 0 and not limit.hard:
+                    doc = "weight beyond" if word == "weight" else "weight of the excess itself"
+                    found.append(
+                        Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
+                    )
+        if self.h.damped:
+            doc = "curvature added for steps of controls"
+            found.append(
+                Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12).named("damping")
+            )
+        return found
+
+    def _signal(self, name: str) -> Signal:
+        model = self.h.model
+        return (model.outputs | model.states)[name]
+
+    def _command(self, c: str) -> Signal:
+        """Control as an output, in the range of the bounds that are parameters."""
+        short = self.short[c]
+        s = self.h.model.inputs[short].as_role("output", value=None).named(short)
+        given = [
+            (k, f"{short}_{k}")
+            for k, v in zip(("lo", "hi"), self.limits[c], strict=True) if not isinstance(v, str)
+        ]  # fmt: skip
+        own = {k for k, _ in given}
+        lo, hi = -math.inf if "lo" in own else s.lo, math.inf if "hi" in own else s.hi
+        return replace(s, lo=lo, hi=hi, bounds=tuple(Bound(k, n) for k, n in given))
+
+    # ---- the block ------------------------------------------------------------------------------
+
+    def block(
+        self, name: str, h: float, told: list[Block], over: tuple[str, int], doc: str
+    ) -> Block:
+        """The controller as a step block; ``told``: plant, cost and laws; ``over``: a stage."""
+        plant, cost = told[:2]
+        model, N = self.h.model, self.h.stages
+        states = [
+            State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
+                  ).named("X"),
+            State("1", 0.0, "planned controls, scaled", shape=(self.h.nu * N,)).named("U"),
+            State("1", 0.0, "statuses of controls and soft limits", shape=(self.qp.statuses,)
+                  ).named("S"),
+            State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
+            State("1", 0.0, "whether there is a plan").named("planned"),
+        ]  # fmt: skip
+        if self.split:
+            sizes = zip(AHEAD, (self.layout.size * N, self.last.size), strict=True)
+            states += [
+                State("1", 0.0, "prepared stages, linearised", shape=(size,)).named(n)
+                for n, size in sizes
+            ]
+            states += [
+                State("1", 0.0, "whether the next tick is prepared").named("prepared"),
+                State("1", 0.0, "whether to prepare, and no more").named(PREPARE),
+            ]
+        if self.solver != "riccati":
+            text = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
+            states.insert(0, State("1", 0.0, text).named(f"answer_of_{self.solver}"))
+        outputs = [self._command(c) for c in self.short]
+        outputs += [
+            Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
+                "status"
+            ),
+            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
+                "passes"
+            ),
+            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
+                "residual"
+            ),
+        ]
+        return make_block(
+            name, "step", apart("tick", self._body), states=states,
+            inputs=[*self.measured(), *self.given()],
+            params=[*model.params.values(), *self.settings()], outputs=outputs,
+            period=h, sx=False, doc=doc,
+            choices={
+                "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
+                "horizon": N, "iterations": self.iterations, "solver": self.solver,
+            },
+            solves=(self.lines(plant.name, h, over), {b.name: b for b in told}),
+            split=Split(PREPARE, "prepared", tuple(s.name for s in self.given()), AHEAD)
+            if self.split else None,
+        )  # fmt: skip
+
+    def lines(self, plant: str, h: float, over: tuple[str, int]) -> list[tuple[str, str]]:
+        """The problem in mathematics."""
+        method, substeps = over
+        steps = "a step" if substeps == 1 else f"{substeps} steps"
+        return telling.controller(
+            self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
+            list(self.rate), self.ahead, self.tied,
+            telling.solver(self.solver, self.iterations, self.qp.passes, self.qp.rescue),
+        )  # fmt: skip
+
+    def constants(self, p: Exprs) -> Any:
+        """Parameters of the stages: those of the model, weights, soft limits."""
+        model = self.h.model.pack("param", {n: p[n] for n in self.h.model.params})
+        rows = [p[f"weight_{n}"] for n in self.weights]
+        for n, limit in self.softs.items():
+            short = _short(n)
+            rows += [p[f"{short}_min"], p[f"{short}_max"]]
+            rows += [p.get(f"{short}_weight", limit.weight), p.get(f"{short}_linear", limit.linear)]
+        rows += [p["damping"]] if self.h.damped else []
+        return ca.vertcat(model, *rows)
+
+    def bounds(self, u: Exprs, p: Exprs) -> Any:
+        """(lo, hi, rate per stage) of all controls, scaled: a column, or one per stage."""
+        lows: list[Any] = []
+        highs: list[Any] = []
+        rates: list[Any] = []
+        for c, (lo, hi) in self.limits.items():
+            short = self.short[c]
+            lows.append(self._bound(u, lo, p, f"{short}_lo"))
+            highs.append(self._bound(u, hi, p, f"{short}_hi"))
+            rates.append(
+                p[f"{short}_rate"] * self.h.model.period if c in self.rate else ca.MX(1e30)
+            )
+        wide = max(v.shape[1] for v in (*lows, *highs))
+        columns = [
+            ca.vertcat(*[m if m.shape[1] == wide else ca.repmat(m, 1, wide) for m in v])
+            / ca.repmat(self.scale, 1, wide)
+            for v in (lows, highs, rates)
+        ]
+        return ca.vertcat(columns[0], ca.fmax(columns[0], columns[1]), columns[2])
+
+    def _bound(self, u: Exprs, given: Limit, p: Exprs, name: str) -> Any:
+        """A bound, or those of the stages in a row."""
+        if not isinstance(given, str):
+            return p[name]
+        return u[given][: self.h.stages].T if given in self.ahead else u[given]
+
+    def held(self, u: Exprs) -> tuple[Any, Any]:
+        """Held inputs of the stages, one per column, and of the last one."""
+        N = self.h.stages
+        if not any(n in self.ahead for n in self.h.held):
+            d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
+            return ca.repmat(d, 1, N), d
+        rows = [u[n].T if n in self.ahead else ca.repmat(u[n], 1, N + 1) for n in self.h.held]
+        d = ca.vertcat(*rows)
+        return d[:, :N], d[:, N]
+
+    def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        nu = self.h.nu
+        x0 = ca.vertcat(*[u[s.name] for s in self.measured()])
+        d, d_last = self.held(u)
+        q, bounds = self.constants(p), self.bounds(u, p)
+        lo, hi = bounds[:nu, 0], bounds[nu : 2 * nu, 0]
+        start = ca.fmin(hi, ca.fmax(lo, ca.vertcat(*[self._start(n) for n in self.h.controls])))
+        plan = (xs["X"], xs["U"], xs["S"])
+        given = (xs["planned"], start, x0, d, d_last, q)
+        measured = (xs["applied"], *given, bounds)
+        if not self.split:
+            return self._named(*self._feedback(*self._prepare(*plan, *given), *measured))
+        only, prepared, kept = xs[PREPARE] > 0, xs["prepared"] > 0, [xs[n] for n in AHEAD]
+        due = ca.if_else(only, xs["planned"] > 0, ca.logic_not(prepared))
+        shift = ca.logic_not(prepared)
+        ahead = only_if("prepare", due, self._again, (0, 1, 2, 3, 4), *plan, *kept, shift, *given)
+        nothing = [ca.MX(0)] * 3
+        rest = only_if(
+            "feedback", ca.logic_not(only), self._feedback, (0, 1, 2, 5, 6, -4, -3, -2, -1),
+            *ahead, *measured, xs["applied"] * self.scale, *nothing,
+        )  # fmt: skip
+        nxt, out = self._named(*rest)
+        ready = ca.logic_and(only, xs["planned"] > 0)
+        return nxt | {
+            **dict(zip(AHEAD, ahead[3:], strict=True)), "prepared": ready, PREPARE: ca.MX(0)
+        }, out  # fmt: skip
+
+    def _named(self, *results: Any) -> tuple[Exprs, Exprs]:
+        """Results of :meth:`_feedback` by name."""
+        X, V, S, applied, planned, controls, status, passes, residual = results
+        nxt = {"X": X, "U": V, "S": S, "applied": applied, "planned": planned}
+        if self.solver != "riccati":
+            good = ca.if_else(ca.logic_and(planned, residual < DEVIATION), 1, math.nan)
+            nxt[f"answer_of_{self.solver}"], controls = good, controls * good
+        values = dict(zip(self.h.controls, ca.vertsplit(controls), strict=True))
+        return nxt, values | {"status": status, "passes": passes, "residual": residual}
+
+    def _again(self, X: Any, V: Any, S: Any, D: Any, E: Any, shift: Any, *given: Any) -> Any:
+        """The same as :meth:`_prepare`, of a plan that is shifted already if not ``shift``."""
+        return self._prepare(*(X, V, S, *given, shift))
+
+    def _prepare(
+        self, X: Any, V: Any, S: Any, begun: Any, start: Any, x0: Any, d: Any, d_last: Any, q: Any,
+        shift: Any = None,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """What can be done before the measurement: (X, V, S) shifted, (D, E) linearised."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        shared = self.once(q)
+        following = self.step(X[-nx:], V[-nu:], d[:, -1], shared)
+        later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
+        shifted = [ca.vertcat(X[nx:], following), later, self.qp.shifted(S)]
+        if shift is not None:
+            shifted = [ca.if_else(shift, a, b) for a, b in zip(shifted, (X, V, S), strict=True)]
+        first = [ca.vec(ca.repmat(x0, 1, N + 1)), ca.vec(ca.repmat(start, 1, N)), self.qp.first()]
+        X, V, S = (ca.if_else(begun > 0, a, b) for a, b in zip(shifted, first, strict=True))
+        if self.whole is not None:
+            return X, V, S, ca.MX(0, 1), ca.MX(0, 1)
+        D, E = self.linearise(X, V, (d, d_last), (q, shared))
+        return X, V, S, ca.vec(D), E
+
+    def _feedback(
+        self, X: Any, V: Any, S: Any, D: Any, E: Any, applied: Any, begun: Any, start: Any, x0: Any,
+        d: Any, d_last: Any, q: Any, bounds: Any, *_: Any,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """The rest: (X, V, S, applied, planned, controls, status, passes, residual)."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        lo, hi = bounds[:nu, 0], bounds[nu : 2 * nu, 0]
+        before = ca.if_else(begun > 0, applied, start)
+        plan = V[:nu]
+        bounds, contradict = self.reachable(bounds, before)
+        open_, made, over = ca.MX(0), ca.MX(0), ca.MX(0)
+        if self.whole is not None:
+            X, V, residual = self.whole(x0, d, d_last, q, before, bounds, X, V)
+        else:
+            D = ca.reshape(D, self.layout.size, N)
+            for k in range(self.iterations):
+                if k:
+                    D, E = self.linearise(X, V, (d, d_last), (q, self.once(q)))
+                found = self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
+                X, V, S, open_, over = X + found.X, V + found.U, found.S, found.open, found.over
+                made, residual = made + found.passes, found.residual
+
+        size = ca.sumsqr(X) + ca.sumsqr(V)
+        sound = size < 1e30  # false for NaN as well
+        first = ca.fmin(hi, ca.fmax(lo, ca.if_else(sound, V[:nu], plan)))
+        if self.rate:
+            rate = bounds[2 * nu :, 0]
+            first = ca.fmin(before + rate, ca.fmax(before - rate, first))
+        X, V, S = (ca.if_else(sound, m, ca.MX.zeros(m.shape[0])) for m in (X, V, S))
+        given_up = ca.logic_or(contradict, over > SMALL)
+        solved = ca.if_else(open_ != 0, 1, ca.if_else(given_up, 3, 0))
+        status = ca.if_else(sound, solved, 2)
+        return X, V, S, first, sound, first * self.scale, status, made, residual
+
+    def reachable(self, bounds: Any, before: Any) -> tuple[Any, Any]:
+        """Bounds of each stage, opened where the rate does not lead back to them; whether so."""
+        nu, N = self.h.nu, self.h.stages
+        constant = bounds.shape[1] == 1
+        each = ca.repmat(bounds, 1, N) if constant else bounds
+        if not self.rate:
+            return each, ca.MX(0)
+        rate = bounds[2 * nu :, 0]
+        lows, highs, outside, changes = [], [], [], 0
+        low = high = before
+        for k in range(N):
+            changes += not self.tied[k]
+            lo, hi = each[:nu, k], each[nu : 2 * nu, k]
+            if constant:
+                low, high = before - changes * rate, before + changes * rate
+            else:
+                low, high = low - rate, high + rate
+            outside += [low - hi, lo - high] if k == 0 or not constant else []
+            lows.append(ca.fmin(lo, high))
+            highs.append(ca.fmax(hi, low))
+            if not constant:
+                low, high = ca.fmax(low, lows[k]), ca.fmin(high, highs[k])
+        if not constant:  # what lies beyond where the rate leads back in time is none
+            for k in reversed(range(N - 1)):
+                lows[k] = ca.fmax(lows[k], lows[k + 1] - rate)
+                highs[k] = ca.fmin(highs[k], highs[k + 1] + rate)
+        columns = [ca.vertcat(a, b, rate) for a, b in zip(lows, highs, strict=True)]
+        return ca.horzcat(*columns), ca.mmax(ca.vertcat(*outside)) > SMALL
+
+    def _start(self, name: str) -> float:
+        """Control of the first guess: the value of the input, else 0."""
+        s = self.h.model.inputs[name]
+        value = 0.0 if s.value is None or isinstance(s.value, str) else float(s.value)
+        return value / self.h.scale[self.h.controls.index(name)]
+
+    def linearise(
+        self, X: Any, V: Any, held: tuple[Any, Any], constants: tuple[Any, Any]
+    ) -> tuple[Any, Any]:
+        """Columns of the stages along a plan, and that of the last one."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        q, shared = constants
+        states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
+        D = self.stage.map(N)(states[:, :-1], v, held[0], ca.repmat(shared, 1, N), states[:, 1:])
+        return D, self.end(states[:, -1], held[1], q)
+
+
+def _per(unit: str) -> str:
+    return "1" if unit == "1" else f"1/({unit})"
+
+
+def _named_limit(name: str, s: Signal) -> Signal:
+    return Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(name)
+
+
+def _short(name: str) -> str:
+    """Name of a limited signal within its part, as a parameter has it."""
+    return name.split(".", 1)[1].replace(".", "_")
