@@ -122,8 +122,7 @@ class Block:
         self.coordinates = tuple(coordinates)
         self.readings = dict(readings or {})
         self.expects = tuple(expects)
-        self.follows = follows
-        self.leaves_out = leaves_out
+        self.follows, self.leaves_out = follows, leaves_out
         self.beside = {n: s.named(n) for n, s in (beside or {}).items()}
         self.prefixed = prefixed
         self.transparent = transparent
