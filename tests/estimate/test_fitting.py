@@ -6,6 +6,7 @@ import math
 import re
 from pathlib import Path
 
+import casadi
 import numpy as np
 import pytest
 
@@ -45,6 +46,35 @@ def test_a_curve_of_the_law_itself_is_found_again():
     assert found.max_error < 1e-12
     assert found.doubts == ()
     assert found.law(v_s=0.2, v=10.0) == pytest.approx(polach(v_s=0.2, v=10.0, **TRUE), rel=1e-9)
+
+
+def test_a_start_near_the_lower_end_of_a_range_is_kept():
+    """Of the many minima of a wave the one about the start is found, at 0.3 of 0 and more."""
+
+    @law(y=Output("1", "height"))
+    def wave(x=Input("m", "place"), p=Param("1/m", 0.3, "wave number", lo=0)):
+        """Wave."""
+        return casadi.sin(50 * p * x)
+
+    x = np.linspace(0, 2, 200)
+    found = fit(wave, {"x": x, "y": np.sin(50 * 0.301 * x)})
+    assert found.values["p"] == pytest.approx(0.301, rel=1e-6)
+
+
+def test_a_column_is_read_by_what_follows_from_parameters():
+    """x = double * t with double = 2 k, a parameter that follows from another."""
+
+    @law(y=Output("N", "force"))
+    def stretched(
+        x=Input("m", "length"), k=Param("1", 3.0, "stretch"), p=Param("N/m", 1.0, "slope"),
+        double=Param("1", "2 * k", "twice"),
+    ):  # fmt: skip
+        """Straight line."""
+        return p * x + 0 * double
+
+    t = np.linspace(1, 2, 5)
+    found = fit(stretched, {"t": t, "y": 12 * t}, ["p"], columns={"x": "double * t"})
+    assert found.values["p"] == pytest.approx(2.0, rel=1e-9)
 
 
 def test_deviations_are_those_of_linear_regression():

@@ -221,6 +221,13 @@ def test_recursive_fit_knows_when_it_knows():
         assert abs(log[k].values[told] / true - 1).max() < 0.1
 
 
+def test_fewer_than_two_samples_per_unknown_tell_nothing():
+    """Three unknowns and no noise: known with the seventh sample, however good the first six."""
+    block = linear_fit(specific_resistance, spread=[1e3] * 3, period=1.0, noise=1e-9, accuracy=0.1)
+    told = fed(block, data(noise=0.0, N=10))["identified"].values
+    assert told.tolist() == [0] * 6 + [1] * 4
+
+
 def run(seconds=200.0, T=0.05, h=0.0, mu=0.2862):
     """Speed of the train of (14) under constant adhesion, by scipy; and the adhesion."""
     M, g, W, n_d = 6e6, 9.8, 3e4, 8

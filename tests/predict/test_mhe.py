@@ -70,6 +70,13 @@ def at_once(samples, forces, seen, low=-np.inf):
     return z[-3:], float(np.sum((rows @ z - right) ** 2))
 
 
+def test_the_misfit_of_one_sample_is_all_of_its_squares():
+    log = run(make(), [0.7, 0.2], [0.3, 0.0])
+    for n in (1, 2):
+        squares = at_once([0.7, 0.2][:n], [0.3, 0.0][:n], [1, 1])[1]
+        assert log["misfit"][n - 1] == pytest.approx(squares / n, rel=1e-6)
+
+
 def data(n, seed=0):
     """Samples and forces of white noise: the sum of squares does not care for the truth."""
     rng = np.random.default_rng(seed)

@@ -1,0 +1,91 @@
+"""Pieces of generated C and of its checks that no whole run shows."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slipctl import Input, Output, Param, RunFailed, State, step
+from slipctl.ccode import codegen
+from slipctl.ccode.check import comparison, faults, rounding
+from slipctl.ccode.compile import compilers
+from slipctl.ccode.ship import fmu, readable
+from slipctl.ccode.write import guard
+from slipctl.ccode.write.plan import Plan
+
+
+@step(y=Output("1", "sum", lo=-4, hi=4), far=Output("1", "twice the sum"))
+def adds(
+    x=State("1", 0.5, "sum"),
+    u=Input("1", "what is added", lo=-1, hi=1),
+    k=Param("1", 1.0, "factor", lo=0, hi=2),
+):
+    """A sum."""
+    return dict(x=x + k * u), dict(y=x, far=2 * x)
+
+
+def test_a_folder_tells_the_work_of_its_equations(tmp_path: Path) -> None:
+    """Counts of the arrays that the function of the equations wants, as CasADi tells them."""
+    told = codegen.export(adds, tmp_path / "c", inputs={"u": np.ones(5)}).data["work"]
+    f = Plan(adds).equations
+    assert [told[k] for k in ("arg", "res", "iw", "w")] == list(f.work)
+
+
+def test_a_run_that_breaks_is_refused_unless_asked_otherwise() -> None:
+    @step(y=Output("1", "square"))
+    def grows(x=State("1", 2.0, "number"), u=Input("1", "factor")):
+        """Square again and again."""
+        return dict(x=u * x * x), dict(y=x)
+
+    with pytest.raises(RunFailed):
+        comparison.reference(Plan(grows), np.ones((30, 1)), {})
+
+
+def test_a_target_without_counted_instructions_has_an_empty_place() -> None:
+    target = {"target": "board", "bytes": {"text": 1, "data": 2, "bss": 3}, "stack": None,
+              "double_helpers": [], "passed": True, "compiler": "cc 1"}  # fmt: skip
+    assert "None" not in "\n".join(map(str, readable._targets({"targets": [target]})))
+
+
+@pytest.mark.parametrize(("change", "wanted"), [
+    (0.5, [0.0, 0.4, 0.4, 0.8]),  # from 0.4 to 1.4 it cannot come within a tick
+    (1e30, [0.0, 0.4, 1.4, 0.8]),  # no bound of the change
+])  # fmt: skip
+def test_a_jump_is_taken_only_where_no_change_is_declared(change, wanted) -> None:
+    rows = np.array([[0.0], [0.4], [1.4], [0.8]])
+    ends = (np.array([v]) for v in (-9.0, 9.0, change, 100.0))
+    taken, told = guard.accepted(rows, *ends, 1e30)
+    assert taken[:, 0].tolist() == wanted
+    assert told.any() == (wanted[2] != 1.4)
+
+
+def test_a_compiler_of_other_roundings_is_found() -> None:
+    assert rounding.there() == any(map(shutil.which, ("g++", "clang++", "c++")))
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+def test_a_start_with_refused_parameters_is_one_with_those_of_the_block(tmp_path: Path) -> None:
+    """It says so, and the steps go on with the factor 1, not with what was in the memory."""
+    c = codegen.c_module(adds, tmp_path).compile().load()
+    c._param[:] = 0.25
+    assert c._call("init", c._param, c._state) == 0
+    c._param[:] = 9.0
+    assert c._call("init", c._param, c._state) == 4  # as tune tells it
+    assert c.step(u=1.0)["y"] == 0.5
+    assert c.step(u=1.0)["y"] == 1.5
+
+
+def test_the_range_of_an_output_without_ends_is_what_it_swings_over() -> None:
+    plan = Plan(adds)
+    assert faults._ranges(plan, {}, np.array([[0.0, 3.0], [1.0, 10.0]])).tolist() == [8.0, 7.0]
+
+
+def test_whoever_unpacks_an_fmu_can_read_it() -> None:
+    with zipfile.ZipFile(io.BytesIO(fmu._zipped({"a": b"1", "b/c": b"2"}))) as archive:
+        modes = [entry.external_attr >> 16 for entry in archive.infolist()]
+    assert modes == [0o644, 0o644]  # its owner writes, all read, none runs it

@@ -1,0 +1,131 @@
+"""What models and files declare, and what they refuse, where no run shows it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from slipctl import BadInput, Block, probe
+from slipctl.models import best_slip, freight_resistance, predictive_speed, sensors, subway_braking
+from slipctl.models.contact import polach
+from slipctl.models.hst_braking_reference import adhesion_meter
+from slipctl.models.ranges import probe_ranged
+from slipctl.models.rolling import Axles, rolling
+from slipctl.models.vehicle import control, parts
+from slipctl.study import trip_files
+
+
+def leaves(block: Block):
+    """Parts that have none of their own."""
+    return [leaf for part in block.parts.values() for leaf in leaves(part)] or [block]
+
+
+def test_files_are_read_into_what_nobody_changes():
+    """Each part of a trip is frozen, and is made by names only: no order of fields is relied on."""
+    found = [c for c in vars(parts).values() if isinstance(c, type) and issubclass(c, parts.Part)]
+    made = [c for c in found if dataclasses.is_dataclass(c)]
+    assert len(made) > 20
+    for c in made:
+        assert c.__dataclass_params__.frozen, c
+        assert all(f.kw_only for f in dataclasses.fields(c)), c
+
+
+def test_a_number_of_a_file_that_is_none_is_told():
+    meta = {"unit": "m/s", "lo": 0, "hi": 20}
+    assert parts.off_range("fast", meta) == "'fast' is no number in m/s"
+    assert parts.off_range(True, meta | {"unit": "1"}) == "True is no number"
+    assert parts.off_range(3.0, meta) == ""
+
+
+def test_noise_is_a_hundred_times_its_own_at_most():
+    (noise,) = (f for f in dataclasses.fields(parts.Trip) if f.name == "noise")
+    assert parts.off_range(100.0, noise.metadata) == ""
+    assert "outside 0 .. 100" in parts.off_range(100.1, noise.metadata)
+
+
+@pytest.mark.parametrize("window", [0, -3, 2.5, 0.5])
+def test_a_window_is_a_whole_number_of_ticks(window):
+    with pytest.raises(BadInput, match="whole number of ticks"):
+        adhesion_meter(window)
+    assert adhesion_meter(3).kind == "step"
+
+
+def test_flags_are_zero_or_one():
+    block = probe_ranged(probe(subway_braking.double_exponential, "v_s", within=(0.1, 6.0)))
+    for signals in (block.states, block.outputs):
+        for n in {"probing", "changed"} & set(signals):
+            assert (signals[n].lo, signals[n].hi) == (0, 1), n
+    assert "changed" in block.inputs
+    assert (block.inputs["changed"].lo, block.inputs["changed"].hi) == (0, 1)
+
+
+def test_a_search_starts_near_the_rails():
+    """The first guess lies among the known rails, or a tenth of its size beyond them."""
+    rails = subway_braking.double_exponential.conditions.values()
+    for n, first in best_slip.START.items():
+        known = [r[n] for r in rails if n in r]
+        assert 0.9 * min(known) <= first <= 1.1 * max(known), n
+
+
+def test_a_freight_train_has_sixty_four_driven_axles_at_most():
+    (n_d,) = (
+        p
+        for b in leaves(freight_resistance.balance(1.0))
+        for n, p in b.params.items()
+        if n == "n_d"
+    )
+    assert (n_d.lo, n_d.hi) == (1, 64)
+
+
+def test_an_axle_that_nobody_brakes_rolls():
+    """Without a torque of its brakes a train has none."""
+    block = rolling(polach, Axles((4,), (0.0,), (False,)), 1e-3)
+    assert {n: s.value for n, s in block.inputs.items()} == {"T_b": 0.0, "F_d": 0.0}
+
+
+def test_the_planned_force_is_kept_for_the_observer():
+    """Within the limits of a run, beside what was wanted and what was held before."""
+    after, told = predictive_speed.held(F_h=2.0, F=5.0, F_hi=3.0, F_lo=-1.0)
+    assert after == {"F_h": 3.0}
+    assert told == {"F_contr": 3.0, "F_wanted": 5.0, "F_last": 2.0}
+
+
+def test_a_law_of_ones_own_asks_for_what_there_is(tmp_path):
+    """Signals of the axle, and inputs that have a value; of others the first is named."""
+    path = tmp_path / "my_law.py"
+    text = """from slipctl import Input, Output, law
+
+@law(T_wanted=Output("N m", "torque", positive="braking"))
+def mine(v=Input("m/s", "speed"), v_s=Input("m/s", "slip"), more=Input("N m", "more", value=7.0)):
+    \"\"\"More where it rolls.\"\"\"
+    return more
+"""
+    trip_files.load_trip.cache_clear()
+    trip = trip_files.load_trip(str(Path(parts.__file__).parent / "files" / "metro.toml"))
+    w = control.wheel(trip, None)
+    path.write_text(text, encoding="utf-8")
+    block, gated = control.slip_law(trip, parts.OwnLaw(block=f"{path}:mine"), w)
+    assert (block.name, gated) == ("mine", False)
+    path = tmp_path / "no_law.py"
+    path.write_text(text.replace("value=7.0", "").replace("mine", "none"), encoding="utf-8")
+    with pytest.raises(BadInput, match="it needs more"):
+        control.slip_law(trip, parts.OwnLaw(block=f"{path}:none"), w)
+
+
+def test_a_measured_speed_says_what_it_is():
+    assert sensors.tooth_wheel.outputs["omega_m"].doc == "measured wheel speed"
+    assert all(s.doc for s in sensors.tooth_wheel.signals)
+
+
+def test_a_slip_speed_is_a_reference():
+    """Held, but never above the vehicle's own; told like every other reference."""
+    block = control.fixed(parts.SlipSpeed(slip=2.0))
+    other = control.fixed(parts.SlipRatio(slip=0.1, least=0.3))
+    assert block.name == other.name == "reference"
+    assert block(v=10.0)["v_best"] == 2.0
+    assert block(v=-1.5)["v_best"] == 1.5
+    for found in (block, other):
+        (out,) = found.outputs.values()
+        assert (out.name, out.unit, out.positive, out.per) == ("v_best", "m/s", "braking", "speed")
