@@ -4,7 +4,7 @@ The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDE
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
 ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
-``adversary``, of verdicts.
+``adversary``, of verdicts; ``enclosures``; ``gradients``.
 """
 
 from __future__ import annotations
@@ -138,8 +138,34 @@ def adversary_cases(results: Path, words: list[str]) -> str:
     return rows_to_text(["system", "cases", "CERTIFIED", "REFUTED", "UNDECIDED", "false"], rows)
 
 
+def enclosures(results: Path, words: list[str]) -> str:
+    """A row per adhesion law: how wide its enclosures are beside what was sampled."""
+    file = DOCS / "evidence" / "enclosures.json"
+    found = json.loads(file.read_text(encoding="utf-8"))["numbers"]["enclosures"]
+    rows = [
+        [f"`{name}`", str(n["cases"] + 1), str(n["lost"]), f"{n['median width']:.2f}",
+         f"{n['widest']:.2f}", f"{n['default ranges']:.2f}", ", ".join(n["ranges"])]
+        for name, n in found.items()
+    ]  # fmt: skip
+    head = ["law", "cases", "lost", "median width", "widest", "default ranges", "these are"]
+    return rows_to_text(head, rows)
+
+
+def gradients(results: Path, words: list[str]) -> str:
+    """A row per loop with slopes: free numbers, and how far differences are from the slopes."""
+    found = json.loads(results.read_text(encoding="utf-8"))["numbers"]["gradients"]
+    smooth = {k: n for k, n in found.items() if "why" not in n}
+    metrics_ = list(dict.fromkeys(m for n in smooth.values() for m in n["apart"]))
+    rows = [
+        [f"`{k}`", ", ".join(n["numbers"]), *(f"{n['apart'][m]:.1e}" for m in metrics_)]
+        for k, n in smooth.items()
+    ]
+    return rows_to_text(["loop", "free", *metrics_], rows)
+
+
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
-          "adversary": adversary_cases}  # fmt: skip
+          "adversary": adversary_cases, "enclosures": enclosures,
+          "gradients": gradients}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):

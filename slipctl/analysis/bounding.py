@@ -131,7 +131,11 @@ def _ends(over: Mapping[str, tuple[float, float]], who: str) -> tuple[np.ndarray
         BadInput: a range that is empty or not finite.
     """
     for name, (a, b) in over.items():
-        if not (np.isfinite([a, b]).all() and a < b):
+        if not np.isfinite([a, b]).all():
+            raise BadInput(
+                f"{who}: the range {a:g}..{b:g} of {name} is not finite; write two finite ends"
+            )
+        if not a < b:
             raise BadInput(f"{who}: the range {a:g}..{b:g} of {name} is empty")
     ends = np.array([[float(a), float(b)] for a, b in over.values()])
     return ends[:, 0], ends[:, 1]

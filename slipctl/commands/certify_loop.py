@@ -35,6 +35,11 @@ def find(name: str) -> tuple[Study, list[Gains]]:
         BadInput: no such study, loop or gains.
     """
     left, _, right = name.rpartition(":")
+    if left.endswith(".py") and not hasattr(doors.load_file(left), "study"):
+        raise BadInput(
+            f"{left} declares no study, so nothing says what {right} shall withstand; write its"
+            " gains into a Study, or its tick as a System (slipctl docs certify)"
+        )
     study = doors.load_study(left)
     exact = [g for g in study.gains if g.name == right]
     loop, at, _ = right.partition("@")

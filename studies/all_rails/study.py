@@ -141,6 +141,10 @@ study = Study(
         torque="world.T",
     ),
     controller="law",
+    uncertified={
+        "pid": "its integral and its limits have no criterion here",
+        "nmpc": "what it does is the solution of a program at each tick",
+    },
     experiments=EXPERIMENTS,
     claims=CLAIMS,
     figures=FIGURES,

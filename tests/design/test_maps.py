@@ -110,6 +110,23 @@ def test_a_loop_answers_without_a_typed_number(
     assert "the design point is REFUTED" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("name", "said"), [
+    ("hst_braking:pid", "its integral and its limits have no criterion"),
+    ("all_rails:nmpc", "the solution of a program at each tick"),
+    ("own.py:loop", "declares no study, so nothing says what loop shall withstand"),
+])  # fmt: skip
+def test_what_has_no_criterion_is_told_in_a_line(
+    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text("loop = 1\n")
+    assert main(["certify", name]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
 @pytest.mark.parametrize(("verdicts", "whole"), [
     (["CERTIFIED", "CERTIFIED"], "CERTIFIED"), (["CERTIFIED", "UNDECIDED"], "UNDECIDED"),
     (["UNDECIDED", "REFUTED", "CERTIFIED"], "REFUTED"),
