@@ -58,7 +58,7 @@ def test_steepest_adhesion_is_that_of_the_closed_form():
 
 def test_bad_ranges_and_names():
     for over, said in (({"v_s": (1.0, 1.0)}, "is empty"), ({"v": (0.0, 1.0)}, "no signal 'v'"),
-                       ({"v_s": (0.0, math.inf)}, "is empty")):  # fmt: skip
+                       ({"v_s": (0.0, math.inf)}, "is not finite")):  # fmt: skip
         with pytest.raises(BadInput, match=said):
             largest_slope(double_exponential, "mu", "v_s", over)
     with pytest.raises(BadInput, match="no method 'newton'"):
