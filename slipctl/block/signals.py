@@ -348,16 +348,18 @@ def total_size(signals: Iterable[Signal]) -> int:
 
 def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
     """Numbers of signals one below the other, a matrix by columns; None where one is no number."""
-    found: list[Any] = []
+    found, at = np.empty(total_size(signals.values())), 0
     for n, s in signals.items():
         v = values[n]
         if isinstance(v, float) and s.shape == ():
-            found.append(v)
+            found[at] = v
+            at += 1
         elif type(v) is np.ndarray and v.dtype == float and v.shape == s.shape:
-            found.extend(v.ravel(order="F"))
+            found[at : at + v.size] = v.ravel(order="F") if v.ndim > 1 else v
+            at += v.size
         else:
             return None
-    return np.array(found, dtype=float) if found else None
+    return found if at else None
 
 
 def names_in(text: str) -> list[str]:

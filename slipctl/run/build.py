@@ -16,13 +16,16 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import packed_numbers
 
 log = logging.getLogger("slipctl")
 
@@ -348,3 +351,9 @@ def rolling(f: ca.Function, compile: bool = True, ticks: int = LONG) -> Callable
 def column(v: ca.DM | np.ndarray) -> np.ndarray:
     """Packed column of numbers as an array of one dimension."""
     return np.array(ca.DM(v).full()).ravel()
+
+
+def packed(loop: Block, role: str, values: Mapping[str, Any]) -> np.ndarray:
+    """Numbers of one role, packed as the loop's Function takes them."""
+    numbers = packed_numbers(loop._signals[role], values)
+    return column(loop.pack(role, values)) if numbers is None else numbers

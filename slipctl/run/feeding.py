@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, symbol_maker
+from slipctl.block.replication import with_derived
 from slipctl.block.sharing import targets
-from slipctl.block.signals import Signal, real_array
+from slipctl.block.signals import Signal, evaluate, names_in, real_array
 from slipctl.errors import BadInput, nearest
-from slipctl.run.build import column
+from slipctl.run.build import packed
 from slipctl.run.rail import Feed, Rail, Scenario
 
 
@@ -185,14 +187,23 @@ def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float
 
 
 def pieces(
-    loop: Block, scenario: Scenario, ticks: int, h: float, rail: Mapping[str, list[float]]
-) -> tuple[ca.Function, list[tuple[int, int, np.ndarray]]]:
-    """Function to roll, and (first tick, last tick, parameter vector) of each piece."""
-    free = {n: v for n, v in loop.param_values().items() if not loop.params[n].derived}
+    loop: Block, scenario: Scenario, ticks: int, h: float, rail: Mapping[str, list[float]],
+    values: Mapping[str, np.ndarray] | None = None,
+) -> tuple[ca.Function, list[tuple[int, int, np.ndarray]]]:  # fmt: skip
+    """Function to roll, and (first tick, last tick, parameter vector) of each piece.
+
+    Args:
+        loop, scenario: what runs.
+        ticks, h: how many there are, and their length in s.
+        rail: parameters that the rail sets, a value for each section.
+        values: ``loop.param_values()``, where they are known already.
+    """
+    known = loop.param_values() if values is None else values
+    follow = [n for n in with_derived(loop, rail) if loop.params[n].derived]
 
     def vector(**values: float) -> np.ndarray:
         given = {n: loop.params[n].check(f"{loop.name}.{n}", v) for n, v in values.items()}
-        return column(loop.pack("param", loop.completed({**free, **given})))
+        return packed(loop, "param", _completed(loop, {**known, **given}, follow))
 
     if scenario.rail is None or (not rail and scenario.rail.by == "time"):
         return loop.f, [(0, ticks, vector())]
@@ -206,6 +217,21 @@ def pieces(
         if first < last:
             pieces.append((first, last, vector(**{n: v[k] for n, v in rail.items()})))
     return loop.f, pieces
+
+
+def _completed(loop: Block, values: dict[str, Any], follow: Sequence[str]) -> dict[str, Any]:
+    """Parameters with those made again that follow others, each after what it follows itself."""
+    waiting = deque(follow)
+    while waiting:
+        n = waiting.popleft()
+        names = {k: loop._sibling(n, k) for k in names_in(loop.params[n].value)}
+        if set(names.values()) & set(waiting):
+            waiting.append(n)
+            continue
+        local = {k: values[full] for k, full in names.items()}
+        found = evaluate(loop.params[n].value, local, f"{loop.name}.{n}")
+        values[n] = loop.params[n].check(f"{loop.name}.{n}", found)
+    return values
 
 
 def _by_position(loop: Block, scenario: Scenario) -> tuple[ca.Function, np.ndarray]:

@@ -86,6 +86,7 @@ class Prepared:
         check_guards(self._begun)
         self._wanted = None if log is None else set(log)
         _check_logged(self._begun, self._wanted)
+        self._columns = logged(self._begun, self._wanted)
         self._end = Ending(self._begun, scenario) if scenario.end is not None else None
         self._templates: dict[tuple[str, ...], Template | None] = {}
         self._roller: tuple[ca.Function, Callable[..., int]] | None = None
@@ -121,11 +122,13 @@ class Prepared:
         scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
         scenario = scenario if rail is None else scenario.but(rail=rail)
         block = self._numbered(numbers) if numbers else self._begun
-        x = build.column(block.pack("state", block.start()))
-        u, roll, parts = self._parts(block, scenario)
+        values = block.param_values()
+        x = build.packed(block, "state", block._start({}, values))
+        u, roll, parts = self._parts(block, scenario, values)
         h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
         rows = np.arange(0, ticks, every)
-        columns = logged(block, self._wanted)
+        same = block._made is self._begun._made
+        columns = self._columns if same else logged(block, self._wanted)
         beside = logged(block, watched(block)) if doubt else {}
         n_y = total_size(block.outputs.values())
         kept = {role: _places(columns, role) for role in ("input", "output", "state")}
@@ -151,11 +154,13 @@ class Prepared:
                     raise RunFailed(_broken(block, x, (k + n + 1) * h))
                 if k == 0:
                     first |= {"output": y_now[:1].copy(), "state": x_now[:1].copy()}
-                x_log[a:b] = x_now[np.ix_(rows[a:b] - k, kept["state"])]
-                y_log[a:b] = y_now[np.ix_(rows[a:b] - k, kept["output"])]
-                if beside:
-                    x_seen[a:b] = x_now[np.ix_(rows[a:b] - k, seen["state"])]
-                    y_seen[a:b] = y_now[np.ix_(rows[a:b] - k, seen["output"])]
+                here = slice(None, n) if every == 1 else rows[a:b] - k
+                for whole, log_, places in (
+                    (x_now, x_log, kept["state"]), (y_now, y_log, kept["output"]),
+                    (x_now, x_seen, seen["state"]), (y_now, y_seen, seen["output"]),
+                ):  # fmt: skip
+                    if places.size:  # clip: written where it belongs, without a copy between
+                        np.take(whole[here], places, axis=1, out=log_[a:b], mode="clip")
                 if progress:
                     progress(stop / ended)
                 if ended < ticks:
@@ -209,18 +214,18 @@ class Prepared:
         return block
 
     def _parts(
-        self, block: Block, scenario: Scenario
+        self, block: Block, scenario: Scenario, values: Mapping[str, np.ndarray] | None = None
     ) -> tuple[np.ndarray, Callable[..., int], list[tuple[int, int, np.ndarray]]]:
         """Inputs tick by tick, what rolls, and (first tick, last tick, parameters) of each part."""
         h = float(block.period or 0.0)
         inputs, params = rail_values(block, scenario)
         starts = None if scenario.rail is None else tuple(scenario.rail.starts)
-        values = {n: [np.asarray(v).tolist() for v in vs] for n, vs in inputs.items()}
-        key = (scenario.seed, starts, values)
+        fixed = {n: [np.asarray(v).tolist() for v in vs] for n, vs in inputs.items()}
+        key = (scenario.seed, starts, fixed)
         fed = self._feed
         if fed is None or fed[0] != key:
             fed = self._feed = (key, feeds(block, scenario, self.ticks, h, inputs))
-        f, parts = pieces(block, scenario, self.ticks, h, params)
+        f, parts = pieces(block, scenario, self.ticks, h, params, values)
         roller = self._roller
         if roller is None or roller[0] is not f:
             roller = self._roller = (f, build.rolling(f, self._compile, self.ticks))
