@@ -22,6 +22,7 @@ from slipctl import (
     connect,
     every,
     law,
+    prepare,
     simulate,
     step,
 )
@@ -210,3 +211,26 @@ def test_a_law_with_new_numbers_is_not_overwritten_by_the_conditions_of_the_old_
     assert mu == pytest.approx(0.1 * (np.exp(-0.4 * v_s) - np.exp(-1.2 * v_s)), rel=1e-12)
     with pytest.raises(BadInput, match="has no parameter 'k'"):
         fitted.with_conditions(dry={"k": 0.5})
+
+
+def test_what_follows_a_number_of_the_rail_follows_it_in_each_section():
+    @law(y=Output("1", "out"))
+    def follower(
+        c=Param("1", 1.0, "the rail sets it", lo=0),
+        k=Param("1", 3.0, "fixed"),
+        twice=Param("1", "2 * c", "derived"),
+        more=Param("1", "twice + k", "derived of a derived one"),
+        other=Param("1", "k + 1", "derived of a fixed one"),
+    ):
+        """Nothing to do with a train."""
+        return more + other
+
+    @step(period=0.1)
+    def count(n=State("1", 0.0), y=Input("1", "in")):
+        """What it was fed last."""
+        return dict(n=y), {}
+
+    loop = connect("loop", {"count.y": "law.y"}, law=follower, count=count)
+    rail = Rail([Section(t, values={"law.c": c}) for t, c in ((0, 1.0), (0.2, 5.0), (0.4, 2.0))])
+    y = prepare(loop, Scenario("s", 0.6, rail), compile=False)({"law.k": 4.0})["law.y"]
+    np.testing.assert_array_equal(y, 2 * np.repeat([1.0, 5.0, 2.0], 2) + 4 + 5)
