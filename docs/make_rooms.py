@@ -72,6 +72,32 @@ def imported(tree: ast.Module) -> Iterator[str]:
             yield node.module
 
 
+def circles() -> list[list[str]]:
+    """Modules that import each other, over others too; imports for types alone left out."""
+    paths = {}
+    for path in sorted((ROOT / "slipctl").rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    graph = {m: {t for t in named(path) if t in paths and t != m} for m, path in paths.items()}
+    for targets in graph.values():
+        targets.discard("slipctl")  # exports lazily
+    while ends := {m for m, targets in graph.items() if not targets & graph.keys()}:
+        graph = {m: targets for m, targets in graph.items() if m not in ends}
+    return sorted([m, *sorted(targets & graph.keys())] for m, targets in graph.items())
+
+
+def named(path: Path) -> set[str]:
+    """What a file imports where it runs, each also as a module of that name."""
+    found, nodes = set(), [ast.parse(path.read_text(encoding="utf-8")).body]
+    while nodes:
+        for node in nodes.pop():
+            if isinstance(node, ast.ImportFrom) and node.module:
+                found |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+            elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+                nodes.append(list(ast.iter_child_nodes(node)))
+    return found
+
+
 def exported() -> Mapping[str, str]:
     """Module of each public name, and each room by its own name."""
     import slipctl

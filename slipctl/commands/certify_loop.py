@@ -16,6 +16,7 @@ from slipctl.block.block import Block
 from slipctl.certify import catalogue, systems
 from slipctl.certify.farthest import Farthest
 from slipctl.certify.systems import System
+from slipctl.commands.certify_numbers import read_numbers
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
@@ -191,7 +192,6 @@ def _told(found: Farthest) -> list[str]:
 
 
 def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]:
-    from slipctl.commands.certify import read_numbers
 
     name = options.system
     if is_loop(name):

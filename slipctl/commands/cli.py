@@ -95,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _explain(error: BaseException, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
-    from slipctl.study.doors import blame
+    from slipctl.study.blaming import blame
 
     origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
     if verbose and origin is not None:

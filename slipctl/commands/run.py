@@ -26,6 +26,7 @@ from slipctl.study import doors, files, preparing, running, speaking
 from slipctl.study.declaration import Verdict
 from slipctl.study.jobs import Cores
 from slipctl.study.keeping import Keep, key_of
+from slipctl.study.noting import noted
 from slipctl.study.texts import changes, claim_table, doubts, left_to_full, metric_table
 
 log = logging.getLogger("slipctl")
@@ -149,7 +150,7 @@ class _Run:
         )
 
     def _save(self, what: str, write: Callable[[], Any]) -> None:
-        with running.noted(self.results, what):
+        with noted(self.results, what):
             write()
 
     def _json(self) -> str:

@@ -2,121 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from slipctl.draw.drawing import FONT, Drawing
+from slipctl.draw.levels import Level, inside, level
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
-
-Port = tuple[str, str]
-"""Node and signal; an input or output of the whole has the node ``"> name"`` or ``"< name"``."""
-
-
-@dataclass
-class Node:
-    """One box, or one end of the whole (``ins`` or ``outs`` has a single signal then)."""
-
-    key: str
-    title: str
-    note: str = ""
-    ins: list[str] = field(default_factory=list)
-    outs: list[str] = field(default_factory=list)
-    box: bool = True
-    deep: bool = False
-
-
-@dataclass
-class Level:
-    """One level of a block: its boxes, and for each source the ports it feeds."""
-
-    title: str
-    nodes: dict[str, Node]
-    nets: dict[Port, list[Port]]
-    units: dict[Port, str]
-
-
-def inner(block: Block) -> Block:
-    """Return the block that a transform without a name of its own (sampled, every) was made of."""
-    while block.transparent:
-        block = next(iter(block.parts.values()))
-    return block
-
-
-def level(block: Block) -> Level:
-    """Read the parts and wires of a block, or the block alone where it has no parts.
-
-    Inputs that read a declared value and outputs that feed nothing are left out.
-    """
-    top = inner(block)
-    alone = not top.wires
-    parts = {top.name: block} if alone else top.parts
-    nodes: dict[str, Node] = {}
-    for name, part in parts.items():
-        core = inner(part)
-        note = ", ".join(([] if core.name == name else [core.name]) + _short_choices(part))
-        nodes[name] = Node(name, name, note, deep=bool(core.wires) and not alone)
-    nets: dict[Port, list[Port]] = defaultdict(list)
-    units: dict[Port, str] = {}
-    wires = {} if alone else top.wires
-    for target, source in wires.items():
-        if "." in source:
-            owner, _, port = source.partition(".")
-            known = {**parts[owner].states, **parts[owner].outputs}
-            start, unit = (owner, port), known[port].unit
-            _append(nodes[owner].outs, port)
-        else:
-            start, unit = (f"> {source}", source), block.inputs[source].unit
-            nodes.setdefault(start[0], Node(start[0], source, outs=[source], box=False))
-        units[start] = unit
-        if "." in target:
-            owner, _, port = target.partition(".")
-            end = (owner, port)
-            _append(nodes[owner].ins, port)
-        else:
-            end = (f"< {target}", target)
-            nodes[end[0]] = Node(end[0], target, ins=[target], box=False)
-        nets[start].append(end)
-    for name, part in parts.items():
-        for port, s in part.inputs.items():
-            full = port if alone else f"{name}.{port}"
-            free = alone or f"{name}.{port}" not in wires
-            if free and (alone or (s.value is None and not s.noise)):
-                key = f"> {full}"
-                nodes[key] = Node(key, full, outs=[full], box=False)
-                nets[key, full].append((name, port))
-                units[key, full] = s.unit
-                _append(nodes[name].ins, port)
-        if alone:
-            for port, s in part.outputs.items():
-                key = f"< {port}"
-                nodes[key] = Node(key, port, ins=[port], box=False)
-                nets[name, port].append((key, port))
-                units[name, port] = s.unit
-                _append(nodes[name].outs, port)
-    for name, part in parts.items():  # ports in the order of their declaration
-        nodes[name].ins.sort(key=list(part.inputs).index)
-        nodes[name].outs.sort(key=[*part.outputs, *part.states].index)
-    return Level(block.name, nodes, dict(nets), units)
-
-
-def _append(items: list[str], item: str) -> None:
-    if item not in items:
-        items.append(item)
-
-
-def _short_choices(block: Block) -> list[str]:
-    out = []
-    for k, v in block.choices.items():
-        if k == "h":
-            out.append(f"{1000 * float(v):g} ms")
-        elif k == "every":
-            out.append(f"every {v}")
-        elif k == "method" or (k == "form" and v != "consistent"):
-            out.append(str(v))
-    return out
-
 
 # ---- Graphviz ---------------------------------------------------------------------------------
 
@@ -151,13 +44,11 @@ def svg(block: Block, deep: bool = False) -> str:
         block: a connected block; one without parts is drawn as a box with its signals.
         deep: draw each connected part below, too.
     """
-    return drawn([level(block), *(_levels_inside(block, "") if deep else [])])
+    return drawn([level(block), *(inside(block, "") if deep else [])])
 
 
 def drawn(levels: Sequence[Level]) -> str:
     """Draw levels of blocks below each other as SVG."""
-    from slipctl.draw.drawing import FONT, Drawing
-
     drawings = [Drawing(lv) for lv in levels]
     width = max(d.width for d in drawings)
     out, y = [], 0.0
@@ -169,14 +60,3 @@ def drawn(levels: Sequence[Level]) -> str:
         f' width="{width:g}" height="{y:g}" font-family="{FONT}">\n'
         f'<rect width="{width:g}" height="{y:g}" fill="white"/>\n' + "\n".join(out) + "\n</svg>\n"
     )
-
-
-def _levels_inside(block: Block, path: str) -> list[Level]:
-    out = []
-    for name, part in inner(block).parts.items():
-        if inner(part).wires:
-            here = f"{path}.{name}" if path else name
-            lv = level(part)
-            lv.title = here
-            out += [lv, *_levels_inside(part, here)]
-    return out

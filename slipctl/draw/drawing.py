@@ -10,8 +10,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from html import escape
 
-from slipctl.draw.diagram import Level, Node, Port
 from slipctl.draw.layers import layers_of
+from slipctl.draw.levels import Level, Node, Port
 
 # ---- drawing ----------------------------------------------------------------------------------
 

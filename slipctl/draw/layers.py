@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from functools import cache
 
-from slipctl.draw.diagram import Level
+from slipctl.draw.levels import Level
 
 
 def _order(lv: Level) -> list[str]:

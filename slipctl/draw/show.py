@@ -16,7 +16,8 @@ from slipctl.block import formula
 from slipctl.block.plain_text import Text, cut
 from slipctl.block.sharing import differences, places_of
 from slipctl.block.signals import Signal
-from slipctl.draw.diagram import graph, inner, svg
+from slipctl.draw.diagram import graph, svg
+from slipctl.draw.levels import inner
 from slipctl.draw.typeset import Latex, letter
 
 if TYPE_CHECKING:

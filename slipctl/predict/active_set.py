@@ -25,16 +25,9 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from slipctl.predict.horizon import Horizon, Layout, Stage
+from slipctl.predict.interior import Interior
 from slipctl.predict.repeating import Repeated, scan
-
-FREE, HIGH, FASTER, TIED = 0.0, 1.0, 2.0, 3.0
-"""Status of a control; -1 and -2 are the low bound and the fastest fall."""
-
-NONE = 9.0
-"""No status."""
-
-SMALL = 1e-6
-"""Part of its size by which a multiplier or a control must be wrong before a status changes."""
+from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
 
 TINY = 1e-9
 """Residual below which a change of status is one of names only: two limits meet."""
@@ -134,8 +127,6 @@ class ActiveSet:
         z = ca.vertcat(ca.MX.zeros(self.sizes[0] + self.sizes[1]), S, none, 1, 0, 0, 0)
         z = self.passed(z, self.passes, data)
         if self.rescue:
-            from slipctl.predict.interior import Interior
-
             z = Interior(self).solve(z, data)
         return Found(*self.split(z))
 

@@ -11,12 +11,13 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
 from slipctl.predict import telling
-from slipctl.predict.active_set import SMALL, ActiveSet
+from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.asked import Limit
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.repeating import apart, only_if
+from slipctl.predict.status import SMALL
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
 """What the output ``status`` says, in words."""

@@ -22,12 +22,15 @@ active set makes its passes from them, which gives the solution to the last digi
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from slipctl.predict.active_set import FASTER, FREE, HIGH, NONE, SMALL, TIED, ActiveSet
 from slipctl.predict.repeating import Repeated, scan
+from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
+
+if TYPE_CHECKING:
+    from slipctl.predict.active_set import ActiveSet
 
 FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 

@@ -13,10 +13,10 @@ from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, squared, start_value
 from slipctl.predict import telling
-from slipctl.predict.active_set import SMALL
 from slipctl.predict.horizon import Soft
 from slipctl.predict.limits import FAR, entries_of
 from slipctl.predict.repeating import apart
+from slipctl.predict.status import SMALL
 from slipctl.predict.window import TINY, Window
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken, begins afresh", 3: "limits given up"}

@@ -19,6 +19,7 @@ from slipctl.run.doubts import told_run, watched
 from slipctl.run.feeding import begun, feeds, pieces, rail_values
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
+from slipctl.run.starting import told_starts
 
 if TYPE_CHECKING:
     import xarray
@@ -65,6 +66,16 @@ def prepare(
             not a whole number.
     """
     return Prepared(loop, scenario, compile=compile, log=log, every=every)
+
+
+def first_tick(loop: Block, scenario: Scenario, names: list[str]) -> Mapping[str, np.ndarray]:
+    """Outputs of the first tick; none where it cannot be run, for the run itself says why."""
+    if loop.period is None:
+        return {}
+    try:
+        return prepare(loop, scenario.but(duration=loop.period), compile=False, log=names)()
+    except (BadInput, RunFailed):
+        return {}
 
 
 class Prepared:
@@ -420,14 +431,12 @@ class Log(Mapping[str, np.ndarray]):
 
     def told(self) -> list[str]:
         """What to know before the numbers are believed: of estimators, and of limits."""
-        from slipctl.run.starting import told_starts
-
         every = {s.name for s in self.loop.signals if s.role != "param"}
         begin = Log(self.loop, self.scenario, self._time[:1], self._first,
                     logged(self.loop, every), self._first)  # fmt: skip
         scenario = self.scenario.but(params={}, start={})
         late = [] if self.watched is None else told_run(self.loop, scenario, self.watched)
-        return [*told_starts(self.loop, scenario, begin), *late]
+        return [*told_starts(self.loop, scenario, lambda _: begin), *late]
 
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.errors import BadInput, RunFailed
 from slipctl.run.doubts import meant
 from slipctl.run.feeding import begun, rail_values
-from slipctl.run.prepared import prepare
 from slipctl.run.rail import Scenario
 
 ROUNDING = 1e-9
 """Share of the stated deviation by which a start may lie beyond it: roundings of both."""
 
 
-def told_starts(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) -> list[str]:
+Known = Callable[[list[str]], Mapping[Any, Any]]
+"""Called with names of outputs: their values over time, of those that are known."""
+
+
+def told_starts(loop: Block, scenario: Scenario, known: Known) -> list[str]:
     """Estimators that begin further off than the deviation that they state, one line each.
 
     An estimator's state says with ``truth`` what it estimates, in names of the rest of the loop:
@@ -28,7 +30,7 @@ def told_starts(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None =
 
     Args:
         loop, scenario: the run.
-        log: its log by name, or the beginning of it, if there is one.
+        known: outputs of the first tick at least.
 
     Raises:
         BadInput: what the scenario's start or rail is refused for.
@@ -45,7 +47,7 @@ def told_starts(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None =
     }
     told = {key: names for key, names in found.items() if all(names.values())}
     full = {str(k) for names in told.values() for k in names.values()}
-    values = _values(loop, scenario, full, log) if full else {}
+    values = _values(loop, scenario, full, known) if full else {}
     lines = []
     for (n, text), names in told.items():
         if all(names[k] in values for k in names):
@@ -83,19 +85,11 @@ def _line(
     ]
 
 
-def _values(
-    loop: Block, scenario: Scenario, names: set[str], log: Mapping[Any, Any] | None
-) -> dict[str, Any]:
+def _values(loop: Block, scenario: Scenario, names: set[str], known: Known) -> dict[str, Any]:
     """Values at the start of the run, on the first section of its rail."""
     _, by_rail = rail_values(loop, scenario)
     values = loop.param_values() | loop.start() | {n: v[0] for n, v in by_rail.items()}
     found = {n: v for n, v in values.items() if n in names}
     outputs = sorted(names - set(found))
-    if log is None or any(n not in log for n in outputs):
-        log = None
-    if outputs and log is None and loop.period is not None:
-        try:
-            log = prepare(loop, scenario.but(duration=loop.period), compile=False, log=outputs)()
-        except (BadInput, RunFailed):
-            return found  # the run itself says why
-    return found | ({n: np.asarray(log[n])[0] for n in outputs} if log is not None else {})
+    log = known(outputs) if outputs else {}
+    return found | {n: np.asarray(log[n])[0] for n in outputs if n in log}

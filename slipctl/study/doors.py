@@ -9,19 +9,18 @@ import ast
 import importlib
 import importlib.util
 import inspect
-import os
 import re
 import sys
-import traceback
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.errors import BadInput, nearest
 from slipctl.study import equation_files, trip_files
+from slipctl.study.blaming import blame, short
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -112,7 +111,7 @@ class _AsWritten(SourceFileLoader):
         except UnicodeDecodeError as error:  # else the compiler says it, in several manners
             line = data[: error.start].count(b"\n") + 1
             raise BadInput(
-                f"{_short(self.path)}, line {line}: the byte {data[error.start]:#04x} is no"
+                f"{short(self.path)}, line {line}: the byte {data[error.start]:#04x} is no"
                 f" {error.encoding} text; save the file in UTF-8"
             ) from error
         return self.source_to_code(data, self.path)
@@ -159,50 +158,6 @@ def _import(name: str) -> ModuleType:
         return importlib.import_module(name)
     except Exception as error:
         blame(error)
-
-
-def blame(error: BaseException) -> NoReturn:
-    """Raise what went wrong in somebody's equations as one line with file and line.
-
-    Raises:
-        BadInput: the error came from a model, a study or a user's file.
-        Exception: the error itself, where it did not.
-    """
-    if isinstance(error, (BadInput, RunFailed)):
-        raise error
-    if isinstance(error, SyntaxError) and error.filename:
-        raise BadInput(f"{_short(error.filename)}, line {error.lineno}: {error.msg}") from error
-    engine = str(Path(__file__).resolve().parents[1]) + os.sep
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        file = str(Path(frame.filename).resolve())
-        if file.startswith(engine) or "site-packages" in file or frame.filename.startswith("<"):
-            continue
-        if file.startswith(str(Path(inspect.__file__).resolve().parent) + os.sep):
-            continue
-        text = str(error).strip().partition("\n")[0]
-        where = f"{_short(frame.filename)}, line {frame.lineno}"
-        raise BadInput(f"{where}: {type(error).__name__}: {text}") from error
-    raise error
-
-
-def reason(error: BaseException) -> str:
-    """Say an error in one line, with its place where it is in a model or a study."""
-    try:
-        blame(error)
-    except (BadInput, RunFailed) as known:
-        return str(known)
-    except OSError as known:
-        return f"cannot write {known.filename or ''}: {known.strerror or known}"
-    except (Exception, SystemExit, GeneratorExit) as unknown:
-        return f"{type(unknown).__name__}: {str(unknown).strip().partition(chr(10))[0]}"
-
-
-def _short(file: str) -> str:
-    try:
-        relative = os.path.relpath(file)
-    except ValueError:  # another drive
-        return file
-    return file if relative.startswith("..") else relative
 
 
 def load_study(name: str) -> Study:

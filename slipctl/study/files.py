@@ -18,8 +18,8 @@ from slipctl.run import store
 from slipctl.run.results import Results
 from slipctl.study.declaration import Verdict
 from slipctl.study.jobs import Cores, Job, each
+from slipctl.study.noting import noted
 from slipctl.study.provenance import provenance, stamp
-from slipctl.study.running import noted
 from slipctl.study.texts import beyond, tolerance_text
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from typing import Any, Generic, TypeVar
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import machine, stopping
 from slipctl.run.results import NotRun
-from slipctl.study.doors import reason
+from slipctl.study.blaming import reason
 
 log = logging.getLogger("slipctl")
 

@@ -16,14 +16,14 @@ from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.run.doubts import told_loop
 from slipctl.run.feeding import begun, rail_values
-from slipctl.run.prepared import Log, Prepared
+from slipctl.run.prepared import Log, Prepared, first_tick
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
 from slipctl.run.starting import told_starts
 from slipctl.study import equation_files
+from slipctl.study.blaming import blame
 from slipctl.study.declaration import Study
 from slipctl.study.doors import (
-    blame,
     find_block,
     is_written,
     load_block,
@@ -188,7 +188,13 @@ def told(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) 
         loop, scenario: the run.
         log: its log by name, or the beginning of it, if there is one.
     """
-    return [*told_before(loop, scenario), *told_starts(loop, scenario, log)]
+
+    def known(names: list[str]) -> Mapping[Any, Any]:
+        if log is not None and all(n in log for n in names):
+            return log
+        return first_tick(loop, scenario, names)
+
+    return [*told_before(loop, scenario), *told_starts(loop, scenario, known)]
 
 
 def told_before(loop: Block, scenario: Scenario) -> list[str]:

@@ -321,15 +321,16 @@ def _same(a: Block, b: Block, show: Any) -> bool:
 def _loops(results: Results) -> str:
     """Diagrams of the loops, and of what is inside; the same diagram is drawn once."""
     from slipctl.draw import diagram
+    from slipctl.draw.levels import Level, level
 
-    levels: dict[str, diagram.Level] = {}  # by all that a drawing shows
+    levels: dict[str, Level] = {}  # by all that a drawing shows
     whole: dict[str, list[str]] = {}
     inside: dict[str, list[str]] = {}
     loops = distinct_loops(results)
     for name, loop in loops.items():
         for path, part in [("", loop), *_composites(loop)]:
-            level = diagram.level(part)
-            levels.setdefault(key := repr(level), level)
+            drawn = level(part)
+            levels.setdefault(key := repr(drawn), drawn)
             if path:
                 inside.setdefault(key, []).append(f"{path} in {name}")
             else:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -20,12 +20,13 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table, known_column
+from slipctl.run.results import Case, Results, Table, known_column
 from slipctl.run.simulation import simulate
+from slipctl.study.blaming import reason
 from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
-from slipctl.study.doors import reason
 from slipctl.study.jobs import Cores, Job, each
 from slipctl.study.keeping import Keep
+from slipctl.study.noting import noted
 from slipctl.study.provenance import EXPERIMENT_SEED
 
 if TYPE_CHECKING:
@@ -151,24 +152,6 @@ def _load(study: Study) -> None:
         from slipctl.draw import plots
 
         plots.load()
-
-
-@contextmanager
-def noted(results: Results, what: str, left: list[str] | None = None) -> Iterator[None]:
-    """Note what breaks, so that the rest goes on and nothing computed is lost.
-
-    What asks for what was not run is told, in ``left`` if that is given.
-    """
-    try:
-        yield
-    except LeftToFull:
-        log.debug("%s is left to --full", what)
-    except NotRun as missing:
-        told = f"{what} is left out: {missing}"
-        (log.info if left is None else left.append)(told)
-    except Exception as error:
-        results.failed[what] = reason(error)
-        log.debug("%s", what, exc_info=True)
 
 
 @dataclass(frozen=True)

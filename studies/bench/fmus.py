@@ -27,7 +27,8 @@ from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.ship.fmu import VERSIONS, is_plant
 from slipctl.ccode.ship.fmu_xml import Variable, variables
 from slipctl.ccode.write.header import bit
-from slipctl.ccode.write.plan import Plan, packed
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.shapes import packed
 from slipctl.run import store
 from slipctl.study import doors
 

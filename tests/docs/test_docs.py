@@ -171,6 +171,11 @@ def test_each_room_imports_only_from_lower_floors():
     assert upwards == LOOKED_UP
 
 
+def test_no_modules_import_each_other_in_a_circle():
+    """Imports inside functions count; those for types alone do not."""
+    assert rooms().circles() == []
+
+
 def test_each_room_says_its_question_and_nothing_else():
     for path in (ROOT / "slipctl").rglob("*/__init__.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))

@@ -29,8 +29,8 @@ from slipctl import (
 from slipctl.block import formula, smooth
 from slipctl.block.plain_text import Text, cut
 from slipctl.draw import show
-from slipctl.draw.diagram import Level, Node, level
 from slipctl.draw.drawing import Drawing
+from slipctl.draw.levels import Level, Node, level
 from slipctl.draw.typeset import Latex, letter
 
 

@@ -20,7 +20,7 @@ from slipctl import (
     sampled,
     simulate,
 )
-from slipctl.run.starting import told_starts
+from slipctl.study.preparing import told
 
 H = 1e-3
 
@@ -71,14 +71,14 @@ def test_filters_say_it_of_states_and_inputs(make, form):
     """At 4 m/s on dry rail F = 0.1 * 0.4 * 4 * 100 * 9.81 = 156.96 N; the filter begins at 0."""
     for sigma, wanted in ((156.9, 1), (157.0, 0)):
         f = make(known, "v", "F", prior=sigma**2, noise=1.0, form=form)
-        lines = told_starts(loop(f=f), SCENARIO)
+        lines = told(loop(f=f), SCENARIO)
         assert len(lines) == wanted
         assert all(
             line.startswith("f.held_F begins at 0 N, plant.c.F at 156.96 N") for line in lines
         )
     f = make(known, "v", ("v", "F"), prior={"v": 0.25, "F": 1e6}, noise=1.0, form=form)
-    assert not told_starts(loop(f=f), SCENARIO)
-    said = told_starts(loop(f=f), SCENARIO.but(start={"plant.c.v": 4.6}))
+    assert not told(loop(f=f), SCENARIO)
+    said = told(loop(f=f), SCENARIO.but(start={"plant.c.v": 4.6}))
     assert len(said) == 1
     assert "f.held_v begins at 4 m/s, plant.c.v at 4.6 m/s: 0.6 m/s away" in said[0]
     assert said[0].endswith("its stated deviation is 0.5 m/s")
@@ -90,12 +90,12 @@ def test_fits_say_it_of_the_law_on_the_first_rail(form):
     for spread, wanted in ((0.69, 1), (0.70, 0)):
         fit = rls(linear, form=form, period=H, spread=spread)
         for rail in ("dry", "ice"):
-            lines = told_starts(loop(f=fit), SCENARIO.but(rail=Rail([Section(0, rail)])))
+            lines = told(loop(f=fit), SCENARIO.but(rail=Rail([Section(0, rail)])))
             assert len(lines) == wanted
-        assert not told_starts(loop(f=fit), SCENARIO.but(rail=None))
+        assert not told(loop(f=fit), SCENARIO.but(rail=None))
     assert (
         "f.theta for log(c) begins at -1.60944, the plant at -2.30259"
-        in told_starts(
+        in told(
             loop(f=rls(linear, form=form, period=H, spread=0.6)),
             SCENARIO.but(rail=Rail([Section(0, "ice"), Section(0.05, "dry")])),
         )[0]
@@ -106,14 +106,14 @@ def test_what_has_two_meanings_or_none_is_not_judged():
     plant = sampled(connect("plant", {"c.mu": "a.mu", "a.v": "c.v"}, c=cart, a=linear), H, "rk4")
     f = ekf(known, "v", "F", prior=1.0, noise=1.0)
     twice = connect("l", {"f.v": "plant.c.v"}, plant=plant, other=plant, f=f)
-    assert not told_starts(twice, SCENARIO)
+    assert not told(twice, SCENARIO)
     alone = connect("l", {}, f=f)
-    assert not told_starts(alone.with_params(), Scenario("s", 0.1, inputs={"f.v": 1.0}))
+    assert not told(alone.with_params(), Scenario("s", 0.1, inputs={"f.v": 1.0}))
 
 
 def test_two_estimators_are_not_each_others_truth():
     f = ekf(known, "v", "F", prior=1.0, noise=1.0)
-    lines = told_starts(loop(f=f, g=f), SCENARIO)
+    lines = told(loop(f=f, g=f), SCENARIO)
     assert [line.partition(" ")[0] for line in lines] == ["f.held_F", "g.held_F"]
     assert all("plant.c.F at 156.96 N" in line for line in lines)
 
@@ -129,9 +129,7 @@ def test_an_element_of_an_estimate_is_judged_by_its_own_deviation():
     )
     f = rls(two, period=H, start={"c": 0.2, "d": 0.3}).with_params(spread=np.array([2.0, 0.4]))
     wires = {"f.v": "plant.c.v", "f.mu": "plant.a.mu"}
-    lines = told_starts(
-        connect("loop", wires, plant=sampled(plant, H, "rk4"), f=f), Scenario("s", 0.1)
-    )
+    lines = told(connect("loop", wires, plant=sampled(plant, H, "rk4"), f=f), Scenario("s", 0.1))
     assert len(lines) == 1
     assert "log(d)" in lines[0]
 
@@ -141,7 +139,7 @@ def test_a_run_from_python_carries_what_the_command_says(every):
     """Whatever is logged; a run with nothing to tell carries nothing."""
     for sigma in (1.0, 200.0):
         whole = loop(f=ctukf(known, "v", "F", prior=sigma**2, noise=1.0))
-        lines = told_starts(whole, SCENARIO)
+        lines = told(whole, SCENARIO)
         run = simulate(whole, SCENARIO, compile=False, log=["plant.c.v"], every=every)
         assert run.attrs.get("told", "").splitlines() == lines
         assert bool(lines) == (sigma == 1.0)

@@ -11,7 +11,8 @@ from slipctl.ccode.check.expected import Expected
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, STATUS, bit, head
-from slipctl.ccode.write.plan import Plan, packed
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.shapes import packed
 
 ENOUGH, AT_LEAST = 2e10, 1000
 """Instructions after which a board has replayed enough, some minutes of emulation, and ticks that

@@ -17,7 +17,8 @@ import numpy as np
 
 from slipctl.ccode.compile.compilers import version
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.plan import Plan, packed
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.shapes import packed
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (

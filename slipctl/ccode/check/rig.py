@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile import targets
-from slipctl.ccode.write.plan import Plan, packed
+from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import size
+from slipctl.ccode.write.shapes import packed
 from slipctl.errors import RunFailed
 
 LOST, LATE, BROKEN = 0x100, 0x200, 0x400

@@ -9,8 +9,9 @@ from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, head
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, constant
+from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.shapes import constant
 
 WARNINGS = (
     "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"

@@ -13,8 +13,9 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, matrix, packed
+from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import size
+from slipctl.ccode.write.shapes import matrix, packed
 from slipctl.errors import BadInput, RunFailed, nearest
 
 _REPLAY = """#include "{n}.h"

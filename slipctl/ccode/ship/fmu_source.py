@@ -20,8 +20,9 @@ from slipctl.ccode.compile.files import spoken, starting
 from slipctl.ccode.write.expressions import Writer, helper_text, number
 from slipctl.ccode.write.header import head
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, matrix, shaped
+from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.shapes import matrix, shaped
 from slipctl.ccode.write.source import checks, within
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -13,7 +13,8 @@ from slipctl.ccode.compile.files import starting
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, packed
+from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.shapes import packed
 
 DISPLAY = {
     "m/s": ("km/h", 3.6), "rad/s": ("r/min", 30 / math.pi), "rad": ("deg", 180 / math.pi),

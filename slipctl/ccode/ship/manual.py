@@ -10,7 +10,8 @@ from slipctl.ccode.ship.readable import table
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, STATUS, memory
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, first_sentence, packed
+from slipctl.ccode.write.plan import Plan, first_sentence
+from slipctl.ccode.write.shapes import packed
 
 
 def readme(plan: Plan) -> str:

@@ -24,6 +24,7 @@ from slipctl.ccode.write.graph import unused
 from slipctl.ccode.write.layout import Member, c_name
 from slipctl.ccode.write.letters import letters
 from slipctl.ccode.write.rolling import rolled
+from slipctl.ccode.write.shapes import shaped
 
 Place = tuple[Member, str]
 """A struct member and the pointer to it."""
@@ -207,8 +208,6 @@ class Parts:
         if last:
             chosen += [(wires.following[k], s, n[k]) for k, s in block.states.items()]
         chosen += [(wires.outputs[k], block.outputs[k], y[k]) for k in outputs]
-        from slipctl.ccode.write.plan import shaped
-
         results = [shaped(block, s, v) for _, s, v in chosen]
         names, hidden = told(results)
         self.functions.letters |= set(names.values())

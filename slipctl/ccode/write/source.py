@@ -27,8 +27,9 @@ from slipctl.ccode.write.header import (
 )
 from slipctl.ccode.write.kernel import Kernel, definitions
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, constant, first_sentence
+from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision
+from slipctl.ccode.write.shapes import constant
 from slipctl.ccode.write.splitting import in_place, prepare, taken
 from slipctl.ccode.write.statements import broken, conjunction, define, if_
 from slipctl.ccode.write.structure import assign
