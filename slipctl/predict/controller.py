@@ -15,6 +15,7 @@ from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.asked import Limit
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
+from slipctl.predict.offset import SHARE
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.repeating import apart, only_if
 from slipctl.predict.status import SMALL
@@ -24,6 +25,9 @@ STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
 
 PREPARE = "prepare_only"
 """State of a controller in two parts: 1 where its next tick is to prepare, and no more."""
+
+LEARNT = ("unknown", "expected", "gain")
+"""States of an estimate of what is not known."""
 
 AHEAD = ("stages", "last_stage")
 """States that preparing makes."""
@@ -52,6 +56,7 @@ class Controller:
         if solver in ("ipopt", "fatrop"):
             self.whole = nonlinear(where, problem, solver, tied, bool(rate))
         self.scale = ca.DM(problem.scale)
+        self.unknown = problem.unknown.names if problem.unknown else ()
 
     # ---- signals --------------------------------------------------------------------------------
 
@@ -64,7 +69,7 @@ class Controller:
 
     def given(self) -> list[Signal]:
         """Held inputs, and bounds that are inputs."""
-        held = [self.h.model.inputs[n] for n in self.h.held]
+        held = [self.h.model.inputs[n] for n in self.h.held if n not in self.unknown]
         limits = {
             b: self.h.model.inputs[self.short[c]]
             for c, pair in self.limits.items() for b in pair if isinstance(b, str)
@@ -116,6 +121,9 @@ class Controller:
             found.append(
                 Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12).named("damping")
             )
+        if self.unknown:
+            doc = "part of what a tick missed that is learnt from it"
+            found.append(Param("1", SHARE, doc, "chosen", lo=1e-6, hi=1).named("offset_share"))
         return found
 
     def _signal(self, name: str) -> Signal:
@@ -161,6 +169,15 @@ class Controller:
                 State("1", 0.0, "whether the next tick is prepared").named("prepared"),
                 State("1", 0.0, "whether to prepare, and no more").named(PREPARE),
             ]
+        if self.h.unknown:
+            values, many = list(self.h.unknown.values), (len(self.unknown),)
+            states += [
+                State("1", values, "what is not known, estimated", shape=many).named("unknown"),
+                State("1", 0.0, "state expected at the next tick", shape=(self.h.nx,)
+                      ).named("expected"),
+                State("1", 0.0, "gain of the estimate", shape=(many[0] * self.h.nx,)
+                      ).named("gain"),
+            ]  # fmt: skip
         if self.solver != "riccati":
             text = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, text).named(f"answer_of_{self.solver}"))
@@ -175,6 +192,10 @@ class Controller:
             Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
                 "residual"
             ),
+        ]
+        outputs += [
+            self.h.model.inputs[n].as_role("output", value=None).named(f"estimated_{n}")
+            for n in self.unknown
         ]
         return make_block(
             name, "step", apart("tick", self._body), states=states,
@@ -238,7 +259,7 @@ class Controller:
         return u[given][: self.h.stages].T if given in self.ahead else u[given]
 
     def held(self, u: Exprs) -> tuple[Any, Any]:
-        """Held inputs of the stages, one per column, and of the last one."""
+        """Held inputs of the stages, one per column, and of the last one; u: all by name."""
         N = self.h.stages
         if not any(n in self.ahead for n in self.h.held):
             d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
@@ -250,6 +271,8 @@ class Controller:
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         nu = self.h.nu
         x0 = ca.vertcat(*[u[s.name] for s in self.measured()])
+        if self.unknown:
+            u = u | dict(zip(self.unknown, ca.vertsplit(xs["unknown"]), strict=True))
         d, d_last = self.held(u)
         q, bounds = self.constants(p), self.bounds(u, p)
         lo, hi = bounds[:nu, 0], bounds[nu : 2 * nu, 0]
@@ -257,8 +280,10 @@ class Controller:
         plan = (xs["X"], xs["U"], xs["S"])
         given = (xs["planned"], start, x0, d, d_last, q)
         measured = (xs["applied"], *given, bounds)
+        learn = (x0, d[:, 0], q, p["offset_share"]) if self.unknown else ()
         if not self.split:
-            return self._named(*self._feedback(*self._prepare(*plan, *given), *measured))
+            nxt, out = self._named(*self._feedback(*self._prepare(*plan, *given), *measured))
+            return self._learnt(xs, nxt, out, *learn)
         only, prepared, kept = xs[PREPARE] > 0, xs["prepared"] > 0, [xs[n] for n in AHEAD]
         due = ca.if_else(only, xs["planned"] > 0, ca.logic_not(prepared))
         shift = ca.logic_not(prepared)
@@ -268,11 +293,31 @@ class Controller:
             "feedback", ca.logic_not(only), self._feedback, (0, 1, 2, 5, 6, -4, -3, -2, -1),
             *ahead, *measured, xs["applied"] * self.scale, *nothing,
         )  # fmt: skip
-        nxt, out = self._named(*rest)
+        nxt, out = self._learnt(xs, *self._named(*rest), *learn)
+        nxt |= {n: ca.if_else(only, xs[n], nxt[n]) for n in LEARNT if self.unknown}
         ready = ca.logic_and(only, xs["planned"] > 0)
         return nxt | {
             **dict(zip(AHEAD, ahead[3:], strict=True)), "prepared": ready, PREPARE: ca.MX(0)
         }, out  # fmt: skip
+
+    def _learnt(self, xs: Exprs, nxt: Exprs, out: Exprs, *given: Any) -> tuple[Exprs, Exprs]:
+        """States and outputs with what is not known, as this tick tells it for the next one."""
+        if self.h.unknown is None:
+            return nxt, out
+        x0, d, q, share = given
+        gain = ca.reshape(xs["gain"], len(self.unknown), self.h.nx)
+        signals = [self.h.model.inputs[n] for n in self.unknown]
+        w = xs["unknown"] + gain @ (x0 - xs["expected"])
+        w = ca.fmin([s.hi for s in signals], ca.fmax([s.lo for s in signals], w))
+        sound = nxt["planned"]
+        w = ca.if_else(ca.logic_and(xs["planned"] > 0, sound), w, xs["unknown"])
+        for n, value in zip(self.unknown, ca.vertsplit(w), strict=True):
+            d[self.h.held.index(n)] = value
+        expected, gain = self.h.unknown.step(self.h)(x0, nxt["applied"], d, q, share)
+        found = (ca.if_else(sound, m, 0) for m in (expected, gain))
+        nxt |= dict(zip(LEARNT, (w, *found), strict=True))
+        values = zip(self.unknown, ca.vertsplit(w), strict=True)
+        return nxt, out | {f"estimated_{n}": v for n, v in values}
 
     def _named(self, *results: Any) -> tuple[Exprs, Exprs]:
         """Results of :meth:`_feedback` by name."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 
@@ -26,6 +26,9 @@ from slipctl.block.block import Block
 from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
 from slipctl.predict.joining import check_lag, joined
+
+if TYPE_CHECKING:
+    from slipctl.predict.offset import Unknown
 
 HARD = 1e6
 """Cost of giving up a hard limit by its own size."""
@@ -77,6 +80,7 @@ class Horizon:
         tail: further residuals of the last stage, L x + M d + c.
         over: method and substeps of a stage.
         damped: whether the last constant is a curvature added for each step of a scaled control.
+        unknown: held inputs that the controller estimates, if any.
     """
 
     flow: Block
@@ -93,6 +97,7 @@ class Horizon:
     tail: tuple[Any, Any, Any] | None = None
     over: tuple[str, int] = ("", 1)
     damped: bool = False
+    unknown: Unknown | None = None
 
     @classmethod
     def of(

@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block
+from slipctl.block.block import Block, Exprs
 from slipctl.block.connection import connect
 from slipctl.block.signals import Signal
 from slipctl.block.units import dimension_equal
 from slipctl.errors import BadInput
+
+
+def with_inputs(
+    plant: Block, inputs: Sequence[Signal], change: Callable[[Exprs, Exprs], Exprs]
+) -> Block:
+    """The flow with further inputs, its rates changed: (rates, inputs) -> rates."""
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        own = {n: u[n] for n in plant.inputs}
+        n, y = plant.f(plant.pack("state", x), plant.pack("input", own), plant.pack("param", p))
+        return change(plant.unpack("state", n), u), plant.unpack("output", y)
+
+    return Block(
+        plant.name, "flow", body, [*plant.signals, *inputs], doc=plant.doc, sx=plant.sx,
+        choices=plant.choices, parts={plant.name: plant}, conditions=plant.conditions,
+        rebuild=lambda parts: with_inputs(parts[plant.name], inputs, change),
+        transparent=True, sharing=plant.sharing.through(), by_structure=True,
+    )  # fmt: skip
 
 
 def joined(where: str, plant: Block, laws: Mapping[str, Block]) -> tuple[Block, dict[str, str]]:

@@ -22,6 +22,7 @@ from slipctl.predict.asked import (
 from slipctl.predict.controller import Controller
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.limits import limits_of
+from slipctl.predict.offset import pushed, with_unknown
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 
@@ -34,6 +35,7 @@ def nmpc(
     horizon: int = 20,
     weights: Mapping[str, float] | None = None,
     terminal: Sequence[str] | str | Block | Any = None,
+    offset_free: str | Sequence[str] = (),
     at: Mapping[str, float] | None = None,
     preview: Sequence[str] = (),
     bounds: Mapping[str, tuple[Limit, Limit]] | None = None,
@@ -58,8 +60,7 @@ def nmpc(
     Multiple shooting with a Gauss-Newton Hessian, in real-time iterations (Diehl 2001). Each tick
     the last plan is shifted by a stage, the plant linearised along it, one quadratic program
     solved, and the first control applied. Inputs of the plant that are not controls, and the
-    references of the cost, keep their present value over the horizon or are previewed. So an
-    adhesion estimate that feeds one of them makes the controller free of offset.
+    references of the cost, keep their present value over the horizon or are previewed.
 
     Args:
         plant: a flow. Its states are measured: they become inputs of the controller.
@@ -77,7 +78,11 @@ def nmpc(
             best steady state x_s. The last two are of the plant linearised at ``at``, with the
             parameters and weights given here: what is set later does not change them. x_s follows
             the held inputs, linearly.
-        at: the point for that: values of states, controls and held inputs, else the declared ones.
+        offset_free: what is not known and constant, so that no offset stays: held inputs of the
+            plant (a load, an adhesion), or states whose rate lacks something. Each tick estimates
+            it from what the last one missed (:mod:`slipctl.predict.offset`); ``offset_share`` of
+            that is learnt. It is no input of the controller then.
+        at: the point for these two: values of states, controls and held inputs, else declared ones.
         preview: held inputs, and bounds with a name, that are known ahead: such an input of the
             controller is an array of horizon + 1 values, now and after each stage.
         bounds: (lo, hi) of a control, by default its declared range. A name instead of a number
@@ -149,6 +154,9 @@ def nmpc(
     tied = tied_of(where, horizon, moves)
     weigh = weights_of(where, [cost, *([own] if own else [])], by_name(where, "weights", weights))
     names = terminal if isinstance(terminal, (list, tuple)) and _all_names(terminal) else None
+    driven = plant
+    if offset_free != ():
+        plant, unknown = pushed(where, plant, offset_free, list(full.values()))
     problem = Horizon.of(
         plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws
     )
@@ -159,21 +167,26 @@ def nmpc(
         if solver in ("ipopt", "fatrop"):
             raise BadInput(f"{where}: {solver} makes no iterations of ours; leave damping= out")
         problem = replace(problem, damped=True)
+    point = by_name(where, "at", at)
+    if offset_free != ():
+        problem = with_unknown(where, problem, unknown, weigh, point)
     if terminal is not None and own is None and names is None:
-        point = by_name(where, "at", at)
         if isinstance(terminal, str) and terminal == "lqr":
             problem = with_lqr(where, problem, weigh, point)
         else:
             problem = with_matrix(where, problem, weigh, point, terminal)
-    elif at:
-        raise BadInput(f"{where}: at= is the point of terminal='lqr' or of a matrix; leave it out")
-    ahead = previewed(where, preview, [*problem.held, *(b for p in limits.values() for b in p)])
+    elif at and offset_free == ():
+        raise BadInput(
+            f"{where}: at= is the point of terminal='lqr', a matrix or offset_free=; leave it out"
+        )
+    held = [n for n in problem.held if not problem.unknown or n not in problem.unknown.names]
+    ahead = previewed(where, preview, [*held, *(b for p in limits.values() for b in p)])
     if moves is not None and any(b in ahead for p in limits.values() for b in p):
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
         (int(passes), rescue), solver, ahead, float(damping), bool(split),
-    ).block(name, h, [plant, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
+    ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
 
 
 def _all_names(given: Sequence[Any]) -> bool:

@@ -50,11 +50,15 @@ def controller(
         rows.append(("", f"{ends[0]} <= {name}[k] <= {ends[1]}"))
     rows += [("", f"|{named[c]}[k] - {named[c]}[k-1]| <= {named[c]}_rate {h:g} s") for c in rates]
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
-    held = [n for n in problem.held if n not in ahead]
+    unknown = problem.unknown.names if problem.unknown else ()
+    held = [n for n in problem.held if n not in (*ahead, *unknown)]
     if held:
         rows.append(("held", ", ".join(held)))
     if ahead:
         rows.append(("ahead", f"{', '.join(ahead)}: now and after each stage"))
+    if unknown:
+        told = f"{', '.join(unknown)}: constant, learnt from what each tick missed"
+        rows.append(("estimated", told))
     free = problem.nu * len(moves)
     hard = 2 * sum(s.hard for _, s in limits) * (N + 1)
     counts = [

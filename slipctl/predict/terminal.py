@@ -40,7 +40,7 @@ def with_lqr(
     Raises:
         BadInput: no regulator there, no steady state, a control without weight.
     """
-    s = _slopes(where, horizon, weights, at)
+    s = slopes_at(where, horizon, weights, at)
     P = s.regulator(where)
     y, level = s.steady(where)
     w, vectors = np.linalg.eigh(P)
@@ -79,14 +79,14 @@ def with_matrix(
             f"{where}: the terminal weight has the eigenvalue {w.min():.3g}; make it positive"
             " semidefinite"
         )
-    s = _slopes(where, horizon, weights, at)
+    s = slopes_at(where, horizon, weights, at)
     y, _ = s.steady(where)
     L = np.sqrt(np.maximum(w, 0))[:, None] * vectors.T
     return s.tailed(L, -L @ s.lift @ y)
 
 
 @dataclass(frozen=True)
-class _Slopes:
+class Slopes:
     """What the problem is near a point; y = T x are the states that residuals see."""
 
     horizon: Horizon
@@ -96,6 +96,7 @@ class _Slopes:
     lift: np.ndarray
     A: np.ndarray
     B: np.ndarray
+    E: np.ndarray  # of all states by the held inputs
     drift: np.ndarray  # of y per tick: a column for 1 and one per held input
     r: np.ndarray  # the same of the residuals
     X: np.ndarray
@@ -142,15 +143,36 @@ class _Slopes:
             )
         return found[:n], found[n + m :]
 
+    def left(self, columns: np.ndarray) -> float:
+        """Part of these columns of drift and residuals that no state and control make up for.
+
+        Where no residual sees it, a state may go on for ever, as the speed of a vehicle: y + k dy.
+        """
+        n, m = len(self.A), self.B.shape[1]
+        still, r = np.hstack([self.A - np.eye(n), self.B]), np.hstack([self.X, self.U])
+        none = np.zeros_like(still), np.zeros_like(r)
+        K = np.block([
+            [still, np.hstack([-np.eye(n), np.zeros((n, m))])], [r, none[1]],
+            [none[0], still], [none[1], r],
+        ])  # fmt: skip
+        right = np.vstack([self.drift, self.r])[:, columns]
+        right = np.vstack([right, np.zeros_like(right)])
+        sizes = np.abs(K).max(axis=1, keepdims=True)
+        sizes[sizes == 0] = 1
+        found = np.linalg.lstsq(K / sizes, right / sizes, rcond=1e-13)[0]
+        short, whole = np.abs((K @ found - right) / sizes), np.abs(right / sizes)
+        return float(short.max(initial=0) / max(whole.max(initial=0), 1e-300))
+
     def tailed(self, L: np.ndarray, columns: np.ndarray) -> Horizon:
         """The problem with residuals L (x - x0) + columns (1, d - d0)."""
         c, M = columns[:, 0] - L @ self.x, columns[:, 1:]
         return replace(self.horizon, last=(), tail=(L, M, c - M @ self.d))
 
 
-def _slopes(
+def slopes_at(
     where: str, horizon: Horizon, weights: Mapping[str, float], at: Mapping[str, float]
-) -> _Slopes:
+) -> Slopes:
+    """Slopes of a problem at a point: values of states, controls and held inputs, else declared."""
     h = horizon
     x0, v0, d0, p0 = _point(where, h, at)
     x, v, d, _ = h.symbols()
@@ -166,8 +188,8 @@ def _slopes(
     T, lift = _seen(A, X)
     if not len(T):
         raise BadInput(f"{where}: no residual of the cost sees a state; give terminal= a law")
-    return _Slopes(
-        h, x0, d0, T, lift, T @ A @ lift, T @ B, T @ np.hstack([drift, E]), np.hstack([r0, D]),
+    return Slopes(
+        h, x0, d0, T, lift, T @ A @ lift, T @ B, E, T @ np.hstack([drift, E]), np.hstack([r0, D]),
         X @ lift, U,
     )  # fmt: skip
 
@@ -207,7 +229,7 @@ def _point(
     for n, s in model.inputs.items():
         value = given.get(n, 0.0 if n in h.controls and s.value is None else s.value)
         if value is None or isinstance(value, str):
-            raise BadInput(f"{where}: terminal= needs a value of {n}; give at={{{n!r}: ...}}")
+            raise BadInput(f"{where}: the point of the slopes lacks {n}; give at={{{n!r}: ...}}")
         inputs[n] = float(value)
     controls = [inputs[n] / k for n, k in zip(h.controls, h.scale, strict=True)]
     return (
