@@ -47,6 +47,7 @@ _WHERE = {
     "analysis.lookup": ["argmax_table"],
     "predict.mhe": ["mhe"],
     "predict.nmpc": ["nmpc"],
+    "predict.sensitivity": ["Slopes", "control_slopes", "run_slopes"],
     "predict.trials": ["feasibility", "Feasibility"],
     "predict.trajectory": ["trajectory", "Trajectory"],
     "analysis.linearise": ["linear", "nonlinear", "operating_point"],
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
     from slipctl.predict.mhe import mhe
     from slipctl.predict.nmpc import nmpc
+    from slipctl.predict.sensitivity import Slopes, control_slopes, run_slopes
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility
     from slipctl.run.ensemble import Ensemble

@@ -24,6 +24,7 @@ from slipctl.block.block import Block
 from slipctl.block.sharing import number_at
 from slipctl.certify.enclosure import Interval, enclose
 from slipctl.errors import BadInput
+from slipctl.predict.sensitivity import by_numbers
 from slipctl.run.ensemble import Draw, World
 from slipctl.run.metrics import Run
 from slipctl.run.prepared import Whole
@@ -43,7 +44,11 @@ AGREES = 1e-6
 
 
 LONGEST = 400_000
-"""Operations of a tick from which on no slopes are asked for: predictive control is beyond it."""
+"""Operations of a tick from which on no slopes are asked for."""
+
+RUNS = 70
+"""Runs in C that a sweep back through predictive control takes as long as, measured on its
+reference problem: differences are cheaper for less than 35 numbers."""
 
 AT_ONCE = 1000
 """Ticks of which the jumps are looked at together."""
@@ -123,7 +128,13 @@ class Slopes:
             raise BadInput("the rail changes by the place of the vehicle")
         sizes = [(s.size, not s.derived) for s in self.loop.params.values()]
         self._settable = np.repeat([free for _, free in sizes], [many for many, _ in sizes])
-        self._given = self._by_numbers()
+        self._given = by_numbers(self.loop, self.names)
+        solving = [path for path, b in self.loop.leaves() if b.solves is not None]
+        if solving:
+            raise BadInput(
+                f"{solving[0]} solves a problem each tick: its slopes (slipctl.run_slopes) cost"
+                f" {RUNS} runs, differences two for each number"
+            )
         whole = world.measured.prepared.whole({})
         if operations(whole.f) > LONGEST:
             raise BadInput(f"its tick is longer than {LONGEST:.0e} operations")
@@ -189,20 +200,6 @@ class Slopes:
             if first == 0:
                 total += x_by.T @ adjoint
         return total
-
-    def _by_numbers(self) -> ca.Function:
-        """Slopes of the packed parameters and start values by the numbers."""
-        loop: Block = self.loop
-        free = {n: s for n, s in loop.params.items() if not s.derived}
-        symbols = {n: ca.SX.sym(f"q{k}", s.size) for k, (n, s) in enumerate(free.items())}
-        try:
-            params = loop.derive(symbols)
-            packed = loop.pack("param", params), loop.pack("state", loop.symbolic_start(params))
-        except (TypeError, NotImplementedError, RuntimeError):
-            raise BadInput("its parameters cannot be written as symbols") from None
-        wrt = ca.vertcat(*(symbols[n] for n in self.names))
-        slopes = [ca.densify(ca.jacobian(ca.SX(v), wrt)) for v in packed]
-        return ca.Function("by_numbers", [ca.vertcat(*symbols.values())], slopes)
 
     # ---- what jumps ------------------------------------------------------------------------------
 

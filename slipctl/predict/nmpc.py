@@ -48,7 +48,7 @@ def nmpc(
     iterations: int = 1,
     damping: float = 0.0,
     passes: int = 20,
-    rescue: int | None = None,
+    rescue: int = 60,
     method: str = "rk4",
     substeps: int = 1,
     split: bool = False,
@@ -105,8 +105,7 @@ def nmpc(
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
-            or went in a circle. By default 30, and 60 where limits are hard or linear. 0 for none,
-            where the time of a tick has to be short.
+            or went in a circle. 0 for none, where the time of a tick has to be short.
         method, substeps: integration over a stage, as of :func:`sampled`.
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
@@ -132,7 +131,7 @@ def nmpc(
     where = f"nmpc({as_block('nmpc: the plant', plant).name})"
     as_block(f"{where}: the cost", cost)
     controls = [control] if isinstance(control, str) else list(control)
-    check_numbers(where, h, horizon, iterations, passes, 30 if rescue is None else rescue, solver)
+    check_numbers(where, h, horizon, iterations, passes, rescue, solver)
     if not controls:
         raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
     full = {c: plant.find(c, "input") for c in controls}
@@ -145,7 +144,6 @@ def nmpc(
         where, plant, laws, by_name(where, "soft", soft), by_name(where, "hard", hard)
     )
     firm = any(s.hard or s.linear for s in softs.values())
-    rescue = (60 if firm else 30) if rescue is None else int(rescue)
     if not rescue and firm:
         raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
     if any(s.linear for s in softs.values()) and solver in ("ipopt", "fatrop"):
@@ -185,7 +183,7 @@ def nmpc(
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), rescue), solver, ahead, float(damping), bool(split),
+        (int(passes), int(rescue)), solver, ahead, float(damping), bool(split),
     ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
 
 

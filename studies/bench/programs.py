@@ -49,7 +49,7 @@ MORE: dict[str, tuple[Any, ...]] = STRUCTURES | {
 
 def problem(
     nx: int, nu: int, nc: int, N: int, rates: bool, moves: tuple[int, ...] | None = None,
-    passes: int = 20, rescue: int = 30, limits: tuple[Any, ...] = ((), (), ()),
+    passes: int = 20, rescue: int = 60, limits: tuple[Any, ...] = ((), (), ()),
 ) -> tuple[Any, ca.Function, ca.Function, list[bool]]:  # fmt: skip
     """Solver of a structure as a Function of its numbers, and the same as sparse matrices."""
     capped, square, hard = limits

@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 
 from slipctl.predict.active_set import Found
-from slipctl.studies.bench.programs import RIGHT, STRUCTURES, by_qrqp, draw, problem, reference
+from slipctl.studies.bench.programs import (
+    MORE,
+    RIGHT,
+    STRUCTURES,
+    by_qrqp,
+    draw,
+    problem,
+    reference,
+)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
@@ -42,6 +50,18 @@ def test_statuses_that_go_in_a_circle_are_seen_and_the_passes_are_bounded():
         assert found.open == 0
         assert found.passes <= 40 + 30 + 4
     assert circles > 3
+
+
+def test_a_problem_that_runs_away_is_solved_in_more_than_30_steps():
+    """Its states grow to 1e9: OSQP and qrqp give up on it; it takes 38 steps, of 60 allowed."""
+    structure = MORE["long"]
+    h, solve, _, tied = problem(*structure)
+    rng = np.random.default_rng(106)
+    for _ in range(94):
+        draw(rng, h, True, tied)
+    found = Found(*(np.array(v).ravel() for v in solve(*draw(rng, h, True, tied))))
+    assert found.open == 0
+    assert found.residual < 1e-9
 
 
 def test_bounds_and_rates_that_meet_in_a_corner_are_solved():
