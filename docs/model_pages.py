@@ -90,6 +90,8 @@ def _table(block: Block) -> str:
 
 
 def _range(s: Any) -> str:
+    if s.values:
+        return s.meanings
     low, high = ("" if x is None or x in (math.inf, -math.inf) else str(x) for x in (s.lo, s.hi))
     if low and high:
         return f"{low} to {high}"

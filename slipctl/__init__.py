@@ -17,6 +17,7 @@ _WHERE = {
     "block.block": ["Block", "make_block"],
     "block.declare": ["law", "flow", "step"],
     "block.written": ["from_text"],
+    "block.state_machine": ["state_machine"],
     "block.connection": ["connect"],
     "block.timing": ["sampled", "every", "gated", "unit_delay"],
     "block.replication": ["replicate"],

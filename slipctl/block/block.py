@@ -356,6 +356,8 @@ class Block:
         waiting: dict[str, str] = {}
         for n, s in self.states.items():
             value = given.get(n, s.value)
+            if isinstance(value, str) and s.values:
+                value = float(s.code(f"{self.name}.{n}", value))
             if isinstance(value, str):
                 waiting[n] = value
             else:
@@ -439,6 +441,8 @@ class Block:
                 meant[sharing.number_at(self, name)] = value
         for name, value in meant.items():
             signal = self.declared(name)
+            if isinstance(value, str) and signal.values:
+                value = meant[name] = float(signal.code(f"{self.name}.{name}", value))
             if not isinstance(value, str):
                 signal.check(f"{self.name}.{name}", value)
                 continue

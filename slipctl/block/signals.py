@@ -30,6 +30,10 @@ class Split(NamedTuple):
     ahead: tuple[str, ...]
 
 
+KINDS = ("int", "bool", "enum")
+"""What stands in the place of a unit where a signal is a whole number, true or not, or a choice."""
+
+
 @dataclass(frozen=True)
 class Bound:
     """An end of a range, or a largest change per tick, that follows parameters.
@@ -72,6 +76,9 @@ class Signal:
         stale: ticks in a row for which generated C goes on with the last good value of an input.
         truth: what an estimator's state estimates, an expression of names that the rest of the loop
             has, ``"v"``; one expression for each element.
+        whole: whole numbers only.
+        values: what 0, 1, 2, ... mean, ``("apply", "hold", "release")``; of a signal that is true
+            or not ``("no", "yes")``.
     """
 
     role: str
@@ -93,8 +100,12 @@ class Signal:
     bounds: tuple[Bound, ...] = ()
     stale: int = 200
     truth: tuple[str, ...] = ()
+    whole: bool = False
+    values: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.unit in KINDS:
+            self._typed()
         for what, given, choices in (
             ("sign convention", self.positive, ("braking", "traction")),
             ("slip convention", self.per, ("speed", "ratio")),
@@ -120,6 +131,47 @@ class Signal:
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
         if self.value is not None and not isinstance(self.value, str):
             self.finite(where, self.value)
+
+    def _typed(self) -> None:
+        """Make what is declared as ``int``, ``bool`` or ``enum`` a pure number with its range.
+
+        Raises:
+            BadInput: an enumeration without values, or with what is no name; values or a range
+                where they do not belong; a name that is not among the values.
+        """
+        where = self.name or self.doc or f"a {self.role}"
+        values = ("no", "yes") if self.unit == "bool" else tuple(self.values)
+        change: dict[str, Any] = {"unit": "1", "whole": True, "values": values}
+        if self.unit == "int":
+            if values:
+                raise BadInput(f'{where}: values are those of "enum"; declare it so')
+        else:
+            if self.unit == "bool" and self.values:
+                raise BadInput(f'{where}: "bool" is no or yes; declare other values as "enum"')
+            odd = [v for v in values if not (isinstance(v, str) and v.isidentifier())]
+            if len(values) < 2 or odd or len(set(values)) < len(values):
+                raise BadInput(
+                    f"{where}: an enumeration has two names or more, each once; write"
+                    ' values=("apply", "hold", "release")'
+                )
+            if self.lo != -math.inf or self.hi != math.inf or self.bounds:
+                raise BadInput(f"{where}: its values are its range; leave out lo and hi")
+            change |= {"lo": 0.0, "hi": len(values) - 1.0}
+        self.__dict__.update(change)
+        if isinstance(self.value, str) and values:
+            self.__dict__["value"] = float(self.code(where, self.value))
+        if self.safe is not None:
+            self.__dict__["safe"] = float(self.finite(f"{where}: safe", self.safe))
+
+    def code(self, where: str, name: str) -> int:
+        """Return the number that the name of a value stands for.
+
+        Raises:
+            BadInput: it has no such value.
+        """
+        if name not in self.values:
+            raise BadInput(f"{where} has no value {name!r}{nearest(name, self.values)}")
+        return self.values.index(name)
 
     def named(self, name: str) -> Signal:
         """Return the same signal under another name."""
@@ -150,6 +202,11 @@ class Signal:
         return replace(self, name=name, bounds=bounds)
 
     @property
+    def meanings(self) -> str:
+        """What its numbers mean, ``0 apply, 1 hold, 2 release``; empty for a quantity."""
+        return ", ".join(f"{k} {name}" for k, name in enumerate(self.values))
+
+    @property
     def size(self) -> int:
         """Number of elements."""
         return math.prod(self.shape)
@@ -165,6 +222,8 @@ class Signal:
         Raises:
             BadInput: with the place and what it takes.
         """
+        if self.values and isinstance(value, str):
+            value = self.code(where, value)
         try:
             array = real_array(value)
             if hasattr(value, "full") and array.size != 1:  # CasADi's is always two-dimensional
@@ -189,6 +248,10 @@ class Signal:
             )
         if np.isinf(array).any():
             raise BadInput(f"{where} is infinite; give a finite number in {self.unit}")
+        if self.whole and (array != np.rint(array)).any():
+            odd = array.flat[int(np.argmax(array != np.rint(array)))]
+            named = f", one of {', '.join(self.values)}" if self.values else ""
+            raise BadInput(f"{where} is {odd:g}; it must be a whole number{named}")
         return array
 
     def check(self, where: str, value: Any) -> np.ndarray:
@@ -198,7 +261,7 @@ class Signal:
             BadInput: with the place, the value and the range.
         """
         plain = _plain(value) if self.shape == () else None
-        if plain is not None and self.lo <= plain <= self.hi:
+        if plain is not None and self.lo <= plain <= self.hi and not self.whole:
             return np.array(plain)
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
@@ -249,17 +312,23 @@ def State(
     per: str | None = None,
     deviation: str = "",
     truth: str | tuple[str, ...] = (),
+    values: tuple[str, ...] = (),
 ) -> Any:
     """Declare a state; ``value`` is its start, a number or an expression such as ``"v / r"``.
 
     A range whose ends follow parameters has expressions, ``hi="v_max / r"``. An estimate says with
     ``deviation``, ``"sqrt(P)"``, how far off it may begin, and with ``truth`` of what, ``"v"``, by
     the name which that has in the rest of a loop. A run that begins further off says so.
+
+    A whole number has ``"int"`` in the place of the unit, what is true or not ``"bool"``, a choice
+    ``"enum"`` with ``values=("apply", "hold", "release")``; equations see 0, 1, 2. So for
+    parameters, inputs and outputs.
     """
     given = _ends(lo, hi)
     return Signal(
         "state", unit, value, doc, source, shape=shape, positive=positive, per=per,
-        deviation=deviation, truth=(truth,) if isinstance(truth, str) else tuple(truth), **given,
+        deviation=deviation, truth=(truth,) if isinstance(truth, str) else tuple(truth),
+        values=values, **given,
     )  # fmt: skip
 
 
@@ -274,9 +343,10 @@ def Param(
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
+    values: tuple[str, ...] = (),
 ) -> Any:
     """Declare a parameter; an expression as ``value`` makes it derived, not settable itself."""
-    return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per)
+    return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per, values=values)
 
 
 def Input(
@@ -292,6 +362,7 @@ def Input(
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
+    values: tuple[str, ...] = (),
 ) -> Any:
     """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it.
 
@@ -302,7 +373,7 @@ def Input(
     given = _ends(lo, hi, change)
     return Signal(
         "input", unit, value, doc, source, shape=shape, positive=positive, per=per,
-        stale=stale, **given,
+        stale=stale, values=values, **given,
     )  # fmt: skip
 
 
@@ -321,7 +392,8 @@ def Output(
     shape: tuple[int, ...] = (),
     positive: str | None = None,
     per: str | None = None,
-    safe: float | None = None,
+    safe: float | str | None = None,
+    values: tuple[str, ...] = (),
 ) -> Any:
     """Declare an output; ``safe`` is what it gives in generated C while a step is refused.
 
@@ -329,8 +401,9 @@ def Output(
     """
     given = _ends(lo, hi)
     return Signal(
-        "output", unit, None, doc, source, shape=shape, positive=positive, per=per, safe=safe,
-        **given,
+        "output", unit, None, doc, source, shape=shape, positive=positive, per=per,
+        safe=safe,  # type: ignore[arg-type]  # a name becomes its number
+        values=values, **given,
     )  # fmt: skip
 
 

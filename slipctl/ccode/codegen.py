@@ -33,7 +33,7 @@ from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
-from slipctl.ccode.ship import a2l, fmu, manual
+from slipctl.ccode.ship import a2l, bus, fmu, manual, sections
 from slipctl.ccode.ship.readable import readable, vectors_said
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
@@ -229,6 +229,9 @@ def export(
     fuzz_seconds: int = 0,
     clock: float | None = None,
     prove: bool = False,
+    scaled: Sequence[str] = (),
+    const_section: str | None = None,
+    calibration_section: str | None = None,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -253,6 +256,10 @@ def export(
         fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
         platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
             compiler is installed for.
+        scaled: inputs and outputs that a bus has as integers, ``"v=uint16:0.01m/s"``: type,
+            resolution and, if it is not 0, offset. Two files more translate them.
+        const_section: section for the linker that the tables of the module lie in.
+        calibration_section: section for an instance of the parameters, in two files more.
 
     Returns:
         What was written; printable.
@@ -263,7 +270,8 @@ def export(
     return _produce(
         block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
-        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove,
+        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
+        places=(const_section, calibration_section),
     )  # fmt: skip
 
 
@@ -287,6 +295,8 @@ def _produce(
     fuzz_seconds: int = 0,
     clock: float | None = None,
     prove: bool = False,
+    scaled: Sequence[str] = (),
+    places: tuple[str | None, str | None] = (None, None),
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -309,7 +319,7 @@ def _produce(
         check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
     check_guards(block)
-    made = texts(plan)
+    made = texts(plan, scaled, *places)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
     folders.check_folder(folder, names)
@@ -393,17 +403,35 @@ def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) ->
     return found
 
 
-def texts(plan: Plan) -> dict[str, str]:
-    """Text of each file of a module by its name; the content hash is not in them yet."""
+def texts(
+    plan: Plan,
+    scaled: Sequence[str] = (),
+    const_section: str | None = None,
+    calibration_section: str | None = None,
+) -> dict[str, str]:
+    """Text of each file of a module by its name; the content hash is not in them yet.
+
+    Raises:
+        BadInput: an integer of ``scaled`` that does not fit, or what names no section.
+    """
     n = plan.name
+    equations, more = source(plan), bus.asked(plan, scaled)
+    if const_section is not None:
+        sections.check("--const-section", const_section)
+        equations = sections.in_section(equations, const_section)
+    if calibration_section is not None:
+        sections.check("--calibration-section", calibration_section)
+        more |= sections.calibration(plan, calibration_section)
+    others = [name.removesuffix(".c") for name in more if name.endswith(".c")]
     return {
         f"{n}.h": header(plan),
-        f"{n}.c": source(plan),
+        f"{n}.c": equations,
+        **more,
         f"{n}.a2l": a2l.a2l(plan),
         "example.c": files.example(plan),
         f"test_{n}.c": back_to_back.test_program(plan),
-        "Makefile": files.makefile(plan),
-        "CMakeLists.txt": files.cmake(plan),
+        "Makefile": files.makefile(plan, others),
+        "CMakeLists.txt": files.cmake(plan, others),
         files.TOOLCHAIN: files.toolchain(),
         "README.md": manual.readme(plan),
         "LICENSE": files.licence(plan),

@@ -345,6 +345,17 @@ def parser() -> Parser:
         help="what the FMUs hold binaries for; by default each that a compiler is installed for",
     )  # fmt: skip
     p.add_argument(
+        "--scaled", metavar="NAME=uint16:0.01m/s[:OFFSET]", nargs="+", action="extend", default=[],
+        help="inputs and outputs that a bus has as integers of this type, resolution and offset",
+    )  # fmt: skip
+    p.add_argument(
+        "--const-section", metavar="SECTION", help="section for the linker that tables lie in"
+    )
+    p.add_argument(
+        "--calibration-section", metavar="SECTION",
+        help="write an instance of the parameters, too, in this section",
+    )  # fmt: skip
+    p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set parameters of the loop, or FILE.toml with gains",
     )  # fmt: skip

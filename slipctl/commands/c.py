@@ -54,7 +54,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "platforms": platforms,
         "check": options.check, "real": options.real, "target": options.target,
         "clock": load.clock(options.clock), "misra": options.misra, "fmus": options.fmu,
-        "fuzz_seconds": options.fuzz or 0, "prove": options.prove,
+        "fuzz_seconds": options.fuzz or 0, "prove": options.prove, "scaled": options.scaled,
+        "const_section": options.const_section, "calibration_section": options.calibration_section,
     }  # fmt: skip
     if block is not None:
         report = codegen.export(block, out, options.module, **wanted)

@@ -40,6 +40,7 @@ def _signal(s: Signal) -> dict[str, Any]:
         "role": s.role, "name": s.name, "unit": s.unit, "shape": list(s.shape),
         "value": _plain(s.value), "lo": _end(s.lo), "hi": _end(s.hi), "noise": s.noise,
         "positive": s.positive, "per": s.per, "doc": s.doc, "source": s.source,
+        **({"values": list(s.values)} if s.values else {}),
     }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ def graph(block: Block) -> str:
         style = "" if node.box else ", shape=plaintext"
         out.append(f"  {_quoted(key)} [label={_quoted(label)}{style}];")
     for (start, port), ends in lv.nets.items():
-        label = f"{port} [{lv.units[start, port]}]"
+        label = lv.label((start, port))
         for end, _ in ends:
             out.append(f"  {_quoted(start)} -> {_quoted(end)} [label={_quoted(label)}];")
     return "\n".join([*out, "}"]) + "\n"

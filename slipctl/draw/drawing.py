@@ -291,7 +291,7 @@ class Drawing:
         return self.lv.nodes[net[0]].box
 
     def _wire_label(self, net: Port) -> str:
-        return f"{net[1]} [{self.lv.units[net]}]"
+        return self.lv.label(net)
 
     def _tracks(self, hops: list[_Hop], x: float, labels: float) -> float:
         """Place the vertical lines of a channel; returns the channel's width."""
@@ -375,7 +375,7 @@ class Drawing:
         out.append(_words(middle, p.y + 17, node.title, 13.5, INK, "middle", bold=True))
         if node.note:
             out.append(_words(middle, p.y + 29, node.note, 10, FAINT, "middle"))
-        for port in p.ins:
+        for port in () if node.state else p.ins:
             y = p.port_y(port, False) + 3.5
             out.append(_words(p.x + 7, y, port[1], 10, FAINT, "start"))
         return out

@@ -15,7 +15,10 @@ Port = tuple[str, str]
 
 @dataclass
 class Node:
-    """One box, or one end of the whole (``ins`` or ``outs`` has a single signal then)."""
+    """One box, or one end of the whole (``ins`` or ``outs`` has a single signal then).
+
+    A ``state`` of a state machine names what leads from it, not what leads to it.
+    """
 
     key: str
     title: str
@@ -24,6 +27,7 @@ class Node:
     outs: list[str] = field(default_factory=list)
     box: bool = True
     deep: bool = False
+    state: bool = False
 
 
 @dataclass
@@ -34,6 +38,11 @@ class Level:
     nodes: dict[str, Node]
     nets: dict[Port, list[Port]]
     units: dict[Port, str]
+
+    def label(self, port: Port) -> str:
+        """What stands at a wire: signal and unit, or a condition."""
+        unit = self.units[port]
+        return f"{port[1]} [{unit}]" if unit else port[1]
 
 
 def inner(block: Block) -> Block:
@@ -49,6 +58,8 @@ def level(block: Block) -> Level:
     Inputs that read a declared value and outputs that feed nothing are left out.
     """
     top = inner(block)
+    if "transitions" in top.choices:
+        return _states(top)
     alone = not top.wires
     parts = {top.name: block} if alone else top.parts
     nodes: dict[str, Node] = {}
@@ -98,6 +109,21 @@ def level(block: Block) -> Level:
         nodes[name].ins.sort(key=list(part.inputs).index)
         nodes[name].outs.sort(key=[*part.outputs, *part.states].index)
     return Level(block.name, nodes, dict(nets), units)
+
+
+def _states(machine: Block) -> Level:
+    """States of a state machine, and the conditions that lead from one to another."""
+    values = machine.states["at"].values
+    nodes = {v: Node(v, v, state=True) for v in values}
+    first = values[int(float(machine.start()["at"]))]
+    nodes[first].note = "first"
+    nets: dict[Port, list[Port]] = {}
+    for here, to, condition in machine.choices["transitions"]:
+        for source in (v for v in values if v == here or (here == "*" and v != to)):
+            _append(nodes[source].outs, condition)
+            _append(nodes[to].ins, condition)
+            nets.setdefault((source, condition), []).append((to, condition))
+    return Level(machine.name, nodes, nets, dict.fromkeys(nets, ""))
 
 
 def _append(items: list[str], item: str) -> None:

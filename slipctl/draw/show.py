@@ -331,6 +331,7 @@ def _range(s: Signal) -> str:
     low, high = math.isfinite(s.lo), math.isfinite(s.hi)
     text = f">= {s.lo:g}" if low else f"<= {s.hi:g}" if high else ""
     text = f"{s.lo:g} .. {s.hi:g}" if low and high else text
+    text = s.meanings or text
     return text if s.safe is None else f"{text}, safe {s.safe:g}".removeprefix(", ")
 
 

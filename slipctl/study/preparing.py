@@ -314,7 +314,11 @@ def _with(loop: Block, names: Sequence[str], s: Setting) -> Block:
     values = {}
     for t in names:
         signal = loop.declared(t)
-        values[t] = units.parse_quantity(s.value, signal.unit, t)
+        text = s.value.strip()
+        if signal.values and not text[:1].isdigit():
+            values[t] = float(signal.code(t, text))
+        else:
+            values[t] = units.parse_quantity(s.value, signal.unit, t)
     return loop.with_params(**values)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from slipctl.ccode.compile.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS, machine
@@ -71,13 +73,19 @@ def starting(m: Member) -> list[float]:
     return [float(v) for v in constant(m.signal, value).ravel(order="F")]
 
 
-def makefile(plan: Plan) -> str:
-    """Text of the Makefile."""
+def makefile(plan: Plan, more: Sequence[str] = ()) -> str:
+    """Text of the Makefile; ``more`` are the names of other sources of the module."""
     n = plan.name
+    rules = "".join(
+        f"{s}.o: {s}.c {s}.h {n}.h built_with\n\t$(CC) $(CFLAGS) -c {s}.c -o $@\n\n" for s in more
+    )
+    others = "".join(f" {s}.o" for s in more)
+    left = [f"{n}.o{others}", "example", f"test_{n}", "built_with", "vectors.bin"]
+    left += [f"test_{t}.elf" for t in TARGETS]
     return f"""# Written by slipctl, content {CONTENT}. make test: build, compare with the vectors.
 CFLAGS ?= {WARNINGS} {OPTIMISE}
 
-all: {n}.o example test_{n}
+all: {n}.o{others} example test_{n}
 
 # what was built by another compiler, or with other flags, is built again
 built_with: FORCE
@@ -86,7 +94,7 @@ built_with: FORCE
 {n}.o: {n}.c {n}.h built_with
 \t$(CC) $(CFLAGS) -c {n}.c -o $@
 
-example: example.c {n}.o built_with
+{rules}example: example.c {n}.o built_with
 \t$(CC) $(CFLAGS) example.c {n}.o -o $@ -lm
 
 test_{n}: test_{n}.c {n}.o built_with
@@ -104,7 +112,7 @@ size: {n}.o
 \tnm -g {n}.o
 
 clean:
-\trm -f {n}.o example test_{n} built_with vectors.bin {" ".join(f"test_{t}.elf" for t in TARGETS)}
+\trm -f {" ".join(left)}
 
 .PHONY: FORCE all test size clean {" ".join(TARGETS)}
 """
@@ -130,8 +138,9 @@ def spoken(value: float, plan: Plan) -> str:
     return in_precision(number(float(value)), plan.real, plan.block.name)
 
 
-def cmake(plan: Plan) -> str:
+def cmake(plan: Plan, more: Sequence[str] = ()) -> str:
     """Text of CMakeLists.txt: a static library that others can link, the example, the test."""
+    others = "".join(f" {s}.c" for s in more)
     n = plan.name
     flags = OPTIMISE.replace("-O2 ", "")
     return f"""# Written by slipctl, content {CONTENT}. A static library {n}, its example, its test.
@@ -145,7 +154,7 @@ if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
   set(CMAKE_BUILD_TYPE Release)
 endif()
 
-add_library({n} STATIC {n}.c)
+add_library({n} STATIC {n}.c{others})
 target_include_directories({n} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
 if(CMAKE_C_COMPILER_ID MATCHES "GNU|Clang")
   target_compile_options({n} PRIVATE {flags} {WARNINGS.replace("-std=c99 ", "")})

@@ -1,9 +1,9 @@
 """A2L (ASAM MCD-2 MC, ASAP2 1.71): parameters and measurements for a calibration tool.
 
 One CHARACTERISTIC per parameter, one MEASUREMENT per input, state and output, each with unit,
-limits, and a COMPU_METHOD per unit. Derived parameters, the status with its bits, and how long
-inputs have been bad are measured too. Its place (SYMBOL_LINK: name and offset) is one in an
-instance of the module's structs. The firmware names that ``ctl_param_instance``,
+limits, and a COMPU_METHOD per unit or enumeration. Derived parameters, the status with its bits,
+and how long inputs have been bad are measured too. Its place (SYMBOL_LINK: name and offset) is one
+in an instance of the module's structs. The firmware names that ``ctl_param_instance``,
 ``ctl_in_instance`` and so on, and keeps what the step returns in ``ctl_status_instance``.
 The module itself has no addresses; a tool puts them in from the firmware's ELF file.
 """
@@ -23,6 +23,9 @@ from slipctl.ccode.write.precision import size
 
 _STRUCTS = ("in", "param", "state", "out")
 
+Methods = dict[str | tuple[str, ...], str]
+"""Conversion by unit, or by the names of an enumeration."""
+
 
 def a2l(plan: Plan) -> str:
     """Text of the description."""
@@ -31,12 +34,18 @@ def a2l(plan: Plan) -> str:
     lay = plan.layout
     kind = "FLOAT64_IEEE" if plan.real == "double" else "FLOAT32_IEEE"
     every = [*(m for g in _groups(plan).values() for m in g), *lay.derived]
-    units = sorted({m.signal.unit for m in every})
-    methods = {u: f"CM_{k}" for k, u in enumerate(units)}
+    units = sorted({m.signal.unit for m in every if not m.signal.values})
+    methods: Methods = {u: f"CM_{k}" for k, u in enumerate(units)}
     blocks = [
-        f'/begin COMPU_METHOD {name} {_quoted(u)} IDENTICAL "%.9" {_quoted(u)}\n/end COMPU_METHOD'
-        for u, name in methods.items()
+        f'/begin COMPU_METHOD {methods[u]} {_quoted(u)} IDENTICAL "%.9" {_quoted(u)}\n'
+        "/end COMPU_METHOD"
+        for u in units
     ]
+    for m in every:
+        if m.signal.values not in ((), *methods):
+            k = len(methods) - len(units)
+            methods[m.signal.values] = f"CM_choice_{k}"
+            blocks += _choice(m.signal.values, k)
     blocks.append(
         f"/begin RECORD_LAYOUT RL_VALUE FNC_VALUES 1 {kind} COLUMN_DIR DIRECT\n/end RECORD_LAYOUT"
     )
@@ -69,6 +78,17 @@ def a2l(plan: Plan) -> str:
 /end MODULE
 /end PROJECT
 """
+
+
+def _choice(values: tuple[str, ...], k: int) -> list[str]:
+    """Conversion of the numbers of an enumeration to its names."""
+    said, pairs = _quoted(", ".join(values)), [f'{i} "{v}"' for i, v in enumerate(values)]
+    return [
+        f'/begin COMPU_METHOD CM_choice_{k} {said} TAB_VERB "%.0" "" COMPU_TAB_REF VT_choice_{k}\n'
+        "/end COMPU_METHOD",
+        f"/begin COMPU_VTAB VT_choice_{k} {said} TAB_VERB {len(values)} {' '.join(pairs)}\n"
+        "/end COMPU_VTAB",
+    ]
 
 
 def _groups(plan: Plan) -> dict[str, tuple[Member, ...]]:
@@ -185,21 +205,25 @@ def _link(plan: Plan, struct: str, offset: int) -> str:
     return f'\n  SYMBOL_LINK "{plan.name}_{struct}_instance" {offset}'
 
 
-def _characteristic(plan: Plan, m: Member, offset: int, methods: dict[str, str]) -> str:
+def _method(m: Member, methods: Methods) -> str:
+    return methods[m.signal.values or m.signal.unit]
+
+
+def _characteristic(plan: Plan, m: Member, offset: int, methods: Methods) -> str:
     kind = "VALUE" if m.scalar else "VAL_BLK"
     return (
         f"/begin CHARACTERISTIC {_name(plan, 'param', m)} {_about(m)}\n"
-        f"  {kind} 0x{offset:X} RL_VALUE 0 {methods[m.signal.unit]} {_limits(plan, m)}"
+        f"  {kind} 0x{offset:X} RL_VALUE 0 {_method(m, methods)} {_limits(plan, m)}"
         f"{_dims(m)}{_link(plan, 'param', offset)}\n/end CHARACTERISTIC"
     )
 
 
 def _measurement(
-    plan: Plan, struct: str, m: Member, offset: int, methods: dict[str, str], kind: str,
+    plan: Plan, struct: str, m: Member, offset: int, methods: Methods, kind: str,
     within: str = "",
 ) -> str:  # fmt: skip
     return (
         f"/begin MEASUREMENT {_name(plan, struct, m, within)} {_about(m)}\n"
-        f"  {kind} {methods[m.signal.unit]} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
+        f"  {kind} {_method(m, methods)} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
         f"{_dims(m, True)}{_link(plan, struct, offset)}\n/end MEASUREMENT"
     )

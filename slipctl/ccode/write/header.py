@@ -256,8 +256,8 @@ def _prototypes(plan: Plan) -> str:
 
 
 def identifier_free(text: str, name: str) -> bool:
-    """Whether ``name`` is used nowhere in a piece of C."""
-    return re.search(rf"\b{name}\b", text) is None
+    """Whether ``name`` is used nowhere in a piece of C; a member of that name is another."""
+    return re.search(rf"(?<!->)(?<!\.)\b{name}\b", text) is None
 
 
 def bit(name: str) -> int:

@@ -168,6 +168,8 @@ def _members(
 
 def range_text(s: Signal) -> str:
     """Range of a signal in words, ends that follow parameters as they are declared."""
+    if s.values:
+        return s.meanings
     lo = [number(s.lo)] * (s.lo > float("-inf")) + [
         b.expression for b in s.bounds if b.what == "lo"
     ]
