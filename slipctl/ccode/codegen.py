@@ -33,7 +33,7 @@ from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
-from slipctl.ccode.ship import a2l, bus, fmu, manual, sections
+from slipctl.ccode.ship import a2l, bus, fmu, manual, sections, xcp
 from slipctl.ccode.ship.readable import readable, vectors_said
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
@@ -232,6 +232,7 @@ def export(
     scaled: Sequence[str] = (),
     const_section: str | None = None,
     calibration_section: str | None = None,
+    with_xcp: bool = False,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -260,6 +261,7 @@ def export(
             resolution and, if it is not 0, offset. Two files more translate them.
         const_section: section for the linker that the tables of the module lie in.
         calibration_section: section for an instance of the parameters, in two files more.
+        with_xcp: write an XCP slave, and a program for the emulated board that has it.
 
     Returns:
         What was written; printable.
@@ -271,7 +273,7 @@ def export(
         block, out, name, inputs=inputs, params=params, replay=check, period=period,
         real=real, target=target, misra=misra, fmus=fmus,
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
-        places=(const_section, calibration_section),
+        places=(const_section, calibration_section), with_xcp=with_xcp,
     )  # fmt: skip
 
 
@@ -297,6 +299,7 @@ def _produce(
     prove: bool = False,
     scaled: Sequence[str] = (),
     places: tuple[str | None, str | None] = (None, None),
+    with_xcp: bool = False,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -319,7 +322,7 @@ def _produce(
         check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
     check_guards(block)
-    made = texts(plan, scaled, *places)
+    made = texts(plan, scaled, *places, with_xcp)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
     folders.check_folder(folder, names)
@@ -408,6 +411,7 @@ def texts(
     scaled: Sequence[str] = (),
     const_section: str | None = None,
     calibration_section: str | None = None,
+    with_xcp: bool = False,
 ) -> dict[str, str]:
     """Text of each file of a module by its name; the content hash is not in them yet.
 
@@ -422,7 +426,9 @@ def texts(
     if calibration_section is not None:
         sections.check("--calibration-section", calibration_section)
         more |= sections.calibration(plan, calibration_section)
-    others = [name.removesuffix(".c") for name in more if name.endswith(".c")]
+    if with_xcp:
+        more |= xcp.texts(plan)
+    others = [name[:-2] for name in more if name.endswith(".c") and f"{name[:-2]}.h" in more]
     return {
         f"{n}.h": header(plan),
         f"{n}.c": equations,

@@ -356,6 +356,10 @@ def parser() -> Parser:
         help="write an instance of the parameters, too, in this section",
     )  # fmt: skip
     p.add_argument(
+        "--xcp", action="store_true",
+        help="write an XCP slave too, and a program for the emulated board that has it",
+    )  # fmt: skip
+    p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set parameters of the loop, or FILE.toml with gains",
     )  # fmt: skip

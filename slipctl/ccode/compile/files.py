@@ -81,7 +81,7 @@ def makefile(plan: Plan, more: Sequence[str] = ()) -> str:
     )
     others = "".join(f" {s}.o" for s in more)
     left = [f"{n}.o{others}", "example", f"test_{n}", "built_with", "vectors.bin"]
-    left += [f"test_{t}.elf" for t in TARGETS]
+    left += [f"{p}_{t}.elf" for p in ("test", *["xcp"] * ("xcp" in more)) for t in TARGETS]
     return f"""# Written by slipctl, content {CONTENT}. make test: build, compare with the vectors.
 CFLAGS ?= {WARNINGS} {OPTIMISE}
 
@@ -106,7 +106,7 @@ test: test_{n}
 vectors.bin: test_{n} vectors.txt
 \t./test_{n} vectors.txt vectors.bin
 
-{_boards(n, plan.real)}
+{_boards(n, plan.real, "xcp" in more)}
 size: {n}.o
 \tsize {n}.o
 \tnm -g {n}.o
@@ -118,7 +118,7 @@ clean:
 """
 
 
-def _boards(n: str, real: str) -> str:
+def _boards(n: str, real: str, xcp: bool) -> str:
     """Rules that build the test for each processor and run it on a board of QEMU."""
     sources, rules = f"{n}.c test_{n}.c cortex_m.c", [f"CROSS ?= {TOOLS}\nQEMU ?= {EMULATOR}\n"]
     for t in TARGETS:
@@ -129,6 +129,15 @@ def _boards(n: str, real: str) -> str:
 
 {t}: test_{t}.elf vectors.bin
 \t$(QEMU) -M {BOARDS[t]} {" ".join([*RUN, "-serial", "none", *COUNT])} -kernel $<
+""")
+        if xcp:
+            program = f"{n}.c xcp.c xcp_board.c cortex_m.c"
+            rules.append(f"""xcp_{t}.elf: {program} {n}.h xcp.h cortex_m.h cortex_m.ld built_with
+\t$(CROSS)gcc $(CFLAGS) {" ".join(machine(t, real))} {program} -o $@ \\
+\t  {" ".join(LINK)} -lm
+
+xcp_{t}: xcp_{t}.elf # its serial line is a terminal of this machine, which QEMU names
+\t$(QEMU) -M {BOARDS[t]} {" ".join(RUN)} -serial pty -kernel $<
 """)
     return "\n".join(rules)
 

@@ -39,7 +39,7 @@ LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
 _FILE_WORDS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg
 stdbool stddef stdint stdio stdlib string tgmath time wchar wctype
-example cortex_m fmi2 fmi3 makefile
+example cortex_m fmi2 fmi3 makefile xcp xcp_board
 all all_build clean edit_cache help install package package_source preinstall rebuild_cache
 run_tests test zero_check
 aux con nul prn

@@ -1,0 +1,112 @@
+"""An XCP slave beside a module, and a program for the emulated board that offers it a serial line.
+
+A tool measures and calibrates the instances that the A2L file names, ``ctl_param_instance`` and so
+on. Frames are those of XCP on a serial line (SxI) with a header of length and counter, a byte each.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slipctl.ccode.compile.files import spoken, starting
+from slipctl.ccode.write.header import head
+from slipctl.ccode.write.plan import Plan
+
+FILES = ("xcp.h", "xcp.c")
+
+
+def texts(plan: Plan) -> dict[str, str]:
+    """Text of each file by name."""
+    folder = Path(__file__).with_name("templates")
+    slave = {name: (folder / name).read_text(encoding="utf-8") for name in FILES}
+    return {**slave, "xcp_board.c": _board(plan)}
+
+
+def _board(plan: Plan) -> str:
+    n, big = plan.name, plan.layout.big
+    values = "\n".join(
+        f"    {m.at(f'{n}_in_instance.', k)} = {spoken(v, plan)};"
+        for m in plan.layout.inputs for k, v in enumerate(starting(m))
+    )  # fmt: skip
+    regions = "\n".join(
+        f"        region(&{n}_{s}_instance, (uint32_t)sizeof({n}_{s}_instance), {writable}),"
+        for s, writable in (("param", "true"), ("in", "true"), ("state", "false"), ("out", "false"))
+    )
+    return f"""{head(plan, "xcp_board.c")}
+
+/* A step after each command of the tool, with the inputs that it has written. */
+
+#include "cortex_m.h"
+#include "{n}.h"
+#include "xcp.h"
+
+extern {n}_in {n}_in_instance;
+extern {n}_param {n}_param_instance;
+extern {n}_state {n}_state_instance;
+extern {n}_out {n}_out_instance;
+extern int {n}_status_instance;
+
+{n}_in {n}_in_instance;
+{n}_param {n}_param_instance;
+{n}_state {n}_state_instance;
+{n}_out {n}_out_instance;
+int {n}_status_instance;
+
+int main(void);
+
+static xcp_region region(void *at, uint32_t size, bool writable)
+{{
+    const xcp_region found = {{(uint32_t)(uintptr_t)at, at, size, writable}};
+    return found;
+}}
+
+static unsigned char next_byte(void)
+{{
+    int byte = -1;
+    while (byte < 0) {{
+        byte = serial_get(0xFFFFFFFFUL);
+    }}
+    return (unsigned char)byte;
+}}
+
+int main(void)
+{{
+    const xcp_region regions[] = {{
+{regions}
+        region(&{n}_status_instance, (uint32_t)sizeof({n}_status_instance), false),
+    }};
+    xcp slave = {{regions, (unsigned int)(sizeof(regions) / sizeof(regions[0])), false, false, 0U}};
+    unsigned char command[256];
+    unsigned char answer[XCP_LONGEST];
+    unsigned char counter = 0U;
+
+    serial_start();
+    {n}_default(&{n}_param_instance);
+    {n}_status_instance = {n}_init(&{n}_param_instance, &{n}_state_instance);
+{values or f"    {n}_in_instance.unused = 0;"}
+    for (;;) {{
+        const unsigned int length = next_byte();
+        (void)next_byte(); /* the tool's counter */
+        for (unsigned int k = 0U; k < length; ++k) {{
+            command[k] = next_byte();
+        }}
+        const unsigned int size = xcp_answer(&slave, command, length, answer);
+        if (slave.written) {{ /* parameters take effect together, if they are good */
+            slave.written = false;
+            {n}_status_instance = {n}_tune(&{n}_param_instance, &{n}_state_instance);
+        }}
+        if ({n}_status_instance != {big}_BAD_PARAM) {{
+            {n}_status_instance = {n}_step(&{n}_in_instance, &{n}_param_instance,
+                                           &{n}_state_instance, &{n}_out_instance);
+        }}
+        if (size > 0U) {{
+            serial_put((unsigned char)size);
+            serial_put(counter);
+            ++counter;
+            for (unsigned int k = 0U; k < size; ++k) {{
+                serial_put(answer[k]);
+            }}
+        }}
+    }}
+}}
+"""
