@@ -368,7 +368,7 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
             f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'"
         )
     number, given = match[1], match[2].strip()
-    if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]|1\s*/\s*[^\W\d]", given):
+    if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]|1\s*/\s*\(?[^\W\d]", given):
         hint = "; write a point for a comma" if given.startswith(",") else ""
         raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit{hint}")
     target = unit(wanted)

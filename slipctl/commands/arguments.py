@@ -36,6 +36,8 @@ SHOW = """\
 NEW = """\
   slipctl new metro
   slipctl new metro my_car.toml
+  slipctl new --from hst_braking:eppfc
+  slipctl new --from subway_braking:sta@curves curves.toml
 """
 
 RUN = """\
@@ -127,8 +129,14 @@ def parser() -> Parser:
 
     p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
     p.epilog, p.formatter_class = NEW, argparse.RawDescriptionHelpFormatter
-    p.add_argument("kind", metavar="KIND", help="metro: a metro car of 38 t and a patch of leaves")
+    p.add_argument(
+        "kind", metavar="KIND", nargs="?", help="metro: a metro car of 38 t and a patch of leaves"
+    )
     p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
+    p.add_argument(
+        "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
+        help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
+    )  # fmt: skip
 
     command("schema", "Print the JSON schema of the files that describe a vehicle.")
 

@@ -3,7 +3,8 @@
 Every fault of a table is found in one go, each with the path to where it stands. A field that is a
 number has ``metadata["unit"]``; its text is a number with a unit. A part of several kinds is a
 union of dataclasses that say with ``kind`` which they are. A field with ``metadata["rest"]`` takes
-the keys that no other field has.
+the keys that no other field has. One with ``metadata["free"]`` is a table whose names only the
+blocks know.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, Union, get_args, get_origin
@@ -103,6 +104,10 @@ class _Reader:
 
     def value(self, kind: Any, given: Any, keys: Keys, f: Field[Any], beside: Any) -> Any:
         """Value of a field, by its type."""
+        if f.metadata.get("free"):
+            if not isinstance(given, Mapping):
+                return self.fault(keys, f"is {_shown(given)}, wanted is a table")
+            return given
         choices = options(kind)
         classes = [c for c in choices if is_dataclass(c)]
         many = [c for c in choices if get_origin(c) is tuple]
@@ -207,13 +212,13 @@ def _example(f: Field[Any]) -> str:
 # ---- what a file may hold, as JSON schema --------------------------------------------------------
 
 
-def schema(kind: type, title: str) -> dict[str, Any]:
-    """JSON schema (2020-12) of a file that holds a part."""
+def schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
+    """JSON schema (2020-12) of a file that holds one of these parts."""
     found: dict[str, Any] = {}
-    top = _schema_of(kind, found)
+    tops = [_schema_of(kind, found) for kind in kinds]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema", "title": title,
-        **top, "$defs": dict(sorted(found.items())),
+        "anyOf": tops, "$defs": dict(sorted(found.items())),
     }  # fmt: skip
 
 
@@ -246,6 +251,9 @@ def _field(kind: Any, f: Field[Any], found: dict[str, Any]) -> dict[str, Any]:
 
 def _types(kind: Any, f: Field[Any], found: dict[str, Any]) -> Iterator[dict[str, Any]]:
     unit = f.metadata.get("unit")
+    if f.metadata.get("free"):
+        yield {"type": "object"}
+        return
     for c in options(kind):
         if is_dataclass(c):
             yield _schema_of(c, found)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,14 +46,33 @@ def load_trip(path: str) -> Any:
     from slipctl.desk import declared
 
     text, content = equation_files.read(path)
-    parts = importlib.import_module("slipctl.models.vehicle.parts")
-    trip, faults = declared.read(parts.Trip, content)
+    kinds = _kinds()
+    of_study = content.get("vehicle")
+    of_study = isinstance(of_study, Mapping) and of_study.get("kind") == "study"
+    trip, faults = declared.read(kinds[of_study], content)
     if trip is not None:
-        faults = _of_laws(trip)
+        faults = _of_study(trip) if of_study else _of_laws(trip)
     if faults:
         lines = [_line(path, text, keys, why) for keys, why in faults]
         raise Faults(sorted(lines, key=_number))
     return trip
+
+
+def _kinds() -> tuple[type, type]:
+    """Parts that a file may hold: a vehicle of one's own, and loops of a study."""
+    own = importlib.import_module("slipctl.models.vehicle.parts")
+    study = importlib.import_module("slipctl.models.vehicle.of_study")
+    return own.Trip, study.StudyTrip
+
+
+def _of_study(trip: Any) -> list[tuple[tuple[str | int, ...], str]]:
+    """What is wrong with the numbers of a study's loops."""
+    of_study = importlib.import_module("slipctl.models.vehicle.of_study")
+    try:
+        found: list[tuple[tuple[str | int, ...], str]] = of_study.Reading(trip).check()
+    except BadInput as error:
+        return [(("vehicle",), str(error))]
+    return found
 
 
 def _of_laws(trip: Any) -> list[tuple[tuple[str | int, ...], str]]:
@@ -111,8 +131,9 @@ def load(path: str) -> Study:
     """
     equation_files.READ.add(Path(path).resolve())
     trip = load_trip(path)
-    study = importlib.import_module("slipctl.models.vehicle.study")
     name = re.sub(r"\W", "_", Path(path).stem) or "trip"
+    room = "study" if type(trip) is _kinds()[0] else "of_study"
+    study = importlib.import_module(f"slipctl.models.vehicle.{room}")
     made: Study = study.study(trip, name, f"described in {Path(path).name}")
     return made
 
@@ -123,6 +144,5 @@ def schema_text() -> str:
 
     from slipctl.desk import declared
 
-    parts = importlib.import_module("slipctl.models.vehicle.parts")
-    said = declared.schema(parts.Trip, "A vehicle on its way, as slipctl reads it")
+    said = declared.schema(_kinds(), "A vehicle on its way, as slipctl reads it")
     return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
