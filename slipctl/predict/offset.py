@@ -7,13 +7,14 @@ e = x - F(x_before, u_before, w), and
     w+ = w + share (B'WB + W_0)^-1 B'W e
 
 with W the inverse squares of the states' sizes. So the error of w shrinks by 1 - share a tick
-where B is what it was at the point ``at``, and more slowly where w is hardly seen there: W_0 is a
-hundredth of the diagonal of B'WB at the point. At rest B'W e = 0: the model is right where w acts.
+where B is what it was at the point ``at``. Where w is hardly seen it shrinks more slowly, for W_0
+is a hundredth of the diagonal of B'WB at the point. At rest B'W e = 0: the model is right where w
+acts.
 
 The offset is zero then, if some steady state has all residuals zero whatever w is (U. Maeder,
-F. Borrelli, M. Morari, Automatica 45, 2009). Both are ranks of the exact slopes: w is told apart
-from the states, rank (A - 1, B; 1, 0) = n + n_w, the states being measured; and the columns of w
-in A - 1, B_u over X, U lead to residuals of zero. A state that no residual sees need not rest.
+F. Borrelli, M. Morari, Automatica 45, 2009). Both are ranks of the exact slopes. With the states
+measured, w is told apart from them: rank (A - 1, B; 1, 0) = n + n_w. And the columns of w in A - 1,
+B_u over X, U lead to residuals of zero. A state that no residual sees need not rest.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Slopes of a predictive controller and of its closed loop, exact through the active set.
 
 The last pass of the active set solves the linear system of Karush, Kuhn and Tucker with its
-limits as equations, and those before only say which they are. So the derivative of a tick, which
-CasADi makes of that pass, is that of the solution, as long as the statuses stay: no limit that
-holds has a multiplier of zero (strict complementarity). Along a run
+limits as equations, and those before only say which they are. CasADi makes the derivative of a
+tick of that pass. It is that of the solution as long as the statuses stay: no limit that holds has
+a multiplier of zero (strict complementarity). Along a run
 
     dx+ = (dn/dx) dx + (dn/dp) dp,  dy = (dg/dx) dx + (dg/dp) dp
 
