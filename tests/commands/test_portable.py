@@ -147,6 +147,11 @@ def replace(old, new):  # no file gets a name that Windows cannot have
     rename(old, new)
 os.replace = replace
 import casadi, matplotlib.pyplot, netCDF4, scipy.optimize, xarray, multiprocessing.connection
+for name in ("psutil", "dask", "distributed", "zarr"):  # of extras: they ask for the system once
+    try:
+        __import__(name)
+    except ImportError:
+        pass
 sys.exit(pytest.main(sys.argv[1:], plugins=[Windows()]))
 """
 """What a system lacks is taken away before slipctl is imported; names of files are looked at."""
