@@ -33,7 +33,7 @@ from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
-from slipctl.ccode.ship import a2l, bus, fmu, manual, sections, xcp
+from slipctl.ccode.ship import a2l, autosar, bus, fmu, manual, sections, xcp
 from slipctl.ccode.ship.readable import readable, vectors_said
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
@@ -233,6 +233,7 @@ def export(
     const_section: str | None = None,
     calibration_section: str | None = None,
     with_xcp: bool = False,
+    with_autosar: bool = False,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -262,6 +263,7 @@ def export(
         const_section: section for the linker that the tables of the module lie in.
         calibration_section: section for an instance of the parameters, in two files more.
         with_xcp: write an XCP slave, and a program for the emulated board that has it.
+        with_autosar: write a software component of AUTOSAR Classic around the module.
 
     Returns:
         What was written; printable.
@@ -274,6 +276,7 @@ def export(
         real=real, target=target, misra=misra, fmus=fmus,
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
         places=(const_section, calibration_section), with_xcp=with_xcp,
+        with_autosar=with_autosar,
     )  # fmt: skip
 
 
@@ -300,6 +303,7 @@ def _produce(
     scaled: Sequence[str] = (),
     places: tuple[str | None, str | None] = (None, None),
     with_xcp: bool = False,
+    with_autosar: bool = False,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -322,7 +326,7 @@ def _produce(
         check_positive("c_module: period", period, "s")
     plan = Plan(block, name, period, real)
     check_guards(block)
-    made = texts(plan, scaled, *places, with_xcp)
+    made = texts(plan, scaled, *places, with_xcp, with_autosar)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
     names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
     folders.check_folder(folder, names)
@@ -412,6 +416,7 @@ def texts(
     const_section: str | None = None,
     calibration_section: str | None = None,
     with_xcp: bool = False,
+    with_autosar: bool = False,
 ) -> dict[str, str]:
     """Text of each file of a module by its name; the content hash is not in them yet.
 
@@ -428,6 +433,8 @@ def texts(
         more |= sections.calibration(plan, calibration_section)
     if with_xcp:
         more |= xcp.texts(plan)
+    if with_autosar:
+        more |= autosar.texts(plan)
     others = [name[:-2] for name in more if name.endswith(".c") and f"{name[:-2]}.h" in more]
     return {
         f"{n}.h": header(plan),

@@ -368,6 +368,10 @@ def parser() -> Parser:
         help="write an XCP slave too, and a program for the emulated board that has it",
     )  # fmt: skip
     p.add_argument(
+        "--autosar", action="store_true",
+        help="write a software component of AUTOSAR Classic around it, C and ARXML",
+    )  # fmt: skip
+    p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set parameters of the loop, or FILE.toml with gains",
     )  # fmt: skip

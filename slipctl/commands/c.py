@@ -56,7 +56,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "clock": load.clock(options.clock), "misra": options.misra, "fmus": options.fmu,
         "fuzz_seconds": options.fuzz or 0, "prove": options.prove, "scaled": options.scaled,
         "const_section": options.const_section, "calibration_section": options.calibration_section,
-        "with_xcp": options.xcp,
+        "with_xcp": options.xcp, "with_autosar": options.autosar,
     }  # fmt: skip
     if block is not None:
         report = codegen.export(block, out, options.module, **wanted)

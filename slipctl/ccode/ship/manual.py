@@ -46,6 +46,7 @@ carried: {counts}.
 | `{n}_bus.h`, `{n}_bus.c` | if it was asked for: inputs and outputs as integers of a bus |
 | `{n}_calibration.h`, `.c` | if it was asked for: an instance of the parameters in its section |
 | `xcp.*`, `xcp_board.c` | if it was asked for: XCP slave, and a program for the board that has it |
+| `{n}_swc.c`, `{n}.arxml` | if it was asked for: a software component of AUTOSAR Classic |
 | `example.c` | smallest program that runs it |
 | `test_{n}.c`, `vectors.txt` | back-to-back test against the recorded Python model |
 | `Makefile` | builds and tests, see below |
