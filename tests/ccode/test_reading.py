@@ -13,7 +13,7 @@ from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.source import source
 
 MOST = {
-    "subway_braking": (1690, 0.30),
+    "subway_braking": (1640, 0.28),
     "hst_braking": (710, 0.09),
     "freight_traction": (270, 0.08),
     "hst_traction": (1690, 0.16),

@@ -31,9 +31,15 @@ HARNESS = "harness.c"
 _WRITTEN_OUT = {
     "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
     "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
+    "((at > -1.0) &&": "((at == at) && (at > -1.0) &&",
     "if (!(*x >= lo)) {": "if (!((*x == *x) && (*x >= lo))) {",
 }
 """A comparison with NaN is false. Eva 25 does not know that, so it is written out for it."""
+
+_TWICE = re.compile(
+    r"^( +)(for \([^\n]*\{\n +double (?:\w+_one|\*const \w+ = \(\(i % 2\)))", re.MULTILINE
+)
+"""Loops that sum over samples, or call a function with what it gave, in two arrays by turns."""
 
 ASSUMPTIONS = (
     "the caller calls init once, then step, with the default parameters, which stay",
@@ -144,10 +150,13 @@ def proved(
 
 
 def written_out(text: str) -> str:
-    """Source with the comparisons that NaN decides written out; lines keep their numbers."""
+    """Source with the comparisons that NaN decides written out; lines keep their numbers.
+
+    Some loops are marked: two turns are told apart, and all others taken together.
+    """
     for short, long in _WRITTEN_OUT.items():
         text = text.replace(short, long)
-    return text
+    return _TWICE.sub(r"\1/*@ loop unroll 2; */ \2", text)
 
 
 def summary(data: Mapping[str, Any]) -> str:
@@ -204,12 +213,12 @@ def _options(plan: Plan, text: str) -> list[str]:
     there = [
         f"{f}:{k}" for f, k in wanted.items() if re.search(rf"^(?:static )?\w.*\b{f}\(", text, re.M)
     ]
+    decided = ("within", "all_within", "can_follow", "part_off")
+    split = ",".join(f"{f}:0" for f in decided if any(x.startswith(f"{f}:") for x in there))
     options = [
-        "-eva", "-eva-slevel-function", ",".join(there), "-eva-split-return", "full",
-        "-eva-auto-loop-unroll", str(max(128, largest)),
+        "-eva", "-eva-slevel-function", ",".join(there), "-eva-auto-loop-unroll",
+        str(max(128, largest)), *(["-eva-split-return-function", split] if split else []),
     ]  # fmt: skip
-    if "static int part_off(" in text:
-        options += ["-eva-split-return-function", "part_off:0"]
     return options
 
 

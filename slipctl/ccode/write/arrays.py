@@ -136,6 +136,7 @@ class Arrays(Writer):
                     self.suggested.setdefault(a, name)
         self.uses = self._uses()
         self.signed = self._signed()
+        self.chosen: set[int] = set()
         self.can_be = self._can_be(can_be)
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
@@ -305,13 +306,15 @@ class Arrays(Writer):
                 return
             bases = [address(*self._stored(v)) for v in (x, y)]
             name, start = self._target(k) if node.size > 1 else self._variable(k), self.texts[z]
-            self.helpers.add("multiply")
-            if node.size > 1:
+            begun = self._real(start) != "0.0"
+            if begun and node.size > 1:
                 lines += loop(node.size, f"{place(name, 0)} = {self._real(start)};")
-            else:
-                lines.append(f"double {name} = {self.text_at(z, 0)};")
+            elif node.size == 1:
+                lines.append(f"double {name}{f' = {self.text_at(z, 0)}' if begun else ''};")
             at = name if node.size > 1 else f"&{name}"
-            lines.append(f"multiply({bases[0]}, {rows}, {inner}, {bases[1]}, {columns}, {at});")
+            call = "add_matrix_product" if begun else "matrix_product"
+            self.helpers.add(call)
+            lines.append(f"{call}({bases[0]}, {rows}, {inner}, {bases[1]}, {columns}, {at});")
         elif op in (SUM_OF, LARGEST, SMALLEST, DOT):
             self._folded(k, node)
             return

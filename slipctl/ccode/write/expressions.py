@@ -75,13 +75,22 @@ HELPERS = {
     "element": (
         "/* the element that a number names by its whole part; NaN beyond the ends */\n"
         "static double element(const double *x, int n, double at)\n{\n"
-        "    const int k = (int)at;\n"
-        "    return ((k >= 0) && (k < n)) ? x[k] : (double)NAN;\n}\n"
+        "    return ((at > -1.0) && (at < (double)n)) ? x[(int)at] : (double)NAN;\n}\n"
     ),
-    "multiply": (
-        "/* adds the product of matrices x and y, in columns, to z */\n"
-        "static void multiply(const double *x, int rows, int inner, const double *y, int columns,\n"
-        "                     double *z)\n{\n"
+    "matrix_product": (
+        "/* z = x y, of matrices in columns */\n"
+        "static void matrix_product(const double *x, int rows, int inner, const double *y,\n"
+        "                           int columns, double *z)\n{\n"
+        "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
+        "            z[j + i * rows] = 0.0;\n"
+        "            for (int k = 0; k < inner; ++k) {\n"
+        "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
+        "            }\n        }\n    }\n}\n"
+    ),
+    "add_matrix_product": (
+        "/* z = z + x y, of matrices in columns */\n"
+        "static void add_matrix_product(const double *x, int rows, int inner, const double *y,\n"
+        "                               int columns, double *z)\n{\n"
         "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
         "            for (int k = 0; k < inner; ++k) {\n"
         "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
@@ -152,6 +161,10 @@ class Node:
     place: tuple[int, int] = (0, 0)
 
 
+CHAIN = 6
+"""Choices one within the other from which on each has a line of its own."""
+
+
 @dataclass
 class Text:
     """Text of a value, how strongly its outermost operation binds, and what it is."""
@@ -220,6 +233,20 @@ def choice(nodes: Sequence[Node], node: Node) -> Node:
     return node
 
 
+def chains(nodes: Sequence[Node]) -> set[int]:
+    """Choices of a long chain, ``c ? u : (d ? v : ...)``: each has a line, and they make a loop."""
+    depth = [0] * len(nodes)
+    found: set[int] = set()  # but for the last of a chain, which is where it is wanted
+    for k, node in enumerate(nodes):
+        if node.op == _SELECT:
+            depth[k] = 1 + depth[node.args[2]]
+    for k in range(len(nodes) - 1, -1, -1):
+        if depth[k] >= CHAIN or k in found:
+            before = nodes[k].args[2]
+            found |= {before} if depth[before] else set()
+    return found
+
+
 def _negates(node: Node, of: int) -> bool:
     return node.op == ca.OP_NOT and node.args == (of,)
 
@@ -272,6 +299,7 @@ class Writer:
             plain = {node for _, node in self.results if self.uses[node] == 1}
             self.names = {node: n for node, n in self.names.items() if node not in plain}
         self.signed = self._signed()
+        self.chosen = chains(self.nodes)
         self.can_be = self._can_be(can_be)
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
@@ -359,7 +387,7 @@ class Writer:
             self.helpers = set(called)  # without those of the text thrown away
             made = self._compose(node, self.signed[k])
         self.texts[k] = made
-        if k in self.names or self.uses[k] > 1:
+        if k in self.names or self.uses[k] > 1 or k in self.chosen:
             self._line(k)
 
     def _row(self, node: Node) -> None:

@@ -178,7 +178,12 @@ class Functions:
         self, f: ca.Function, inner: ca.Function, n: int, inputs: Sequence[str],
         outputs: Sequence[str],
     ) -> list[str]:  # fmt: skip
-        """Calls one after the other, each with what the one before gave, in two arrays by turns."""
+        """Calls one after the other, each with what the one before gave, in two arrays by turns.
+
+        A chain of chains is one: CasADi nests a long one by tens.
+        """
+        while (deeper := chained(inner)) is not None:
+            inner, n = deeper[0], n * deeper[1]
         taken = {*self.taken(f), *inputs, *outputs}
         now, to, other = (unused(word, taken) for word in ("before", "to", "between"))
         given = ", ".join([now, *(x for x in inputs[1:] if x), to])
