@@ -82,8 +82,7 @@ HELPERS = {
         "static void matrix_product(const double *x, int rows, int inner, const double *y,\n"
         "                           int columns, double *z)\n{\n"
         "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
-        "            z[j + i * rows] = 0.0;\n"
-        "            for (int k = 0; k < inner; ++k) {\n"
+        "            z[j + i * rows] = 0.0;\n            for (int k = 0; k < inner; ++k) {\n"
         "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
         "            }\n        }\n    }\n}\n"
     ),
@@ -234,9 +233,8 @@ def choice(nodes: Sequence[Node], node: Node) -> Node:
 
 
 def chains(nodes: Sequence[Node]) -> set[int]:
-    """Choices of a long chain, ``c ? u : (d ? v : ...)``: each has a line, and they make a loop."""
-    depth = [0] * len(nodes)
-    found: set[int] = set()  # but for the last of a chain, which is where it is wanted
+    """Choices of a long chain, ``c ? u : (d ? v : ...)``: each but the last has a line: a loop."""
+    depth, found = [0] * len(nodes), set[int]()
     for k, node in enumerate(nodes):
         if node.op == _SELECT:
             depth[k] = 1 + depth[node.args[2]]
