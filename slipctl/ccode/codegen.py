@@ -23,7 +23,7 @@ from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
 from slipctl.ccode.check.logged import recorded as recorded
-from slipctl.ccode.check.reading import reading
+from slipctl.ccode.check.reading import equations, reading
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile import (
     files,
@@ -474,6 +474,7 @@ def _facts(
         "memory_bytes": plan.memory_bytes,
         "work": work | {"in_state": plan.work_in_state},
         "reading": reading(plan, made[f"{plan.name}.c"]),
+        "equations": equations(plan, made[f"{plan.name}.c"]),
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {
             n: {"value": np.asarray(v).tolist(), "unit": b.params[n].unit}

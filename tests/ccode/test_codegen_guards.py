@@ -465,7 +465,7 @@ def test_safe_values_stay_with_their_output() -> None:
         (30, r"safe value of f.T = 30 N m is out of range; it must lie in \[-5, 20\] N m"),
         (np.nan, r"safe value of f.T is NaN"),
         (np.inf, r"safe value of f.T is infinite"),
-        ("zero", r"Output: safe is 'zero', which is no number"),
+        ("zero", r"safe value of f.T takes a number in N m, not 'zero'"),
         ([0, 1], r"Output: safe is \[0, 1\], which is no number"),
     ],
 )

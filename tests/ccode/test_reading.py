@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 
 import pytest
 from controllers import REPRESENTATIVE
 
-from slipctl import Block
-from slipctl.ccode.check.reading import reading
+from slipctl import Block, Input, Output, Param, State, connect, step
+from slipctl.ccode import codegen
+from slipctl.ccode.check.reading import equations, reading
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.source import source
+from slipctl.ccode.write.statements import broken
 
 MOST = {
     "subway_braking": (1640, 0.28),
@@ -67,3 +71,62 @@ def test_every_line_is_told_from_the_others() -> None:
     )
     told = reading(plan, text)
     assert (told["lines"], told["anonymous"], told["registers"]) == (4, 2, 1)
+
+
+def drag(v, c):
+    """Force of the air by (7)."""
+    F_air = c * v**2
+    return F_air + c
+
+
+@step(period=0.01, F=Output("N", "force", lo=-1e6, hi=1e6), s=Output("m", "way", lo=-1e9, hi=1e9))
+def pushed(
+    x=State("m", 0.0, "place", lo=-1e9, hi=1e9),
+    v=Input("m/s", "speed", lo=-100, hi=100),
+    c=Param("kg/m", 2.0, "drag", lo=0, hi=10),
+):
+    """Something pushed; Newton (3)."""
+    way = x + 0.01 * v
+    F = drag(v, c) * way
+    return dict(x=way), dict(F=F, s=way * F)
+
+
+def test_each_equation_has_its_line_in_the_model_and_the_paper_s_number() -> None:
+    """The number of the part's own docstring stands before the part, and not behind each line."""
+    plan = Plan(connect("whole", {"push.v": "v", "F": "push.F"}, push=pushed), "ctl")
+    text = source(plan)
+    own = Path(__file__).read_text(encoding="utf-8").splitlines()
+
+    def line(text: str) -> str:
+        return f"{Path(__file__).name}:{own.index(f'    {text}') + 1}"
+
+    rows = {r["equation"]: r for r in equations(plan, text)}
+    assert "/* push: Something pushed; Newton (3). */" in text
+    assert rows["F_air"]["source"] == f"{line('F_air = c * v**2')}, (7)"
+    assert rows["x next"]["source"] == line("way = x + 0.01 * v")
+    assert rows["F"]["source"] == line("F = drag(v, c) * way")
+    assert rows["x next"]["compared"] == ["push.x"]
+    assert rows["F_air"]["compared"] == ["push.x", "push.F", "push.s"]
+    for name, row in rows.items():
+        there = text.splitlines()[row["line"] - 1]
+        assert re.search(rf"\b\w*{name.removesuffix(' next')}\w* = ", there), (name, there)
+
+
+def test_a_comment_that_has_no_room_behind_its_statement_stands_above() -> None:
+    full = "    x = " + " + ".join(["a_long_name"] * 6)
+    made = broken(f"{full};  /* model.py:12 */\n{full} + {full[8:47]};  /* model.py:13 */")
+    assert all(len(row) <= 98 for row in made.splitlines())
+    assert made.splitlines()[:2] == ["    /* model.py:12 */", f"{full};"]
+    assert made.splitlines()[-1].endswith("a_long_name;  /* model.py:13 */")
+
+
+def test_equations_are_in_the_report(tmp_path: Path) -> None:
+    codegen.export(pushed, tmp_path / "out")
+    told = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))["equations"]
+    text = (tmp_path / "out/report.md").read_text(encoding="utf-8")
+    assert "## Equations" in text
+    for row in told:
+        assert (
+            f"| {row['line']} | `{row['function']}` | `{row['equation']}` | {row['source']} |"
+            in text
+        )

@@ -1,10 +1,11 @@
-"""How the text of a module reads: its length, and how much of it has names that a person gave."""
+"""How the text of a module reads: its length, names that a person gave, where its equations are."""
 
 from __future__ import annotations
 
 import re
 from typing import Any
 
+from slipctl.ccode.write.comments import ORIGIN
 from slipctl.ccode.write.plan import Plan
 
 _ASSIGNED = re.compile(
@@ -13,6 +14,12 @@ _ASSIGNED = re.compile(
 )
 _ANONYMOUS = re.compile(r"[A-Za-z]+\d+")
 _REGISTER = re.compile(r"^\s*w[r]?\d+\s+[-+*/]?=")
+_ALONE = re.compile(r"\s*/\* (?:(?P<name>[^,*]+), )?(?P<source>[^ ,*]+\.py:\d+[^*]*) \*/$")
+_STARTS = re.compile(
+    r"(?:(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)(?:\[[^\]]*\])* ="
+)
+_RESULT = re.compile(r"(?:next|now)->\w+(?=(?:\[\w+\])? = )")
+_FUNCTION = re.compile(r"static \w+ (\w+)\(")
 
 
 def reading(plan: Plan, source: str) -> dict[str, Any]:
@@ -38,3 +45,52 @@ def reading(plan: Plan, source: str) -> dict[str, Any]:
         "registers": sum(bool(_REGISTER.match(line)) for line in source.splitlines()),
         "functions": len(plan.equations.functions),
     }
+
+
+def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
+    """Where each equation is, where it comes from, and in which signals it is compared.
+
+    Args:
+        plan: what it was written from.
+        source: its text.
+
+    Returns:
+        For each: ``line`` of the source, ``function``, ``equation`` (its name in the model, with
+        `` next`` behind for a state of the next tick), ``source`` (file and line of the model, and
+        the paper's numbers), ``compared``: states and outputs that the replay against Python
+        compares in every tick, those of the function for a local.
+    """
+    members = {f"next->{m.c}": m.name for m in plan.layout.states}
+    members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
+    lines, function, begun = source.splitlines(), "", 0
+    found: list[dict[str, Any]] = []
+    given: dict[str, list[str]] = {}
+    for k, line in enumerate(lines):
+        if opened := _FUNCTION.match(line):
+            function = opened[1]
+        given.setdefault(function, []).extend(_RESULT.findall(line))
+        alone, behind = _ALONE.match(line), ORIGIN.match(line)
+        if not (line.lstrip().startswith("/*") or (lines[begun:k] and not _ended(lines[k - 1]))):
+            begun = k
+        told = alone or behind
+        if told is None:
+            continue
+        at = k + 1 if alone else begun
+        begins = _STARTS.match(lines[at].strip())
+        target = begins["target"] if begins else ""
+        found.append({
+            "line": at + 1, "function": function, "source": told["source"],
+            "equation": told["name"] or target, "compared": [],
+        })  # fmt: skip
+    for row in found:
+        here = dict.fromkeys(given.get(row["function"], []))
+        last = row["equation"].removesuffix(" next")
+        kind = "next->" if row["equation"].endswith(" next") else "now->"
+        own = [t for t in here if t.startswith(kind) and members[t].rpartition(".")[2] == last]
+        row["compared"] = list(dict.fromkeys(members[t] for t in own or here))
+    return found
+
+
+def _ended(line: str) -> bool:
+    """Whether a statement begins behind a line."""
+    return line.rstrip().endswith((";", "{", "}", "*/")) or not line.strip()

@@ -39,6 +39,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_analysed(data),
         *_fuzzed(data),
         *_proved(data),
+        *_traced(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
 
@@ -178,6 +179,23 @@ def _proved(data: Mapping[str, Any]) -> list[str]:
     if p["ranges"]["open"] and p["ended"]:
         said.append("Ranges not proven: " + ", ".join(f"`{n}`" for n in p["ranges"]["open"]) + ".")
     return ["## Proven", *said, "What is assumed:\n\n" + _bullets(p["assumptions"])]
+
+
+def _traced(data: Mapping[str, Any]) -> list[str]:
+    """Line, equation, test."""
+    if not data["equations"]:
+        return []
+    rows = [
+        [r["line"], f"`{r['function']}`", f"`{r['equation']}`", r["source"],
+         ", ".join(f"`{n}`" for n in r["compared"])]
+        for r in data["equations"]
+    ]  # fmt: skip
+    return [
+        "## Equations",
+        f"Lines of `{data['name']}.c`, the model's name of what is worked out there, its line in"
+        " the model, and the states and outputs in which `--check` compares it with Python.",
+        table(["line", "function", "equation", "model", "compared in"], rows),
+    ]
 
 
 def _bytes(sizes: Mapping[str, int] | None) -> list[Any]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 import unicodedata
+from collections.abc import Mapping, Sequence
 
 WIDTH = 98
 
@@ -36,6 +38,35 @@ def _reflowed(paragraph: str) -> list[str]:
     if not running:
         return lines
     return [" " * indents.pop() + " ".join(line.strip() for line in lines)]
+
+
+ORIGIN = re.compile(
+    r"(?P<code>.*;)  /\* (?:(?P<name>[^,*]+), )?(?P<source>[^ ,*]+\.py:\d+[^*]*) \*/$"
+)
+"""A statement, and behind it where its equation comes from, with its name if C has another."""
+
+GIVEN = re.compile(
+    r"\s*(?:(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)(?:\[[^\]]*\])* = .*;$"
+)
+
+
+def with_origins(lines: Sequence[str], told: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Statements, and behind the first that gives a value to a C name where that comes from.
+
+    Args:
+        lines: the statements.
+        told: by C name, the name as the model has it and the place.
+    """
+    waiting, made = dict(told), []
+    for line in lines:
+        found = GIVEN.match(line)
+        name, place = waiting.pop(found["target"], ("", "")) if found else ("", "")
+        if found and place:  # an equation is told once, where it is worked out
+            waiting = {c: said for c, said in waiting.items() if said != (name, place)}
+            same = found["target"] == name
+            line += f"  /* {spelled(place if same else f'{name}, {place}')} */"
+        made.append(line)
+    return made
 
 
 _SIGNS = {

@@ -17,12 +17,12 @@ import casadi as ca
 from slipctl.block.block import Block
 from slipctl.block.connection import wiring
 from slipctl.block.signals import Signal
-from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.comments import comment, with_origins
 from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
 from slipctl.ccode.write.functions import Functions
 from slipctl.ccode.write.graph import unused
 from slipctl.ccode.write.layout import Member, c_name
-from slipctl.ccode.write.letters import letters
+from slipctl.ccode.write.letters import Told, letters
 from slipctl.ccode.write.rolling import rolled
 from slipctl.ccode.write.shapes import shaped
 
@@ -202,25 +202,24 @@ class Parts:
     ) -> list[str]:
         """Statements of a block's own equations."""
         groups = [block.symbols(role) for role in ("state", "input", "param")]
-        with letters(groups) as told:
+        with letters(groups, block.doc) as told:
             n, y = block.expr(*groups)
         chosen: list[tuple[Place, Signal, Any]] = []
         if last:
             chosen += [(wires.following[k], s, n[k]) for k, s in block.states.items()]
         chosen += [(wires.outputs[k], block.outputs[k], y[k]) for k in outputs]
         results = [shaped(block, s, v) for _, s, v in chosen]
-        names, hidden = told(results)
-        self.functions.letters |= set(names.values())
+        page = told(results)
+        self.functions.letters |= set(page.names.values())
         arguments = [v for g in groups for v in g.values()]
         places = [
             *(wires.states[k] for k in block.states), *(wires.inputs[k] for k in block.inputs),
             *(wires.params[k] for k in block.params),
         ]  # fmt: skip
-        f = ca.Function("part", arguments, [*results, *hidden], {"cse": True})
+        f = ca.Function("part", arguments, [*results, *page.hidden], {"cse": True})
         targets = [place for place, _, _ in chosen]
-        if block.sx:
-            return self._scalar(f, places, targets, names)
-        return self._arrays(f, places, targets, names)
+        write = self._scalar if block.sx else self._arrays
+        return write(f, places, targets, page)
 
     def _read(self, places: Sequence[Place | None], i: int, k: int) -> str:
         place = places[i]
@@ -228,7 +227,7 @@ class Parts:
 
     def _scalar(
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
-        names: Mapping[int, str],
+        page: Told,
     ) -> list[str]:  # fmt: skip
         shown = len(targets)
         taken = self.functions.taken(f)
@@ -239,7 +238,7 @@ class Parts:
                 own += "_next" if targets[i][1] == "next->" else ""
                 local[i, k] = unused(own, taken)
                 taken.add(local[i, k])
-        for i, letter in names.items():
+        for i, letter in page.names.items():
             for k in range(f.numel_out(i)):
                 own = unused(letter if f.numel_out(i) == 1 else f"{letter}_{k}", taken)
                 local[i, k] = own
@@ -259,7 +258,8 @@ class Parts:
                 text if "->" in text and text.replace("->", "").isidentifier()
                 else f"{id(f)} {node}"
             )  # fmt: skip
-        return rolled(lines, set(local.values()))
+        lines = rolled(lines, set(local.values()))
+        return with_origins(lines, _equations_of(local, targets, page))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:
         place = places[i]
@@ -267,7 +267,7 @@ class Parts:
 
     def _arrays(
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
-        names: Mapping[int, str],
+        page: Told,
     ) -> list[str]:  # fmt: skip
         sources = []
         for i, place in enumerate(places):
@@ -281,7 +281,7 @@ class Parts:
         for i, (m, pointer) in enumerate(targets):
             free[i] = unused(_letter(m.name) + ("_next" if pointer == "next->" else ""), taken)
             taken.add(free[i])
-        for i, letter in names.items():
+        for i, letter in page.names.items():
             free[i] = unused(letter, taken)
             taken.add(free[i])
         lines = self.functions.statements(
@@ -291,7 +291,27 @@ class Parts:
         for m, pointer in targets:
             for k in range(m.size):
                 self.results[m.c, pointer, k] = m.at(pointer, k)
-        return lines
+        return with_origins(
+            lines, _equations_of({(i, 0): name for i, name in free.items()}, targets, page)
+        )
+
+
+def _equations_of(
+    local: Mapping[tuple[int, int], str], targets: Sequence[Place], page: Told
+) -> dict[str, tuple[str, str]]:
+    """Name and place of each equation, by the C name that it gives a value to."""
+    found: dict[str, tuple[str, str]] = {}
+    for i, (m, pointer) in enumerate(targets):
+        name = m.name.rpartition(".")[2]
+        origin = page.of_result(name)
+        told = f"{name}{' next' if pointer == 'next->' else ''}", origin
+        if origin:
+            found[f"{pointer}{m.c}"] = told
+            found |= {local[i, k]: told for k in range(m.size) if (i, k) in local}
+    for (i, _), c in local.items():
+        if i in page.names and page.origins[i]:
+            found.setdefault(c, (page.names[i], page.origins[i]))
+    return found
 
 
 def _letter(name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from slipctl.ccode.write.comments import WIDTH
+from slipctl.ccode.write.comments import ORIGIN, WIDTH
 
 
 def define(signature: str, lines: Iterable[str]) -> str:
@@ -49,20 +49,31 @@ def wrapped(result: str, function: str, *arguments: str) -> str:
 def broken(text: str) -> str:
     """C text of which no statement is longer than a line: it goes on below, further in."""
     lines: list[str] = []
-    for line in text.split("\n"):
+    for whole in text.split("\n"):
+        line, behind = whole, ""
+        if found := ORIGIN.match(whole):
+            line, behind = found["code"], whole[found.end("code") :]
         plain = line.lstrip()
         if len(line) <= WIDTH or plain.startswith(("#", "*", "/*", '"')) or "/*" in line:
-            lines.append(line)
+            lines += _with([line], behind)
             continue
+        statement: list[str] = []
         indent = " " * (len(line) - len(plain) + 4)
         while len(line) > WIDTH:
             at = max(line.rfind(mark, len(indent) + 8, WIDTH) for mark in _BREAKS)
             if at < 0:
                 break
-            lines.append(line[:at].rstrip())
+            statement.append(line[:at].rstrip())
             line = indent + line[at:].lstrip()
-        lines.append(line)
+        lines += _with([*statement, line], behind)
     return "\n".join(lines)
+
+
+def _with(lines: list[str], behind: str) -> list[str]:
+    """A statement of some lines and the comment behind it, which goes above if there is no room."""
+    if len(lines[-1]) + len(behind) <= WIDTH:
+        return [*lines[:-1], lines[-1] + behind]
+    return [" " * (len(lines[0]) - len(lines[0].lstrip())) + behind.strip(), *lines]
 
 
 _BREAKS = (" + ", " - ", " ? ", " : ", " && ", " || ", " * ", " / ")
