@@ -12,9 +12,10 @@ from controllers import REPRESENTATIVE
 from slipctl import Block, Input, Output, Param, State, connect, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check.reading import equations, reading
+from slipctl.ccode.write.naming import named
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.source import source
-from slipctl.ccode.write.statements import broken
+from slipctl.ccode.write.statements import broken, copied
 
 MOST = {
     "subway_braking": (1640, 0.28),
@@ -101,7 +102,8 @@ def test_each_equation_has_its_line_in_the_model_and_the_paper_s_number() -> Non
         return f"{Path(__file__).name}:{own.index(f'    {text}') + 1}"
 
     rows = {r["equation"]: r for r in equations(plan, text)}
-    assert "/* push: Something pushed; Newton (3). */" in text
+    head = f"/* push: Something pushed; Newton (3). The lines are those of {Path(__file__).name}. */"
+    assert head in text
     assert rows["F_air"]["source"] == f"{line('F_air = c * v**2')}, (7)"
     assert rows["x next"]["source"] == line("way = x + 0.01 * v")
     assert rows["F"]["source"] == line("F = drag(v, c) * way")
@@ -130,3 +132,34 @@ def test_equations_are_in_the_report(tmp_path: Path) -> None:
             f"| {row['line']} | `{row['function']}` | `{row['equation']}` | {row['source']} |"
             in text
         )
+
+
+def test_what_has_no_name_gets_one_from_what_it_is_made_of() -> None:
+    """Of the model's names alone, in one or two operations, and none that is taken."""
+    lines = [
+        "const double a1 = exp(theta);",
+        "const bool a2 = param->law_k < in->e;",
+        "const double a3 = a1 * 3.5;",
+        "const double a4 = a1 + v;",
+        "const double a5 = above(v, w);",
+        "const double a6 = u - v;",
+        "double a7 = u + v;",
+        "x = a1 + (a2 ? a3 : a4) + a5 * a6;",
+    ]
+    assert named(lines, "law", {"u_minus_v"}) == [
+        "const double exp_theta = exp(theta);",
+        "const bool k_below_e = param->law_k < in->e;",
+        "const double a3 = exp_theta * 3.5;",
+        "const double a4 = exp_theta + v;",
+        *lines[4:7],
+        "x = exp_theta + (k_below_e ? a3 : a4) + a5 * a6;",
+    ]
+
+
+def test_a_window_that_moves_on_is_one_copy() -> None:
+    moved = [f"next->w[{k}] = state->w[{k + 1}];" for k in range(4)]
+    assert copied([*moved, "next->w[4] = in->u;"]) == [
+        "copy(next->w, &state->w[1], 4);", "next->w[4] = in->u;",
+    ]  # fmt: skip
+    assert copied(moved[:2]) == moved[:2]
+    assert copied([*moved[:2], moved[3], moved[2]]) == [*moved[:2], moved[3], moved[2]]

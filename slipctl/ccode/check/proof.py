@@ -110,7 +110,8 @@ def proved(
         ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
         ``alarms``: line, function, kind and condition of each; ``ranges``: how many ends of ranges
         are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number of
-        alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end;
+        alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end or
+        was not tried;
         ``passed``: no alarm, and every range proven.
 
     Raises:
@@ -165,7 +166,7 @@ def summary(data: Mapping[str, Any]) -> str:
         return f"Frama-C: no end in {data['limit_seconds']} s, nothing is proven"
     ranges, alarms = data["ranges"], len(data["alarms"])
     finite = data["non_finite"]
-    strict = "no end" if finite is None else f"{finite} alarms"
+    strict = "no result" if finite is None else f"{finite} alarms"
     return (
         f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven"
         f" (NaN and infinity as alarms: {strict}):"

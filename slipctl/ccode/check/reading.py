@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from slipctl.ccode.write.comments import ORIGIN
+from slipctl.ccode.write.comments import FILE, ORIGIN
 from slipctl.ccode.write.plan import Plan
 
 _ASSIGNED = re.compile(
@@ -14,11 +14,15 @@ _ASSIGNED = re.compile(
 )
 _ANONYMOUS = re.compile(r"[A-Za-z]+\d+")
 _REGISTER = re.compile(r"^\s*w[r]?\d+\s+[-+*/]?=")
-_ALONE = re.compile(r"\s*/\* (?:(?P<name>[^,*]+), )?(?P<source>[^ ,*]+\.py:\d+[^*]*) \*/$")
-_STARTS = re.compile(
-    r"(?:(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)(?:\[[^\]]*\])* ="
+_ALONE = re.compile(
+    r"\s*/\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
 )
-_RESULT = re.compile(r"(?:next|now)->\w+(?=(?:\[\w+\])? = )")
+_STARTS = re.compile(
+    r"(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
+    r"(?:\[[^\]]*\])*(?: =|,)"
+)
+_RESULT = re.compile(r"(?:next|now)->\w+(?=(?:\[\w+\])? = )|(?<=copy\()(?:next|now)->\w+")
+_FILE = re.compile(r"\s+(?:\* )?".join(FILE.split()) + r"\s+(?:\* )?([^ ,*]+\.py)\.")
 _FUNCTION = re.compile(r"static \w+ (\w+)\(")
 
 
@@ -62,10 +66,12 @@ def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
     """
     members = {f"next->{m.c}": m.name for m in plan.layout.states}
     members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
-    lines, function, begun = source.splitlines(), "", 0
+    lines, function, file, begun = source.splitlines(), "", "", 0
+    files = {source.count("\n", 0, m.end()): m[1] for m in _FILE.finditer(source)}
     found: list[dict[str, Any]] = []
     given: dict[str, list[str]] = {}
     for k, line in enumerate(lines):
+        file = files.get(k, file)
         if opened := _FUNCTION.match(line):
             function = opened[1]
         given.setdefault(function, []).extend(_RESULT.findall(line))
@@ -79,7 +85,8 @@ def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
         begins = _STARTS.match(lines[at].strip())
         target = begins["target"] if begins else ""
         found.append({
-            "line": at + 1, "function": function, "source": told["source"],
+            "line": at + 1, "function": function,
+            "source": told["source"].replace("line ", f"{file}:", 1),
             "equation": told["name"] or target, "compared": [],
         })  # fmt: skip
     for row in found:

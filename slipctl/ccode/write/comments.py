@@ -41,12 +41,13 @@ def _reflowed(paragraph: str) -> list[str]:
 
 
 ORIGIN = re.compile(
-    r"(?P<code>.*;)  /\* (?:(?P<name>[^,*]+), )?(?P<source>[^ ,*]+\.py:\d+[^*]*) \*/$"
+    r"(?P<code>.*;)  /\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
 )
 """A statement, and behind it where its equation comes from, with its name if C has another."""
 
 GIVEN = re.compile(
-    r"\s*(?:(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)(?:\[[^\]]*\])* = .*;$"
+    r"\s*(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
+    r"(?:\[[^\]]*\])*(?: = |, ).*;$"
 )
 
 
@@ -68,6 +69,22 @@ def with_origins(lines: Sequence[str], told: Mapping[str, tuple[str, str]]) -> l
         made.append(line)
     return made
 
+
+FILE = "The lines are those of "
+"""What the comment before a function says of the file that the lines behind statements are of."""
+
+
+def of_one_file(lines: Sequence[str]) -> tuple[list[str], str]:
+    """Tell the file that most statements come from once: they have ``line 12``; and the file."""
+    files = [m[1] for line in lines if (m := _TOLD.search(line))]
+    if not files:
+        return list(lines), ""
+    file = max(dict.fromkeys(files), key=files.count)
+    place = re.compile(rf"(/\* (?:[^,*]+, )?){re.escape(file)}:(?=\d)")
+    return [place.sub(r"\1line ", line) for line in lines], file
+
+
+_TOLD = re.compile(r"  /\* (?:[^,*]+, )?([^ ,*]+\.py):\d+[^*]* \*/$")
 
 _SIGNS = {
     "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-",

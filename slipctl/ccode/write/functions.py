@@ -22,6 +22,7 @@ from slipctl.ccode.write.graph import (
 )
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
 from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, sums
+from slipctl.ccode.write.naming import named
 from slipctl.ccode.write.rolling import rolled
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
@@ -79,7 +80,7 @@ class Functions:
             raise Unsupported(f"{f.name()}: {kind}")
         inputs, outputs = _names(f, self.taken(f))
         self.letters |= {*inputs, *outputs}
-        lines = self._body(f, kind, inputs, outputs)
+        lines = named(self._body(f, kind, inputs, outputs), "", self.taken(f))
         returns = returned(f)
         declared = [
             f"double {n}" if f.nnz_in(i) == 1 else f"const double {n}[{f.nnz_in(i)}]"

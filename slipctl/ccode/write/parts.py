@@ -17,14 +17,16 @@ import casadi as ca
 from slipctl.block.block import Block
 from slipctl.block.connection import wiring
 from slipctl.block.signals import Signal
-from slipctl.ccode.write.comments import comment, with_origins
+from slipctl.ccode.write.comments import FILE, comment, of_one_file, with_origins
 from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
 from slipctl.ccode.write.functions import Functions
 from slipctl.ccode.write.graph import unused
 from slipctl.ccode.write.layout import Member, c_name
 from slipctl.ccode.write.letters import Told, letters
+from slipctl.ccode.write.naming import named
 from slipctl.ccode.write.rolling import rolled
 from slipctl.ccode.write.shapes import shaped
+from slipctl.ccode.write.statements import copied
 
 Place = tuple[Member, str]
 """A struct member and the pointer to it."""
@@ -136,8 +138,11 @@ class Parts:
             name += "_part"
         name = self.functions.take(name)
         lines = self._lines(block, path, wires, outputs, last)
+        lines = named(lines, c_name(path), self.functions.reserved)
+        lines, file = of_one_file(lines)
         text = "\n".join(lines)
         what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
+        what += f" {FILE}{file}." if file else ""
         pointers = ("in", "param", "state", "next", "now")
         used = [p for p in pointers if re.search(rf"\b{p}\b", text)]
         signature = self.signature("static void", name, used)
@@ -258,7 +263,7 @@ class Parts:
                 text if "->" in text and text.replace("->", "").isidentifier()
                 else f"{id(f)} {node}"
             )  # fmt: skip
-        lines = rolled(lines, set(local.values()))
+        lines = rolled(copied(lines), set(local.values()))
         return with_origins(lines, _equations_of(local, targets, page))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:

@@ -363,11 +363,15 @@ class Plan:
     def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[str]:
         """Statements that compute derived parameters or start values from expressions."""
         at = dict(self.start.results)
-        texts = [
-            f"{m.at(pointer, k)} = {self.start.result(at[i, k])};"
-            for i, m in enumerate(members, start=first) if m.signal.derived
-            for k in range(m.size)
-        ]  # fmt: skip
+        texts: list[str] = []
+        for i, m in enumerate(members, start=first):
+            if not m.signal.derived:
+                continue
+            values = [self.start.result(at[i, k]) for k in range(m.size)]
+            if m.size > 2 and len(set(values)) == 1:
+                texts.append(f"fill({pointer}{m.c}, {m.size}, {values[0]});")
+            else:
+                texts += [f"{m.at(pointer, k)} = {v};" for k, v in enumerate(values)]
         needed = set(re.findall(r"\ba\d+\b", " ".join(texts)))
         lines: list[str] = []
         for line in reversed(self.start.lines):

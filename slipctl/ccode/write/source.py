@@ -204,9 +204,8 @@ def _start(plan: Plan) -> str:
         for m in members:
             if m.signal.derived:
                 body += plan.start_lines((m,), firsts[m.c], "state->")
-        if path:
-            lines.append(comment(path))
-        lines.append(if_([f"(part == 0) || (part == {k})"], *_distinct(body)))
+        made = if_([f"(part == 0) || (part == {k})"], *_distinct(body))
+        lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
     text = "\n".join(lines)
     void = ["(void)param;"] * identifier_free(text, "param")
     what = comment("Put a part of the state to its start, by the order of the parts; 0 is all.")
@@ -250,7 +249,15 @@ def _start_outputs(plan: Plan) -> str:
     """Function that gives the outputs before the first good step."""
     if not plan.layout.outputs:
         return ""
-    lines = [line for m in plan.layout.outputs for line in _constant(m, "out->", plan.before(m))]
+    flat = {m.c: constant(m.signal, plan.before(m)).ravel(order="F") for m in plan.layout.outputs}
+    others = [m for m in plan.layout.outputs if flat[m.c].any()]
+    first = plan.layout.outputs[0]
+    rows = [f".{m.c} = {number(float(flat[m.c][0]))}" for m in others if m.scalar]
+    rows = rows or [f".{first.c} = {'0.0' if first.scalar else '{0.0}'}"]
+    lines = [f"const {plan.name}_out safe = {{ /* the others are 0 */"]
+    lines += [*(f"    {row}," for row in rows), "};", "*out = safe;"]
+    for m in others:
+        lines += [] if m.scalar else _constant(m, "out->", plan.before(m))
     what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
     return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
 

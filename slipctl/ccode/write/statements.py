@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 
 from slipctl.ccode.write.comments import ORIGIN, WIDTH
 
@@ -67,6 +68,40 @@ def broken(text: str) -> str:
             line = indent + line[at:].lstrip()
         lines += _with([*statement, line], behind)
     return "\n".join(lines)
+
+
+_MOVED = re.compile(r"(?P<to>\w+->\w+)\[(?P<at>\d+)\] = (?P<source>\w+->\w+)\[(?P<begin>\d+)\];")
+
+
+def copied(lines: Sequence[str], least: int = 3) -> list[str]:
+    """Statements in which elements that move side by side are one call of ``copy``."""
+    made: list[str] = []
+    k = 0
+    while k < len(lines):
+        first, n = _MOVED.fullmatch(lines[k]), 1
+        while first and k + n < len(lines) and _follows(first, _MOVED.fullmatch(lines[k + n]), n):
+            n += 1
+        if first and n >= least and first["to"] != first["source"]:
+            ends = (_place(first["to"], first["at"]), _place(first["source"], first["begin"]))
+            made.append(f"copy({', '.join(ends)}, {n});")
+        else:
+            made += lines[k : k + n]
+        k += n
+    return made
+
+
+def _follows(first: re.Match[str], other: re.Match[str] | None, n: int) -> bool:
+    """Whether an element moves as the first did, n places further on."""
+    return (
+        other is not None
+        and (other["to"], other["source"]) == (first["to"], first["source"])
+        and int(other["at"]) == int(first["at"]) + n
+        and int(other["begin"]) == int(first["begin"]) + n
+    )
+
+
+def _place(base: str, at: str) -> str:
+    return f"&{base}[{at}]" if int(at) else base
 
 
 def _with(lines: list[str], behind: str) -> list[str]:
