@@ -531,8 +531,8 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
         source = (tmp_path / "ctl.c").read_text()
         honest = codegen.texts
 
-        def wrong(plan: Any) -> dict[str, str]:
-            made = honest(plan)
+        def wrong(plan: Any, *more: Any) -> dict[str, str]:
+            made = honest(plan, *more)
             return made | {
                 "ctl.c": made["ctl.c"].replace("param->law_k1 *", "1.0001f * param->law_k1 *")
             }
