@@ -90,12 +90,13 @@ class ActiveSet:
         """Number of statuses of all stages, the last one's soft rows included."""
         return self.h.stages * (self.h.nu + self.h.nc) + self.h.nc
 
-    def shifted(self, S: Any) -> Any:
-        """Statuses of the plan one stage later, with the ties where they belong."""
+    def shifted(self, S: Any, places: list[int] | None = None) -> Any:
+        """Statuses of the plan one stage later, or of other stages; ties stay where they belong."""
         m, N = self.h.nu + self.h.nc, self.h.stages
+        places = [*range(1, N), N - 1] if places is None else places
         stages: Any = ca.reshape(S[: m * N], m, N)
         last = ca.reshape(S[m * N :], self.h.nc, 1)
-        return self._tie(ca.horzcat(stages[:, 1:], stages[:, -1]), last)
+        return self._tie(stages[:, places], last)
 
     def first(self) -> Any:
         """Statuses without any guess."""

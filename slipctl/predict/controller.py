@@ -13,6 +13,7 @@ from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, St
 from slipctl.predict import telling
 from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.asked import Limit
+from slipctl.predict.growing import STRETCH, later
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
 from slipctl.predict.offset import SHARE
@@ -57,6 +58,7 @@ class Controller:
             self.whole = nonlinear(where, problem, solver, tied, bool(rate))
         self.scale = ca.DM(problem.scale)
         self.unknown = problem.unknown.names if problem.unknown else ()
+        self.fixed = {STRETCH: [*problem.lengths, 1.0]} if problem.lengths else {}
 
     # ---- signals --------------------------------------------------------------------------------
 
@@ -69,7 +71,8 @@ class Controller:
 
     def given(self) -> list[Signal]:
         """Held inputs, and bounds that are inputs."""
-        held = [self.h.model.inputs[n] for n in self.h.held if n not in self.unknown]
+        known = (*self.unknown, *self.fixed)
+        held = [self.h.model.inputs[n] for n in self.h.held if n not in known]
         limits = {
             b: self.h.model.inputs[self.short[c]]
             for c, pair in self.limits.items() for b in pair if isinstance(b, str)
@@ -245,6 +248,9 @@ class Controller:
                 p[f"{short}_rate"] * self.h.model.period if c in self.rate else ca.MX(1e30)
             )
         wide = max(v.shape[1] for v in (*lows, *highs))
+        if self.rate and self.h.lengths:  # from the middle of a stage to that of the next one
+            s = ca.DM([1.0, *self.h.lengths])
+            rates, wide = [r @ ((s[:-1] + s[1:]) / 2).T for r in rates], self.h.stages
         columns = [
             ca.vertcat(*[m if m.shape[1] == wide else ca.repmat(m, 1, wide) for m in v])
             / ca.repmat(self.scale, 1, wide)
@@ -261,11 +267,13 @@ class Controller:
     def held(self, u: Exprs) -> tuple[Any, Any]:
         """Held inputs of the stages, one per column, and of the last one; u: all by name."""
         N = self.h.stages
-        if not any(n in self.ahead for n in self.h.held):
+        if not self.fixed and not any(n in self.ahead for n in self.h.held):
             d = ca.vertcat(*[u[n] for n in self.h.held]) if self.h.held else ca.MX(0, 1)
             return ca.repmat(d, 1, N), d
-        rows = [u[n].T if n in self.ahead else ca.repmat(u[n], 1, N + 1) for n in self.h.held]
-        d = ca.vertcat(*rows)
+        rows = {n: u[n].T if n in self.ahead else ca.repmat(u[n], 1, N + 1)
+                for n in self.h.held if n not in self.fixed}  # fmt: skip
+        rows |= {n: ca.MX(ca.DM(v)).T for n, v in self.fixed.items()}
+        d = ca.vertcat(*[rows[n] for n in self.h.held])
         return d[:, :N], d[:, N]
 
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -340,9 +348,7 @@ class Controller:
         """What can be done before the measurement: (X, V, S) shifted, (D, E) linearised."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         shared = self.once(q)
-        following = self.step(X[-nx:], V[-nu:], d[:, -1], shared)
-        later = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
-        shifted = [ca.vertcat(X[nx:], following), later, self.qp.shifted(S)]
+        shifted = self._shifted(X, V, S, d, d_last, shared)
         if shift is not None:
             shifted = [ca.if_else(shift, a, b) for a, b in zip(shifted, (X, V, S), strict=True)]
         first = [ca.vec(ca.repmat(x0, 1, N + 1)), ca.vec(ca.repmat(start, 1, N)), self.qp.first()]
@@ -351,6 +357,19 @@ class Controller:
             return X, V, S, ca.MX(0, 1), ca.MX(0, 1)
         D, E = self.linearise(X, V, (d, d_last), (q, shared))
         return X, V, S, ca.vec(D), E
+
+    def _shifted(self, X: Any, V: Any, S: Any, d: Any, d_last: Any, shared: Any) -> list[Any]:
+        """The plan a first stage later."""
+        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        if not self.h.lengths:
+            following = self.step(X[-nx:], V[-nu:], d[:, -1], shared)
+            after = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
+            return [ca.vertcat(X[nx:], following), after, self.qp.shifted(S)]
+        places, stages = later(self.h.lengths)
+        following = self.step(X[-nx:], V[-nu:], d_last, shared)
+        states = ca.horzcat(ca.reshape(X, nx, N + 1), following) @ places
+        controls: Any = ca.reshape(V, nu, N)
+        return [ca.vec(states), ca.vec(controls[:, stages]), self.qp.shifted(S, stages)]
 
     def _feedback(
         self, X: Any, V: Any, S: Any, D: Any, E: Any, applied: Any, begun: Any, start: Any, x0: Any,
@@ -393,12 +412,12 @@ class Controller:
         each = ca.repmat(bounds, 1, N) if constant else bounds
         if not self.rate:
             return each, ca.MX(0)
-        rate = bounds[2 * nu :, 0]
+        rates = each[2 * nu :, :]
         lows, highs, outside, changes = [], [], [], 0
         low = high = before
         for k in range(N):
             changes += not self.tied[k]
-            lo, hi = each[:nu, k], each[nu : 2 * nu, k]
+            lo, hi, rate = each[:nu, k], each[nu : 2 * nu, k], rates[:, k]
             if constant:
                 low, high = before - changes * rate, before + changes * rate
             else:
@@ -410,9 +429,10 @@ class Controller:
                 low, high = ca.fmax(low, lows[k]), ca.fmin(high, highs[k])
         if not constant:  # what lies beyond where the rate leads back in time is none
             for k in reversed(range(N - 1)):
-                lows[k] = ca.fmax(lows[k], lows[k + 1] - rate)
-                highs[k] = ca.fmin(highs[k], highs[k + 1] + rate)
-        columns = [ca.vertcat(a, b, rate) for a, b in zip(lows, highs, strict=True)]
+                lows[k] = ca.fmax(lows[k], lows[k + 1] - rates[:, k + 1])
+                highs[k] = ca.fmin(highs[k], highs[k + 1] + rates[:, k + 1])
+        ends = zip(lows, highs, strict=True)
+        columns = [ca.vertcat(a, b, rates[:, k]) for k, (a, b) in enumerate(ends)]
         return ca.horzcat(*columns), ca.mmax(ca.vertcat(*outside)) > SMALL
 
     def _start(self, name: str) -> float:

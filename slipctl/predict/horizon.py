@@ -25,6 +25,7 @@ import casadi as ca
 from slipctl.block.block import Block
 from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
+from slipctl.predict.growing import STRETCH
 from slipctl.predict.joining import check_lag, joined
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ class Horizon:
         over: method and substeps of a stage.
         damped: whether the last constant is a curvature added for each step of a scaled control.
         unknown: held inputs that the controller estimates, if any.
+        lengths: of the stages over the first one; none where they are all alike.
     """
 
     flow: Block
@@ -98,12 +100,14 @@ class Horizon:
     over: tuple[str, int] = ("", 1)
     damped: bool = False
     unknown: Unknown | None = None
+    lengths: tuple[float, ...] = ()
 
     @classmethod
     def of(
         cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
         soft: Mapping[str, Soft], stages: int, h: float, method: str, substeps: int,
         scale: Mapping[str, float], laws: Mapping[str, Block] | None = None,
+        lengths: tuple[float, ...] = (),
     ) -> Horizon:  # fmt: skip
         """Connect plant, cost and further laws by the names of their signals, and discretise.
 
@@ -114,14 +118,14 @@ class Horizon:
         model, alias = joined(where, plant, {"cost": cost, **laws})
         expressions(where, plant)
         controls = tuple(alias[plant.find(c, "input")] for c in control)
-        check_lag(where, plant, model, controls, stages * h)
+        check_lag(where, plant, model, controls, (sum(lengths) or stages) * h)
         flow, model = model, sampled(model, h, method, substeps)
         residuals = tuple(f"cost.{n}" for n in cost.outputs)
         horizon = cls(
             flow, model, controls, tuple(n for n in model.inputs if n not in controls), residuals,
             (), tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
             tuple(f"last.{n}" for n in laws["last"].outputs) if "last" in laws else (),
-            over=(method, substeps),
+            over=(method, substeps), lengths=lengths,
         )  # fmt: skip
         horizon._refuse_controls_at_the_end(where)
         return horizon._with_last(where, cost, terminal)
@@ -245,6 +249,11 @@ class Horizon:
         weights = q[self.np_ : self.np_ + len(self.weighed)]
         return ca.vertcat(*[weights[self.weighed.index(n)] * y[n] for n in names])
 
+    def _stage_rows(self, y: Mapping[str, Any], d: Any, q: Any) -> Any:
+        """Weighted residuals of a stage, whose squares count by its length."""
+        r = self._rows(y, self.residuals, q)
+        return r * ca.sqrt(d[self.held.index(STRETCH)]) if self.lengths else r
+
     def _last_rows(self, y: Mapping[str, Any], x: Any, d: Any, q: Any) -> Any:
         """Weighted residuals of the last stage."""
         r = self._rows(y, self.last, q) if self.last else ca.SX(0, 1)
@@ -280,7 +289,7 @@ class Horizon:
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         excess = ca.sumsqr(ca.fmax(0, self._soft_rows(_on_the_way(y), q)))
-        stage = (ca.sumsqr(self._rows(y, self.residuals, q)) + excess) / 2
+        stage = (ca.sumsqr(self._stage_rows(y, d, q)) + excess) / 2
         end, layout = self.end()
         _, _, c, _, _ = layout.unpack(end(x, d, q))
         last = (ca.sumsqr(self._last_rows(y, x, d, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
@@ -309,7 +318,7 @@ class Horizon:
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         z = ca.vertcat(x, u)
-        r, c = self._rows(y, self.residuals, q), self._soft_rows(_on_the_way(y), q)
+        r, c = self._stage_rows(y, d, q), self._soft_rows(_on_the_way(y), q)
         J, C = ca.jacobian(r, z), ca.jacobian(c, z)
         H = ca.triu(J.T @ J)
         if self.damped:

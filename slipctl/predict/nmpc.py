@@ -20,6 +20,7 @@ from slipctl.predict.asked import (
     weights_of,
 )  # fmt: skip
 from slipctl.predict.controller import Controller
+from slipctl.predict.growing import STRETCH, lengths, stretched
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.limits import limits_of
 from slipctl.predict.offset import pushed, with_unknown
@@ -45,6 +46,7 @@ def nmpc(
     path: Block | None = None,
     final: Block | None = None,
     moves: Sequence[int] | None = None,
+    grow: float = 1.0,
     iterations: int = 1,
     damping: float = 0.0,
     passes: int = 20,
@@ -100,6 +102,8 @@ def nmpc(
             its inputs are read as those of the cost. They are hard, but for those that ``soft``
             names. final: the same at the end of the horizon alone.
         moves: number of stages over which each free control is held; their sum is the horizon.
+        grow: length of each stage over the one before; the first is h. The cost of a stage counts
+            by its length, a rate from the middle of one to that of the next.
         iterations: real-time iterations per tick.
         damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
@@ -155,8 +159,11 @@ def nmpc(
     driven = plant
     if offset_free != ():
         plant, unknown = pushed(where, plant, offset_free, list(full.values()))
+    long = lengths(where, grow, int(horizon))
+    if long:
+        plant = stretched(plant)
     problem = Horizon.of(
-        plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws
+        plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws, long
     )
     if split and solver != "riccati":
         raise BadInput(f"{where}: {solver} solves a tick as a whole; leave split= out")
@@ -177,7 +184,8 @@ def nmpc(
         raise BadInput(
             f"{where}: at= is the point of terminal='lqr', a matrix or offset_free=; leave it out"
         )
-    held = [n for n in problem.held if not problem.unknown or n not in problem.unknown.names]
+    own_ones = (STRETCH, *(problem.unknown.names if problem.unknown else ()))
+    held = [n for n in problem.held if n not in own_ones]
     ahead = previewed(where, preview, [*held, *(b for p in limits.values() for b in p)])
     if moves is not None and any(b in ahead for p in limits.values() for b in p):
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 from slipctl.predict.asked import Limit
+from slipctl.predict.growing import STRETCH
 from slipctl.predict.horizon import Horizon, Soft
 
 Row = tuple[str, str]
@@ -31,7 +32,8 @@ def controller(
     states = [n.removeprefix("plant.") for n in problem.model.states]
     u = [problem.controls[k] for k in range(problem.nu)]
     limits = list(zip(problem.soft, problem.limits, strict=True))
-    rows = [("minimise", f"1/2 sum for k = 0 .. {N - 1} of [{_squares(problem.residuals)}]")]
+    by = "s[k] " if problem.lengths else ""
+    rows = [("minimise", f"1/2 sum for k = 0 .. {N - 1} of {by}[{_squares(problem.residuals)}]")]
     last = [f"1/2 [{_squares(problem.last)}]"] if problem.last else []
     if problem.tail is not None:
         last.append("1/2 (x - x_s)' P (x - x_s), x_s the best steady state,")
@@ -48,10 +50,13 @@ def controller(
         name = named[c]
         ends = [b if isinstance(b, str) else f"{name}_{e}" for b, e in ((lo, "lo"), (hi, "hi"))]
         rows.append(("", f"{ends[0]} <= {name}[k] <= {ends[1]}"))
-    rows += [("", f"|{named[c]}[k] - {named[c]}[k-1]| <= {named[c]}_rate {h:g} s") for c in rates]
+    change = " (s[k-1] + s[k])/2" if problem.lengths else ""
+    rows += [
+        ("", f"|{named[c]}[k] - {named[c]}[k-1]| <= {named[c]}_rate {h:g} s{change}") for c in rates
+    ]
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
     unknown = problem.unknown.names if problem.unknown else ()
-    held = [n for n in problem.held if n not in (*ahead, *unknown)]
+    held = [n for n in problem.held if n not in (STRETCH, *ahead, *unknown)]
     if held:
         rows.append(("held", ", ".join(held)))
     if ahead:
@@ -69,7 +74,10 @@ def controller(
     ]  # fmt: skip
     sizes = [f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n]
     sizes[2] += " decided"
-    rows.append(("sizes", f"{N} stages of {h:g} s: {', '.join(sizes)}"))
+    stages = f"{N} stages of {h:g} s"
+    if problem.lengths:
+        stages = f"{N} stages of {h:g} to {h * problem.lengths[-1]:.3g} s, s[k] of the first each"
+    rows.append(("sizes", f"{stages}: {', '.join(sizes)}"))
     rows.append(("solver", how))
     return rows
 
