@@ -346,7 +346,7 @@ class Controller:
         shift: Any = None,
     ) -> tuple[Any, ...]:  # fmt: skip
         """What can be done before the measurement: (X, V, S) shifted, (D, E) linearised."""
-        nx, nu, N = self.h.nx, self.h.nu, self.h.stages
+        N = self.h.stages
         shared = self.once(q)
         shifted = self._shifted(X, V, S, d, d_last, shared)
         if shift is not None:

@@ -1,4 +1,4 @@
-"""Stages of growing length: against one least-squares problem by hand, and how a plan is shifted."""
+"""Stages of growing length: against a least-squares problem by hand; how a plan is shifted."""
 
 import numpy as np
 import pytest
@@ -27,9 +27,8 @@ def speed(v=Input("m/s", "speed"), w=Input("m/s", "wanted"), F=Input("N", "force
 
 def make(**options):
     """Controller of the cart."""
-    return nmpc(
-        cart, speed, "F", **{"h": H, "horizon": 6, "weights": {"e": 3.0, "f": 0.3}, **options}
-    )
+    weights = {"e": 3.0, "f": 0.3}
+    return nmpc(cart, speed, "F", h=H, horizon=6, weights=weights, **options)
 
 
 @pytest.mark.parametrize("solver", ["riccati", "osqp", "ipopt"])
@@ -52,7 +51,7 @@ def test_a_plan_is_shifted_by_the_first_stage():
     s = (1.0, 1.5, 2.25)
     places, stages = later(s)
     ends = np.r_[0, np.cumsum(s), sum(s) + 1]  # one first stage more
-    assert np.array(ends @ places).ravel() == pytest.approx(ends[:-1] + 1)
+    assert ends @ places.full() == pytest.approx(ends[:-1] + 1)
     assert stages == [1, 2, 2]  # middles .5, 1.75, 3.625, later 1.5, 2.75, 4.625
 
 
@@ -64,7 +63,7 @@ def test_half_as_many_stages_cost_the_same_and_rates_are_kept():
     for k in range(12):
         F, status, *_ = tick(v, 5.0)
         assert status == 0
-        assert F == pytest.approx(0.2 * (k + 1))
+        assert pytest.approx(0.2 * (k + 1)) == F
         v += H * F
     plan = block.unpack("state", tick.x)["U"]
     most = 50 * np.abs(np.diff(np.array(plan).ravel())) / (H * 2.0)
