@@ -19,6 +19,7 @@ from slipctl.predict.linearised import linearised
 from slipctl.predict.offset import SHARE
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.repeating import apart, only_if
+from slipctl.predict.search import Search
 from slipctl.predict.status import SMALL
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
@@ -42,6 +43,7 @@ class Controller:
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
         weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
         solver: str, ahead: tuple[str, ...] = (), damping: float = 0.0, split: bool = False,
+        search: bool = False,
     ) -> None:  # fmt: skip
         self.ahead, self.damping, self.split = ahead, damping, split
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
@@ -53,6 +55,7 @@ class Controller:
         layouts = (problem, layout, last, tied, bool(rate), *most)
         self.tied = tied
         self.qp = Sparse(solver, *layouts) if solver in QUADRATIC else ActiveSet(*layouts)
+        self.search = Search(problem, self.step) if search else None
         self.whole = None
         if solver in ("ipopt", "fatrop"):
             self.whole = nonlinear(where, problem, solver, tied, bool(rate))
@@ -390,7 +393,12 @@ class Controller:
                 if k:
                     D, E = self.linearise(X, V, (d, d_last), (q, self.once(q)))
                 found = self.qp.solve(D, E, S, V, before, bounds, x0 - X[:nx])
-                X, V, S, open_, over = X + found.X, V + found.U, found.S, found.open, found.over
+                S, open_, over = found.S, found.open, found.over
+                if self.search is None:
+                    X, V = X + found.X, V + found.U
+                else:
+                    held, shared = (d, d_last), self.once(q)
+                    X, V = self.search(X, V, found.X, found.U, held, q, shared)
                 made, residual = made + found.passes, found.residual
 
         size = ca.sumsqr(X) + ca.sumsqr(V)

@@ -288,7 +288,7 @@ class Horizon:
         x, u, d, _ = self.symbols()
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
-        excess = ca.sumsqr(ca.fmax(0, self._soft_rows(_on_the_way(y), q)))
+        excess = ca.sumsqr(ca.fmax(0, self._soft_rows(on_the_way(y), q)))
         stage = (ca.sumsqr(self._stage_rows(y, d, q)) + excess) / 2
         end, layout = self.end()
         _, _, c, _, _ = layout.unpack(end(x, d, q))
@@ -304,7 +304,7 @@ class Horizon:
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         still = {n: v for n, v in y.items() if not ca.depends_on(v, u)}
-        rows, last = (self._soft_rows(v, q)[list(self.hard)] for v in (_on_the_way(y), still))
+        rows, last = (self._soft_rows(v, q)[list(self.hard)] for v in (on_the_way(y), still))
         return (
             ca.Function("stage_limits", [x, u, d, q], [rows]),
             ca.Function("end_limits", [x, d, q], [last]),
@@ -318,7 +318,7 @@ class Horizon:
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         z = ca.vertcat(x, u)
-        r, c = self._stage_rows(y, d, q), self._soft_rows(_on_the_way(y), q)
+        r, c = self._stage_rows(y, d, q), self._soft_rows(on_the_way(y), q)
         J, C = ca.jacobian(r, z), ca.jacobian(c, z)
         H = ca.triu(J.T @ J)
         if self.damped:
@@ -341,7 +341,7 @@ class Horizon:
         return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
 
 
-def _on_the_way(y: Mapping[str, Any]) -> dict[str, Any]:
+def on_the_way(y: Mapping[str, Any]) -> dict[str, Any]:
     """Outputs of a stage that is not the last one."""
     return {n: v for n, v in y.items() if not n.startswith("final.")}
 

@@ -49,6 +49,7 @@ def nmpc(
     grow: float = 1.0,
     iterations: int = 1,
     damping: float = 0.0,
+    search: bool = False,
     passes: int = 20,
     rescue: int = 60,
     method: str = "rk4",
@@ -107,6 +108,8 @@ def nmpc(
         iterations: real-time iterations per tick.
         damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
+        search: shorten the step of an iteration where cost and misses of the stages do not fall
+            (:mod:`slipctl.predict.search`).
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
             or went in a circle. 0 for none, where the time of a tick has to be short.
@@ -167,6 +170,8 @@ def nmpc(
     )
     if split and solver != "riccati":
         raise BadInput(f"{where}: {solver} solves a tick as a whole; leave split= out")
+    if search and solver in ("ipopt", "fatrop"):
+        raise BadInput(f"{where}: {solver} makes no iterations of ours; leave search= out")
     if damping != 0:
         check_positive(f"{where}: damping", damping)
         if solver in ("ipopt", "fatrop"):
@@ -191,7 +196,7 @@ def nmpc(
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), int(rescue)), solver, ahead, float(damping), bool(split),
+        (int(passes), int(rescue)), solver, ahead, float(damping), bool(split), bool(search),
     ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
 
 
