@@ -71,12 +71,14 @@ class ActiveSet:
         rates: whether the controls have rate limits.
         passes: largest number of passes.
         rescue: largest number of steps of the interior point method after them.
+        exactly: make all passes, also where nothing changes any more.
     """
 
     def __init__(
         self, horizon: Horizon, stage: Layout, end: Layout, tied: list[bool], rates: bool,
-        passes: int, rescue: int = 0,
+        passes: int, rescue: int = 0, exactly: bool = False,
     ) -> None:  # fmt: skip
+        self.exactly = exactly
         self.h, self.stage, self.end = horizon, stage, end
         self.tied, self.rates, self.passes, self.rescue = tied, rates, passes, rescue
         self.memory = rates or any(tied)
@@ -144,6 +146,11 @@ class ActiveSet:
 
     def passed(self, z: Any, passes: int, data: tuple[Any, ...]) -> Any:
         """Make at most so many passes from a column of :class:`Found`."""
+        if self.exactly:
+            once = self._one_pass()
+            for _ in range(passes):
+                z = once(z, *data)
+            return z
         return self._passing(passes, z, *data)
 
     @cached_property

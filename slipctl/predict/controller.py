@@ -41,7 +41,7 @@ class Controller:
     def __init__(
         self, where: str, problem: Horizon, controls: list[str],
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
-        weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int],
+        weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int, bool],
         solver: str, ahead: tuple[str, ...] = (), damping: float = 0.0, split: bool = False,
         search: bool = False,
     ) -> None:  # fmt: skip
@@ -224,7 +224,9 @@ class Controller:
         return telling.controller(
             self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
             list(self.rate), self.ahead, self.tied,
-            telling.solver(self.solver, self.iterations, self.qp.passes, self.qp.rescue),
+            telling.solver(
+                self.solver, self.iterations, self.qp.passes, self.qp.rescue, self.qp.exactly
+            ),
         )  # fmt: skip
 
     def constants(self, p: Exprs) -> Any:

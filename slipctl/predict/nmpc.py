@@ -52,6 +52,7 @@ def nmpc(
     search: bool = False,
     passes: int = 20,
     rescue: int = 60,
+    deadline: bool = False,
     method: str = "rk4",
     substeps: int = 1,
     split: bool = False,
@@ -113,6 +114,8 @@ def nmpc(
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
             or went in a circle. 0 for none, where the time of a tick has to be short.
+        deadline: make all passes in every tick and no step of the interior point method, so that
+            each takes the same time. Where the passes do not suffice, ``status`` is 1.
         method, substeps: integration over a stage, as of :func:`sampled`.
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
@@ -151,8 +154,11 @@ def nmpc(
         where, plant, laws, by_name(where, "soft", soft), by_name(where, "hard", hard)
     )
     firm = any(s.hard or s.linear for s in softs.values())
+    rescue = 0 if deadline else rescue
     if not rescue and firm:
-        raise BadInput(f"{where}: hard and linear limits need rescue= of 1 or more steps")
+        raise BadInput(
+            f"{where}: hard and linear limits need rescue= of 1 or more steps and no deadline="
+        )
     if any(s.linear for s in softs.values()) and solver in ("ipopt", "fatrop"):
         raise BadInput(f"{where}: {solver} takes no linear limits; use solver='osqp'")
     scale = {c: scale_of(*limits[c]) for c in controls}
@@ -196,7 +202,7 @@ def nmpc(
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), int(rescue)), solver, ahead, float(damping), bool(split), bool(search),
+        (int(passes), int(rescue), bool(deadline)), solver, ahead, float(damping), bool(split), bool(search),
     ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
 
 

@@ -106,7 +106,7 @@ def estimator(
     return [*rows, ("solver", how)]
 
 
-def solver(name: str, iterations: int, passes: int, rescue: int) -> str:
+def solver(name: str, iterations: int, passes: int, rescue: int, exactly: bool = False) -> str:
     """How a controller solves its problem."""
     times = "one real-time iteration" if iterations == 1 else f"{iterations} real-time iterations"
     if name in ("ipopt", "fatrop"):
@@ -115,8 +115,8 @@ def solver(name: str, iterations: int, passes: int, rescue: int) -> str:
         return f"{times} a tick, each a quadratic program for {name}"
     inner = f", then at most {rescue} steps of an interior point" if rescue else ""
     return (
-        f"{times} a tick: Gauss-Newton, an active set with Riccati's recursion, at most"
-        f" {passes} passes{inner}"
+        f"{times} a tick: Gauss-Newton, an active set with Riccati's recursion,"
+        f" {'exactly' if exactly else 'at most'} {passes} passes{inner}"
     )
 
 

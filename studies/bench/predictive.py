@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import Block, c_module, connect, nmpc, sampled
+from slipctl.ccode import codegen
 from slipctl.predict.trials import Driver
 from slipctl.run import store
 from slipctl.studies.bench.peers.slip_nmpc import PEAKS, WEIGHTS, axle, cost, make, recorded
@@ -177,15 +178,25 @@ PROBLEMS: dict[str, Callable[[], tuple[Block, np.ndarray]]] = {
     "80 stages": lambda: (make(horizon=80), recorded(make())),
     "160 stages": lambda: (make(horizon=160), recorded(make())),
     "two parts": lambda: (make(split=True), recorded(make())),
+    "deadline": lambda: (make(passes=4, deadline=True), recorded(make())),
     "four axles": lambda: _with_rows(four_axles()),
     "window": window,
 }
 """Blocks by name, and the inputs on which each is timed."""
 
 
+def on_board(block: Block, rows: np.ndarray, real: str) -> dict[str, Any]:
+    """Instructions of a tick on a Cortex-M4, mean and most, over a change of rail."""
+    given = dict(zip(block.inputs, rows[40:80].T, strict=True))
+    with tempfile.TemporaryDirectory() as folder:
+        report = codegen.check(block, given, folder, real=real, target="cortex-m4")
+    return dict(report["targets"][0]["instructions"])
+
+
 def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str, Any]:
     """Times, bytes and ratios."""
     programs: dict[str, Program] = {}
+    counts: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as made:
         work = Path(made)
         for name in names:
@@ -196,6 +207,8 @@ def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str
                 programs[f"{name}, {real}"] = built(
                     folder, module.name, real, rows, folder / "built"
                 )
+                if name == "deadline":
+                    counts[f"instructions with a deadline, {real}"] = on_board(block, rows, real)
                 if block.split:
                     for k in (1, 2):
                         programs[f"{name} prepared {k}, {real}"] = built(
@@ -212,7 +225,7 @@ def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str
         for _ in range(pairs):
             for n, program in programs.items():
                 times[n].append(program.tick())
-    found: dict[str, Any] = {
+    found: dict[str, Any] = counts | {
         n: {"tick_s": statistics.median(times[n]), "text": p.text, "compile_s": p.compile}
         for n, p in programs.items()
     }

@@ -212,6 +212,17 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
         tick(10, 10.05, 1, 0, 0.3, 0.02)
 
 
+def test_a_deadline_makes_the_same_passes_in_every_tick_and_the_same_controls():
+    """All four, where two to three settle; a rate may need more, which is told."""
+    found, usual = (closed_loop(make(passes=4, **o)) for o in (dict(deadline=True), dict(rescue=0)))
+    assert (found[3] == 4).all()
+    assert (found[1] == usual[1]).all()
+    assert not found[2].any()
+    tight = closed_loop(make(passes=4, deadline=True, rates={"u": 20.0}))
+    assert set(tight[2]) == {0.0, 1.0}
+    assert np.abs(np.diff(tight[1])).max() <= 20 * 0.02 * (1 + 1e-12)
+
+
 def test_a_broken_problem_holds_the_plan_and_recovers():
     """NaN in a measurement: status 2, the next control of the last plan; then afresh."""
     tick = Driver(make())
@@ -325,6 +336,7 @@ BAD = [
     (dict(soft={"s": (0.0, 0.1, 0.0, -1.0)}), "linear weight of s = -1 must be positive"),
     (dict(soft={"s": (0.0, 0.1, 0.0, 1.0)}, solver="ipopt"), "ipopt takes no linear limits"),
     (dict(rescue=0, hard={"s": (0.0, 0.1)}), "hard and linear limits need rescue= of 1 or more"),
+    (dict(deadline=True, hard={"s": (0.0, 0.1)}), "and no deadline="),
     (dict(rescue=-1), "rescue = -1 must be a whole number >= 0"),
     (dict(solver="fatrop", rates={"u": 1.0}), "use solver='ipopt'"),
 ]

@@ -1,4 +1,4 @@
-"""Shortened steps: a residual that saturates, on which Gauss-Newton's own steps go back and forth."""
+"""Shortened steps: a residual that saturates, on which whole steps go back and forth."""
 
 import pytest
 from casadi import atan
