@@ -22,6 +22,7 @@ _WHERE = {
     "block.timing": ["sampled", "every", "gated", "unit_delay"],
     "block.replication": ["replicate"],
     "block.ranges": ["ranged"],
+    "block.distance": ["over_distance"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
     "block.units": ["one"],
     "run.rail": ["Section", "Rail", "Scenario", "End"],
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from slipctl.block.block import Block, make_block
     from slipctl.block.connection import connect
     from slipctl.block.declare import flow, law, step
+    from slipctl.block.distance import over_distance
     from slipctl.block.ranges import ranged
     from slipctl.block.replication import replicate
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State

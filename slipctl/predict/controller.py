@@ -68,7 +68,7 @@ class Controller:
     def measured(self) -> list[Signal]:
         """States of the plant, as inputs."""
         return [
-            s.as_role("input", value=None).named(n.removeprefix("plant."))
+            s.as_role("input", value=None, shape=()).named(n.removeprefix("plant."))
             for n, s in self.h.model.states.items()
         ]
 
@@ -90,7 +90,8 @@ class Controller:
         found = []
         for n, w in self.weights.items():
             outputs = self.h.model.outputs
-            unit = (outputs.get(f"cost.{n}") or outputs[f"last.{n}"]).unit
+            parts = (f"{part}.{n}" for part in ("cost", "last", "price"))
+            unit = next(outputs[m] for m in parts if m in outputs).unit
             weight = Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12)
             found.append(weight.named(f"weight_{n}"))
         for c, (lo, hi) in self.limits.items():
@@ -107,6 +108,9 @@ class Controller:
             rate = Param(unit, r, f"largest rate: {s.doc}", lo=0, hi=1e12)
             found.append(rate.named(f"{self.short[c]}_rate"))
         for n, limit in self.softs.items():
+            if self._of_scenario(n) > 0:
+                continue  # they share their numbers
+            n = self._limited(n)
             short = _short(n)
             unit = self._signal(n).unit
             kind = "hard" if limit.hard else "soft"
@@ -135,6 +139,13 @@ class Controller:
     def _signal(self, name: str) -> Signal:
         model = self.h.model
         return (model.outputs | model.states)[name]
+
+    def _limited(self, name: str) -> str:
+        """Name of the limited signal without its scenario."""
+        return name.rpartition(".")[0] if self.h.factors else name
+
+    def _of_scenario(self, name: str) -> int:
+        return int(name.rpartition(".")[2]) if self.h.factors else 0
 
     def _command(self, c: str) -> Signal:
         """Control as an output, in the range of the bounds that are parameters."""
@@ -234,7 +245,7 @@ class Controller:
         model = self.h.model.pack("param", {n: p[n] for n in self.h.model.params})
         rows = [p[f"weight_{n}"] for n in self.weights]
         for n, limit in self.softs.items():
-            short = _short(n)
+            short = _short(self._limited(n))
             rows += [p[f"{short}_min"], p[f"{short}_max"]]
             rows += [p.get(f"{short}_weight", limit.weight), p.get(f"{short}_linear", limit.linear)]
         rows += [p["damping"]] if self.h.damped else []
@@ -283,7 +294,8 @@ class Controller:
 
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         nu = self.h.nu
-        x0 = ca.vertcat(*[u[s.name] for s in self.measured()])
+        copies = max(len(self.h.factors), 1)
+        x0 = ca.vertcat(*[ca.repmat(u[s.name], copies, 1) for s in self.measured()])
         if self.unknown:
             u = u | dict(zip(self.unknown, ca.vertsplit(xs["unknown"]), strict=True))
         d, d_last = self.held(u)

@@ -3,14 +3,16 @@
 Over a horizon of N stages of length h, with z = (x, v), v = u/scale,
 
     minimise  1/2 sum_k |W r(x_k, u_k)|^2 + 1/2 |W r(x_N)|^2 + sum_k w t_k + 1/2 sum_k |t_k|^2
+              + sum_k W l(x_k, u_k)
     with      x_{k+1} = F(x_k, u_k),  lo <= u_k <= hi,  |u_k - u_{k-1}| <= rate h,
               t_k >= max(0, c(x_k, u_k))
 
-r are the outputs of the cost law, W their weights, c the weighted excess of a limit, t what is
-given up of it. The square is left out where a limit has no quadratic weight. A hard limit has w so
-large (:data:`HARD`) that t is 0 wherever any control allows it: an exact penalty. One stage gives,
-at a guess of its state and control, A, B, b of the linear step, and the Gauss-Newton Hessian
-H = J'J with g = J'r. It gives c with its slope C too. All are packed to one column of their
+r are the outputs of the cost law, l prices, W their weights, c the weighted excess of a limit, t
+what is given up of it. The square is left out where a limit has no quadratic weight. A hard limit
+has w so large (:data:`HARD`) that t is 0 wherever any control allows it: an exact penalty. One
+stage gives, at a guess of its state and control, A, B, b of the linear step, and the Gauss-Newton
+Hessian H = J'J with g = J'r + l'. The curvature of a price is left out: what it ends at is the
+same, and H stays positive. It gives c with its slope C too. All are packed to one column of their
 structural nonzeros.
 """
 
@@ -27,6 +29,7 @@ from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
 from slipctl.predict.growing import STRETCH
 from slipctl.predict.joining import check_lag, joined
+from slipctl.predict.scenarios import Factors
 
 if TYPE_CHECKING:
     from slipctl.predict.offset import Unknown
@@ -83,6 +86,8 @@ class Horizon:
         damped: whether the last constant is a curvature added for each step of a scaled control.
         unknown: held inputs that the controller estimates, if any.
         lengths: of the stages over the first one; none where they are all alike.
+        factors: of each scenario; none where the plant is one.
+        prices: outputs that are summed as they are.
     """
 
     flow: Block
@@ -101,13 +106,15 @@ class Horizon:
     damped: bool = False
     unknown: Unknown | None = None
     lengths: tuple[float, ...] = ()
+    factors: Factors = ()
+    prices: tuple[str, ...] = ()
 
     @classmethod
     def of(
         cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
         soft: Mapping[str, Soft], stages: int, h: float, method: str, substeps: int,
         scale: Mapping[str, float], laws: Mapping[str, Block] | None = None,
-        lengths: tuple[float, ...] = (),
+        lengths: tuple[float, ...] = (), factors: Factors = (),
     ) -> Horizon:  # fmt: skip
         """Connect plant, cost and further laws by the names of their signals, and discretise.
 
@@ -115,7 +122,7 @@ class Horizon:
         """
         where = f"nmpc({plant.name})"
         laws = dict(laws or {})
-        model, alias = joined(where, plant, {"cost": cost, **laws})
+        model, alias = joined(where, plant, {"cost": cost, **laws}, factors)
         expressions(where, plant)
         controls = tuple(alias[plant.find(c, "input")] for c in control)
         check_lag(where, plant, model, controls, (sum(lengths) or stages) * h)
@@ -125,7 +132,8 @@ class Horizon:
             flow, model, controls, tuple(n for n in model.inputs if n not in controls), residuals,
             (), tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
             tuple(f"last.{n}" for n in laws["last"].outputs) if "last" in laws else (),
-            over=(method, substeps), lengths=lengths,
+            over=(method, substeps), lengths=lengths, factors=factors,
+            prices=tuple(f"price.{n}" for n in laws["price"].outputs) if "price" in laws else (),
         )  # fmt: skip
         horizon._refuse_controls_at_the_end(where)
         return horizon._with_last(where, cost, terminal)
@@ -214,8 +222,8 @@ class Horizon:
 
     @property
     def weighed(self) -> tuple[str, ...]:
-        """Outputs with a weight: residuals of every stage, and those of the last one alone."""
-        return (*self.residuals, *self.own)
+        """Outputs with a weight: residuals of every stage, those of the last one alone, prices."""
+        return (*self.residuals, *self.own, *self.prices)
 
     @property
     def np_(self) -> int:
@@ -243,7 +251,10 @@ class Horizon:
 
     def _outputs(self, x: Any, u: Any, d: Any, p: Any) -> dict[str, Any]:
         y = self.model.unpack("output", self.step()(x, u, d, p)[1])
-        return y | self.model.unpack("state", x)
+        y = y | self.model.unpack("state", x)
+        if self.factors:
+            y |= {f"{n}.{i}": v[i] for n, v in y.items() for i in range(len(self.factors))}
+        return y
 
     def _rows(self, y: Mapping[str, Any], names: Sequence[str], q: Any) -> Any:
         weights = q[self.np_ : self.np_ + len(self.weighed)]
@@ -253,6 +264,11 @@ class Horizon:
         """Weighted residuals of a stage, whose squares count by its length."""
         r = self._rows(y, self.residuals, q)
         return r * ca.sqrt(d[self.held.index(STRETCH)]) if self.lengths else r
+
+    def _priced(self, y: Mapping[str, Any], d: Any, q: Any) -> Any:
+        """Weighted prices of a stage, by its length."""
+        total = ca.sum1(self._rows(y, self.prices, q)) if self.prices else ca.SX(0)
+        return total * d[self.held.index(STRETCH)] if self.lengths else total
 
     def _last_rows(self, y: Mapping[str, Any], x: Any, d: Any, q: Any) -> Any:
         """Weighted residuals of the last stage."""
@@ -289,7 +305,7 @@ class Horizon:
         q = ca.SX.sym("q", self.nq)
         y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
         excess = ca.sumsqr(ca.fmax(0, self._soft_rows(on_the_way(y), q)))
-        stage = (ca.sumsqr(self._stage_rows(y, d, q)) + excess) / 2
+        stage = (ca.sumsqr(self._stage_rows(y, d, q)) + excess) / 2 + self._priced(y, d, q)
         end, layout = self.end()
         _, _, c, _, _ = layout.unpack(end(x, d, q))
         last = (ca.sumsqr(self._last_rows(y, x, d, q)) + ca.sumsqr(ca.fmax(0, c))) / 2
@@ -323,7 +339,8 @@ class Horizon:
         H = ca.triu(J.T @ J)
         if self.damped:
             H = H + q[-1] * ca.diag(ca.vertcat(ca.SX(self.nx, 1), ca.SX.ones(self.nu)))
-        pieces = [H, ca.densify(J.T @ r), c, C, self._caps(q)]
+        g = J.T @ r + ca.gradient(self._priced(y, d, q), z)
+        pieces = [H, ca.densify(g), c, C, self._caps(q)]
         layout = Layout.of(pieces)
         column = layout.pack(pieces)
         return ca.Function("rows", [x, u, d, q], [column], {"cse": True}), layout.sparsity

@@ -13,6 +13,7 @@ from slipctl.block.connection import connect
 from slipctl.block.signals import Signal
 from slipctl.block.units import dimension_equal
 from slipctl.errors import BadInput
+from slipctl.predict.scenarios import Factors, copied
 
 
 def with_inputs(
@@ -33,7 +34,9 @@ def with_inputs(
     )  # fmt: skip
 
 
-def joined(where: str, plant: Block, laws: Mapping[str, Block]) -> tuple[Block, dict[str, str]]:
+def joined(
+    where: str, plant: Block, laws: Mapping[str, Block], factors: Factors = ()
+) -> tuple[Block, dict[str, str]]:
     """Plant and laws as one flow, and the name that each input of the plant has there.
 
     An input of a law that has the name of a state, an output or an input of the plant reads it.
@@ -58,10 +61,13 @@ def joined(where: str, plant: Block, laws: Mapping[str, Block]) -> tuple[Block, 
         for n in block.inputs:
             wires[f"{part}.{n}"] = _source(where, plant, alias, n, part)
     parts: dict[str, Any] = {"plant": plant, **laws}
+    if factors:
+        parts = copied(plant, laws, wires, alias, factors)
     return connect("model", wires, **parts), alias
 
 
-WHAT = {"cost": "residuals", "path": "limits", "final": "limits", "last": "residuals"}
+WHAT = {"cost": "residuals", "path": "limits", "final": "limits", "last": "residuals",
+        "price": "prices"}  # fmt: skip
 """What the outputs of each law are: of every stage, or of the last one."""
 
 

@@ -24,6 +24,7 @@ from slipctl.predict.growing import STRETCH, lengths, stretched
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.limits import limits_of
 from slipctl.predict.offset import pushed, with_unknown
+from slipctl.predict.scenarios import Factors, factors_of
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 
@@ -43,6 +44,7 @@ def nmpc(
     rates: Mapping[str, float] | None = None,
     soft: Mapping[str, tuple[float | None, ...]] | None = None,
     hard: Mapping[str, tuple[float | None, float | None]] | None = None,
+    economic: Block | None = None,
     path: Block | None = None,
     final: Block | None = None,
     moves: Sequence[int] | None = None,
@@ -53,6 +55,7 @@ def nmpc(
     passes: int = 20,
     rescue: int = 60,
     deadline: bool = False,
+    scenarios: Sequence[Mapping[str, float]] = (),
     method: str = "rk4",
     substeps: int = 1,
     split: bool = False,
@@ -100,6 +103,9 @@ def nmpc(
             stage where any control allows it. Where none does, the bounds and rates of the
             controls are kept. Then the sum of what the hard limits are exceeded by, each over its
             size, is made as small as can be, then the cost; ``status`` is 3.
+        economic: a law whose outputs, times their weights, are added to the cost as they are: air,
+            energy, distance with a minus. The residuals of ``cost`` are what makes the problem
+            convex. They are prices of every stage but the last.
         path: a law whose outputs are kept within their declared ``lo`` and ``hi`` at every stage;
             its inputs are read as those of the cost. They are hard, but for those that ``soft``
             names. final: the same at the end of the horizon alone.
@@ -116,6 +122,9 @@ def nmpc(
             or went in a circle. 0 for none, where the time of a tick has to be short.
         deadline: make all passes in every tick and no step of the interior point method, so that
             each takes the same time. Where the passes do not suffice, ``status`` is 1.
+        scenarios: factors of held inputs and parameters of the plant, ``[{"mu_p": 0.8}, {}]``. One
+            plan is made for all of them, at equal shares of the cost and within the limits of each
+            (:mod:`slipctl.predict.scenarios`).
         method, substeps: integration over a stage, as of :func:`sampled`.
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
@@ -148,7 +157,7 @@ def nmpc(
     limits = bounds_of(where, plant, full, by_name(where, "bounds", bounds))
     rate = rates_of(where, controls, by_name(where, "rates", rates))
     own = terminal if isinstance(terminal, Block) else None
-    given = {"path": path, "final": final, "last": own}
+    given = {"path": path, "final": final, "last": own, "price": economic}
     laws = {k: as_block(f"{where}: {k}", v) for k, v in given.items() if v is not None}
     softs = limits_of(
         where, plant, laws, by_name(where, "soft", soft), by_name(where, "hard", hard)
@@ -163,16 +172,37 @@ def nmpc(
         raise BadInput(f"{where}: {solver} takes no linear limits; use solver='osqp'")
     scale = {c: scale_of(*limits[c]) for c in controls}
     tied = tied_of(where, horizon, moves)
-    weigh = weights_of(where, [cost, *([own] if own else [])], by_name(where, "weights", weights))
+    weighed = [cost, *(b for b in (own, economic) if b is not None)]
+    weigh = weights_of(where, weighed, by_name(where, "weights", weights))
     names = terminal if isinstance(terminal, (list, tuple)) and _all_names(terminal) else None
     driven = plant
     if offset_free != ():
         plant, unknown = pushed(where, plant, offset_free, list(full.values()))
+    factors: Factors = ()
+    if len(scenarios):
+        if offset_free != () or not (terminal is None or own or names is not None):
+            raise BadInput(f"{where}: scenarios= goes without offset_free=, 'lqr' and a matrix")
+        factors = factors_of(where, plant, scenarios, list(full.values()))
+        softs = {f"{n}.{i}": s for n, s in softs.items() for i in range(len(factors))}
+    if economic is not None and not (terminal is None or own or names is not None):
+        raise BadInput(f"{where}: economic= goes without 'lqr' and a matrix, which know no prices")
     long = lengths(where, grow, int(horizon))
     if long:
         plant = stretched(plant)
     problem = Horizon.of(
-        plant, cost, controls, names, softs, horizon, h, method, substeps, scale, laws, long
+        plant,
+        cost,
+        controls,
+        names,
+        softs,
+        horizon,
+        h,
+        method,
+        substeps,
+        scale,
+        laws,
+        long,
+        factors,
     )
     if split and solver != "riccati":
         raise BadInput(f"{where}: {solver} solves a tick as a whole; leave split= out")
@@ -202,7 +232,8 @@ def nmpc(
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
-        (int(passes), int(rescue), bool(deadline)), solver, ahead, float(damping), bool(split), bool(search),
+        (int(passes), int(rescue), bool(deadline)), solver, ahead, float(damping), bool(split),
+        bool(search),
     ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
 
 

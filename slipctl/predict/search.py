@@ -37,6 +37,7 @@ class Search:
         dx, dv = ca.SX.sym("dx", h.nx), ca.SX.sym("dv", h.nu)
         y = h._outputs(x, v * ca.DM(h.scale), d, q[: h.np_])
         f = self._cost(h._stage_rows(y, d, q), h._soft_rows(on_the_way(y), q), q)
+        f += h._priced(y, d, q)
         z, dz = ca.vertcat(x, v), ca.vertcat(dx, dv)
         price = [f, ca.jtimes(f, z, dz)]
         self.price = ca.Function("price", [x, v, d, q, dx, dv], price, {"cse": True})

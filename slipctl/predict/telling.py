@@ -31,9 +31,14 @@ def controller(
     N, h = problem.stages, problem.model.period or 0.0
     states = [n.removeprefix("plant.") for n in problem.model.states]
     u = [problem.controls[k] for k in range(problem.nu)]
-    limits = list(zip(problem.soft, problem.limits, strict=True))
+    every = list(zip(problem.soft, problem.limits, strict=True))
+    copies = max(len(problem.factors), 1)
+    limits = [(n.rpartition(".")[0] if copies > 1 else n, s) for n, s in every[::copies]]
     by = "s[k] " if problem.lengths else ""
     rows = [("minimise", f"1/2 sum for k = 0 .. {N - 1} of {by}[{_squares(problem.residuals)}]")]
+    if problem.prices:
+        priced = " + ".join(f"weight_{_short(n)} {_short(n)}" for n in problem.prices)
+        rows.append(("", f"+ sum for k = 0 .. {N - 1} of {by}[{priced}]"))
     last = [f"1/2 [{_squares(problem.last)}]"] if problem.last else []
     if problem.tail is not None:
         last.append("1/2 (x - x_s)' P (x - x_s), x_s the best steady state,")
@@ -56,6 +61,11 @@ def controller(
     ]
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
     unknown = problem.unknown.names if problem.unknown else ()
+    if problem.factors:
+        each = [
+            ", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors
+        ]
+        rows.append(("for each", f"{'; '.join(each)}: one plan, the mean of their costs"))
     held = [n for n in problem.held if n not in (STRETCH, *ahead, *unknown)]
     if held:
         rows.append(("held", ", ".join(held)))
@@ -65,12 +75,12 @@ def controller(
         told = f"{', '.join(unknown)}: constant, learnt from what each tick missed"
         rows.append(("estimated", told))
     free = problem.nu * len(moves)
-    hard = 2 * sum(s.hard for _, s in limits) * (N + 1)
+    hard = 2 * sum(s.hard for _, s in every) * (N + 1)
     counts = [
         (problem.nx, "state"), (problem.nu, "control"), (free, "number"),
         (problem.nx * N, "equation"), (2 * free, "bound"),
         (2 * len(moves) * len(rates), "rate"), (hard, "hard row"),
-        (2 * len(limits) * (N + 1) - hard, "soft row"),
+        (2 * len(every) * (N + 1) - hard, "soft row"),
     ]  # fmt: skip
     sizes = [f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n]
     sizes[2] += " decided"

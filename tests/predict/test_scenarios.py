@@ -1,0 +1,166 @@
+"""One plan for several plants, prices, and plants over distance."""
+
+import numpy as np
+import pytest
+
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    Scenario,
+    State,
+    flow,
+    law,
+    nmpc,
+    over_distance,
+    sampled,
+    simulate,
+)
+from slipctl.draw import show
+from slipctl.predict.trials import Driver
+from slipctl.studies.bench.peers.slip_nmpc import axle
+from slipctl.studies.bench.peers.slip_nmpc import make as slip
+
+H = 0.1
+
+
+@flow()
+def cart(
+    v=State("m/s", 0.0, "speed"), F=Input("N", "force", lo=-50, hi=50),
+    load=Input("N", "what pushes back", value=1.0), m=Param("kg", 2.0, "mass"),
+):  # fmt: skip
+    """A mass."""
+    return dict(v=(F - load) / m), {}
+
+
+@law(e=Output("m/s"), f=Output("N"))
+def speed(v=Input("m/s", "speed"), w=Input("m/s", "wanted", value=1.0), F=Input("N", "force")):
+    """Speed error and force."""
+    return dict(e=v - w, f=F)
+
+
+def make(horizon=6, **options):
+    """Controller of the cart."""
+    weights = {"e": 3.0, "f": 0.3} | options.pop("weights", {})
+    return nmpc(cart, speed, "F", h=H, horizon=horizon, weights=weights, **options)
+
+
+@pytest.mark.parametrize("solver", ["riccati", "osqp", "ipopt"])
+def test_one_plan_for_two_plants_is_one_least_squares_problem(solver):
+    """Half a mass and twice the load, or as it is; 1e-6: the comparison solvers end there."""
+    rows, right = [], []
+    for mass, load in ((2.0, 1.0), (1.0, 2.0)):
+        for k in range(7):
+            rows.append(3 * np.r_[np.full(k, H / mass), np.zeros(6 - k)] / np.sqrt(2))
+            right.append(3 * (1.0 - 0.2 + k * H * load / mass) / np.sqrt(2))
+    rows += list(0.3 * np.eye(6))
+    force = np.linalg.lstsq(np.array(rows), np.r_[right, np.zeros(6)], rcond=None)[0][0]
+    block = make(scenarios=[{}, {"m": 0.5, "load": 2.0}], solver=solver)
+    assert list(block.inputs) == ["v", "load", "w"]
+    assert block(v=0.2)[1]["F"] == pytest.approx(force, abs=1e-6)
+
+
+def test_a_limit_is_that_of_every_scenario():
+    """The lighter cart gets to 1 m/s first: .1 s (F - 1 N)/1 kg."""
+    block = make(scenarios=[{}, {"m": 0.5}], hard={"v": (-5.0, 0.5)}, weights={"f": 0.01})
+    out = block(v=0.0, w=5.0)[1]
+    assert out["status"] == 0
+    assert out["F"] == pytest.approx(1 + 0.5 / 0.1, rel=1e-6)
+    assert [n for n in block.params if n.startswith("v_")] == ["v_min", "v_max"]
+    text = show.text(block, False)
+    assert "as it is; 0.5 m: one plan, the mean of their costs" in text
+    assert "v_min <= v[k] <= v_max" in text
+
+
+def hidden(block, share, ticks=60):
+    """Largest slip where the adhesion is a share of what the controller is told."""
+    tick, plant = Driver(block, compile=False), sampled(axle, 0.02, "rk4", 4).f
+    x, p, most = np.array([10, 10.05, 1.0, 0.0]), axle.pack("param", axle.param_values()), 0.0
+    for _ in range(ticks):
+        u = tick(*x, 0.3, 0.02)[0]
+        x = np.array(plant(x, [u, 0.3 * share, 0.02], p)[0]).ravel()
+        most = max(most, (x[1] - x[0]) / np.sqrt(x[0] ** 2 + 0.25))
+    return most
+
+
+def test_a_rail_worse_than_told_does_not_make_the_wheel_spin():
+    """60 % of the adhesion: believed whole, slip is six times the wanted .02."""
+    assert hidden(slip(horizon=12), 0.6) > 0.1
+    assert hidden(slip(horizon=12, scenarios=[{"mu_p": 0.6}, {}]), 0.6) < 0.022
+
+
+@law(power=Output("N m/s"))
+def energy(v=Input("m/s", "speed"), F=Input("N", "force")):
+    """Power of the force."""
+    return F * v
+
+
+@pytest.mark.parametrize("grow", [1.0, 1.3])
+def test_a_price_is_added_as_it_is(grow):
+    """A price of the force shifts it by -price/weight^2; power, not convex, against IPOPT."""
+
+    @law(F_=Output("N"))
+    def pull(F=Input("N", "force")):
+        """The force."""
+        return F
+
+    alone = {"weights": {"e": 1e-6, "f": 0.3, "F_": 0.2}, "economic": pull, "grow": grow}
+    assert make(**alone)(v=0.0, w=0.0)[1]["F"] == pytest.approx(-0.2 / 0.09, rel=1e-5)
+    given = {"economic": energy, "weights": {"power": 0.5}, "grow": grow}
+    ours, theirs = make(iterations=20, **given), make(solver="ipopt", **given)
+    out = ours(v=0.5, w=1.0)[1]
+    assert out["F"] == pytest.approx(theirs(v=0.5, w=1.0)[1]["F"], abs=1e-5)
+    assert out["F"] < make(grow=grow)(v=0.5, w=1.0)[1]["F"] - 0.1
+    assert "of [weight_power power]" in show.text(make(**given | {"grow": 1.0}), False)
+
+
+def test_a_plant_over_distance():
+    """Constant force: v^2 = v_0^2 + 2 a s, and the clock is (v - v_0)/a."""
+    along = over_distance(cart)
+    log = simulate(
+        sampled(along, 1.0),
+        Scenario("way", 51.0, start={"v": 2.0}, inputs={"F": 3.0, "load": 1.0}),
+        compile=False,
+    )
+    v = np.sqrt(4 + 2 * np.arange(51))
+    assert log["v"].values == pytest.approx(v, rel=1e-4)
+    assert log["clock"].values == pytest.approx(v - 2, abs=1e-3)
+
+
+def test_a_plan_over_distance_begins_before_the_hill():
+    """30 stages of 10 m; a hill of 50 m after 100 m whose load the force alone cannot bear."""
+    block = nmpc(
+        over_distance(cart), speed, "F", h=10.0, horizon=30, weights={"e": 0.3, "f": 0.1},
+        bounds={"F": (-4.0, 4.0)}, preview=["load"], iterations=3,
+    )  # fmt: skip
+    hill = np.where((np.arange(31) >= 10) & (np.arange(31) < 15), 4.5, 0.0)
+    level = block(v=10.0, w=10.0, clock=0.0, load=np.zeros(31))[1]["F"]
+    before = block(v=10.0, w=10.0, clock=0.0, load=hill)[1]["F"]
+    assert level == pytest.approx(0, abs=1e-6)
+    assert before > 0.2
+
+
+BAD = [
+    (lambda: make(scenarios=[{}]), "scenarios are two or more"),
+    (lambda: make(scenarios={"m": 2.0}), "give a list of {name: factor}"),
+    (lambda: make(scenarios=[{}, {"z": 2.0}]), "'z'"),
+    (lambda: make(scenarios=[{}, {"F": 2.0}]), "F is no held input and no free parameter"),
+    (lambda: make(scenarios=[{}, {"m": -2.0}]), "the factor of m = -2 must be positive"),
+    (lambda: make(scenarios=[{}, {}], terminal="lqr"), "goes without offset_free="),
+    (lambda: make(economic=energy, terminal="lqr"), "economic= goes without 'lqr'"),
+    (lambda: make(economic=cart), "the price cart is a flow; give a law of prices"),
+    (lambda: make(economic=speed), "two laws have a residual"),
+    (lambda: over_distance(speed), "it is a law; give the flow"),
+    (lambda: over_distance(axle, "T"), "T .kN m. is no speed; name a scalar state in m/s"),
+    (lambda: over_distance(cart, least=0.0), "least = 0 m/s must be positive"),
+    (lambda: over_distance(over_distance(cart)), "it has a state clock"),
+    (lambda: over_distance(cart, "x"), "'x'"),
+]
+
+
+@pytest.mark.parametrize(("call", "text"), BAD, ids=[t for _, t in BAD])
+def test_bad_input_is_one_line(call, text):
+    with pytest.raises(BadInput, match=text) as error:
+        call()
+    assert "\n" not in str(error.value)
