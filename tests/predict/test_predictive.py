@@ -32,7 +32,15 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.predict import reference
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, closed_loop, cost, make, recorded
+from slipctl.studies.bench.peers.slip_nmpc import (
+    PEAKS,
+    WEIGHTS,
+    axle,
+    closed_loop,
+    cost,
+    make,
+    recorded,
+)
 from slipctl.studies.predictive import problems as bench
 
 
@@ -210,6 +218,41 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
     tick = Driver(make(**rates), compile=False)
     with pytest.raises(RunFailed, match=f"answer_of_{solver} became NaN"):
         tick(10, 10.05, 1, 0, 0.3, 0.02)
+
+
+def test_rates_and_soft_limits_per_axle_are_ipopts():
+    """Two axles that lose their rail one after the other; 1e-5: IPOPT's end, 1e-8 of its slopes."""
+    axles = ("a0", "a1")
+    plant, wish = (connect(n, {}, **dict.fromkeys(axles, b)) for n, b in (("p", axle), ("w", cost)))
+    given = dict(
+        control=[f"{a}.u" for a in axles], h=0.02, horizon=8, iterations=5, substeps=2,
+        weights={f"{a}.{n}": w for a in axles for n, w in WEIGHTS.items()},
+        rates={"a0.u": 20.0, "a1.u": 60.0},
+        soft={"a0.s": (-0.1, 0.018, 300.0), "a1.s": (-0.1, 0.015, 100.0)},
+    )  # fmt: skip
+    ours, theirs = (
+        Driver(nmpc(plant, wish, solver=s, **given), compile=False) for s in ("riccati", "ipopt")
+    )
+    f, p = sampled(axle, 0.02, "rk4", 2).f, axle.pack("param", axle.param_values())
+    x, before = np.tile([10, 10.05, 1.0, 0.0], (2, 1)), None
+    for k in range(24):
+        peaks = [0.3 if k < 10 else 0.12, 0.25 if k < 17 else 0.1]
+        seen = (*x.ravel(), *[v for peak in peaks for v in (peak, 0.02)])
+        y = ours(*seen)
+        assert y[2] == 0
+        assert y[:2] == pytest.approx(theirs(*seen)[:2], abs=1e-5)
+        if before is not None:
+            assert (np.abs(y[:2] - before) <= np.array([0.4, 1.2]) * (1 + 1e-12)).all()
+        before = y[:2]
+        x = np.array([np.array(f(x[i], [y[i], peaks[i], 0.02], p)[0]).ravel() for i in (0, 1)])
+
+
+def test_a_solver_that_is_not_there_is_one_line(monkeypatch):
+    monkeypatch.setattr(ca, "has_nlpsol", lambda _: False)
+    monkeypatch.setattr(ca, "has_conic", lambda _: False)
+    for solver in ("osqp", "ipopt"):
+        with pytest.raises(BadInput, match=f"CasADi has no {solver} here; use solver='riccati'"):
+            make(solver=solver)
 
 
 def test_a_deadline_makes_the_same_passes_in_every_tick_and_the_same_controls():
