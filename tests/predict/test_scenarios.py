@@ -129,12 +129,12 @@ def test_a_plant_over_distance():
 
 
 def test_a_plan_over_distance_begins_before_the_hill():
-    """30 stages of 10 m; a hill of 50 m after 100 m whose load the force alone cannot bear."""
+    """30 stages of 10 m; a hill of 50 m after 20 m whose load the force alone cannot bear."""
     block = nmpc(
         over_distance(cart), speed, "F", h=10.0, horizon=30, weights={"e": 0.3, "f": 0.1},
         bounds={"F": (-4.0, 4.0)}, preview=["load"], iterations=3,
     )  # fmt: skip
-    hill = np.where((np.arange(31) >= 10) & (np.arange(31) < 15), 4.5, 0.0)
+    hill = np.where((np.arange(31) >= 2) & (np.arange(31) < 7), 4.5, 0.0)
     level = block(v=10.0, w=10.0, clock=0.0, load=np.zeros(31))[1]["F"]
     before = block(v=10.0, w=10.0, clock=0.0, load=hill)[1]["F"]
     assert level == pytest.approx(0, abs=1e-6)
