@@ -53,6 +53,20 @@ def test_comparisons_are_written_out_in_what_is_analysed() -> None:
     assert analysed.count("\n") == text.count("\n")
 
 
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_what_proofs_rely_on_is_written_out_in_either_precision(real: str) -> None:
+    """Of an index that a number names, and of loops whose first turns are told apart."""
+    f = "f" if real == "float" else ""
+    text = (
+        f"    return ((at > -1.0{f}) && (at < ({real})n)) ? x[(int)at] : ({real})NAN;\n"
+        f"    for (int i = 0; i < 9; ++i) {{\n        {real} e_one;\n"
+        f"    for (int i = 0; i < 9; ++i) {{\n        {real} *const to = ((i % 2) == 0) ? a : b;\n"
+    )
+    analysed = proof.written_out(text)
+    assert "((at == at) && (at > -1.0" in analysed
+    assert analysed.count("loop unroll 2") == 2
+
+
 @needs_tool
 def test_ranges_that_only_the_guards_keep_are_proven() -> None:
     """0/0 and x/0 are among the outputs of the equations; a sum without end is refused."""

@@ -25,6 +25,9 @@ from slipctl.errors import BadInput, RunFailed
 SECONDS = 60
 """CPU time for a proof; a module that is not through by then is not proven."""
 
+TURNS = 256
+"""Turns of a loop up to which each is told from the others."""
+
 HARNESS = "harness.c"
 """File of the program that is analysed with the module."""
 
@@ -32,12 +35,14 @@ _WRITTEN_OUT = {
     "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
     "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
     "((at > -1.0) &&": "((at == at) && (at > -1.0) &&",
+    "((at > -1.0f) &&": "((at == at) && (at > -1.0f) &&",
     "if (!(*x >= lo)) {": "if (!((*x == *x) && (*x >= lo))) {",
 }
 """A comparison with NaN is false. Eva 25 does not know that, so it is written out for it."""
 
 _TWICE = re.compile(
-    r"^( +)(for \([^\n]*\{\n +double (?:\w+_one|\*const \w+ = \(\(i % 2\)))", re.MULTILINE
+    r"^( +)(for \([^\n]*\{\n +(?:double|float) (?:\w+_one|\*const \w+ = \(\(i % 2\)))",
+    re.MULTILINE,
 )
 """Loops that sum over samples, or call a function with what it gave, in two arrays by turns."""
 
@@ -204,6 +209,8 @@ def _options(plan: Plan, text: str) -> list[str]:
     """Options of Eva: how many cases are kept apart in which function."""
     lay = plan.layout
     largest = max((m.size for m in (*lay.inputs, *lay.states, *lay.outputs)), default=1)
+    turns = [int(n) for n in re.findall(r"\bfor \([^;]*; \w+ < (\d+); ", text)]
+    largest = max([largest, *(n for n in turns if n <= TURNS)])  # an array that such a loop fills
     states = sum(m.size for m in plan.layout.states)
     wanted = {
         "within": 8, "limit": 8, "can_follow": 8, "accept": 64, "all_within": 4 * largest + 16,
