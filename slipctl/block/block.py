@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import casadi as ca
@@ -182,6 +183,9 @@ class Block:
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(self._signals[r])} {r}s" for r in ROLES if self._signals[r])
         return f"<{self.kind} {self.name}: {counts}>"
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     def _repr_latex_(self) -> str:
         from slipctl.draw import show

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib import import_module
 from typing import Any
 
 from slipctl.certify import catalogue, proofs
@@ -33,6 +34,9 @@ class Certificate:
     """
 
     entries: Mapping[str, Any]
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     @property
     def verdict(self) -> str:

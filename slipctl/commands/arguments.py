@@ -6,77 +6,10 @@ import argparse
 from typing import Any, NoReturn
 
 from slipctl import __version__
+from slipctl.commands import examples
 from slipctl.errors import BadInput, nearest
 
 AS_JSON = "answer as JSON"
-
-EPILOG = """\
-NAME is a study (subway_braking) or a loop of it (subway_braking:sta, or sta@real for the form that
-it has in scenario real). It may be a model (double_exponential, subway_braking.wheelset) or a block
-in a file (my_law.py:my_law, my_law.toml:law). It may also be an equation, such as
-"mu = c*v_s where v_s [m/s], c = 0.1 s/m".
-
-  slipctl run subway_braking --set m=8.2t --loop sta --scenario base
-  slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
-  slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
-"""
-
-LIST = """\
-  slipctl list kinds
-  slipctl list sensor
-  slipctl list observer --json
-"""
-
-SHOW = """\
-  slipctl show subway_braking:sta
-  slipctl show metro.toml:pid
-  slipctl show "mu = c*v_s where v_s [m/s], c = 0.1 s/m"
-"""
-
-NEW = """\
-  slipctl new metro
-  slipctl new metro my_car.toml
-  slipctl new --from hst_braking:eppfc
-  slipctl new --from subway_braking:sta@curves curves.toml
-"""
-
-RUN = """\
-  slipctl run metro.toml
-  slipctl run metro.toml --loop pid --set m=42t --out out/heavy
-  slipctl run hst_braking --full
-"""
-
-SWEEP = """\
-A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
---samples extends what is there.
-
-  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
-  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
-  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
-"""
-
-TUNE = """\
-The gains set by hand are a candidate. What has no certificate is not run. The same line again goes
-on where it was stopped.
-
-  slipctl tune subway_braking:sta --free k1=1:60 k2=1:60 --minimise distance --out out/sta
-  slipctl tune hst_braking:eppfc --free K1=5:50 --minimise slip_error_rms \\
-      --subject-to 'torque_ripple<=8kN m' 'margin>=1.2' --samples 40 --out out/eppfc
-  slipctl run subway_braking --loop sta --set out/sta/gains.toml
-"""
-
-REPLAY = """\
-  slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
-      --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
-  slipctl replay run7.csv --with "v = omega*r where omega [rad/s], r = 0.43 m" \\
-      --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
-"""
-
-COMPARE = """\
-  slipctl run hst_braking --loop eppfc --out out/a
-  slipctl run hst_braking --loop eppfc --set ctl.law.K1=50 --out out/b
-  slipctl compare out/a out/b
-"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -97,7 +30,8 @@ def parser() -> Parser:
     """Make the parser of the command line."""
     top = Parser(
         prog="slipctl", description="Design wheel-slip and adhesion control of railway vehicles.",
-        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+        epilog=examples.EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )  # fmt: skip
     top.add_argument("--version", action="version", version=f"slipctl {__version__}")
     volume = Parser(add_help=False)
@@ -108,11 +42,11 @@ def parser() -> Parser:
 
     def command(name: str, help: str) -> Parser:
         return commands.add_parser(
-            name, help=help, description=help, parents=[volume], allow_abbrev=False
-        )
+            name, help=help, description=help, parents=[volume], allow_abbrev=False,
+            epilog=examples.OF_COMMAND[name], formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
 
     p = command("list", "List studies, models, and the kinds of parts of a vehicle's file.")
-    p.epilog, p.formatter_class = LIST, argparse.RawDescriptionHelpFormatter
     p.add_argument(
         "word", metavar="TOPIC|WORD", nargs="?",
         help="studies, models or kinds; or a word in their names or meanings",
@@ -120,7 +54,6 @@ def parser() -> Parser:
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("show", "Show equations, signals, units, sources and Jacobian of NAME.")
-    p.epilog, p.formatter_class = SHOW, argparse.RawDescriptionHelpFormatter
     p.add_argument("name", metavar="NAME")
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
@@ -128,11 +61,11 @@ def parser() -> Parser:
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
-    p.epilog, p.formatter_class = NEW, argparse.RawDescriptionHelpFormatter
     p.add_argument(
         "kind", metavar="KIND", nargs="?", help="metro: a metro car of 38 t and a patch of leaves"
     )
     p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
         help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
@@ -143,9 +76,9 @@ def parser() -> Parser:
     p = command("copy", "Copy the source of a model to a file of your own, to edit it.")
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("run", "Run a study: metrics, claims, logs, figures and a report.")
-    p.epilog, p.formatter_class = RUN, argparse.RawDescriptionHelpFormatter
     p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
     p.add_argument("study", metavar="STUDY")
     p.add_argument("--out", metavar="DIR", help="folder of the results (out/STUDY)")
@@ -177,7 +110,6 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
-    p.epilog, p.formatter_class = SWEEP, argparse.RawDescriptionHelpFormatter
     p.add_argument(
         "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
     )
@@ -213,7 +145,6 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("tune", "Find gains on an ensemble: proved first, then run, then judged.")
-    p.epilog, p.formatter_class = TUNE, argparse.RawDescriptionHelpFormatter
     p.add_argument(
         "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
     )
@@ -259,7 +190,6 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("replay", "Run an estimator or a controller over a recorded log.")
-    p.epilog, p.formatter_class = REPLAY, argparse.RawDescriptionHelpFormatter
     p.add_argument("log", metavar="LOG.csv", help="a head and a row per sample")
     p.add_argument(
         "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
@@ -291,7 +221,6 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
-    p.epilog, p.formatter_class = COMPARE, argparse.RawDescriptionHelpFormatter
     p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
@@ -429,6 +358,7 @@ def parser() -> Parser:
 
     p = command("check", "Check a certificate again with rational arithmetic alone.")
     p.add_argument("file", metavar="FILE")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--rerun", metavar="N", type=int,
         help="run N draws of a statement again, from the study or file that it names",
@@ -437,4 +367,5 @@ def parser() -> Parser:
     p = command("docs", "Open the pages of slipctl in a browser; they need no network.")
     p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
     p.add_argument("--where", action="store_true", help="only print the file")
+    p.add_argument("--json", action="store_true", help="only print the file, as JSON")
     return top

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,10 +16,14 @@ from slipctl.errors import BadInput, RunFailed, check_whole
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the certificate proves, and what runs again."""
-    print(certify.check(options.file))
+    said = [certify.check(options.file)]
     if options.rerun is not None:
         check_whole("--rerun", options.rerun, 1)
-        print(rerun(options.file, options.rerun))
+        said.append(rerun(options.file, options.rerun))
+    if options.json:
+        print(json.dumps({"file": options.file, "holds": True, "says": said}, indent=1))
+    else:
+        print("\n".join(said))
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 from slipctl.errors import BadInput
@@ -24,6 +25,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput(f"there is no folder {target.parent}; make it first")
     store.check_file(target)
     store.write_text(target, source)
+    if options.json:
+        print(json.dumps({"file": str(target), "module": module, "block": block}, indent=1))
+        return 0
     print(f"{target}: the model {module}, yours to edit")
     print(f"  slipctl show {target}:{block}")
     if doors.studies():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 from slipctl.errors import BadInput
@@ -17,8 +18,8 @@ BUILD = "pip install '.[docs]' && sphinx-build -q -W docs out/docs"
 def answer(options: argparse.Namespace, command: str) -> int:
     """Open the first page, or print where it is."""
     page = found(options.page)
-    print(page)
-    if not options.where:
+    print(json.dumps({"file": str(page)}) if options.json else page)
+    if not (options.where or options.json):
         import webbrowser
 
         webbrowser.open(page.as_uri())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 from slipctl.errors import BadInput, nearest
@@ -39,5 +40,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         text = known[kind].read_text(encoding="utf-8")
     store.write_text(out.with_name(SCHEMA), trip_files.schema_text())
     store.write_text(out, text)
+    if options.json:
+        print(json.dumps({"file": str(out), "schema": str(out.with_name(SCHEMA))}, indent=1))
+        return 0
     print(f"{out}: edit it, then slipctl run {out}\n{out.with_name(SCHEMA)}: for your editor")
     return 0

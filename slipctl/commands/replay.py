@@ -7,19 +7,20 @@ import logging
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block
 from slipctl.block.units import parse_quantity
-from slipctl.draw import plots
+from slipctl.draw import live, plots
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.recording import csv_of, read_recording
 from slipctl.run.replaying import Replayed, replay
 from slipctl.study import doors
-from slipctl.study.report import STYLE, image, table
+from slipctl.study.report import STYLE, figure, table
 from slipctl.study.texts import number, wrapped
 
 log = logging.getLogger("slipctl")
@@ -47,7 +48,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     for note in found.notes:
         log.warning("%s", note)
     rows = statistics(found)
-    figures = {n: plots.svg_text(f, command) for n, f in drawn(found).items()}
+    figures = {n: (plots.svg_text(f, command), live.of_figure(f)) for n, f in drawn(found).items()}
     store.write_json(out / "replay.json", {
         "log": options.log, "block": options.block, "slipctl_version": __version__,
         "command": command, "notes": found.notes, "gaps_s": found.gaps,
@@ -158,7 +159,7 @@ def text(found: Replayed, rows: Sequence[Sequence[str]], options: argparse.Names
 
 
 def page(
-    found: Replayed, rows: Sequence[Sequence[str]], figures: Mapping[str, str],
+    found: Replayed, rows: Sequence[Sequence[str]], figures: Mapping[str, Any],
     options: argparse.Namespace, command: str,
 ) -> str:  # fmt: skip
     """The report as one HTML file."""
@@ -167,14 +168,14 @@ def page(
     gaps = table(
         ("gap from [s]", "to [s]"), [(number(a), number(b)) for a, b in found.gaps], (0, 1)
     )
+    points = live.share(curves for _, curves in figures.values() if curves)
     pictures = "".join(
-        f"<figure>{image(svg, n)}<figcaption>{escape(n)}</figcaption></figure>"
-        for n, svg in figures.items()
+        figure(svg, n, escape(n), curves, points) for n, (svg, curves) in figures.items()
     )
     compared = table(HEAD, rows, (2, 3, 4)) if rows else "<p>Nothing is compared.</p>"
     return f"""<!DOCTYPE html>
 <html lang="en">
-<head><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style></head>
+<head><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}{live.STYLE}</style></head>
 <body>
 <h1>{escape(title)}</h1>
 <p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
@@ -183,6 +184,7 @@ def page(
 <h2>What was put in order</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
 <h2>Provenance</h2><pre>{escape(command)}
 slipctl {__version__}</pre>
+<script>{live.script()}</script>
 </body>
 </html>
 """

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl.block.units import scaled
+from slipctl.draw import live
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
@@ -37,6 +38,7 @@ from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
+from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import worst
 from slipctl.run.results import NotRun
@@ -102,11 +104,12 @@ def traces(
                 if dashes == "-":
                     dashes = DASHES[min(covered(curve, drawn), len(DASHES) - 1)]
                 drawn.append(curve)
-                line = axis.plot(
-                    *envelope(*curve), color=colour(loop), ls=dashes,
+                said = (names or {}).get(loop, loop)
+                line = stroke(
+                    axis, curve, color=colour(loop), ls=dashes, label=said,
                     zorder=2 + 0.01 * behind.index(loop),
-                )[0]  # fmt: skip
-                entries.setdefault((names or {}).get(loop, loop), line)
+                )  # fmt: skip
+                entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = scaled(unit)
@@ -144,11 +147,10 @@ def _references(
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        line = axis.plot(
-            *envelope(*_points(logs[loop], name, span)), color=GREY, ls=(0, (4, 2)), lw=0.9,
-            zorder=3,
-        )[0]  # fmt: skip
-        entries.setdefault(_meaning(logs[loop][name], name), line)
+        said = _meaning(logs[loop][name], name)
+        curve = _points(logs[loop], name, span)
+        line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
+        entries.setdefault(said, line)
 
 
 def _meaning(signal: Any, name: str) -> str:
@@ -183,6 +185,7 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     logs = {loop: results.log(scenario, loop) for loop in loops}
     fig, axes = panels(len(loops), height=1.5, sharex=True)
     roles = results.study.signals
+    case = next(c for c in results.cases if c.scenario.name == scenario)
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
             t, v = _points(log, roles.find("speed", log), None)
@@ -190,31 +193,15 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
             s = _points(log, slip, None)[1]
             s = -s if log[slip].attrs.get("positive") == "traction" else s
             rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
-            axis.plot(*envelope(t, rim), color=colour(loop), label=f"rim, {loop}")
-            axis.plot(*envelope(t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
+            stroke(axis, (t, rim), color=colour(loop), label=f"rim, {loop}")
+            stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
             axis.set_ylabel(label("speed", "m/s"))
-            axis.set_xlim(t[0], t[-1])
+            axis.set_xlim(0.0, _last(results, case))
             bands(axis, results, scenario, title=axis is axes[0, 0])
         axes[-1, 0].set_xlabel("time [s]")
         for axis in axes[:, 0]:
             axis.legend()
     return fig
-
-
-def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndarray, np.ndarray]:
-    """Fewer points that look the same: the smallest and the largest value of each column."""
-    if len(t) <= 2 * columns:
-        return t, y
-    edges = np.linspace(0, len(t), columns + 1).astype(int)
-    first, last = edges[:-1], edges[1:] - 1
-    parts = np.asarray(y)[
-        np.minimum(first[:, None] + np.arange(np.diff(edges).max()), last[:, None])
-    ]
-    keep = np.sort(
-        [first, first + parts.argmin(1), first + parts.argmax(1), last], axis=0
-    ).T.ravel()
-    keep = keep[np.diff(keep, prepend=-1) > 0]
-    return t[keep], y[keep]
 
 
 def chatter(
@@ -236,23 +223,13 @@ def chatter(
     """
     with style():
         for name, (t, values) in signals.items():
-            _chatter(axis, t, values, name, min(columns, len(t)))
+            area(axis, t, values, min(columns, len(t)), color=colour(name), label=name)
         axis.set_xlabel(label("time", "s"))
         axis.set_ylabel(label(*y))
         axis.set_title(title)
         axis.margins(x=0.0)
         if len(signals) > 1:
             axis.legend()
-
-
-def _chatter(axis: Axes, t: np.ndarray, y: np.ndarray, name: str, columns: int) -> None:
-    edges = np.linspace(0, len(t), columns + 1).astype(int)[:-1]
-    low, high = np.minimum.reduceat(y, edges), np.maximum.reduceat(y, edges)
-    many = np.diff([*edges, len(y)])
-    mean, middle = np.add.reduceat(y, edges) / many, np.add.reduceat(t, edges) / many
-    hue = colour(name)
-    axis.fill_between(middle, low, high, color=hue, alpha=0.25, lw=0, zorder=1.5)
-    axis.plot(middle, mean, color=hue, label=name)
 
 
 def _last(results: Results, case: Case) -> float:
@@ -330,10 +307,13 @@ def lines(
                 if dashes == "-":
                     dashes = DASHES[min(covered((xs, height), drawn), len(DASHES) - 1)]
                 drawn.append((xs, height))
+            whole = np.asarray(xs), np.asarray(ys)
             if not points and len(np.atleast_1d(xs)) > 1:
-                xs, ys = envelope(np.asarray(xs), np.asarray(ys))
-            axis.plot(xs, ys, color=hues[name], ls=dashes, label=name,
-                      marker="o" if points else None, ms=3)  # fmt: skip
+                xs, ys = envelope(*whole)
+            line = axis.plot(xs, ys, color=hues[name], ls=dashes, label=name,
+                             marker="o" if points else None, ms=3)[0]  # fmt: skip
+            if whole[0].ndim == whole[1].ndim == 1:
+                live.exact(line, *whole)
         for name, (px, py) in (marks or {}).items():
             axis.plot([px], [py], "o", color=hues.get(name, BLACK), ms=5, zorder=5)
         if "x" in log:

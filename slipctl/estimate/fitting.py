@@ -7,6 +7,7 @@ import inspect
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,9 @@ class Fitted:
     origin: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     peaks: tuple[tuple[dict[str, float], float, float], ...] = ()
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     @property
     def max_error(self) -> float:

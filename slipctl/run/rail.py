@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,9 @@ class Rail:
                     f" section {k + 1} starts at {b.start:g} {unit}"
                 )
 
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
+
     @property
     def starts(self) -> np.ndarray:
         """Starts of the sections, s or m."""
@@ -184,6 +188,9 @@ class Scenario:
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
         check_kinds("Scenario", Scenario, vars(self))
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some fields replaced."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,6 +68,9 @@ class Loops(Mapping[str, "Block"]):
     def __init__(self, made: Mapping[str, Callable[[], Block]]) -> None:
         self._make = dict(made)
         self._made: dict[str, Block] = {}
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     def __getitem__(self, name: str) -> Block:
         if name not in self._made:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from threading import Event
@@ -356,6 +357,9 @@ class Sweep:
     plan: Plan
     units: Mapping[str, tuple[str, tuple[str, ...]]]
     runs: Sequence[tuple[int, Mapping[str, float], Mapping[str, Any], str]]
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
     @property
     def failed(self) -> dict[int, str]:

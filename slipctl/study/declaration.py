@@ -28,6 +28,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -377,6 +378,9 @@ class Study:
             if c.id in seen:
                 raise BadInput(f"study {self.name} has two claims {c.id!r}")
             seen.add(c.id)
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
 
 
 NEEDS_FULL, NOT_RUN, CHANGED = "needs --full", "was not run", "was changed"

@@ -25,6 +25,8 @@ from slipctl.study.texts import beyond, tolerance_text
 if TYPE_CHECKING:
     import xarray
 
+    from slipctl.draw.live import Live
+
 message = logging.getLogger("slipctl")
 
 
@@ -183,18 +185,22 @@ def save_tables(results: Results, out: Path, command: str) -> None:
     store.write_json(out / "tables.json", payload | provenance(results, command))
 
 
-def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable[[Any], str]]:
-    """Jobs by file stem that each draw a figure, write it, and give its SVG."""
+Drawn = tuple[str, "Live | None"]
+"""A figure as SVG, and its curves where it shows lines over time."""
+
+
+def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable[[Any], Drawn]]:
+    """Jobs by file stem that each draw a figure, write it, and give what a page shows of it."""
     text = stamp(results, command)
 
-    def job(stem: str) -> Callable[[Any], str]:
-        def draw(tell: Any) -> str:
-            from slipctl.draw import plots
+    def job(stem: str) -> Callable[[Any], Drawn]:
+        def draw(tell: Any) -> Drawn:
+            from slipctl.draw import live, plots
 
             fig = results.study.figures[stem].draw(results)
             if results.quick:
                 plots.mark_quick(fig)
-            return plots.save(fig, out / "figures", stem, text)
+            return plots.save(fig, out / "figures", stem, text), live.of_figure(fig)
 
         return draw
 
@@ -260,10 +266,14 @@ def save_pages(
         message.info("%d figures are left out: what they show was not run (-v: which)", len(left))
     for line in left:
         message.log(logging.INFO if len(left) == 1 else logging.DEBUG, line)
-    drawn = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
+    both = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
+    drawn = {stem: svg for stem, (svg, _) in both.items()}
+    curves = {stem: live for stem, (_, live) in both.items() if live is not None}
     texts = dict(sections or {})
     texts |= {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
-    store.write_text(out / "report.html", report.page(results, judged(), drawn, command, texts))
+    store.write_text(
+        out / "report.html", report.page(results, judged(), drawn, command, texts, curves=curves)
+    )
     return drawn
 
 

@@ -1,7 +1,7 @@
 """The report: one page that holds all of a study's results and needs nothing else.
 
-Figures are embedded, equations are MathML, there is no script and no outside resource; it opens
-from a file and prints.
+Figures are embedded, equations are MathML, there is no outside resource; it opens from a file and
+prints. The one script lets figures over time zoom; without it, and on paper, they are pictures.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.units import scaled
-from slipctl.draw import mathml
+from slipctl.draw import live, mathml
 from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
+from slipctl.study.page_style import STYLE as STYLE
 from slipctl.study.provenance import provenance
 from slipctl.study.texts import (
     absent,
@@ -49,45 +50,6 @@ LOOPS = 7
 ROWS = 40
 """Rows of an experiment's table that the page shows; all of them are in tables.json."""
 
-STYLE = """
-:root { --ink: #1c1c1c; --soft: #5b6168; --line: #d9dde1; --fill: #f5f6f8; --blue: #0072B2; }
-* { box-sizing: border-box; }
-body { color: var(--ink); background: #fff; margin: 0 auto; padding: 2rem 1.5rem 4rem;
-  max-width: 68rem; font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .6rem;
-  border-top: 2px solid var(--ink); }
-h3 { font-size: 1.02rem; margin: 1.6rem 0 .4rem; }
-p { max-width: 48rem; margin: .4rem 0; }
-a { color: var(--blue); }
-.soft { color: var(--soft); }
-.quick { background: #fff3e6; border-left: 4px solid #D55E00; padding: .4rem .8rem; }
-.failed { background: #fdeceb; border-left: 4px solid #b3261e; padding: .4rem .8rem; }
-nav ul { columns: 2; padding-left: 1.1rem; margin: .4rem 0; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; margin: .5rem 0 1rem; font-size: .88rem; }
-th, td { padding: .25rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top;
-  text-align: left; }
-thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; max-width: 11rem; }
-td.n, th.n { text-align: right; } td.n { font-variant-numeric: tabular-nums;
-  white-space: nowrap; }
-tbody th { font-weight: normal; white-space: nowrap; }
-.verdict { white-space: nowrap; font-weight: 600; }
-.yes { color: #00694d; } .no { color: #b3261e; } .open { color: var(--soft); }
-figure { margin: 1.2rem 0; break-inside: avoid; }
-figure img { width: 100%; max-width: 52rem; height: auto; }
-figcaption { color: var(--soft); font-size: .9rem; max-width: 48rem; }
-.equations td { border: 0; padding: .18rem .3rem; vertical-align: baseline; }
-.equations td:first-child { text-align: right; }
-.diagram img { max-width: 100%; height: auto; }
-math { font-size: 1.05rem; }
-pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem; }
-details { margin: .4rem 0; } summary { cursor: pointer; }
-@media print { body { max-width: none; padding: 0; font-size: 10pt; } nav { break-after: page; }
-  tr, figure { break-inside: avoid; } a { color: inherit; text-decoration: none; }
-  .wide { overflow: visible; } }
-"""
-
 
 def page(
     results: Results,
@@ -96,6 +58,7 @@ def page(
     command: str,
     parts: Mapping[str, str] | None = None,
     state: str = "",
+    curves: Mapping[str, live.Live] | None = None,
 ) -> str:
     """Write the page.
 
@@ -107,7 +70,9 @@ def page(
         parts: of :func:`constant` and :func:`of_runs`; one that is missing is left out. None
             writes them here.
         state: what a run is that did not come to its end, in words.
+        curves: of the figures that zoom, by file stem.
     """
+    curves = curves or {}
     written = constant(results) | of_runs(results)
     texts = {n: write() for n, write in written.items()} if parts is None else parts
     study = results.study
@@ -115,7 +80,7 @@ def page(
     changed = f'<p class="quick">{escape(note[0].upper() + note[1:])}.</p>' if note else ""
     sections: list[tuple[str, str]] = []
     if figures:
-        sections.append(("Figures", _figures(results, figures)))
+        sections.append(("Figures", _figures(results, figures, curves)))
     sections.append(("Metrics", _metrics(results)))
     if verdicts:
         sections.append(("Claims", changed + _claims(verdicts)))
@@ -145,7 +110,7 @@ def page(
 <meta name="generator" content="slipctl {__version__}">
 <meta name="slipctl-format" content="{store.FORMAT}">
 <title>{escape(study.title)}</title>
-<style>{STYLE}</style>
+<style>{STYLE}{live.STYLE if curves else ""}</style>
 </head>
 <body>
 <h1>{escape(study.title)}</h1>
@@ -155,6 +120,7 @@ def page(
 {stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
+{f"<script>{live.script()}</script>" if curves else ""}
 </body>
 </html>
 """
@@ -239,7 +205,9 @@ def _metrics(results: Results) -> str:
         for first in range(1, len(head), LOOPS):
             group = [0, *range(first, min(first + LOOPS, len(head)))]
             shown = [
-                [Html(f"<b>{escape(r[k])}</b>") if k in best else r[k] for k in group]
+                [_told(r[0]), *(
+                    Html(f"<b>{escape(r[k])}</b>") if k in best else r[k] for k in group[1:]
+                )]
                 for r, best in rows if any(r[k] for k in group[1:])
             ]  # fmt: skip
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
@@ -248,11 +216,17 @@ def _metrics(results: Results) -> str:
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
                 [*left_out(results.metrics[scenario]), *absent(results, scenario)]]  # fmt: skip
-    meanings = [(n, doc) for n, (_, doc) in METRICS.items()]
-    used = {n for loops in results.metrics.values() for m in loops.values() for n in m}
-    out.append("<details><summary>What the metrics mean</summary>")
-    out.append(table(["Metric", "Meaning"], [r for r in meanings if r[0] in used]) + "</details>")
     return "".join(out)
+
+
+def _told(label: str) -> Html | str:
+    """Label of a metric's row, with the meaning of the metric a click away."""
+    meaning = METRICS.get(re.split(r" \[|,", label)[0], (None, ""))[1]
+    if not meaning:
+        return label
+    said = re.sub(r"`(.+?)`", r"<code>\1</code>", escape(meaning, quote=False))
+    said = f'<p class="soft">{said}</p>'
+    return Html(f"<details><summary>{escape(label)}</summary>{said}</details>")
 
 
 def image(svg: str, alt: str) -> str:
@@ -261,17 +235,38 @@ def image(svg: str, alt: str) -> str:
     return f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _figures(results: Results, figures: Mapping[str, str]) -> str:
-    out = []
+def figure(
+    svg: str, alt: str, said: str, curves: live.Live | None, points: int = live.POINTS,
+    key: str = "",
+) -> str:  # fmt: skip
+    """Picture with its caption, and the curves that a page with ``live.script()`` zooms into.
+
+    Args:
+        svg: the picture.
+        alt: what it shows, for who cannot see it.
+        said: caption, as markup.
+        curves: what zooms; None where nothing does.
+        points: that each curve keeps.
+        key: name of the place in the page.
+    """
+    data = ""
+    if curves:
+        data = f'<script type="application/json">{live.text(curves, points)}</script>'
+        said += "".join(f"<br>{escape(line)}." for line in curves.hidden)
+    named = f' id="{escape(key)}"' if key else ""
+    caption = f"<figcaption>{said}</figcaption>"
+    return f"<figure{named}>{image(svg, alt)}{data}{caption}</figure>"
+
+
+def _figures(results: Results, figures: Mapping[str, str], curves: Mapping[str, live.Live]) -> str:
+    out, points = [], live.share(curves.values())
     for stem, svg in figures.items():
         f = results.study.figures[stem]
         source = f" ({escape(f.source)} of the paper)" if f.source else ""
         caption = f"<b>{escape(stem)}</b>{source}. {escape(f.caption)}"
         quick = " <b>Quick run.</b>" if results.quick else ""
-        out.append(
-            f'<figure id="{escape(stem)}">{image(svg, f.caption)}'
-            f"<figcaption>{caption}{quick}</figcaption></figure>"
-        )
+        said = f"{caption}{quick}"
+        out.append(figure(svg, f.caption, said, curves.get(stem), points, stem))
     return "".join(out)
 
 

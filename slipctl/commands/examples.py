@@ -1,0 +1,119 @@
+"""Examples that ``--help`` shows; each is one that may be typed, line by line."""
+
+from __future__ import annotations
+
+EPILOG = """\
+NAME is a study (subway_braking) or a loop of it (subway_braking:sta, or sta@real for the form that
+it has in scenario real). It may be a model (double_exponential, subway_braking.wheelset) or a block
+in a file (my_law.py:my_law, my_law.toml:law). It may also be an equation, such as
+"mu = c*v_s where v_s [m/s], c = 0.1 s/m".
+
+  slipctl run subway_braking --set m=8.2t --loop sta --scenario base
+  slipctl run subway_braking --swap adh=my_law.py:my_law --out out/mine
+  slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
+"""
+
+LIST = """\
+  slipctl list kinds
+  slipctl list sensor
+  slipctl list observer --json
+"""
+
+SHOW = """\
+  slipctl show subway_braking:sta
+  slipctl show metro.toml:pid
+  slipctl show "mu = c*v_s where v_s [m/s], c = 0.1 s/m"
+"""
+
+NEW = """\
+  slipctl new metro
+  slipctl new metro my_car.toml
+  slipctl new --from hst_braking:eppfc
+  slipctl new --from subway_braking:sta@curves curves.toml
+"""
+
+RUN = """\
+  slipctl run metro.toml
+  slipctl run metro.toml --loop pid --set m=42t --out out/heavy
+  slipctl run hst_braking --full
+"""
+
+SWEEP = """\
+A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
+--samples extends what is there.
+
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
+  slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
+"""
+
+TUNE = """\
+The gains set by hand are a candidate. What has no certificate is not run. The same line again goes
+on where it was stopped.
+
+  slipctl tune subway_braking:sta --free k1=1:60 k2=1:60 --minimise distance --out out/sta
+  slipctl tune hst_braking:eppfc --free K1=5:50 --minimise slip_error_rms \\
+      --subject-to 'torque_ripple<=8kN m' 'margin>=1.2' --samples 40 --out out/eppfc
+  slipctl run subway_braking --loop sta --set out/sta/gains.toml
+"""
+
+REPLAY = """\
+  slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
+      --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
+  slipctl replay run7.csv --with "v = omega*r where omega [rad/s], r = 0.43 m" \\
+      --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
+"""
+
+COMPARE = """\
+  slipctl run hst_braking --loop eppfc --out out/a
+  slipctl run hst_braking --loop eppfc --set ctl.law.K1=50 --out out/b
+  slipctl compare out/a out/b
+"""
+
+COPY = """\
+  slipctl copy double_exponential my_law.py
+  slipctl run subway_braking --swap adh=my_law.py:double_exponential
+"""
+
+SCHEMA = """\
+  slipctl schema > slipctl.schema.json
+"""
+
+FIT = """\
+  slipctl fit curve.csv --law burckhardt --out fit
+  slipctl fit curve.csv --law polach --set Q=106.7kN v=10m/s --out fit
+"""
+
+C = """\
+  slipctl c subway_braking:sta --out c_sta --check
+  slipctl c metro.toml:pid --real float --target cortex-m4 --out c_pid
+"""
+
+PIL = """\
+  slipctl pil subway_braking:sta --seconds 0.5
+  slipctl pil metro.toml:pid --real float --fault 20=lost
+"""
+
+CERTIFY = """\
+  slipctl certify super_twisting --set k1=1.5 k2=1.1 L=1 --out sta.json
+  slipctl certify subway_braking:sta
+  slipctl certify subway_braking:sta --map k1=2:30,k2=2:30 --out map
+  slipctl certify reaching_law --set g1=36 g2=12 T=.001 D=2 band=.1 --largest lag --out ends
+"""
+
+CHECK = """\
+  slipctl check sta.json
+  slipctl check out/sta/certificate.json --rerun 3
+"""
+
+DOCS = """\
+  slipctl docs
+  slipctl docs sweeps --where
+"""
+
+OF_COMMAND = {
+    "list": LIST, "show": SHOW, "new": NEW, "schema": SCHEMA, "copy": COPY, "run": RUN,
+    "sweep": SWEEP, "tune": TUNE, "replay": REPLAY, "compare": COMPARE, "fit": FIT, "c": C,
+    "pil": PIL, "certify": CERTIFY, "check": CHECK, "docs": DOCS,
+}  # fmt: skip
+"""Text below the options of each command."""

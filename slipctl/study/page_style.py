@@ -1,0 +1,50 @@
+"""How pages look, on a bright and on a dark screen and on paper."""
+
+STYLE = """
+:root { --ink: #1c1c1c; --soft: #5b6168; --line: #d9dde1; --fill: #f5f6f8; --blue: #0072B2;
+  --page: #fff; --warn: #fff3e6; --bad: #fdeceb; --yes: #00694d; --no: #b3261e; --rail: 1; }
+@media screen and (prefers-color-scheme: dark) {
+  :root { --ink: #e6e8ea; --soft: #a3abb3; --line: #3b4249; --fill: #22272c; --blue: #6db7f2;
+    --page: #15181b; --warn: #38291a; --bad: #3b1f1d; --yes: #4fc79f; --no: #f28b82; --rail: .09;
+    color-scheme: dark; }
+  img { background: #fff; border-radius: 4px; } }
+* { box-sizing: border-box; }
+body { color: var(--ink); background: var(--page); margin: 0 auto; padding: 2rem 1.5rem 4rem;
+  max-width: 68rem; font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
+h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .6rem;
+  border-top: 2px solid var(--ink); }
+h3 { font-size: 1.02rem; margin: 1.6rem 0 .4rem; }
+p { max-width: 48rem; margin: .4rem 0; }
+a { color: var(--blue); }
+.soft { color: var(--soft); }
+.quick { background: var(--warn); border-left: 4px solid #D55E00; padding: .4rem .8rem; }
+.failed { background: var(--bad); border-left: 4px solid var(--no); padding: .4rem .8rem; }
+nav ul { columns: 2; padding-left: 1.1rem; margin: .4rem 0; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; margin: .5rem 0 1rem; font-size: .88rem; }
+th, td { padding: .25rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top;
+  text-align: left; }
+thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; max-width: 11rem; }
+td.n, th.n { text-align: right; } td.n { font-variant-numeric: tabular-nums;
+  white-space: nowrap; }
+tbody th { font-weight: normal; white-space: nowrap; }
+.verdict { white-space: nowrap; font-weight: 600; }
+.yes { color: var(--yes); } .no { color: var(--no); } .open { color: var(--soft); }
+figure { margin: 1.2rem 0; break-inside: avoid; }
+figure img { width: 100%; max-width: 52rem; height: auto; }
+figcaption { color: var(--soft); font-size: .9rem; max-width: 48rem; }
+.equations td { border: 0; padding: .18rem .3rem; vertical-align: baseline; }
+.equations td:first-child { text-align: right; }
+.diagram img { max-width: 100%; height: auto; }
+math { font-size: 1.05rem; }
+pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem; }
+details { margin: .4rem 0; } summary { cursor: pointer; }
+td details { margin: 0; } td summary { list-style: none; white-space: nowrap; }
+td summary::after { content: " ?"; color: var(--soft); font-size: .8em; }
+td details p { max-width: 22rem; margin: .1rem 0 .3rem; }
+@media print { td summary::after { content: none; }
+  body { max-width: none; padding: 0; font-size: 10pt; } nav { break-after: page; }
+  tr, figure { break-inside: avoid; } a { color: inherit; text-decoration: none; }
+  .wide { overflow: visible; } }
+"""

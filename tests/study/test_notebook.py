@@ -1,0 +1,81 @@
+"""What cells of a notebook show."""
+
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from slipctl import Rail, Scenario, Section, fit
+from slipctl.certify.certificate import certify_super_twisting
+from slipctl.models.hst_braking import davis
+from slipctl.models.subway_braking import double_exponential
+from slipctl.run.sweeping import Sweep
+from slipctl.study.doors import load_study
+
+
+class Balance(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def fitted():
+    slip = np.linspace(0.1, 6, 30)
+    curve = {"v_s": slip, "mu": [double_exponential(v_s=s)["mu"] for s in slip]}
+    return fit(double_exponential, curve, ["c"])
+
+
+RAIL = Rail([Section(0, "dry"), Section(2.5, "wet", {"v_opt": 1.25})])
+
+SHOWN = {
+    "law": (lambda: double_exponential, ("<math", "<img", "slip speed")),
+    "part": (lambda: davis, ("<math", "F_R")),
+    "rail": (lambda: RAIL, ("from [s]", "2.5", "wet", "v_opt = 1.25")),
+    "scenario": (lambda: Scenario("short", 3.0, RAIL, doc="a test"), ("short", "3 s", "a test")),
+    "study": (lambda: load_study("predictive"), ("predictive", "nmpc", "car")),
+    "loops": (
+        lambda: load_study("hst_braking").cases(load_study("hst_braking").models, True)[0].loops,
+        ("eppfc", "pid_printed"),
+    ),
+    "fit": (fitted, ("double_exponential", "95 % interval", "rms")),
+    "certificate": (lambda: certify_super_twisting(6, 4, 1), ("CERTIFIED",)),
+}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_cell_shows_what_it_ends_with(name):
+    make, words = SHOWN[name]
+    text = make()._repr_html_()
+    for word in words:
+        assert word in text
+    balance = Balance()
+    balance.feed(text)
+    assert not balance.open
+    assert len(text) < 80_000
+
+
+def test_a_sweep_shows_how_far_it_is_and_the_range_of_each_metric():
+    runs = [(k, {}, {"distance": 10.0 + k, "settling_time": [k, None]}, "") for k in range(3)]
+    runs.append((3, {}, {}, "a wheel broke"))
+    units = {"distance": ("m", ()), "settling_time": ("s", ("dry", "wet"))}
+    text = Sweep(Path("out/gains"), {}, SimpleNamespace(size=9), units, runs)._repr_html_()
+    for word in ("4 of 9 runs, 1 failed", "gains", "10", "11", "12", "settling_time, dry"):
+        assert word in text
+    assert "wet" not in text, "it has no value there"
+
+
+def test_a_loop_shows_its_parts_and_not_all_of_its_numbers():
+    study = load_study("subway_braking")
+    loop = study.cases(study.models, True)[0].loops["sta"]
+    text = loop._repr_html_()
+    assert "ctl" in text
+    assert len(text) < 8000
