@@ -82,9 +82,6 @@ const draw = (figure, group) => {
       lo -= room; hi += room;
     }
     const Y = v => TOP + high * (hi - v) / (hi - lo);
-    const clip = `c${figure.number}-${k}`;
-    const box = node("clipPath", { id: clip }, svg);
-    node("rect", { x: LEFT, y: TOP, width: inner, height: high }, box);
     for (const [from, to, colour, name] of panel.bands) {
       const l = Math.max(from, group.a), r = Math.min(to, group.b);
       if (l >= r) continue;
@@ -92,7 +89,7 @@ const draw = (figure, group) => {
       if (from > group.a) node("line", { class: "edge", x1: X(l), x2: X(l), y1: TOP, y2: TOP + high }, svg);
       if (name) node("text", { class: "soft", x: (X(l) + X(r)) / 2, y: TOP + 11, "text-anchor": "middle" }, svg).textContent = name;
     }
-    for (const v of ticks(lo, hi, Math.max(2, high / 34))) {
+    for (const v of ticks(lo, hi, Math.max(3, high / 34))) {
       node("line", { class: "grid", x1: LEFT, x2: LEFT + inner, y1: Y(v), y2: Y(v) }, svg);
       node("text", { x: LEFT - 6, y: Y(v) + 4, "text-anchor": "end" }, svg).textContent = shown(v);
     }
@@ -101,7 +98,8 @@ const draw = (figure, group) => {
       node("text", { x: X(t), y: TOP + high + 14, "text-anchor": "middle" }, svg).textContent = shown(t);
     }
     if (last) node("text", { x: LEFT + inner / 2, y: TOP + high + 31, "text-anchor": "middle" }, svg).textContent = "time [s]";
-    const curves = node("g", { "clip-path": `url(#${clip})` }, svg);
+    const curves = node("svg", { x: LEFT, y: TOP, width: inner, height: high,
+      viewBox: `${LEFT} ${TOP} ${inner} ${high}` }, svg);   // cuts off what is outside
     panel.curves.forEach((c, j) => {
       let line = "", up = "", down = "", pen = false, thick = false;
       const area = () => { if (up && thick) node("path", { d: up + down + "Z", fill: c.colour, class: "range" }, curves); up = down = ""; thick = false; };
@@ -194,7 +192,7 @@ const listen = (svg, figure, group) => {
   });
 };
 
-document.querySelectorAll("figure > script[type='application/json']").forEach((script, number) => {
+document.querySelectorAll("figure > script[type='application/json']").forEach(script => {
   const data = JSON.parse(script.textContent), at = script.parentElement;
   const [x0, x1] = data.span, key = `${x0}:${x1}`;
   if (!groups.has(key)) groups.set(key, { x0, x1, a: x0, b: x1, cursor: null, figures: [] });
@@ -202,7 +200,7 @@ document.querySelectorAll("figure > script[type='application/json']").forEach((s
   const box = document.createElement("div");
   box.className = "live";
   at.insertBefore(box, at.firstChild);
-  const figure = { box, number, hidden: new Set(), panels: [] };
+  const figure = { box, hidden: new Set(), panels: [] };
   const bar = element("div", "bar", "", box);
   element("span", "soft", "Drag to zoom, double-click for all. ", bar);
   figure.reset = element("button", "reset", "All of the time", bar);

@@ -1,7 +1,7 @@
 """Figures: one style, units on each axis, the same colour for the same loop in every study.
 
-With ``looks`` the only place that imports matplotlib, when something is drawn. A study's figures
-are made of these helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything,
+With ``looks`` the only place that imports matplotlib to draw, when something is drawn. A study's
+figures are made of these helpers: ``traces`` of logged signals, ``lines`` and ``bars`` of anything,
 ``laws`` of an adhesion law.
 """
 

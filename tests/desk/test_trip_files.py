@@ -182,7 +182,7 @@ def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
 
 
 def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path, monkeypatch):
-    from slipctl.draw import drawing
+    from slipctl.draw import diagram
     from slipctl.models.vehicle import trip as made
     from slipctl.study import report, running
 
@@ -196,7 +196,7 @@ def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path
         return once_more
 
     monkeypatch.setattr(made, "plant", counted("plant", made.plant))
-    monkeypatch.setattr(drawing, "Drawing", counted("drawing", drawing.Drawing))
+    monkeypatch.setattr(diagram, "Drawing", counted("drawing", diagram.Drawing))
     path = tmp_path / "my.toml"
     path.write_text(METRO, encoding="utf-8")
     study = doors.load_study(str(path))
