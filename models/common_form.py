@@ -274,10 +274,11 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
     return make
 
 
-def of_cheng(form: str = "robust") -> Callable[[Wheel], Block]:
+def of_cheng(form: str = "robust", tick: float = T_S) -> Callable[[Wheel], Block]:
     """The barrier law of ``freight_traction_control``: made for a driven wheel, so in the mirror.
 
     Its barrier of 0.02 m/s stands at a best creep of 1.21 m/s and keeps that share elsewhere.
+    ``tick`` is its period in s.
     """
 
     def make(w: Wheel) -> Block:
@@ -297,7 +298,7 @@ def of_cheng(form: str = "robust") -> Callable[[Wheel], Block]:
             "torque.u": "barrier.T_cmd",
             "T_wanted": "torque.y",
         }
-        reference = cheng.reference(T_S)
+        reference = cheng.reference(tick)
         reference = reference.with_params(most=10.0 * share)
         speed = ("m/s", "traction", "speed")
         return bounded(connect(
@@ -314,15 +315,16 @@ def cheng_barrier(w: Wheel) -> float:
     return 0.02 * w.v_best / 1.2098601
 
 
-def of_wang(control_law: Block) -> Callable[[Wheel], Block]:
+def of_wang(control_law: Block, tick: float = T_S) -> Callable[[Wheel], Block]:
     """A law of ``hst_traction_control``: with v - v_d the slip error and M = J/r it is a slip law.
 
     It tracks speed and position; a slip has no position, so e1 = 0. Its gains are made for a
-    disturbance of 0.05 m/s^3; the caller gives gains for one of a slip.
+    disturbance of 0.05 m/s^3; the caller gives gains for one of a slip. ``tick`` is its period
+    in s.
     """
 
     def make(w: Wheel) -> Block:
-        block = sampled(control_law, T_S, "euler") if control_law.kind == "flow" else control_law
+        block = sampled(control_law, tick, "euler") if control_law.kind == "flow" else control_law
         scale = block.params["m"].value
         wires = {
             "slip.u": "v_s",
@@ -416,11 +418,12 @@ def torque_of(
     return J / r * F / m
 
 
-def laws(driven: bool = False) -> dict[str, Callable[[Wheel], Block]]:
+def laws(driven: bool = False, tick: float = T_S) -> dict[str, Callable[[Wheel], Block]]:
     """Makers of the laws by name, to be given a :class:`Wheel`.
 
     Args:
         driven: for a driven wheel.
+        tick: period in s of laws that insist on one; the others have it as parameter ``T``.
     """
     motion = not driven
     return {
@@ -430,6 +433,6 @@ def laws(driven: bool = False) -> dict[str, Callable[[Wheel], Block]]:
         "efc": of_zhang(zhang.feedback_linearisation(motion)),
         "eppfc": of_zhang(zhang.prescribed(motion=motion)),
         "eppfc_barrier": of_zhang(zhang.prescribed(law="barrier", motion=motion)),
-        "barrier": of_cheng(),
-        "hosm": of_wang(wang.higher_order(eta=10.0).with_params(k_3=10.0)),
+        "barrier": of_cheng(tick=tick),
+        "hosm": of_wang(wang.higher_order(eta=10.0).with_params(k_3=10.0), tick),
     }

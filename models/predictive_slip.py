@@ -192,6 +192,7 @@ def predictive(
     pole: float = 3.0,
     smooth: float = 0.3,
     gate: bool = False,
+    tick: float = T_S,
 ) -> Callable[[Wheel], Block]:
     """Make the maker of a predictive slip law; see :mod:`slipctl.models.common_form`.
 
@@ -206,6 +207,7 @@ def predictive(
         pole: of the observer, over the reciprocal of that time constant.
         smooth: time constant of the reference's filter over that of the actuator.
         gate: solve only while the further input ``on`` is 1; observer and filter run on.
+        tick: period in s.
 
     Returns:
         Function of a :class:`~slipctl.models.common_form.Wheel`. The law takes the parameters of
@@ -214,7 +216,7 @@ def predictive(
 
     def make(w: Wheel) -> Block:
         solver = nmpc(
-            slip_model(adhesion, w), residuals, "T_cmd", h=ticks * T_S, horizon=horizon,
+            slip_model(adhesion, w), residuals, "T_cmd", h=ticks * tick, horizon=horizon,
             weights={"slip": slip / w.v_best, "change": change / w.T_max},
             bounds={"T_cmd": (0.0, w.T_max)}, rates={"T_cmd": rate * w.T_max / w.tau},
             soft={"beyond": (-1e3, 0.0, beyond / w.v_best)},

@@ -27,8 +27,10 @@ from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
 from slipctl.analysis.bounding import enclosure, largest_slope
 from slipctl.block.units import parse_quantity
 from slipctl.models.common_form import ADDED
+from slipctl.models.vehicle.own_gains import Range, Tube, Withstood, as_reaching, why_not
 from slipctl.models.vehicle.parts import (
     Lag,
+    OwnLaw,
     Reference,
     Searched,
     SlipLaw,
@@ -42,8 +44,6 @@ from slipctl.run.ensemble import FACTOR
 
 COARSE = 0.01
 """Share by which a bound may be too large."""
-
-Range = tuple[float, float]
 
 
 @law(D=Output("m/s^2", "what the slip falls by", positive="braking"))
@@ -85,22 +85,6 @@ class Ranges:
                 half = ((3 * lo + hi) / 4, (lo + 3 * hi) / 4)
                 found[name] = replace(self, **{kind: {**getattr(self, kind), name: half}})
         return found
-
-
-@dataclass(frozen=True)
-class Withstood:
-    """What a slip law meets while each axle is in its tube, on rails that do not change.
-
-    Attributes:
-        largest: |d| in m/s^2. slope: |d'| over |s'|, in 1/s. drift: rest of |d'| in m/s^3.
-        tube: farthest from the reference, in m/s. motion: acceleration of the vehicle in m/s^2.
-    """
-
-    largest: float
-    slope: float
-    drift: float
-    tube: float
-    motion: float
 
 
 PLACES = {"m": ("m", "plant.m", "plant.train.m"), "J": ("J",), "r": ("r",)}
@@ -156,7 +140,7 @@ def withstood(trip: Trip, loop: Block, over: Ranges, reference: Reference) -> Wi
     )  # fmt: skip
     wheel = {f"fall.{k}": v for k, v in over.numbers.items()}
     fixed = {f"fall.{k}": v for k, v in numbers.items() if f"fall.{k}" not in wheel}
-    found = []
+    found, tubes = [], []
     for condition, values in rail.conditions.items():
         own = {k: float(p.value) for k, p in rail.params.items() if not p.derived}
         own |= {k: float(v) for k, v in values.items()}
@@ -170,6 +154,7 @@ def withstood(trip: Trip, loop: Block, over: Ranges, reference: Reference) -> Wi
         low, high = enclosure(falls, "D", box, COARSE, **given)
         slope = largest_slope(falls, "D", "v_s", box, coarse=COARSE, **given).value
         found.append((low, high, slope, box["v_s"][1] - box["v_s"][0]))
+        tubes.append(Tube((min(slips), max(slips)), box["v_s"], (low, high)))
     lowest, highest = min(f[0] for f in found), max(f[1] for f in found)
     slope, span = max(f[2] for f in found), max(f[2] * f[3] for f in found)
     mass = over.numbers.get("m", (numbers["m"],))[0]
@@ -181,9 +166,10 @@ def withstood(trip: Trip, loop: Block, over: Ranges, reference: Reference) -> Wi
         steady += other * highest * max(abs(m / numbers["m"] - 1) for m in over.numbers["m"])
     error = trip.certify.error
     return Withstood(
-        largest=steady + (error * highest if fitted else span),
+        steady=steady, wrong=error * highest if fitted else span,
         slope=slope * (error + 2 * other if fitted else 2.0),
         drift=drift, tube=max(f[3] for f in found) / 2, motion=other * highest,
+        tubes=tuple(tubes),
     )  # fmt: skip
 
 
@@ -271,6 +257,7 @@ Asked = Callable[[Block, Withstood], Mapping[str, float]]
 SYSTEMS: dict[str, tuple[str, str, tuple[str, str]]] = {
     "sta": ("super_twisting", "L", ("lag", "dead")),
     "smc": ("reaching_law", "D", ("lag", "")),
+    "file": ("reaching_law", "D", ("lag", "")),
     "efc": ("lagged_loop", "", ("lag", "")),
     "eppfc": ("prescribed_performance", "W", ("lag", "dead")),
     "hosm": ("higher_order", "eta", ("", "")),
@@ -284,7 +271,6 @@ NONE = {
     "eppfc_barrier": "its barrier is not that of a system here",
     "barrier": "its robust form is not that of a system here",
     "nmpc": "what it does is the solution of a program at each tick",
-    "file": "a law of one's own is certified by its tick, see docs/certify.md",
     "none": "it has no gains",
 }
 """Why a controller has no certificate."""
@@ -298,12 +284,13 @@ def gains(trip: Trip) -> tuple[Gains, ...]:
     found = []
     seen: dict[str, Withstood] = {}
     for name, part in trip.controllers.items():
-        if isinstance(part, SlipLaw) and part.kind in SYSTEMS:
+        own = isinstance(part, OwnLaw) and not why_not(trip, part)
+        if own or (isinstance(part, SlipLaw) and part.kind in SYSTEMS):
             found += _of(trip, name, part, seen)
     return tuple(found)
 
 
-def _of(trip: Trip, name: str, part: SlipLaw, seen: dict[str, Withstood]) -> list[Gains]:
+def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood]) -> list[Gains]:
     system, bound, (lag, dead) = SYSTEMS[part.kind]
     reference = part.reference or trip.reference
     over, left = ranges(trip)
@@ -322,6 +309,8 @@ def _of(trip: Trip, name: str, part: SlipLaw, seen: dict[str, Withstood]) -> lis
             own = replace(over, tube=over.tube * width / met.tube)
             met = met_by(loop, own)
             found = _funnel(loop, met, over.speed, trip.vehicle.mode == "drive")
+        elif isinstance(part, OwnLaw):
+            found = as_reaching(trip, part, loop, met, over.speed)
         else:
             found = dict(NUMBERS[part.kind](loop, met))
         if late:
@@ -369,6 +358,11 @@ def _words(trip: Trip, over: Ranges, left: tuple[str, ...], reference: Reference
         "a reference and rails that do not change",
     ]  # fmt: skip
     drawn = [*over.numbers, *over.scale]
+    if kind == "file":
+        rows.append(
+            "the law taken as linear, with the mean of its slopes by v_s in the tube; what else it"
+            " does there counts as disturbance, and the limits of the torque are left out"
+        )
     if drawn:
         rows.append(f"over the ensemble's {', '.join(drawn)}")
     if left:
@@ -379,4 +373,6 @@ def _words(trip: Trip, over: Ranges, left: tuple[str, ...], reference: Reference
 def uncertified(trip: Trip) -> dict[str, str]:
     """Why a controller has no certificate, by its name."""
     kinds = {n: getattr(part, "kind", "") for n, part in trip.controllers.items()}
-    return {n: NONE[k] for n, k in kinds.items() if k in NONE}
+    own = {n: why_not(trip, part) for n, part in trip.controllers.items()
+           if isinstance(part, OwnLaw)}  # fmt: skip
+    return {n: NONE[k] for n, k in kinds.items() if k in NONE} | {n: w for n, w in own.items() if w}

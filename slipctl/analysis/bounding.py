@@ -52,8 +52,8 @@ def largest_slope(
             and a Lipschitz remainder, the enclosed second derivatives times half the cell. Both
             are proven.
         cells: cells along each range of the grid.
-        coarse: share of the slope at the ends of the box by which the bound may be too large. The
-            0.1 % are of the slope in the middle, and in a box about a peak that is very little.
+        coarse: share of the slope at the ends of the box by which the bound may be too large, where
+            that is more than the 0.1 %.
         **at: values of the other signals.
 
     Raises:
@@ -69,7 +69,7 @@ def largest_slope(
         points = np.column_stack([(low + high) / 2, low, high])
         middle, *ends = (float(v) for v in np.abs(np.array(f(points).full()))[0])
         found = largest(
-            f, low, high, max(1e-3 * max(middle, 1e-12), coarse * max(ends)),
+            f, low, high, max(1e-3 * max(middle, *ends, 1e-12), coarse * max(ends)),
             lambda y: np.abs(y[0]), lambda a, b: np.maximum(np.abs(a[0]), np.abs(b[0])),
         )  # fmt: skip
         how = f"interval arithmetic on {found.boxes} boxes"

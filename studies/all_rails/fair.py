@@ -3,7 +3,7 @@
 Two numbers of each law are free, from a quarter of the hand-set ones to four times them. The
 ensemble is that of the vehicle on its first rail. What the tuner found is judged on draws that it
 has not seen, on that rail and on the other one, which it never ran on. Then mass, adhesion and lag
-leave the ensemble one by one.
+leave the ensemble one by one, and the law runs at longer sample times.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl import BadInput, Block, Context, Ensemble, RunFailed, Signals, Table
+from slipctl import BadInput, Block, Context, Ensemble, RunFailed, Scenario, Signals, Table
 from slipctl.certify import barrier, catalogue, higher_order, super_twisting
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify.systems import report
@@ -25,14 +25,14 @@ from slipctl.studies.all_rails.loops import NAMES, VEHICLES, H, Vehicle, loops, 
 from slipctl.study.texts import number
 
 FREE: dict[str, tuple[str, str]] = {
-    "pid": ("law.law.K_p", "law.law.K_i"),
+    "pid": ("law.law.K", "law.reference.up"),
     "smc": ("law.law.g1", "law.law.g2"),
     "sta": ("law.law.k1", "law.law.k2"),
     "efc": ("law.law.K", "law.reference.up"),
     "eppfc": ("law.law.K1", "law.reference.up"),
     "eppfc_barrier": ("law.law.K1", "law.reference.up"),
     "barrier": ("law.barrier.q", "law.reference.w_r"),
-    "hosm": ("law.law.k_3", "law.law.k_4"),
+    "hosm": ("law.law.k_1", "law.law.k_4"),
     "nmpc": ("law.nmpc.weight_slip", "law.smoothed.tau_s"),
 }
 """What is free of each law; two numbers each, so that a budget is worth the same."""
@@ -40,17 +40,19 @@ FREE: dict[str, tuple[str, str]] = {
 SPAN = 4.0
 """Factor to either side of the hand-set number."""
 
-SAMPLES, RUNS, JUDGED, SEED = 4, 80, 12, 1
+SAMPLES, RUNS, JUDGED, SEED = 12, 320, 24, 1
 """Draws of the search, its runs, draws of the judgement on each rail, seed of all of it."""
 
 SWEPT = {
     "mass": (0.7, 0.85, 1.0, 1.15, 1.3),
     "adhesion": (0.5, 0.75, 1.0, 1.25),
     "lag": (0.5, 1.0, 2.0, 3.0),
+    "sample time": (1, 2, 4, 8),
 }
-"""Factors on what the controller knows; the ensemble ends at 0.9 to 1.1, 0.8 to 1.1, 0.7 to 1.4."""
+"""Factors on what the controller knows; the ensemble ends at 0.9 to 1.1, 0.8 to 1.1, 0.7 to 1.4.
+The sample time is that of law and limits; sensors and estimators stay at a tick of 1 ms."""
 
-NOISES = (11,)
+NOISES = (11, 12, 13, 14)
 """Seeds of the noise at each point of a profile."""
 
 
@@ -127,6 +129,7 @@ def work(context: Context, vehicle: str, name: str) -> dict[str, Any]:
         }
         if rail == first:
             profile = _profile(world, sets["tuned"], sign, v)
+            profile["sample time"] = _slowed(vehicle, name, wanted, sets["tuned"], sign, options)
     return {
         "gains": sets["tuned"], "runs": found.search.spent, "candidates": found.search.thought,
         "gradient": found.polished.text() if found.polished else "",
@@ -158,15 +161,41 @@ def _profile(
     lag = f"world.plant.{v.lag}"
     found: dict[str, list[float | None]] = {}
     for what, factors in SWEPT.items():
+        if what == "sample time":
+            continue
         found[what] = []
         for by in factors:
             drawn = {
                 n: x * (by if what == ("lag" if n == lag else "mass") else 1.0)
                 for n, x in (nominal | {lag: v.wheel.tau}).items()
             } | {"adhesion": by if what == "adhesion" else 1.0}  # fmt: skip
-            ways = [_way(world, numbers, world.at(drawn, seed), sign) for seed in NOISES]
-            found[what].append(None if None in ways else float(np.mean(ways)))  # type: ignore[arg-type]
+            found[what].append(_mean(world, numbers, drawn, sign))
     return found
+
+
+def _slowed(
+    vehicle: str, name: str, wanted: Scenario, numbers: Mapping[str, float], sign: float,
+    options: Mapping[str, Any],
+) -> list[float | None]:  # fmt: skip
+    """The same at each sample time of the law."""
+    v, found = VEHICLES[vehicle], []
+    for ticks in SWEPT.get("sample time", ()):
+        loop = loops(vehicle, int(ticks), (name,))[name]
+        world = World(loop, wanted, ensemble(v, loop), free=list(numbers), **options)
+        world.wanted = ("distance",)
+        now = world.loop.values_by_place()
+        nominal = {a.name: float(np.asarray(now[a.name])) for a in world.axes}
+        nominal |= {f"world.plant.{v.lag}": v.wheel.tau, "adhesion": 1.0}
+        found.append(_mean(world, numbers, nominal, sign))
+    return found
+
+
+def _mean(
+    world: World, numbers: Mapping[str, float], drawn: Mapping[str, float], sign: float
+) -> float | None:
+    """Mean distance over the seeds of the noise; None where a run fails."""
+    ways = [_way(world, numbers, world.at(drawn, seed), sign) for seed in NOISES]
+    return None if None in ways else float(np.mean(ways))  # type: ignore[arg-type]
 
 
 # ---- tables --------------------------------------------------------------------------------------
@@ -179,7 +208,8 @@ def fair(context: Context) -> dict[str, Table]:
     outcomes = context.each("fair", pairs, lambda pair: work(context, *pair))
     found = dict(zip(pairs, outcomes, strict=True))
     budget = (
-        f"{RUNS} runs of the search for each law on {SAMPLES} draws of the first rail; {JUDGED}"
+        f"A search of {RUNS} runs for each law, and to the end of its generation, on {SAMPLES}"
+        f" draws of the first rail; {JUDGED}"
         " fresh draws of each rail judge. Ranges: a quarter of the hand-set number to four times"
         " it. Mass 0.9 to 1.1, adhesion 0.8 to 1.1, lag 0.7 to 1.4 of what is known, and noise."
     )

@@ -7,7 +7,7 @@ what a law of ``models/common_form`` may ask for; so loops differ in the law alo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -370,7 +370,9 @@ SMOOTH = {"subway": 1.2}
 estimator finds jumps every 16 ms."""
 
 
-def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1.0) -> Block:
+def loop(
+    world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1.0, ticks: int = 1
+) -> Block:
     """Close the loop of a vehicle with a law.
 
     Args:
@@ -378,24 +380,43 @@ def loop(world: Block, w: Wheel, make: Callable[[Wheel], Block], lead: float = 1
         w: its wheel.
         make: maker of the law.
         lead: of :func:`slipctl.models.common_form.limits`.
+        ticks: of the vehicle, from one tick of the law to the next; its command is held.
     """
-    control_law = make(w)
+    control_law, limits = make(w), form.limits.with_params(T_max=w.T_max, lead=lead)
+    share = shares(world, control_law, ticks > 1)
+    if ticks > 1:
+        tick = {n: ticks * H for n in ("T", "T_s") if n in control_law.params}
+        control_law = every(control_law.with_params(**tick), ticks)
+        limits = every(limits, ticks)
     wires = {
         "limits.T_wanted": "law.T_wanted",
         "limits.T": "world.T",
         "world.T_cmd": "limits.T_cmd",
     } | {f"law.{n}": f"world.{n}" for n in control_law.inputs if n in world.outputs}
     return connect(
-        "loop", wires, share=shares(world, control_law), world=world, law=control_law,
-        limits=form.limits.with_params(T_max=w.T_max, lead=lead),
+        "loop", wires, share=share, world=world, law=control_law, limits=limits,
     )  # fmt: skip
 
 
-def loops(vehicle: str) -> dict[str, Block]:
-    """Every loop of a vehicle."""
+PLAN, STAGE = 80, 2
+"""What ``nmpc`` looks ahead, and a stage of it, in ticks of the vehicle."""
+
+
+def loops(vehicle: str, ticks: int = 1, names: Sequence[str] = NAMES) -> dict[str, Block]:
+    """Every loop of a vehicle.
+
+    Args:
+        vehicle: its name.
+        ticks: of the vehicle, from one tick of a law to the next.
+        names: of the loops.
+    """
     v, world = VEHICLES[vehicle], VEHICLES[vehicle].world()
-    makers = form.laws(v.driven) | {"nmpc": predictive(v.curve, smooth=SMOOTH.get(vehicle, 0.3))}
-    return {n: loop(world, v.wheel, makers[n], LEAD.get(n, 1.0)) for n in NAMES}
+    stage = max(STAGE, ticks)
+    makers = form.laws(v.driven, ticks * H) | {
+        "nmpc": predictive(v.curve, max(1, stage // ticks), PLAN // stage,
+                           smooth=SMOOTH.get(vehicle, 0.3), tick=ticks * H)
+    }  # fmt: skip
+    return {n: loop(world, v.wheel, makers[n], LEAD.get(n, 1.0), ticks) for n in names}
 
 
 LOG = (

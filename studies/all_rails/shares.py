@@ -39,11 +39,17 @@ FREIGHT_SHARES = SHARED | TRAIN | GRADIENT | {
 """Numbers that the parts of a vehicle have in common; fall has those of one wheel."""
 
 
-def shares(world: Block, control_law: Block) -> dict[str, Any]:
-    """Numbers that a vehicle and its law have in common; a law has those of one wheel."""
+def shares(world: Block, control_law: Block, slowed: bool = False) -> dict[str, Any]:
+    """Numbers that a vehicle and its law have in common; a law has those of one wheel.
+
+    A law that is ``slowed`` has a tick of its own.
+    """
     has = world.params
     found: dict[str, Any] = {n: f"*.{n}" for n in ("r", "g", "tau")}
-    found["T"] = ["*.T", "*.T_s"]
+    if slowed:
+        found |= {"T": "world.T"} if "T" in has else {}
+    else:
+        found["T"] = ["*.T", "*.T_s"]
     found |= {
         n: f"world.{n}"
         for n in ("m", "J", "n", "n_d", "R_g", "theta", "P_max", "slope")

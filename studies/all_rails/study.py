@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from slipctl import Claim, Figure, Results, Signals, Study
+from slipctl import Claim, Figure, Results, Signals, Study, Table
 from slipctl.draw import plots
 from slipctl.run.results import NotRun
 from slipctl.studies.all_rails.loops import NAMES, PAPERS, VEHICLES, cases
@@ -88,6 +89,27 @@ def ripple(r: Results) -> Any:
     return fig
 
 
+def profiles(r: Results) -> Any:
+    """Distance that each tuned law loses against the best one, off the ensemble."""
+    return profile_panels(r.table("fair", "profile"))
+
+
+def profile_panels(t: Table) -> Any:
+    """Draw the table ``profile``: a row for what is swept, a column per vehicle."""
+    vehicles, swept = (list(dict.fromkeys(t[n])) for n in ("vehicle", "swept"))
+    fig, axes = plots.panels(len(swept), len(vehicles), height=1.9)
+    for row, what in zip(axes, swept, strict=True):
+        for axis, vehicle in zip(row, vehicles, strict=True):
+            at = [k for k, (v, w) in enumerate(zip(t["vehicle"], t["swept"], strict=True))
+                  if (v, w) == (vehicle, what)]  # fmt: skip
+            factors = [t["factor"][k] for k in at]
+            lost = {n: [math.nan if t[n][k] is None else t[n][k] for k in at] for n in NAMES}
+            plots.lines({n: (factors, y) for n, y in lost.items()}, (f"factor on the {what}", "1"),
+                        ("behind the best", "m"), axis=axis, title=vehicle, points=True,
+                        legend=axis is axes[0, 0])  # fmt: skip
+    return fig
+
+
 SHOWN = ("smc", "sta", "efc", "barrier", "nmpc")
 
 
@@ -107,6 +129,10 @@ FIGURES = {
     "ripple": Figure(
         "Ripple of the torque over the last 0.5 s of each section, peak to peak, of its limit.",
         ripple,
+    ),
+    "profiles": Figure(
+        "Tuned alike, off the ensemble: what each law loses against the best one at the same"
+        " point, mean of four seeds of the noise.", profiles,
     ),
     "subway_start": Figure(
         "Subway: the first 0.6 s, in which most distance is lost.",

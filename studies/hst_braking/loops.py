@@ -9,6 +9,7 @@ from typing import Any
 from slipctl import (
     Block,
     Case,
+    Ensemble,
     Input,
     Known,
     Output,
@@ -306,6 +307,21 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         )  # fmt: skip
         found.append(Case(stop, stopping, known_peaks(adh, name)))
     return found
+
+
+# ---- what slipctl tune draws ---------------------------------------------------------------------
+
+LOADS = {"plant.m": "12.4t:15.2t"}
+"""Mass of the quarter train, a tenth to either side; the controller is told 13.8 t."""
+
+PEAKS = {"peak_adhesion": "0.8:1.2 of plant.adh.a0, plant.adh.a2, rail.best_adhesion"}
+"""Every rail a fifth worse or better; its best slip stays."""
+
+ENSEMBLES = {
+    "real": Ensemble({**LOADS, "plant.tau": "10ms:50ms"}, PEAKS, seeds=True),
+    "base": Ensemble(LOADS, PEAKS),
+}
+"""By scenario; the controller is told a lag of 20 ms."""
 
 
 # ---- closed forms --------------------------------------------------------------------------------

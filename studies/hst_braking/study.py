@@ -14,7 +14,7 @@ from slipctl.studies.hst_braking import experiments
 from slipctl.studies.hst_braking.answers import FOUR, THREE
 from slipctl.studies.hst_braking.claims import CLAIMS
 from slipctl.studies.hst_braking.gains import GAINS
-from slipctl.studies.hst_braking.loops import MODELS, NAMES, best, cases
+from slipctl.studies.hst_braking.loops import ENSEMBLES, MODELS, NAMES, best, cases
 
 # ---- figures -------------------------------------------------------------------------------------
 
@@ -272,6 +272,7 @@ study = Study(
     figures=FIGURES,
     experiments=experiments.EXPERIMENTS,
     gains=GAINS,
+    ensembles=ENSEMBLES,
     uncertified=dict.fromkeys(
         ("pid", "pid_true_reference", "pid_printed"),
         "its integral and its limits have no criterion here",

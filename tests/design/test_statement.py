@@ -132,3 +132,31 @@ def test_draws_run_again(
     assert main(["check", str(file), "--rerun", "2"]) == 2
     assert main(["check", str(file), "--rerun", "0"]) == 2
     assert "holds no statement" in capsys.readouterr().err
+
+
+def test_1375_draws_say_99_percent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the share and the chance of the command; of 1375 draws, one beyond a limit is too many.
+
+    The tail is that of the binomial: (1 - 1/100)^1375 <= 1e-6 < (1 - 1/100)^1374.
+    """
+    monkeypatch.undo()
+    tail = Fraction(99, 100)
+    assert tail**1375 <= statement.BETA < tail**1374
+    limit = {"subject_to": ["slip_max<=9m/s"], "runs": 4, "compile": True}
+    found = {**tuned(prove=True, **limit).statement, "set": [], "swapped": []}
+    assert (found["draws"], found["attempt"], len(set(found["values"]))) == (1375, 1, 1375)
+    for line in statement.lines(found):
+        assert "in at least 99.0002 % of draws, confidence 1 - 1e-6: 0 of 1375 fresh" in line
+    kept = statement.check(found)[1]
+    assert kept.reached
+    assert kept.share >= tail
+    seen = [float.fromhex(v) for v in found["claims"][0]["values"]]
+    worst = [s if k else 9.5 for k, s in enumerate(seen)]
+    beyond = statement._claim("", "slip_max", True, 9.0, "m/s", tail, worst, statement.BETA)
+    found["claims"][0] = beyond
+    missed = statement.check(found)[1]
+    assert missed.violations == 1
+    assert not missed.reached
+    beyond["share"] = str(tail)  # more than its draws prove
+    with pytest.raises(DoesNotHold, match="do not prove the share 99/100"):
+        statement.check(found)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slipctl import Context
+from slipctl import Context, simulate
 from slipctl.design.polish import Polished
 from slipctl.design.tuning import HELD_OUT, TRAINING
 from slipctl.run.ensemble import World
@@ -87,7 +87,9 @@ def test_a_law_is_tuned_judged_and_kept(tmp_path: Path, monkeypatch: pytest.Monk
     """A short run of one law; the second start reads it, and its numbers are plain."""
     short = VEHICLES["subway"]._replace(length=0.1)
     monkeypatch.setitem(VEHICLES, "subway", short)
-    for name, value in (("RUNS", 8), ("JUDGED", 2), ("SWEPT", {"lag": (1.0, 2.0)})):
+    swept = {"lag": (1.0, 2.0), "sample time": (1, 4)}
+    for name, value in (("RUNS", 8), ("SAMPLES", 4), ("JUDGED", 2), ("NOISES", (11,)),
+                        ("SWEPT", swept)):  # fmt: skip
         monkeypatch.setattr(fair, name, value)
     monkeypatch.setattr("slipctl.design.tune.polish", lambda search: Polished("not asked"))
     context = Context(False, {}, [], folder=tmp_path)
@@ -99,4 +101,42 @@ def test_a_law_is_tuned_judged_and_kept(tmp_path: Path, monkeypatch: pytest.Monk
     k2 = found["gains"]["law.law.k2"]
     assert 0 < L <= k2 * (1 + 1e-3)
     assert len(found["profile"]["lag"]) == 2
+    slow = found["profile"]["sample time"]
+    assert slow[0] == found["profile"]["lag"][0]
+    assert len(slow) == 2
     assert json.loads(next(tmp_path.glob("*.json")).read_text())["found"] == found
+
+
+def test_every_free_number_does_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law whose free numbers were idle would not be tuned; PID had such ones."""
+    monkeypatch.setitem(VEHICLES, "subway", VEHICLES["subway"]._replace(length=0.2))
+    v, ours = VEHICLES["subway"], loops("subway")
+    for name, free in fair.FREE.items():
+        wanted = scenario("subway", "table_1").but(params={})
+        world = World(ours[name], wanted, fair.ensemble(v, ours[name]), seed=fair.SEED,
+                      signals=fair.SIGNALS, free=list(free), compile=False)  # fmt: skip
+        world.wanted = ("distance",)
+        values, draw = ours[name].values_by_place(), world.draw(HELD_OUT, 0)
+        found = [fair._way(world, {}, draw, 1.0)]
+        found += [fair._way(world, {n: 0.5 * float(values[n])}, draw, 1.0) for n in free]
+        assert len(set(found)) == 3, name
+        assert None not in found
+
+
+@pytest.mark.parametrize("name", ["sta", "barrier", "hosm", "nmpc"])
+def test_a_slower_law_computes_with_its_own_sample_time(name: str) -> None:
+    """Each 4th tick of the vehicle; what is discretised has 4 ms, and sensors and plant keep 1."""
+    slow = loops("subway", 4, (name,))[name]
+    assert slow.period == 1e-3
+    values = slow.values_by_place()
+    ticks = {n: float(x) for n, x in values.items() if n.rpartition(".")[2] in ("T", "T_s")}
+    assert {x for n, x in ticks.items() if n.startswith("law.")} <= {4e-3}
+    assert {x for n, x in ticks.items() if n.startswith("world.")} == {1e-3}
+    assert len(ticks) > 2
+    assert set(fair.FREE[name]) <= set(values)
+    if name != "sta":  # it insists on a period, which is that of its own ticks
+        assert slow["law"].period == 1e-3
+    log = simulate(slow, scenario("subway", "table_1").but(duration=0.4), compile=False)
+    held = log["limits.T_cmd"].values.reshape(-1)[:400].reshape(100, 4)
+    assert np.ptp(held, axis=1).max() == 0.0
+    assert len(set(held[:, 0])) > 2

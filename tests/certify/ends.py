@@ -1,0 +1,87 @@
+"""How large sample time and lag may be: python tests/certify/ends.py --out FILE.
+
+Every certificate of the studies and of the shipped vehicle file whose system takes a sample time:
+the largest sample time and lag that are proved, and the smallest that a run refutes, all other
+numbers those of the loop. Both certificates are written out and checked as a stranger would.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from slipctl.certify import catalogue, certificate, proofs
+from slipctl.certify.farthest import Farthest, farthest
+from slipctl.certify.systems import checked
+from slipctl.models.vehicle.trip import FILES
+from slipctl.run import store
+from slipctl.studies.bench import speed
+from slipctl.study.doors import find_loop, load_study
+
+STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
+ENDS = ("T", "lag")
+
+
+def asked(names: tuple[str, ...] = STUDIES) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+    """Name, system and numbers of each certificate that takes a sample time."""
+    for name in (*names, str(FILES / "metro.toml")):
+        study = load_study(name)
+        for gains in study.gains:
+            if "T" in catalogue.system(gains.system).numbers:
+                numbers = gains.numbers(find_loop(study, gains.loop)[0])
+                yield f"{study.name}:{gains.name}", gains.system, {
+                    k: float(v) for k, v in numbers.items()
+                }  # fmt: skip
+
+
+def end(system: str, numbers: Mapping[str, float], of: str) -> Farthest:
+    """How far a number may go; the certificates of both sides hold."""
+    own = catalogue.system(system)
+    found = farthest(own, numbers, of)
+    for side in ("certified", "refuted"):
+        value = getattr(found, side)
+        if value is not None:
+            told = checked(own, {**numbers, of: Fraction(str(value))})
+            payload = proofs.write(own, told)
+            assert payload["verdict"] == side.upper(), (system, of, value, payload["verdict"])
+            certificate.check(payload)
+    return found
+
+
+def main() -> int:
+    """Look for all ends."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    numbers: dict[str, Any] = {}
+    for name, system, told in asked():
+        for of in ENDS:
+            if of not in catalogue.system(system).numbers:
+                continue
+            start = process_time()
+            found = end(system, told, of)
+            entry = {
+                "certified": found.certified,
+                "refuted": found.refuted,
+                "tried": len(found.tried),
+                "seconds": round(process_time() - start, 2),
+            }
+            numbers.setdefault(name, {"system": system, "now": {}, "ends": {}})["ends"][of] = entry
+            numbers[name]["now"] = {k: told.get(k, 0.0) for k in ENDS}
+            print(name, of, entry, flush=True)
+    if options.out:
+        store.write_json(options.out, {
+            "format": 1, "command": "python tests/certify/ends.py", "versions": speed.machine(),
+            "date": datetime.date.today().isoformat(), "numbers": numbers,
+        })  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
