@@ -1,6 +1,7 @@
 """The profiles of ``all_rails``: ``python docs/make_profiles.py`` writes their picture.
 
-docs/profiles_all_rails.svg is drawn from the table ``profile`` of the experiment ``fair`` in docs/evidence/all_rails.json.
+docs/profiles_all_rails.svg is drawn from the table ``profile`` of the experiment ``fair`` in
+docs/evidence/all_rails.json.
 """
 
 from __future__ import annotations

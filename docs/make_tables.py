@@ -4,7 +4,7 @@ The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDE
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
 ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
-``adversary``, of verdicts; ``enclosures``; ``gradients``.
+``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``.
 """
 
 from __future__ import annotations
@@ -151,6 +151,20 @@ def enclosures(results: Path, words: list[str]) -> str:
     return rows_to_text(head, rows)
 
 
+def ends(results: Path, words: list[str]) -> str:
+    """A row per certificate and number: how far it is proved, and from where a run refutes it."""
+    found = json.loads((DOCS / "evidence" / "ends.json").read_text(encoding="utf-8"))["numbers"]
+    rows = []
+    for name, n in found.items():
+        for of, e in n["ends"].items():
+            sides = [number(1e3 * e[k], 3) if e[k] else "" for k in ("certified", "refuted")]
+            if e["certified"] is not None:  # what holds at no value has no end
+                rows.append([f"`{name}`", n["system"], of, number(1e3 * n["now"][of], 3), *sides])
+    head = ["certificate", "asked as", "number", "in the loop [ms]", "proved up to [ms]",
+            "refuted from [ms]"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
 def gradients(results: Path, words: list[str]) -> str:
     """A row per loop with slopes: free numbers, and how far differences are from the slopes."""
     found = json.loads(results.read_text(encoding="utf-8"))["numbers"]["gradients"]
@@ -165,7 +179,7 @@ def gradients(results: Path, words: list[str]) -> str:
 
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
           "adversary": adversary_cases, "enclosures": enclosures,
-          "gradients": gradients}  # fmt: skip
+          "ends": ends, "gradients": gradients}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):

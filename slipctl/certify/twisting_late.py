@@ -34,6 +34,9 @@ from slipctl.certify.outward import Interval
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, origin
 
 BITS = 10
+MOST_TICKS = 1000
+"""Most ticks of a run: enough for a slow lag to swing the loop up from rest."""
+
 MOST_WORK = 0.6
 """Limit of the work of a search, about seconds; ``holds`` takes no more than twice that."""
 
@@ -52,11 +55,11 @@ class Late:
     lag: Fraction
     dead: int
 
-    def left(self) -> tuple[Fraction, Fraction]:
+    def left(self, digits: int = 60) -> tuple[Fraction, Fraction]:
         """Bounds of E; of a very short lag from above."""
         if not self.lag:
             return Fraction(0), Fraction(0)
-        low, high = Interval.of(-1 / max(self.lag, Fraction(1, 20)), 60).exp().ends()
+        low, high = Interval.of(-1 / max(self.lag, Fraction(1, 20)), digits).exp().ends()
         return (low if self.lag * 20 >= 1 else Fraction(0)), high
 
     def drift(self) -> Fraction:
@@ -177,7 +180,9 @@ def _short(x: Fraction) -> Fraction:
 
 
 @lru_cache(maxsize=8)
-def search(late: Late, wanted: Fraction, ticks: int = 300) -> tuple[list[Fraction], ...] | None:
+def search(
+    late: Late, wanted: Fraction, ticks: int = MOST_TICKS
+) -> tuple[list[Fraction], ...] | None:
     """Disturbance and noise, tick by tick, that lead from rest to |y| > ``wanted``; else None."""
     law, j = late.law, late.dead
     k1, k2, L, N = (float(x) for x in (law.k1, law.k2, law.L, law.N))
@@ -220,7 +225,7 @@ def search(late: Late, wanted: Fraction, ticks: int = 300) -> tuple[list[Fractio
 
 
 def replay(
-    late: Late, d: Sequence[Fraction], n: Sequence[Fraction], digits: int = 400
+    late: Late, d: Sequence[Fraction], n: Sequence[Fraction], digits: int = 1500
 ) -> Fraction | None:
     """Bound from below of |y| after a run from rest; None if rounding leaves a sign open.
 
@@ -229,7 +234,7 @@ def replay(
     law, one = late.law, 1 << digits
     if any(abs(x) > law.L for x in d) or any(abs(x) > law.N for x in n):
         return None
-    E = late.left()
+    E = late.left(digits // 3)  # decimal ones: 2^10 is 10^3
     left = math.floor(E[0] * one), math.ceil(E[1] * one)
     missed = (math.floor(late.lag * (1 - E[1]) * one), math.ceil(late.lag * (1 - E[0]) * one))
     k1 = math.floor(law.k1 * one), math.ceil(law.k1 * one)

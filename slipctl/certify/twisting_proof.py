@@ -235,19 +235,16 @@ def _replay_late(n: Numbers, given: Entries) -> str:
     if entry["start"] != "rest" or at is None:
         raise DoesNotHold("run: it must start from rest, with numbers within reach")
     scale = at[1] / n["T"] ** 2
-    d = [rational(x, "run.d") / scale for x in rows(entry["d"], "run.d", MOST_LATE_TICKS)]
+    d = [rational(x, "run.d") / scale for x in rows(entry["d"], "run.d", twisting_late.MOST_TICKS)]
     heard = [Fraction(0)] * len(d)
     if "noise" in entry:
-        told = rows(entry["noise"], "run.noise", MOST_LATE_TICKS, len(d))
+        told = rows(entry["noise"], "run.noise", twisting_late.MOST_TICKS, len(d))
         heard = [rational(x, "run.noise") / at[1] for x in told]
     reached = twisting_late.replay(at[0], d, heard)
     if reached is None or reached * at[1] <= n["band"]:
         raise DoesNotHold("run: |x1| does not exceed the band, or |d| or the noise is too large")
     return f"from rest |x1| comes to {spelled(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
 
-
-MOST_LATE_TICKS = 1000
-"""Most ticks of a run behind a lag."""
 
 SAMPLED_BOUND = Evidence(_find, _check)
 LATE_BOUND = Evidence(_find_late, _check_late)

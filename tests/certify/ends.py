@@ -12,6 +12,7 @@ import datetime
 import sys
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
+from importlib.resources import files
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -19,7 +20,6 @@ from typing import Any
 from slipctl.certify import catalogue, certificate, proofs
 from slipctl.certify.farthest import Farthest, farthest
 from slipctl.certify.systems import checked
-from slipctl.models.vehicle.trip import FILES
 from slipctl.run import store
 from slipctl.studies.bench import speed
 from slipctl.study.doors import find_loop, load_study
@@ -30,7 +30,7 @@ ENDS = ("T", "lag")
 
 def asked(names: tuple[str, ...] = STUDIES) -> Iterator[tuple[str, str, Mapping[str, float]]]:
     """Name, system and numbers of each certificate that takes a sample time."""
-    for name in (*names, str(FILES / "metro.toml")):
+    for name in (*names, str(files("slipctl.models.vehicle") / "files" / "metro.toml")):
         study = load_study(name)
         for gains in study.gains:
             if "T" in catalogue.system(gains.system).numbers:

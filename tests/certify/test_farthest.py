@@ -5,8 +5,11 @@ import json
 import pytest
 
 from slipctl import BadInput
+from slipctl.certify import proofs
 from slipctl.certify.catalogue import system
+from slipctl.certify.certificate import check
 from slipctl.certify.farthest import farthest
+from slipctl.certify.systems import checked
 from slipctl.commands import cli
 
 
@@ -75,3 +78,12 @@ def test_what_cannot_be_asked_is_one_line(words, said, capsys):
 def test_a_number_of_either_sign_has_no_largest():
     with pytest.raises(BadInput, match="may be negative"):
         farthest(system("perturbation_seek"), {}, "k")
+
+
+def test_a_slow_lag_is_refuted_by_a_run_that_checks():
+    """From rest the loop swings up over many ticks; the run is replayed, each tick enclosed."""
+    numbers = {"k1": 20.0, "k2": 10.0, "L": 0.8, "T": 1e-3, "band": 0.005}
+    found = farthest(system("super_twisting"), numbers, "lag", share=0.5)
+    assert 0.0009 < found.certified < found.refuted < 0.2
+    told = checked(system("super_twisting"), {**numbers, "lag": found.refuted})
+    assert "REFUTED" in check(proofs.write(system("super_twisting"), told))
