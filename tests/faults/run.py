@@ -5,6 +5,7 @@ runs a study into a folder of its own and breaks it:
 
 * an interrupt (SIGINT, SIGTERM): exit code 130, no traceback, and the time until the end is told;
 * a kill, then the same command again: what was finished is the same bytes, nothing stale is left;
+* a kill of a sweep: no run that had been told as ended is missing, and the rest follows;
 * closed or full output, a damaged or foreign library in the cache, a full disk: files or one line.
 
 Needs signals of POSIX; a full disk needs root and Linux (a small tmpfs) and is left out elsewhere.
@@ -18,15 +19,25 @@ import os
 import random
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 TOY = Path(__file__).parents[1] / "toy_study.py"
 RUN = [sys.executable, "-m", "slipctl", "-q", "run", str(TOY), "--quick"]
+SWEEP = [
+    sys.executable, "-m", "slipctl", "-q", "sweep", "subway_braking:sta", "--vary",
+    "ctl.law.k1=5:20", "--jobs", "2", "--out", "o", "--samples",
+]  # fmt: skip
+RUNS = 60
+"""Runs of a sweep that is killed."""
+
 SOON = 2.0
 """Seconds within which an interrupted run shall end, on a machine that does nothing else."""
 
@@ -121,6 +132,45 @@ def kill(place: Place, rng: random.Random) -> tuple[list[str], float]:
     return [*wrong, *(f"{name} is left in the cache" for name in left)], 0.0
 
 
+def kill_sweep(place: Place, rng: random.Random) -> tuple[list[str], float]:
+    """Kill a sweep once a random number of runs is in its store: all are there, with their bits."""
+    o, whole = place.folder / "o", place.folder / "sweep"
+    around: dict[str, Any] = {"cwd": place.folder, "env": place.environment, "text": True}
+    if not whole.exists():
+        subprocess.run([*SWEEP, str(RUNS)], **around, capture_output=True, check=True)
+        o.rename(whole)
+    process = subprocess.Popen([*SWEEP, str(RUNS)], **around, stdout=subprocess.DEVNULL,
+                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    wanted, seen = rng.randrange(RUNS), dict[int, str]()
+    while process.poll() is None and len(seen) <= wanted:
+        seen = kept_runs(o)
+    time.sleep(rng.uniform(0, 0.02))  # at any place between two runs
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    after = kept_runs(o)
+    wrong = [f"run {k} had ended and is lost" for k in seen if after.get(k) != seen[k]]
+    again = subprocess.run([*SWEEP, str(RUNS)], **around, capture_output=True)
+    wrong += ended(again.stderr, again.returncode, (0,))
+    final = kept_runs(o)
+    if any(final.get(k) != v for k, v in after.items()):
+        wrong.append("a run that was kept changed")
+    return wrong + ([] if final == kept_runs(whole) else ["other runs than without a kill"]), 0.0
+
+
+def kept_runs(folder: Path) -> dict[int, str]:
+    """Metrics of the runs that the store of a sweep holds."""
+    if not (folder / "sweep.sqlite").exists():
+        return {}
+    db = sqlite3.connect(f"file:{folder / 'sweep.sqlite'}?mode=ro", uri=True, timeout=30)
+    try:
+        return dict(db.execute("select run, metrics from runs"))
+    except sqlite3.OperationalError:  # no table yet
+        return {}
+    finally:
+        db.close()
+
+
 def output(place: Place, rng: random.Random) -> tuple[list[str], float]:
     """Nobody reads what is printed: all files are there."""
     where = rng.choice(("| true", ">&-", *(["> /dev/full"] if Path("/dev/full").exists() else [])))
@@ -175,7 +225,7 @@ def disk(place: Place, rng: random.Random) -> tuple[list[str], float]:
 
 
 KINDS: dict[str, Callable[[Place, random.Random], tuple[list[str], float]]] = {
-    "interrupts": interrupt, "kills": kill, "outputs": output, "caches": cache, "disks": disk,
+    "interrupts": interrupt, "kills": kill, "sweeps": kill_sweep, "outputs": output, "caches": cache, "disks": disk,
 }  # fmt: skip
 
 
@@ -205,7 +255,7 @@ def attack(rounds: dict[str, int], seed: int) -> dict[str, object]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    for name, number in zip(KINDS, (10, 10, 6, 6, 4), strict=True):
+    for name, number in zip(KINDS, (10, 10, 4, 6, 6, 4), strict=True):
         parser.add_argument(f"--{name}", type=int, default=number)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)

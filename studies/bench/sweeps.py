@@ -1,0 +1,245 @@
+"""What a sweep costs beside what it rolls: ``python -m slipctl.studies.bench.sweeps``.
+
+1000 runs of ``hst_braking:eppfc`` with a gain drawn in each, the compile cache warm. All is told as
+ratios of one session: processor time a run against the compiled roll alone, speed against a pool
+of processes that calls ``with_params`` and ``simulate``, what a second core is worth, memory, and
+speed on a cluster on this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipctl import Block, Scenario, Signals, prepare, simulate, sweep
+from slipctl.run import build, machine, store
+from slipctl.run.varying import plan_of
+from slipctl.study.doors import find_loop, load_study
+
+LOOP = ("hst_braking", "eppfc")
+VARY = ["ctl.law.K1=5:50"]
+SHORT = 0.3
+"""Duration in s of the runs whose memory is looked at."""
+
+
+@cache
+def asked(duration: float | None = None) -> tuple[Block, Scenario, Signals]:
+    """The loop, what happens, and what the metrics speak of."""
+    study = load_study(LOOP[0])
+    loop, case = find_loop(study, LOOP[1])
+    scenario = case.scenario if duration is None else case.scenario.but(duration=duration)
+    return loop, scenario, study.signals
+
+
+def swept(
+    out: Path, samples: int, duration: float | None = None, jobs: int = 1, scheduler: str = ""
+) -> float:
+    """Sweep, and give the wall time in s."""
+    loop, scenario, signals = asked(duration)
+    began = time.perf_counter()
+    sweep(loop, scenario, VARY, out, samples=samples, signals=signals, jobs=jobs,
+          scheduler=scheduler)  # fmt: skip
+    return time.perf_counter() - began
+
+
+def cpu(call: Callable[[], Any]) -> float:
+    """Processor time in s of a call, its threads included."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def roll_alone(runs: int) -> Callable[[int], None]:
+    """So many compiled rolls, of inputs and numbers that are ready."""
+    loop, scenario, _ = asked()
+    whole = prepare(loop, scenario).whole({})
+    roller = build.compiled(whole.f)
+    assert roller is not None
+    (first, last, p), *more = whole.parts
+    assert not more
+    x, y = np.empty_like(whole.x), np.empty_like(whole.y)
+
+    def rolls(ticks: int = last - first) -> None:
+        for _ in range(runs):
+            roller.roll(whole.x[0].copy(), whole.u[:ticks], p, x[:ticks], y[:ticks])
+
+    return rolls
+
+
+def over_the_roll(samples: int, rounds: int) -> dict[str, float]:
+    """Processor time of a run against the compiled roll alone; both in turn, on one thread.
+
+    The sweep is made in rounds that extend it. What it costs to open one counts once, as it would
+    in a single call.
+    """
+    each = samples // rounds
+    rolls = roll_alone(each)
+    rolls()
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        opened = [cpu(lambda: swept(out, 1))]
+        rows = []
+        for k in range(rounds):
+            alone = cpu(rolls)
+            grown = cpu(lambda k=k: swept(out, 1 + each * (k + 1)))  # type: ignore[misc]
+            opened.append(cpu(lambda k=k: swept(out, 1 + each * (k + 1))))  # type: ignore[misc]
+            rows.append((grown, alone))
+    opening = statistics.median(opened[1:])
+    ratios = [(grown - opening) / alone for grown, alone in rows]
+    total = sum(alone for _, alone in rows)
+    return {
+        "roll_cpu_s": total / samples, "opening_cpu_s": opening,
+        "ratio": statistics.median(ratios) + opening / total,
+        "ratio_min": min(ratios) + opening / total, "ratio_max": max(ratios) + opening / total,
+        "wanted_at_most": 1.15,
+    }  # fmt: skip
+
+
+def one_call() -> dict[str, float]:
+    """What it would save at most to roll several runs in one call: a call of one tick."""
+    rolls = roll_alone(3)
+    calls = roll_alone(3000)
+    whole = cpu(rolls) / 3
+    call = cpu(lambda: calls(1)) / 3000
+    return {"call_of_one_tick_cpu_s": call, "share_of_a_run": call / whole}
+
+
+def _simulated(gain: float) -> None:
+    loop, scenario, _ = asked()
+    simulate(loop.with_params(**{"ctl.law.K1": gain}), scenario)
+
+
+def against_processes(samples: int, few: int, pairs: int) -> dict[str, float]:
+    """A sweep on all cores against a pool of two processes, wall times a run, in turn.
+
+    The pool keeps its loop, is warm, and measures nothing.
+    """
+    loop, scenario, _ = asked()
+    plan = plan_of(loop, scenario, VARY, samples)
+    gains = [plan.numbers(k)["ctl.law.K1"] for k in range(few)]
+    each = samples // pairs
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2) as pool:
+        list(pool.map(_simulated, gains[:4], chunksize=2))
+        for k in range(pairs):
+            ours = swept(Path(folder) / str(k), each, jobs=2) / each
+            began = time.perf_counter()
+            list(pool.map(_simulated, gains, chunksize=max(few // 8, 1)))
+            rows.append((ours, (time.perf_counter() - began) / few))
+    ratios = [pool_s / ours for ours, pool_s in rows]
+    return {"ours_s": statistics.median(a for a, _ in rows),
+            "pool_s": statistics.median(b for _, b in rows),
+            "ratio": statistics.median(ratios), "ratio_min": min(ratios),
+            "ratio_max": max(ratios), "wanted_at_least": 3.0}  # fmt: skip
+
+
+def second_core(samples: int, pairs: int) -> dict[str, float]:
+    """Wall time of a sweep on one thread over that on two, in turn; says how busy the cores were.
+
+    ``share_of_two_cores`` is the processor time that the two threads got, as a share of two cores:
+    where others run too, it bounds what a second one can be worth.
+    """
+    ratios, shares = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(pairs):
+            one = swept(Path(folder) / f"one{k}", samples, jobs=1)
+            began = time.process_time()
+            two = swept(Path(folder) / f"two{k}", samples, jobs=2)
+            shares.append((time.process_time() - began) / two / 2)
+            ratios.append(one / two)
+    return {"ratio": statistics.median(ratios), "ratio_min": min(ratios),
+            "ratio_max": max(ratios), "share_of_two_cores": statistics.median(shares),
+            "wanted_at_least": 1.8}  # fmt: skip
+
+
+def memory(few: int, many: int) -> dict[str, float]:
+    """Largest resident memory of a process that sweeps few runs, and of one that sweeps many.
+
+    The runs are cut short, as what is kept of a run does not depend on its length.
+    """
+    def peak(samples: int) -> float:
+        words = [sys.executable, "-m", "slipctl.studies.bench.sweeps", "--peak", str(samples)]
+        done = subprocess.run(words, check=True, capture_output=True, text=True)
+        return float(done.stdout)
+
+    a, b = peak(few), peak(many)
+    return {"duration_s": SHORT, f"peak_of_{few}_runs_MiB": a, f"peak_of_{many}_runs_MiB": b,
+            "kB_a_run": 1024 * (b - a) / (many - few)}  # fmt: skip
+
+
+def peak(samples: int) -> float:
+    """Largest resident memory in MiB of this process after a sweep of short runs."""
+    with tempfile.TemporaryDirectory() as folder:
+        swept(Path(folder), samples, SHORT, jobs=2)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def on_a_cluster(samples: int, pairs: int) -> dict[str, float] | None:
+    """Speed on a ``LocalCluster`` of two workers against two threads, the start not counted."""
+    if find_spec("distributed") is None:
+        return None
+    from distributed import LocalCluster
+
+    rows = []
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
+        address = cluster.scheduler_address
+        swept(Path(folder) / "warm", 2, scheduler=address)
+        for k in range(pairs):
+            threads = swept(Path(folder) / f"threads{k}", samples, jobs=2)
+            rows.append((threads, swept(Path(folder) / f"cluster{k}", samples, scheduler=address)))
+    ratios = [threads / workers for threads, workers in rows]
+    return {"ratio": statistics.median(ratios), "ratio_min": min(ratios),
+            "ratio_max": max(ratios), "wanted_at_least": 0.8}  # fmt: skip
+
+
+def bench(samples: int = 1000, many: int = 10_000) -> dict[str, Any]:
+    """All of it; the slower sides make fewer runs."""
+    few = max(samples // 10, 2)
+    return {
+        "runs": samples, "cores": machine.cores(), "load": round(os.getloadavg()[0], 1),
+        "over_the_roll": over_the_roll(samples, 5 if samples >= 100 else 1),
+        "one_call": one_call(),
+        "against_processes": against_processes(samples, few, 3 if samples >= 100 else 1),
+        "second_core": second_core(few, 5 if samples >= 100 else 1),
+        "memory": memory(min(samples, many // 2), many),
+        "cluster": on_a_cluster(2 * few, 3 if samples >= 100 else 1),
+    }  # fmt: skip
+
+
+def main(words: list[str] | None = None) -> int:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--many", type=int, default=10_000, help="runs whose memory is looked at")
+    parser.add_argument("--out", default="sweep.json")
+    parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
+    chosen = parser.parse_args(words)
+    if chosen.peak:
+        print(peak(chosen.peak))
+        return 0
+    found = bench(chosen.runs, chosen.many)
+    for name, row in found.items():
+        print(name, row)
+    store.write_json(Path(chosen.out), found)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
