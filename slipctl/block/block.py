@@ -187,6 +187,11 @@ class Block:
     def _repr_html_(self) -> str:
         return str(import_module("slipctl.study.notebook").html(self))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        from slipctl.block import portable
+
+        return portable.loads, (portable.dumps(self),)
+
     def _repr_latex_(self) -> str:
         from slipctl.draw import show
 

@@ -127,7 +127,18 @@ def parser() -> Parser:
         help="how numbers are drawn; lhs cannot be extended",
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
-    p.add_argument("--export", metavar="FILE.nc", help="write all runs as one labelled netCDF file")
+    p.add_argument(
+        "--export", metavar="FILE.nc",
+        help="write metrics and logs of all runs as one labelled netCDF file, or DIR.zarr",
+    )  # fmt: skip
+    p.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT",
+        help="roll on the workers of this Dask scheduler (extra dask), with the same bits",
+    )  # fmt: skip
+    p.add_argument(
+        "--mixed", action="store_true",
+        help="let machines with another processor or library of mathematics compute too",
+    )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],

@@ -7,12 +7,14 @@ import json
 import logging
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
+from slipctl.run import sweep_export
 from slipctl.run.ensemble import World
 from slipctl.run.results import Case
 from slipctl.run.sweeping import Sweep, sweep
@@ -28,8 +30,8 @@ SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Run what is missing, and print how the metrics are spread."""
-    if options.export and not options.export.endswith(".nc"):
-        raise BadInput(f"--export {options.export}: write a file that ends in .nc")
+    if options.export:
+        sweep_export.check(Path(options.export))
     if options.name is None:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
@@ -46,6 +48,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
             about={"loop": f"{study.name}:{loop}", "set": options.settings,
                    "swapped": options.swaps, "command": command}, world=world,
+            scheduler=options.scheduler or "", mixed=options.mixed,
         )  # fmt: skip
     finally:
         progress.end()

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.errors import BadInput
-from slipctl.run import store
+from slipctl.run import stopping, store
 from slipctl.run.metrics import Metric
 
 FILE = "sweep.sqlite"
@@ -34,6 +34,9 @@ create table if not exists logs (run integer, name text, shape text not null, da
 
 GROWS = ("samples", "command")
 """What of a sweep may change from one call to the next."""
+
+OF_A_MACHINE = ("processor", "machine", "numbers")
+"""What may differ where the machines that compute are mixed."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,11 @@ class Store:
             for name, shape, data in rows
         }
 
+    def longest(self) -> int:
+        """Ticks of the longest log."""
+        shapes = self._db.execute("select distinct shape from logs")
+        return max((int(json.loads(s)[0]) for (s,) in shapes), default=0)
+
     def tell(self, about: Mapping[str, Any]) -> None:
         """Keep what the sweep is."""
         with self._db:
@@ -102,9 +110,16 @@ class Store:
                 [(k, json.dumps(store.plain(v))) for k, v in about.items()],
             )
 
+    def tell_mixed(self, processors: Iterable[str]) -> None:
+        """Keep that other processors than the first one computed runs too."""
+        about = self.about()
+        others = {*about.get("mixed", ()), *processors} - {about.get("processor")}
+        if others:
+            self.tell({"mixed": sorted(others)})
+
     def add(self, ended: Iterable[Ended]) -> None:
-        """Keep runs that ended, all or none."""
-        with self._db:
+        """Keep runs that ended, all or none; a person who stops waits for it."""
+        with stopping.unbroken(), self._db:
             for e in ended:
                 values = {n: store.plain(m.value) for n, m in e.metrics.items()}
                 self._db.executemany(
@@ -124,7 +139,10 @@ class Store:
                 )
 
 
-def begin(folder: Path, about: Mapping[str, Any], file: str = FILE, what: str = "sweep") -> Store:
+def begin(
+    folder: Path, about: Mapping[str, Any], file: str = FILE, what: str = "sweep",
+    mixed: bool = False,
+) -> Store:  # fmt: skip
     """Open the store of a sweep, or make it.
 
     Args:
@@ -132,6 +150,7 @@ def begin(folder: Path, about: Mapping[str, Any], file: str = FILE, what: str = 
         about: what it is; a store of another sweep is refused.
         file: name of the store.
         what: it belongs to, in words.
+        mixed: whether runs of other machines may be in it.
 
     Raises:
         BadInput: it holds another sweep, told by what differs, or is no store.
@@ -146,7 +165,12 @@ def begin(folder: Path, about: Mapping[str, Any], file: str = FILE, what: str = 
         before = found.about()
         if before:
             store.check_format(str(found.path), before.get("format"))
-            _same(folder, before, {k: store.plain(v) for k, v in about.items()}, what)
+            now = {k: store.plain(v) for k, v in about.items()}
+            if mixed:
+                found.tell_mixed([str(about.get("processor", ""))])
+                now |= {k: before[k] for k in OF_A_MACHINE if k in before}
+                about = {**about, **now}
+            _same(folder, before, now, what)
         most = max(int(about["samples"]), int(before.get("samples", 0)))
         found.tell({"format": store.FORMAT, **about, "samples": most})
     except sqlite3.DatabaseError as error:

@@ -7,18 +7,14 @@ import json
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
-from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import machine, stopping, sweep_store
@@ -36,11 +32,10 @@ from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals
 from slipctl.run.sweep_store import Ended, Store
-from slipctl.run.varying import Axis, Plan, plan_of
+from slipctl.run.swept import Sweep, open_sweep
+from slipctl.run.varying import Plan, plan_of
 
 if TYPE_CHECKING:
-    import xarray
-
     from slipctl.run.ensemble import World
 
 MEASURED = tuple(n for n in METRICS if n not in AGAINST_IDEAL)
@@ -64,6 +59,8 @@ def sweep(
     progress: Callable[[float], None] | None = None,
     about: Mapping[str, Any] | None = None,
     world: World | None = None,
+    scheduler: str = "",
+    mixed: bool = False,
 ) -> Sweep:
     """Run a loop with many sets of numbers; what a folder holds already is not done again.
 
@@ -85,12 +82,18 @@ def sweep(
         progress: called with the share done.
         about: what else a store of this sweep has to agree in.
         world: an ensemble of this loop and scenario; what it draws varies in every run.
+        scheduler: address of a Dask scheduler, ``"tcp://host:8786"``, whose workers roll; needs the
+            extra ``dask``. Each run is the same, bit by bit, as one rolled here.
+        mixed: let machines with another processor or library of mathematics compute too. The
+            store then says which there were.
 
     Returns:
         The sweep, to be looked at.
 
     Raises:
-        BadInput: nothing to vary, an unknown name, a folder that holds another sweep.
+        BadInput: nothing to vary, an unknown name, a folder that holds another sweep, a scheduler
+            that does not answer, a worker of another machine.
+        RunFailed: the scheduler was lost, or worker after worker; what had ended is kept.
     """
     as_block("sweep: the loop", loop)
     if world is not None:
@@ -104,19 +107,24 @@ def sweep(
     told = {
         **(about or {}),
         "scenario": scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
-        "seed": seed, "logs": list(logs), "samples": plan.samples, "slipctl": __version__,
-        "casadi": ca.CasadiMeta.version(), "numpy": np.__version__, "machine": platform.machine(),
+        "seed": seed, "logs": list(logs), "samples": plan.samples,
+        **machine.versions(), "machine": platform.machine(), "processor": machine.processor(),
         "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
         "numbers": run.fingerprint(), "period_s": loop.period,
         "log_units": {s.name: s.unit for s in loop.signals if s.name in logs},
         **({"ensemble": world.ensemble.told()} if world else {}),
     }  # fmt: skip
-    kept = sweep_store.begin(Path(out), told)
+    kept = sweep_store.begin(Path(out), told, mixed=mixed)
     try:
         done = kept.done()
         missing = (k for k in range(plan.size) if k not in done)
         total = plan.size - sum(k < plan.size for k in done)
-        _run_all(run, plan, missing, total, kept, jobs or machine.cores(), progress)
+        if scheduler:
+            from slipctl.run import cluster
+
+            cluster.run_all(run, plan, missing, total, kept, scheduler, told, mixed, progress)
+        else:
+            _run_all(run, plan, missing, total, kept, jobs or machine.cores(), progress)
     finally:
         kept.close()
     return open_sweep(out)
@@ -157,8 +165,7 @@ def _run_all(
 def _write(kept: Store, finished: Iterable[Future[Ended | None]]) -> int:
     """Keep what ended; gives how many."""
     found = [e for e in (f.result() for f in finished) if e is not None]
-    with stopping.unbroken():
-        kept.add(found)
+    kept.add(found)
     return len(found)
 
 
@@ -216,6 +223,11 @@ class Measured:
     logs: Sequence[str] = ()
     compile: bool = True
     world: World | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What was built is built again where it arrives."""
+        made_of = (self.loop, self.scenario, self.signals, self.known, self.logs, self.compile)
+        return Measured, (*made_of, self.world)
 
     def __post_init__(self) -> None:
         wanted = None if any(callable(k.values) for k in self.known.values()) else self._read()
@@ -313,151 +325,3 @@ class Measured:
         except RunFailed as error:
             digest.update(str(error).encode())
         return digest.hexdigest()
-
-
-# ---- looking at it ------------------------------------------------------------------------------
-
-
-def open_sweep(folder: str | Path) -> Sweep:
-    """Open a sweep that was run, or is running.
-
-    Args:
-        folder: its folder.
-
-    Raises:
-        BadInput: there is none.
-    """
-    found = sweep_store.find(Path(folder))
-    try:
-        about, units = found.about(), found.units()
-        axes = tuple(Axis(*a) for a in about["vary"])
-        plan = Plan(axes, int(about["samples"]), int(about["seed"]), str(about["design"]))
-        runs = list(found.runs())
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
-    finally:
-        found.close()
-    return Sweep(Path(folder), about, plan, units, runs)
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A sweep as its store has it.
-
-    Attributes:
-        folder: where it is.
-        about: what it is: loop, scenario, what varies, seed, versions.
-        plan: its axes, and the numbers of each run.
-        units: unit and row names by metric.
-        runs: number, numbers, metrics and failure of each run that ended.
-    """
-
-    folder: Path
-    about: Mapping[str, Any]
-    plan: Plan
-    units: Mapping[str, tuple[str, tuple[str, ...]]]
-    runs: Sequence[tuple[int, Mapping[str, float], Mapping[str, Any], str]]
-
-    def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
-
-    @property
-    def failed(self) -> dict[int, str]:
-        """Why runs failed, by their number."""
-        return {run: why for run, _, _, why in self.runs if why}
-
-    @property
-    def missing(self) -> int:
-        """Runs that have not ended yet."""
-        return self.plan.size - sum(run < self.plan.size for run, *_ in self.runs)
-
-    def column(self, metric: str, row: int | None = None) -> np.ndarray:
-        """Values of a metric in order of the runs that ended, NaN where there is none."""
-        found = [m.get(metric) for _, _, m, _ in self.runs]
-        if row is not None:
-            found = [v[row] if isinstance(v, list) and row < len(v) else None for v in found]
-        return np.array([np.nan if v is None else v for v in found], dtype=float)
-
-    def rows(self, metric: str) -> int | None:
-        """Numbers that a metric has, or None where it has one."""
-        found = [m[metric] for _, _, m, _ in self.runs if isinstance(m.get(metric), list)]
-        return max(map(len, found), default=None) if found else None
-
-    def dataset(self) -> xarray.Dataset:
-        """All numbers and metrics as one labelled Dataset.
-
-        Its dimensions are the axes of the grid, and ``sample`` where something is drawn; a run
-        that is missing or failed is NaN.
-        """
-        import xarray
-
-        plan = self.plan
-        dims = [*(a.name for a in plan.grid), *(["sample"] if plan.drawn else [])]
-        shape = (*plan.shape, *([plan.repeats] if plan.drawn else []))
-        places = [plan.place(run)[: len(dims)] for run, *_ in self.runs]
-        inside = [k for k, (run, *_) in enumerate(self.runs) if run < plan.size]
-        index = tuple(np.array([places[k] for k in inside], dtype=int).reshape(-1, len(dims)).T)
-
-        def spread(values: np.ndarray) -> np.ndarray:
-            found = np.full(shape, np.nan)
-            found[index] = values[inside]
-            return found
-
-        variables: dict[str, Any] = {}
-        for a in plan.drawn:
-            drawn = np.array([numbers[a.name] for _, numbers, _, _ in self.runs], dtype=float)
-            variables[a.name] = (dims, spread(drawn), {"units": a.unit})
-        for name, (unit, rows) in self.units.items():
-            many = self.rows(name)
-            attrs = {"units": unit, "long_name": METRICS[name][1] if name in METRICS else name}
-            if many is None:
-                variables[name] = (dims, spread(self.column(name)), attrs)
-                continue
-            each = [spread(self.column(name, k)) for k in range(many)]
-            label = f"{name}_row"
-            variables[name] = ([*dims, label], np.stack(each, axis=-1), attrs)
-            names = rows if len(rows) == many else [str(k) for k in range(many)]
-            variables[label] = (label, list(names))
-        coords: dict[str, Any] = {
-            a.name: (a.name, np.linspace(a.lo, a.hi, int(a.points or 1)), {"units": a.unit})
-            for a in plan.grid
-        }
-        coords |= {n: variables.pop(n) for n in list(variables) if n.endswith("_row")}
-        coords |= {a.name: variables.pop(a.name) for a in plan.drawn}
-        about: dict[str, Any] = {
-            k: v if isinstance(v, (str, int, float)) else json.dumps(v)
-            for k, v in self.about.items()
-        }
-        return xarray.Dataset(variables, coords=coords, attrs=about)
-
-    def log(self, run: int) -> xarray.Dataset:
-        """Signals over time that a run kept.
-
-        Raises:
-            BadInput: the sweep keeps none, or the run has not ended.
-        """
-        import xarray
-
-        found = sweep_store.find(self.folder)
-        try:
-            arrays = found.log(run)
-        finally:
-            found.close()
-        if not arrays:
-            kept = self.about.get("logs")
-            why = f"run {run} has not ended" if kept else "it was made without --log"
-            raise BadInput(f"{self.folder} keeps no log of run {run}: {why}")
-        units = self.about.get("log_units", {})
-        time = np.arange(len(next(iter(arrays.values())))) * float(self.about["period_s"])
-        variables = {n: ("time", v, {"units": units.get(n, "1")}) for n, v in arrays.items()}
-        return xarray.Dataset(variables, coords={"time": ("time", time, {"units": "s"})})
-
-    def save(self, file: str | Path) -> None:
-        """Write :meth:`dataset` as netCDF, whole or not at all."""
-        from slipctl.run import store
-
-        data = self.dataset()
-        store.check_file(Path(file))
-        with suppress(AttributeError):
-            data = data.load()
-        store.write_with(Path(file), lambda path: data.to_netcdf(path, engine="netcdf4"))

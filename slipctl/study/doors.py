@@ -18,6 +18,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
+from slipctl.block.portable import FILE
 from slipctl.errors import BadInput, nearest
 from slipctl.study import equation_files, trip_files
 from slipctl.study.blaming import blame, short
@@ -95,10 +96,6 @@ def _makes_block(f: ast.FunctionDef) -> bool:
 
 
 # ---- loading ------------------------------------------------------------------------------------
-
-
-FILE = "slipctl_file_"
-"""How the name of a module begins that is a person's file."""
 
 
 class _AsWritten(SourceFileLoader):

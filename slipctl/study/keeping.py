@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
+from slipctl.block import portable
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Table
 from slipctl.study import equation_files
-from slipctl.study.doors import FILE
 
 if TYPE_CHECKING:
     import xarray
@@ -187,8 +186,6 @@ def _source() -> str:
 
 def _own_files() -> str:
     """Hash of a person's files that were loaded, and of modules beside them that they import."""
-    named = ((n, getattr(m, "__file__", None) or "") for n, m in list(sys.modules.items()))
-    places = {name: Path(file).resolve() for name, file in named if file.endswith(".py")}
-    folders = {p.parent for n, p in places.items() if n.startswith(FILE)}
-    own = {p for p in places.values() if p.parent in folders and p.exists()}
+    own = {Path(m.__file__ or "").resolve() for m in portable.own_modules()}
+    own = {p for p in own if p.exists()}
     return _digest(sorted(own | {p for p in equation_files.READ if p.exists()}))

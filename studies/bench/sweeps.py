@@ -171,6 +171,7 @@ def memory(few: int, many: int) -> dict[str, float]:
 
     The runs are cut short, as what is kept of a run does not depend on its length.
     """
+
     def peak(samples: int) -> float:
         words = [sys.executable, "-m", "slipctl.studies.bench.sweeps", "--peak", str(samples)]
         done = subprocess.run(words, check=True, capture_output=True, text=True)

@@ -225,7 +225,8 @@ def disk(place: Place, rng: random.Random) -> tuple[list[str], float]:
 
 
 KINDS: dict[str, Callable[[Place, random.Random], tuple[list[str], float]]] = {
-    "interrupts": interrupt, "kills": kill, "sweeps": kill_sweep, "outputs": output, "caches": cache, "disks": disk,
+    "interrupts": interrupt, "kills": kill, "sweeps": kill_sweep, "outputs": output,
+    "caches": cache, "disks": disk,
 }  # fmt: skip
 
 

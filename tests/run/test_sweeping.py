@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -31,7 +32,7 @@ from slipctl import (
 )
 from slipctl.commands.cli import main
 from slipctl.models.vehicle import parts
-from slipctl.run import sweeping
+from slipctl.run import sweep_export, sweeping
 from slipctl.run.ensemble import Ensemble, World
 from slipctl.run.metrics import Run, measure, rail_changes, rail_names
 from slipctl.run.sweeping import Measured
@@ -236,6 +237,45 @@ def test_logs_on_demand(tmp_path: Path) -> None:
         swept(tmp_path / "new", logs=["ctl.T"])
     with pytest.raises(BadInput, match="without --log"):
         swept(tmp_path / "new").log(0)
+
+
+@pytest.mark.parametrize("end", [".nc", ".zarr"])
+@pytest.mark.parametrize("vary", [VARY, {"ctl.law.k1": (5, 20, 3)}, {"plant.wheel.m": (6e3, 9e3)}])
+def test_logs_are_exported(end: str, vary: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    """Metrics and logs of all runs in one labelled file, batch by batch, bit for bit."""
+    if end == ".zarr":
+        pytest.importorskip("zarr")
+    monkeypatch.setattr(sweep_export, "CHUNK", 8 * 25 * 2)  # two runs of one grid point a batch
+    logs = ["plant.wheel.v", "ctl.T_b"]
+    found = swept(tmp_path / "sweep", vary=vary, logs=logs)
+    file = tmp_path / f"all{end}"
+    for _ in range(2):  # an export takes the place of an older one
+        found.save(file)
+    engine: Any = {"engine": "zarr", "consolidated": False} if end == ".zarr" else {}
+    with xarray.open_dataset(file, **engine) as data:
+        again = data.load()
+    metrics = again.drop_vars([*logs, "time"])
+    xarray.testing.assert_equal(metrics.drop_attrs(), found.dataset().drop_attrs())
+    for run, numbers, _, _ in found.runs:
+        place = found.plan.place(run)
+        dims = [d for d in again["ctl.T_b"].dims if d != "time"]
+        one = again.isel(dict(zip(dims, place, strict=False)))
+        xarray.testing.assert_equal(one[logs].reset_coords(drop=True), found.log(run)[logs])
+        assert all(float(one[n]) == v for n, v in numbers.items())
+        assert one["ctl.T_b"].attrs["units"] == "N m"
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_an_export_that_cannot_be(tmp_path: Path, monkeypatch: Any) -> None:
+    """Another ending, a folder that is something else, a missing extra: one line."""
+    found = swept(tmp_path / "sweep", samples=1)
+    (tmp_path / "mine.zarr").mkdir()
+    for name, said in (("all.csv", r"ends in \.nc or \.zarr"), ("mine.zarr", "no Zarr folder")):
+        with pytest.raises(BadInput, match=said):
+            found.save(tmp_path / name)
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(BadInput, match=r"slipctl\[zarr\]"):
+        found.save(tmp_path / "all.zarr")
 
 
 def test_runs_of_an_ensemble_are_single_runs(tmp_path: Path) -> None:
