@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copyreg
 import io
 import pickle
 import sys
@@ -30,10 +29,10 @@ def dumps(value: Any) -> bytes:
 
     from slipctl.block.block import Block
 
-    class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
+    class Pickler(cloudpickle.Pickler):
         def reducer_override(self, found: Any) -> Any:
             if isinstance(found, Block):
-                return copyreg.__newobj__, (type(found),), state(found)
+                return object.__new__, (type(found),), state(found)
             return super().reducer_override(found)
 
     raw = io.BytesIO()
@@ -60,7 +59,7 @@ def state(block: Any) -> dict[str, Any]:
 
 def own_modules() -> list[ModuleType]:
     """A person's files that were loaded, and the modules beside them."""
-    there = {n: (m, Path(m.__file__).resolve()) for n, m in list(sys.modules.items())
+    there = {n: (m, Path(m.__file__ or "").resolve()) for n, m in list(sys.modules.items())
              if (getattr(m, "__file__", None) or "").endswith(".py")}  # fmt: skip
     folders = {p.parent for n, (_, p) in there.items() if n.startswith(FILE)}
     return [m for m, p in there.values() if p.parent in folders]

@@ -201,7 +201,9 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("replay", "Run an estimator or a controller over a recorded log.")
-    p.add_argument("log", metavar="LOG.csv", help="a head and a row per sample")
+    p.add_argument(
+        "log", metavar="LOG.csv", help="a head and a row per sample; or LOG.parquet, LOG.mf4"
+    )
     p.add_argument(
         "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
         help="what runs over it: a part of a loop, a model, FILE:BLOCK or an equation",

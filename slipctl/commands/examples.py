@@ -45,6 +45,8 @@ A run is kept as soon as it ends. The same line again goes on where it was stopp
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
+  slipctl sweep hst_braking:eppfc --vary m=28t:42t --samples 9000 --scheduler tcp://10.0.0.5:8786 \\
+      --out out/masses
 """
 
 TUNE = """\

@@ -38,10 +38,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     block = load_part(options.block)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
     period = parse_quantity(options.period, "s", "--period") if options.period else None
-    recording = read_recording(options.log, options.time or "", gap)
+    mapping, beside = _pairs("--map", options.mapped), _pairs("--beside", options.beside)
+    names = {m for n in block.inputs for m in (n, n.rpartition(".")[2]) if n not in mapping}
+    recording = read_recording(
+        options.log, options.time or "", gap, [*mapping.values(), *beside.values(), *names]
+    )
     found = replay(
-        block, recording, _pairs("--map", options.mapped),
-        settings=_pairs("--set", options.settings), beside=_pairs("--beside", options.beside),
+        block, recording, mapping, settings=_pairs("--set", options.settings), beside=beside,
         period=period, rule=options.resample,
         compile=not options.no_compile,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A recorded log: text with a head and a row per sample, read as people have it.
+"""A recorded log: text with a head and a row per sample, read as people have it, or Parquet, MDF.
 
 Any of ``;``, ``,`` and tab between, decimal comma or point, a byte order mark, lines before the
 head, units in the head or in a row below it. What had to be put in order is told.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ import numpy as np
 
 from slipctl.block.units import factor, unit
 from slipctl.errors import BadInput, nearest
+from slipctl.run import recording_files
+from slipctl.run.recording_files import Columns
 
 LARGEST = 2**28
 """Bytes of a log that is read whole."""
@@ -49,6 +51,9 @@ class Recording:
         comma: whether numbers have a decimal comma.
         notes: what had to be put in order, a line each.
         gap: distance of two samples in s from which on there is a gap.
+        others: columns of the file that were not read.
+        own: rows that belong to a column, where its times are not those of all.
+        usual: usual distance of two samples in s, where rows of several columns lie between.
     """
 
     source: str
@@ -58,11 +63,31 @@ class Recording:
     comma: bool
     notes: list[str] = field(default_factory=list)
     gap: float = 0.0
+    others: Sequence[str] = ()
+    own: dict[str, np.ndarray] = field(default_factory=dict)
+    usual: float = 0.0
 
     @property
     def spacing(self) -> float:
         """Usual distance of two samples in s."""
-        return float(np.median(np.diff(self.time)))
+        return self.usual or float(np.median(np.diff(self.time)))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all columns."""
+        return [*self.texts, *self.others]
+
+    def rows(self, name: str) -> np.ndarray:
+        """Whether each row is one in which a column could have a value."""
+        return self.own.get(name, np.ones(self.time.size, dtype=bool))
+
+    def held(self, name: str) -> np.ndarray:
+        """Numbers of a column, in rows that are not its own those of the last one that is."""
+        x = self.channel(name)
+        if name not in self.own:
+            return x
+        last = np.maximum.accumulate(np.where(self.own[name], np.arange(x.size), -1))
+        return np.where(last < 0, np.nan, x[last])
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
@@ -89,22 +114,32 @@ class Recording:
         same = [n for n in self.texts if n.lower() == name.lower()]
         if len(same) == 1:
             return same[0]
-        raise BadInput(f"{self.source} has no column {name!r}{nearest(name, self.texts)}")
+        raise BadInput(f"{self.source} has no column {name!r}{nearest(name, self.names)}")
 
 
-def read_recording(file: str | Path, time: str = "", gap: float | None = None) -> Recording:
+def read_recording(
+    file: str | Path, time: str = "", gap: float | None = None,
+    wanted: Collection[str] | None = None,
+) -> Recording:  # fmt: skip
     """Read a log.
 
     Args:
-        file: text with a head.
+        file: text with a head, Parquet (extra ``parquet``) or MDF (extra ``mdf4``).
         time: column of the times, with its unit if the head says none, ``"t[ms]"``; by default
             the one that is called so, else the first.
         gap: distance of two samples in s from which on there is a gap; five usual ones by default.
+        wanted: texts that name columns; of a file that is no text no others are read.
 
     Raises:
-        BadInput: no such file, no table, fewer than two samples, a time that is none.
+        BadInput: no such file, no table, fewer than two samples, a time that is none, an extra
+            that is missing.
     """
     source = str(file)
+    if (read := recording_files.reader(Path(file))) is not None:
+        asked = None if wanted is None else [*wanted, time]
+        found = _of_columns(source, read(Path(file), asked, TIMES), time)
+        found.gap = GAP * found.spacing if gap is None else gap
+        return found
     lines, notes = _text(Path(file)).splitlines(), []
     head, first, mark = _head(source, lines)
     names, units = _names(source, head)
@@ -126,6 +161,27 @@ def read_recording(file: str | Path, time: str = "", gap: float | None = None) -
     )
     _in_order(found, time)
     found.gap = GAP * found.spacing if gap is None else gap
+    return found
+
+
+def _of_columns(source: str, columns: Columns, time: str) -> Recording:
+    """A log of what a file gave."""
+    names, units = _names(source, list(columns.values))
+    texts = dict(zip(names, columns.values.values(), strict=True))
+    told = {n: units.get(n) or u for n, u in zip(names, columns.units.values(), strict=True)}
+    found = Recording(
+        source, np.empty(0), texts, told, False, columns.notes,
+        others=_names(source, columns.others)[0] if columns.others else (), own=columns.own,
+        usual=columns.spacing,
+    )  # fmt: skip
+    if columns.time is None:
+        _in_order(found, time)
+        return found
+    if time:
+        raise BadInput(f"{source} has times of its own; leave --time out")
+    if columns.time.size < 2:
+        raise BadInput(f"{source} has {columns.time.size} different times; a log needs two or more")
+    found.time = columns.time - columns.time[0]
     return found
 
 
@@ -201,6 +257,8 @@ def _number(text: str) -> float | None:
 
 def _numbers(source: str, name: str, texts: np.ndarray, comma: bool) -> np.ndarray:
     """Cells as floats, empty ones as NaN."""
+    if texts.dtype != object:
+        return np.where(np.isfinite(texts), texts, np.nan)
     found = np.full(len(texts), np.nan)
     for k, text in enumerate(texts):
         if text.lower() in EMPTY:

@@ -226,7 +226,7 @@ class _Source:
         tree = read("u__" + self.tail)
         symbols = {n: ca.SX.sym(n) for n in tree.names}
         f = ca.Function("f", list(symbols.values()), [ca.SX(tree.value(symbols))])
-        rows = {n: log.channel(n) * scale for n, scale in self.others.items()} | {"u__": x}
+        rows = {n: log.held(n) * scale for n, scale in self.others.items()} | {"u__": x}
         given = [rows[n].reshape(1, -1) if n in rows else self.numbers[n] for n in symbols]
         return np.array(f(*given).full()).ravel()
 
@@ -294,7 +294,7 @@ def _sources(
         elif s.value is None and not s.noise and not any(f"--map {short}" in f for f in faults):
             faults.append(
                 f"{block.name}.{n} [{s.unit}] is not fed; write --map {n}=COLUMN, or"
-                f" --set {n}=VALUE; {log.source} has {', '.join(list(log.texts)[:12])}"
+                f" --set {n}=VALUE; {log.source} has {', '.join(log.names[:12])}"
             )
     return found
 
@@ -386,10 +386,11 @@ def _columns(
         signal = block.inputs[n]
         if signal.shape:
             raise BadInput(f"{n} has shape {signal.shape}; a column gives one number")
-        empty = ~np.isfinite(x)
+        missing = ~np.isfinite(x)
+        empty = missing & log.rows(source.column)
         lows, highs, _ = block.ends(signal, values)
         lo, hi = (max(map(float, lows), default=-np.inf), min(map(float, highs), default=np.inf))
-        off = ~empty & ((x < lo) | (x > hi))
+        off = ~missing & ((x < lo) | (x > hi))
         if empty.any():
             longest = _longest(log.time, empty)
             notes.append(f"{source.column}: {int(empty.sum())} empty cells, the last value held,"
@@ -397,7 +398,7 @@ def _columns(
         if off.any():
             notes.append(f"{n}: {int(off.sum())} samples off {lo:g} .. {hi:g} {signal.unit}, the"
                          " last good value held")  # fmt: skip
-        good = ~empty & ~off
+        good = ~missing & ~off
         if not good.any():
             raise BadInput(f"{log.source}: {source.column} has no sample that {n} may take")
         channels[n] = log.time[good], x[good]

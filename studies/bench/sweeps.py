@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from importlib.util import find_spec
@@ -63,19 +62,20 @@ def cpu(call: Callable[[], Any]) -> float:
     return time.process_time() - began
 
 
-def roll_alone(runs: int) -> Callable[[int], None]:
+def roll_alone(runs: int) -> Callable[..., None]:
     """So many compiled rolls, of inputs and numbers that are ready."""
     loop, scenario, _ = asked()
     whole = prepare(loop, scenario).whole({})
     roller = build.compiled(whole.f)
     assert roller is not None
-    (first, last, p), *more = whole.parts
-    assert not more
     x, y = np.empty_like(whole.x), np.empty_like(whole.y)
 
-    def rolls(ticks: int = last - first) -> None:
+    def rolls(ticks: int | None = None) -> None:
         for _ in range(runs):
-            roller.roll(whole.x[0].copy(), whole.u[:ticks], p, x[:ticks], y[:ticks])
+            now = whole.x[0].copy()
+            for first, last, p in whole.parts if ticks is None else [(0, ticks, whole.parts[0][2])]:
+                rows = slice(first, last)
+                roller.roll(now, whole.u[rows], p, x[rows], y[rows])
 
     return rolls
 
@@ -118,15 +118,17 @@ def one_call() -> dict[str, float]:
     return {"call_of_one_tick_cpu_s": call, "share_of_a_run": call / whole}
 
 
-def _simulated(gain: float) -> None:
+def _simulated(gain: float) -> float:
+    """Processor time in s of one run as it is made without a sweep."""
     loop, scenario, _ = asked()
-    simulate(loop.with_params(**{"ctl.law.K1": gain}), scenario)
+    return cpu(lambda: simulate(loop.with_params(**{"ctl.law.K1": gain}), scenario))
 
 
 def against_processes(samples: int, few: int, pairs: int) -> dict[str, float]:
-    """A sweep on all cores against a pool of two processes, wall times a run, in turn.
+    """A sweep on all cores against a pool of two processes, time of a run, in turn.
 
-    The pool keeps its loop, is warm, and measures nothing.
+    The pool keeps its loop, is warm, and measures nothing. ``cpu_ratio`` is that of processor
+    times, which do not depend on what else runs.
     """
     loop, scenario, _ = asked()
     plan = plan_of(loop, scenario, VARY, samples)
@@ -136,15 +138,18 @@ def against_processes(samples: int, few: int, pairs: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2) as pool:
         list(pool.map(_simulated, gains[:4], chunksize=2))
         for k in range(pairs):
+            before = time.process_time()
             ours = swept(Path(folder) / str(k), each, jobs=2) / each
+            used = (time.process_time() - before) / each
             began = time.perf_counter()
-            list(pool.map(_simulated, gains, chunksize=max(few // 8, 1)))
-            rows.append((ours, (time.perf_counter() - began) / few))
-    ratios = [pool_s / ours for ours, pool_s in rows]
-    return {"ours_s": statistics.median(a for a, _ in rows),
-            "pool_s": statistics.median(b for _, b in rows),
+            theirs = sum(pool.map(_simulated, gains, chunksize=max(few // 8, 1))) / few
+            rows.append((ours, (time.perf_counter() - began) / few, used, theirs))
+    ratios = [pool_s / ours for ours, pool_s, _, _ in rows]
+    return {"ours_s": statistics.median(r[0] for r in rows),
+            "pool_s": statistics.median(r[1] for r in rows),
             "ratio": statistics.median(ratios), "ratio_min": min(ratios),
-            "ratio_max": max(ratios), "wanted_at_least": 3.0}  # fmt: skip
+            "ratio_max": max(ratios), "wanted_at_least": 3.0,
+            "cpu_ratio": statistics.median(b / a for _, _, a, b in rows)}  # fmt: skip
 
 
 def second_core(samples: int, pairs: int) -> dict[str, float]:
@@ -172,12 +177,12 @@ def memory(few: int, many: int) -> dict[str, float]:
     The runs are cut short, as what is kept of a run does not depend on its length.
     """
 
-    def peak(samples: int) -> float:
+    def apart(samples: int) -> float:
         words = [sys.executable, "-m", "slipctl.studies.bench.sweeps", "--peak", str(samples)]
         done = subprocess.run(words, check=True, capture_output=True, text=True)
         return float(done.stdout)
 
-    a, b = peak(few), peak(many)
+    a, b = apart(few), apart(many)
     return {"duration_s": SHORT, f"peak_of_{few}_runs_MiB": a, f"peak_of_{many}_runs_MiB": b,
             "kB_a_run": 1024 * (b - a) / (many - few)}  # fmt: skip
 
@@ -186,13 +191,20 @@ def peak(samples: int) -> float:
     """Largest resident memory in MiB of this process after a sweep of short runs."""
     with tempfile.TemporaryDirectory() as folder:
         swept(Path(folder), samples, SHORT, jobs=2)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    status = Path("/proc/self/status").read_text(encoding="utf-8")  # rusage has the parent's too
+    line = next(row for row in status.splitlines() if row.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
 
 
 def on_a_cluster(samples: int, pairs: int) -> dict[str, float] | None:
-    """Speed on a ``LocalCluster`` of two workers against two threads, the start not counted."""
+    """Speed on a ``LocalCluster`` of two workers against two threads, the start not counted.
+
+    ``cpu_ratio`` is the same of processor times, scheduler and both workers included: it does not
+    depend on what else runs.
+    """
     if find_spec("distributed") is None:
         return None
+    import psutil
     from distributed import LocalCluster
 
     rows = []
@@ -201,32 +213,49 @@ def on_a_cluster(samples: int, pairs: int) -> dict[str, float] | None:
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
     ):
         address = cluster.scheduler_address
+        every = [psutil.Process(w.pid) for w in cluster.workers.values()] + [psutil.Process()]
+
+        def used(call: Callable[[], float]) -> tuple[float, float]:
+            before = sum(sum(p.cpu_times()[:2]) for p in every)
+            wall = call()
+            return wall, sum(sum(p.cpu_times()[:2]) for p in every) - before
+
         swept(Path(folder) / "warm", 2, scheduler=address)
         for k in range(pairs):
-            threads = swept(Path(folder) / f"threads{k}", samples, jobs=2)
-            rows.append((threads, swept(Path(folder) / f"cluster{k}", samples, scheduler=address)))
-    ratios = [threads / workers for threads, workers in rows]
+            rows.append((
+                used(lambda k=k: swept(Path(folder) / f"t{k}", samples, jobs=2)),  # type: ignore[misc]
+                used(lambda k=k: swept(Path(folder) / f"c{k}", samples, scheduler=address)),  # type: ignore[misc]
+            ))  # fmt: skip
+    ratios = [threads / workers for (threads, _), (workers, _) in rows]
     return {"ratio": statistics.median(ratios), "ratio_min": min(ratios),
-            "ratio_max": max(ratios), "wanted_at_least": 0.8}  # fmt: skip
+            "ratio_max": max(ratios), "wanted_at_least": 0.8,
+            "cpu_ratio": statistics.median(t / w for (_, t), (_, w) in rows)}  # fmt: skip
 
 
-def bench(samples: int = 1000, many: int = 10_000) -> dict[str, Any]:
-    """All of it; the slower sides make fewer runs."""
-    few = max(samples // 10, 2)
-    return {
-        "runs": samples, "cores": machine.cores(), "load": round(os.getloadavg()[0], 1),
-        "over_the_roll": over_the_roll(samples, 5 if samples >= 100 else 1),
-        "one_call": one_call(),
-        "against_processes": against_processes(samples, few, 3 if samples >= 100 else 1),
-        "second_core": second_core(few, 5 if samples >= 100 else 1),
-        "memory": memory(min(samples, many // 2), many),
-        "cluster": on_a_cluster(2 * few, 3 if samples >= 100 else 1),
-    }  # fmt: skip
+def bench(samples: int = 1000, many: int = 10_000, only: Sequence[str] = ()) -> dict[str, Any]:
+    """All of it, or what is named; the slower sides make fewer runs."""
+    few, rounds = max(samples // 10, 2), 5 if samples >= 100 else 1
+    pairs = min(rounds, 3)
+    parts: dict[str, Callable[[], Any]] = {
+        "over_the_roll": lambda: over_the_roll(samples, rounds),
+        "one_call": one_call,
+        "against_processes": lambda: against_processes(samples, few, pairs),
+        "second_core": lambda: second_core(few, rounds),
+        "memory": lambda: memory(min(samples, many // 2), many),
+        "cluster": lambda: on_a_cluster(2 * few, pairs),
+    }
+    found: dict[str, Any] = {"runs": samples, "cores": machine.cores()}
+    for name in only or parts:
+        row = parts[name]()
+        found[name] = row and {**row, "load": round(os.getloadavg()[0], 1)}
+        print(name, found[name], flush=True)
+    return found
 
 
 def main(words: list[str] | None = None) -> int:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("name", nargs="*", help="what to measure; all by default")
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--many", type=int, default=10_000, help="runs whose memory is looked at")
     parser.add_argument("--out", default="sweep.json")
@@ -235,10 +264,7 @@ def main(words: list[str] | None = None) -> int:
     if chosen.peak:
         print(peak(chosen.peak))
         return 0
-    found = bench(chosen.runs, chosen.many)
-    for name, row in found.items():
-        print(name, row)
-    store.write_json(Path(chosen.out), found)
+    store.write_json(Path(chosen.out), bench(chosen.runs, chosen.many, chosen.name))
     return 0
 
 
