@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,12 +35,11 @@ def open_sweep(folder: str | Path) -> Sweep:
         about, units = found.about(), found.units()
         axes = tuple(Axis(*a) for a in about["vary"])
         plan = Plan(axes, int(about["samples"]), int(about["seed"]), str(about["design"]))
-        runs = list(found.runs())
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
     finally:
         found.close()
-    return Sweep(Path(folder), about, plan, units, runs)
+    return Sweep(Path(folder), about, plan, units)
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,27 @@ class Sweep:
         about: what it is: loop, scenario, what varies, seed, versions.
         plan: its axes, and the numbers of each run.
         units: unit and row names by metric.
-        runs: number, numbers, metrics and failure of each run that ended.
     """
 
     folder: Path
     about: Mapping[str, Any]
     plan: Plan
     units: Mapping[str, tuple[str, tuple[str, ...]]]
-    runs: Sequence[tuple[int, Mapping[str, float], Mapping[str, Any], str]]
+
+    @cached_property
+    def runs(self) -> Sequence[tuple[int, Mapping[str, float], Mapping[str, Any], str]]:
+        """Number, numbers, metrics and failure of each run that ended, read when first asked for.
+
+        Raises:
+            BadInput: the store is damaged or gone.
+        """
+        found = sweep_store.find(self.folder)
+        try:
+            return list(found.runs())
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
+        finally:
+            found.close()
 
     def _repr_html_(self) -> str:
         return str(import_module("slipctl.study.notebook").html(self))

@@ -102,7 +102,9 @@ def test_each_equation_has_its_line_in_the_model_and_the_paper_s_number() -> Non
         return f"{Path(__file__).name}:{own.index(f'    {text}') + 1}"
 
     rows = {r["equation"]: r for r in equations(plan, text)}
-    head = f"/* push: Something pushed; Newton (3). The lines are those of {Path(__file__).name}. */"
+    head = (
+        f"/* push: Something pushed; Newton (3). The lines are those of {Path(__file__).name}. */"
+    )
     assert head in text
     assert rows["F_air"]["source"] == f"{line('F_air = c * v**2')}, (7)"
     assert rows["x next"]["source"] == line("way = x + 0.01 * v")
