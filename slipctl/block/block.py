@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block import sharing
+from slipctl.block import portable, sharing
 from slipctl.block.sharing import ALONE, Sharing
 from slipctl.block.signals import Signal, Split, evaluate, names_in, packed_numbers, total_size
 from slipctl.block.units import read_unit
@@ -187,10 +187,7 @@ class Block:
     def _repr_html_(self) -> str:
         return str(import_module("slipctl.study.notebook").html(self))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        from slipctl.block import portable
-
-        return portable.loads, (portable.dumps(self),)
+    __reduce__ = portable.reduced
 
     def _repr_latex_(self) -> str:
         from slipctl.draw import show

@@ -27,11 +27,9 @@ def dumps(value: Any) -> bytes:
     import casadi as ca
     import cloudpickle
 
-    from slipctl.block.block import Block
-
     class Pickler(cloudpickle.Pickler):
         def reducer_override(self, found: Any) -> Any:
-            if isinstance(found, Block):
+            if type(found).__reduce__ is reduced:  # a block: all of them in one go
                 return object.__new__, (type(found),), state(found)
             return super().reducer_override(found)
 
@@ -47,6 +45,11 @@ def loads(raw: bytes) -> Any:
 
     with _lock, ca.global_unpickle_context():
         return pickle.loads(raw)
+
+
+def reduced(block: Any) -> tuple[Any, ...]:
+    """A block as ``pickle`` wants it."""
+    return loads, (dumps(block),)
 
 
 def state(block: Any) -> dict[str, Any]:
