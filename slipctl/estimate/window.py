@@ -89,11 +89,12 @@ def windowed(
 
         # a change: the residual is beyond the prediction interval of the regression
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
+        doubt = ca.fmax(row.T @ x["P"] @ row, 0)  # a variance; in float P may not be definite
         if memory == 1:
-            interval = x["scatter"] * (1 + row.T @ x["P"] @ row / declared)
+            interval = x["scatter"] * (1 + doubt / declared)
             changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * interval)
         else:
-            shift = new / ca.sqrt(x["scatter"] + row.T @ x["P"] @ row)
+            shift = new / ca.sqrt(x["scatter"] + doubt)
             shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
             ratios = shift_ratios(shifts, memory, echo)
             freedom = BELIEF + ca.fmax(0, x["count"] - n)

@@ -85,3 +85,20 @@ def test_float_covariance_and_damping_stay_in_range(modules, seed, scale, n):
 def test_epsilon_is_that_of_the_arithmetic():
     assert epsilon(1.0) == np.finfo(float).eps
     assert epsilon(np.float32(1)) == np.finfo(np.float32).eps
+
+
+@pytest.mark.parametrize("memory", [1, 8])
+def test_a_covariance_that_rounding_made_indefinite_gives_no_change_and_no_nan(memory):
+    """P in float may say that a prediction has a variance below 0; then it is that of the noise.
+
+    The root of it was NaN and refused the step. Without memory the interval was empty, and every
+    sample was a change.
+    """
+    settings = TWO_EXPONENTIALS | {"noise": 1e-3}
+    block = rls(double_exponential, "mu", form="window", window=WINDOW, memory=memory, **settings)
+    x = block.start()
+    given = {"v_s": 1.0, "mu": float(block(**x, v_s=1.0, mu=0.1)[1]["predicted"]) + 2e-4}
+    indefinite = {"P": -1e-3 * np.eye(3), "scatter": 1e-6, "count": 20.0}
+    following, found = block(**(x | indefinite), **given)
+    assert found["changed"] == 0
+    assert all(np.isfinite(v).all() for v in (following | found).values())
