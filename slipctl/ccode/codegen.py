@@ -18,7 +18,16 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, proof, rounding
+from slipctl.ccode.check import (
+    analysis,
+    back_to_back,
+    coverage,
+    expected,
+    fuzz,
+    load,
+    proof,
+    rounding,
+)
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
@@ -117,6 +126,7 @@ class Report:
                 f" {d['largest_relative']:.3g} of the largest value ({worst}):"
                 f" {'passed' if self._right else 'FAILED'}"
             )
+            lines.append(f"  {coverage.summary(d['coverage'])}")
         for t in d["targets"]:
             size_, stack = t["bytes"] or {}, t["stack"] or {}
             said = "".join(f", {k} {v}" for k, v in size_.items())
@@ -354,13 +364,16 @@ def _produce(
         )
     # the written test is to pass where it is made: limits in float are those of trials
     tried_too = real == "float" and rounding.there() and len(rows) > 0
-    trials = _trials(plan, made, rows, used_params) if tried_too or (replay and boards) else None
+    trials = None
+    if tried_too or (replay and boards):
+        trials = _trials(plan, made, rows, used_params, hurry=not replay)
     first, tried = expected.kept(run, trials, KEPT)
     first = expected.with_limits(plan, first, used_params, tried)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
-    data = _facts(plan, content, made, values, len(rows)) | {"made_up": width}
+    ticks = len(rows) if replay else len(first.rows)
+    data = _facts(plan, content, made, values, ticks) | {"made_up": width}
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:
@@ -387,7 +400,7 @@ def _produce(
 
 
 def _trials(
-    plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any]
+    plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any], hurry: bool
 ) -> rounding.Trials | None:
     """Runs of a module with other roundings; none are needed where every machine gives the same.
 
@@ -398,7 +411,7 @@ def _trials(
             return None
         rows = rows[:KEPT]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        return rounding.trials(plan, made, rows, params, Path(scratch))
+        return rounding.trials(plan, made, rows, params, Path(scratch), hurry)
 
 
 def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) -> dict[str, Any]:

@@ -543,7 +543,9 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
         try:
             trials = codegen._trials
             monkey.setattr(
-                codegen, "_trials", lambda plan, made, rows, p: trials(plan, honest(plan), rows, p)
+                codegen,
+                "_trials",
+                lambda plan, made, rows, p, hurry: trials(plan, honest(plan), rows, p, hurry),
             )
             assert not codegen.export(block, tmp_path / "w", check=True, real="float").passed
         finally:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slipctl.ccode.check.expected import Expected
+from slipctl.ccode.check.misuse import misuse
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, STATUS, bit, head
@@ -24,6 +25,20 @@ _ROUNDED = """static void rounded(const double *from, real *to, int n)
     for (k = 0; k < n; ++k) {
         to[k] = (real)from[k];
     }
+}
+
+"""
+
+_SAME = """static bool same(const void *one, const void *other, size_t n)
+{
+    const unsigned char *a = (const unsigned char *)one;
+    const unsigned char *b = (const unsigned char *)other;
+    size_t differ = 0;
+    size_t k;
+    for (k = 0; k < n; ++k) {
+        differ += (a[k] != b[k]) ? 1U : 0U;
+    }
+    return differ == 0U;
 }
 
 """
@@ -84,6 +99,12 @@ _EMPTY = """#ifdef ON_BOARD
 #endif
 """
 
+_MISUSE = """#ifndef ON_BOARD
+    misuses = misused(&param, &state);
+    (void)printf("wrong parameters, states, calls and inputs: %d trials went wrong\\n", misuses);
+#endif
+"""
+
 _COUNTED = """#ifdef ON_BOARD
     (void)printf("instructions per step: mean %.1f, most %lu; bytes of stack: at most %lu\\n",
            sum / (double)((ticks > 0) ? ticks : 1), slowest, deepest);
@@ -120,6 +141,7 @@ def test_program(plan: Plan) -> str:
     ends = [plan.limits(m) for m in lay.inputs for _ in range(m.size)]
     beyond = sum(math.isfinite(v) for pair in ends for v in pair)
     guards, table = (_guards(plan), _table(ends)) if n_in else ("", "")
+    same = _SAME if n_in else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n"
     mask = f"{compared_bits(plan.real)}U"
     return f"""{head(plan, f"test_{n}.c")}
 
@@ -206,7 +228,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
 }}
 #endif
 
-{_ROUNDED if n_in or n_param else ""}{_MAIN}
+{same}{_ROUNDED if n_in or n_param else ""}{misuse(plan)}{_MAIN}
 {{
     static double row[N_ROW];
     static real raw[N_ROW];
@@ -232,6 +254,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
     int held = 0;
     bool still = (N_IN == 0); /* a stale input refuses the tick */
     int wrong = 0;
+    int misuses = 0;
     const int first = N_IN;
     int at = 0;
     int got_status;
@@ -309,12 +332,12 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         most = (relative <= most) ? most : relative;
         wrong += (most_of <= limits[2 * k]) ? 0 : 1;
     }}
-{guards}    (void)printf("%d ticks, %d faults, ", ticks, faults);
+{guards}{_MISUSE}    (void)printf("%d ticks, %d faults, ", ticks, faults);
     (void)printf("%d of %d inputs are held when NaN, %d of %d beyond their ends, ", refused, N_IN,
            held, N_ENDS);
     (void)printf("largest relative difference %.3g\\n", most);
 {_COUNTED}    guarded = (ticks == 0) || (still && (refused == N_IN) && (held == N_ENDS));
-    return ((wrong == 0) && (faults == 0) && guarded) ? 0 : 1;
+    return ((wrong == 0) && (faults == 0) && (misuses == 0) && guarded) ? 0 : 1;
 }}
 """
 
@@ -325,18 +348,6 @@ def _table(ends: list[tuple[float, float]]) -> str:
     return f"""static const double range_of[N_IN][2] = {{
 {rows}
 }};
-
-static bool same(const void *one, const void *other, size_t n)
-{{
-    const unsigned char *a = (const unsigned char *)one;
-    const unsigned char *b = (const unsigned char *)other;
-    size_t differ = 0;
-    size_t k;
-    for (k = 0; k < n; ++k) {{
-        differ += (a[k] != b[k]) ? 1U : 0U;
-    }}
-    return differ == 0U;
-}}
 
 """
 

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.ccode.check import isolation
+from slipctl.ccode.check import coverage, isolation
 from slipctl.ccode.check.back_to_back import compared_bits
 from slipctl.ccode.check.expected import Expected, differences, guarded, start_state, taken
 from slipctl.ccode.compile import compilers as cc
@@ -74,6 +74,7 @@ def compare(
                     ),
                 }
                 passed = passed and sound and all(apart.values())
+                reached = coverage.covered(plan, Path(scratch), used)
             compiled.append({
                 "compiler": cc.version(compiler),
                 "flags": " ".join(cc.FLAGS),
@@ -89,6 +90,7 @@ def compare(
         "memory_bytes": plan.memory_bytes | {"state": state_bytes},
         "compiled": compiled,
         "isolation": apart,
+        "coverage": reached,
         "signals": signals,
         "largest_relative": largest,
         "ticks_off_range": run.refused,

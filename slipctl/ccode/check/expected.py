@@ -257,7 +257,8 @@ def _largest(values: np.ndarray) -> float:
 
 
 def kept(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Trials | None]:
-    """The first ticks of a run and of its trials; limits are those of a whole run no more."""
+    """The first ticks of a run, as far as its trials; limits are those of a whole run no more."""
+    ticks = min(ticks, trials.ticks if trials else ticks)
     first = Expected(
         run.rows[:ticks], run.outputs[:ticks], run.states[:ticks], run.status[:ticks], {},
         frozenset(),

@@ -16,6 +16,9 @@ enum { UP, DOWN, TO_ZERO, AT_RANDOM };
 static int rounding_mode = AT_RANDOM;
 static uint64_t rounding_state = 88172645463325252ULL;
 
+extern "C" unsigned long long rounding_operations; // so far
+unsigned long long rounding_operations = 0;
+
 extern "C" void rounding_choose(int mode, int seed)
 {
     rounding_mode = mode;
@@ -33,6 +36,7 @@ static inline double rounding_random()
 static inline float rounding_of(double x)
 {
     const float f = (float)x;
+    ++rounding_operations;
     if ((double)f == x || !(fabs(x) < (double)FLT_MAX)) {
         return f;
     }

@@ -96,6 +96,11 @@ class Trials:
     rows: Sequence[np.ndarray]
     status: np.ndarray
 
+    @property
+    def ticks(self) -> int:
+        """Ticks of each run."""
+        return self.status.shape[1]
+
     def first(self, ticks: int) -> Trials:
         """The first ticks of each run."""
         return Trials([rows[:ticks] for rows in self.rows], self.status[:, :ticks])
@@ -139,8 +144,18 @@ def compiler() -> str:
     )
 
 
+ENOUGH, AT_LEAST, SOME = 6e7, 1000, 64
+"""Operations of a run after which a folder that is written in a hurry has enough ticks, ticks that
+it has anyhow, and ticks by which operations are counted."""
+
+
 def trials(
-    plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any], folder: Path
+    plan: Plan,
+    made: Mapping[str, str],
+    rows: np.ndarray,
+    params: Mapping[str, Any],
+    folder: Path,
+    hurry: bool = False,
 ) -> Trials:
     """Run a float module with other roundings, a module in double with another libm.
 
@@ -150,6 +165,8 @@ def trials(
         rows: input elements, one row per tick.
         params: parameters of the run.
         folder: where to compile it.
+        hurry: leave out ticks at the end of a run of a float module beyond ``ENOUGH``
+            operations; they are counted, so the same ticks are left on every machine.
 
     Raises:
         BadInput: no C++ compiler.
@@ -181,6 +198,10 @@ def trials(
         found = np.hstack(module.reset(**params).replay_rows(rows))
         return found, np.array(module.status)
 
+    if hurry and plan.real == "float" and len(rows) > AT_LEAST:
+        counted = ctypes.c_ulonglong.in_dll(ctypes.CDLL(str(library)), "rounding_operations")
+        CModule(folder, plan).load(library).reset(**params).replay_rows(rows[:SOME])
+        rows = rows[: max(AT_LEAST, int(ENOUGH * SOME / max(counted.value, 1)))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the library runs without Python's lock
         found, status = zip(*pool.map(run, range(len(RUNS))), strict=True)
     return Trials(found, np.array(status))

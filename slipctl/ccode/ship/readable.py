@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from slipctl.ccode.check import analysis, load, proof
+from slipctl.ccode.check import analysis, coverage, load, proof
 
 _COMPARED = {
     "every tick": "every tick",
@@ -35,6 +35,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *[said for said in [vectors_said(data)] if said],
         *_compiled(data),
         *_replayed(data, layout),
+        *_covered(data),
         *_targets(data),
         *_analysed(data),
         *_fuzzed(data),
@@ -112,6 +113,25 @@ def _replayed(data: Mapping[str, Any], layout: Any) -> list[str]:
             rows,
         ),
     ]
+
+
+def _covered(data: Mapping[str, Any]) -> list[str]:
+    """What the module's own test reaches, and what it does not."""
+    if "coverage" not in data:
+        return []
+    found = data["coverage"]
+    said = ["## Reached by the test", f"{coverage.summary(found).capitalize()}."]
+    if not found.get("missing"):
+        return said
+    rows = [
+        [m["line"], f"`{m['function']}`", "`" + m["text"].replace("|", "\\|") + "`",
+         "" if m["reached"] else "never", m["branches"]]
+        for m in found["missing"]
+    ]  # fmt: skip
+    said.append(
+        "Not all of what is left can be reached: guards against what the equations cannot give."
+    )
+    return [*said, table(["line", "function", "text", "reached", "branches not taken"], rows)]
 
 
 def _targets(data: Mapping[str, Any]) -> list[str]:

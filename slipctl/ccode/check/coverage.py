@@ -1,0 +1,120 @@
+"""What of a module its own test reaches: statements and branches, counted by gcov.
+
+A branch is one way out of one condition: ``a && b`` and ``x ? y : z`` have theirs. gcc writes the
+counters into the module at ``-O0``, so that none is merged with another.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.write.plan import Plan
+
+COUNTER = "gcov"
+
+DEFENSIVE = ("part_off", "recover")
+"""Functions, and ``init``, that guard states against values that most equations cannot give."""
+
+_WATCHED = ("--coverage", "-O0")
+
+
+def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
+    """Run the folder's own test with counters.
+
+    Args:
+        plan: the module.
+        folder: has its texts and its vectors.
+        used: compilers; one of them must be gcc.
+
+    Returns:
+        ``statements`` and ``branches``, each with ``all`` and ``reached``; ``missing``, lines with
+        a statement that was not reached or a condition that went one way only, each with
+        ``line``, ``function``, ``text``, ``reached`` (the statement was) and ``branches`` not
+        taken; ``untouched``, functions that were never called. Empty without gcc and gcov.
+    """
+    n = plan.name
+    compiler = next((c for c in used if "gcc" in Path(c).name), None)
+    tool = shutil.which(COUNTER)
+    if compiler is None or tool is None:
+        return {}
+    program = folder / f"covered_{n}"
+    flags = [f for f in cc.FLAGS if f not in ("-Werror", "-O2")]
+    commands = (
+        [compiler, *flags, *_WATCHED, "-c", f"{n}.c", "-o", f"covered_{n}.o"],
+        [
+            compiler,
+            *flags,
+            "--coverage",
+            f"test_{n}.c",
+            f"covered_{n}.o",
+            "-o",
+            str(program),
+            "-lm",
+        ],
+    )
+    for command in commands:
+        if subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode:
+            return {}
+    subprocess.run([str(program), "vectors.txt"], cwd=folder, capture_output=True, check=False)
+    said = subprocess.run(
+        [tool, "--branch-probabilities", "--json-format", "--stdout", f"covered_{n}.gcda"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    files = json.loads(said.stdout or "{}").get("files", [])
+    found = next((f for f in files if f["file"] == f"{n}.c"), None)
+    if found is None:
+        return {}
+    return _counted(found, (folder / f"{n}.c").read_text(encoding="utf-8").splitlines())
+
+
+def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
+    """Numbers of a file's counters."""
+    lines = found["lines"]
+    branches = [b["count"] > 0 for line in lines for b in line["branches"]]
+    proper = [
+        b["count"] > 0 for line in lines for b in line["branches"]
+        if line.get("function_name", "") not in DEFENSIVE and not (
+            line.get("function_name", "").endswith("_init"))
+    ]  # fmt: skip
+    missing = [
+        {
+            "line": line["line_number"], "function": line.get("function_name", ""),
+            "text": text[line["line_number"] - 1].strip(), "reached": line["count"] > 0,
+            "branches": sum(b["count"] == 0 for b in line["branches"]),
+        }
+        for line in lines
+        if line["count"] == 0 or any(b["count"] == 0 for b in line["branches"])
+    ]  # fmt: skip
+    return {
+        "by": COUNTER,
+        "statements": {"all": len(lines), "reached": sum(line["count"] > 0 for line in lines)},
+        "branches": {"all": len(branches), "reached": sum(branches)},
+        "branches besides guards of states": {"all": len(proper), "reached": sum(proper)},
+        "missing": missing,
+        "untouched": [f["name"] for f in found["functions"] if f["execution_count"] == 0],
+    }
+
+
+def summary(found: Mapping[str, Any]) -> str:
+    """Coverage in one line."""
+    if not found:
+        return f"coverage not measured: needs gcc and {COUNTER}"
+    shares = ", ".join(
+        f"{found[k]['reached']} of {found[k]['all']} {k} ({share(found, k):.1%})"
+        for k in ("statements", "branches", "branches besides guards of states")
+    )
+    never = "".join(
+        f"; never called: {', '.join(found['untouched'])}" for _ in found["untouched"][:1]
+    )
+    return f"own test reaches {shares}{never}"
+
+
+def share(found: Mapping[str, Any], what: str) -> float:
+    """Part of the statements or branches that is reached; 1 where there is none."""
+    return float(found[what]["reached"] / found[what]["all"]) if found[what]["all"] else 1.0

@@ -1,0 +1,267 @@
+"""The part of a module's own test that uses it wrongly: what its vectors, a good run, never do.
+
+It runs on the host alone, after the vectors. Nothing of it is compared with Python: it looks at
+what docs/c_interface.md promises of parameters, states, calls and inputs that are wrong.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+
+from slipctl.ccode.write import guard
+from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.plan import Plan
+
+WALK, BETWEEN = 2000, 20
+"""Ticks with inputs that wander through all of their ranges, and as many with states that are
+shaken once in so many ticks: a part that runs every few ticks sees them."""
+
+FAR = 1e6
+"""Where an input without an end turns round."""
+
+STEPS = 4000
+"""Steps after which no further state is broken: one of a predictive controller takes long."""
+
+_TRIALS = """#ifndef ON_BOARD
+#define RECOVERY {recovery} /* ticks in which every part of the state is reset */
+#define TAKEN {taken} /* ticks after which any input is taken again */
+#define N_FIRSTS {firsts}
+#define STEPS {steps} /* after which no further state is broken: some modules take long */
+#define SHAKEN {shaken} /* ticks with states that were shaken */
+#define SEVERITY 3
+
+static const int first_of[] = {{{places}}}; /* place of the first element of each state */
+static const double bad[SEVERITY] = {{(double)NAN, -1e30, 1e30}};
+static const double param_of[][2] = {{{ends}}}; /* ranges of parameters */
+
+/* Make a step; whether its outputs are finite. */
+static bool stepped(const {n}_in *in, {n}_state *state, int *status)
+{{
+    static {n}_param any; /* those in force are used */
+    static {n}_out out;
+    static real raw[N_ROW];
+    bool finite = true;
+    int k;
+    *status = {n}_step(in, &any, state, &out);
+    copied(raw, &out, (size_t)N_OUT * sizeof(real));
+    for (k = 0; k < N_OUT; ++k) {{
+        finite = finite && (fabs((double)raw[k]) <= DBL_MAX);
+    }}
+    return finite;
+}}
+
+/* Steps with the same inputs until all is well, which is to come in some ticks. */
+static bool recovers(const {n}_in *in, {n}_state *state, int ticks)
+{{
+    int status = {big}_REFUSED;
+    int tick;
+    bool finite = true;
+    for (tick = 0; (tick < ticks) && ((status | {big}_LIMITED) != {big}_LIMITED); ++tick) {{
+        finite = stepped(in, state, &status) && finite;
+    }}
+    return finite && ((status | {big}_LIMITED) == {big}_LIMITED);
+}}
+
+/* Parameters that are wrong are refused, and those in force stay. */
+static int wrong_parameters(const {n}_param *good, const {n}_state *kept)
+{{
+    static {n}_param param;
+    static {n}_param safe;
+    static {n}_state state;
+    static real raw[N_ROW];
+    int wrong = 0;
+    int k;
+    int j;
+    {n}_default(&safe);
+    for (k = 0; k < N_PARAM; ++k) {{
+        for (j = 0; j < (SEVERITY + 2); ++j) {{
+            copied(raw, good, (size_t)N_PARAM * sizeof(real));
+            raw[k] = (real)((j < SEVERITY) ? bad[j] : param_of[k][j - SEVERITY]);
+            copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+            copied(&state, kept, sizeof(state));
+            if ({n}_tune(&param, &state) == {big}_OK) {{
+                wrong += (j == 0) ? 1 : 0; /* NaN is in no range */
+            }} else {{
+                wrong += same(&state, kept, sizeof(state)) ? 0 : 1;
+                wrong += ({n}_init(&param, &state) == {big}_BAD_PARAM) ? 0 : 1;
+                wrong += same(&state.in_force, &safe, sizeof(safe)) ? 0 : 1;
+            }}
+        }}
+    }}
+    return wrong;
+}}
+
+/* Memory that is broken: a parameter in force, until tune; a state, with outputs finite. */
+static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_state *kept)
+{{
+    static {n}_state state;
+    static {n}_param param;
+    static real raw[N_ROW];
+    bool refused = false;
+    int wrong = 0;
+    int steps = 0;
+    unsigned int seed = 1U;
+    int tick;
+    int k;
+    int j;
+    for (k = 0; k < N_PARAM; ++k) {{
+        int status = {big}_OK;
+        copied(&state, kept, sizeof(state));
+        copied(raw, good, (size_t)N_PARAM * sizeof(real));
+        raw[k] = (real)NAN;
+        copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+        state.in_force = param; /* as if a bit of memory had changed: ends of ranges may be NaN */
+        (void)stepped(in, &state, &status);
+        if (((status & {big}_REFUSED) != 0) && !refused) {{
+            refused = true; /* once is enough: all parts are reset in turn, and again */
+            for (tick = 0; tick < (2 * RECOVERY); ++tick) {{
+                (void)stepped(in, &state, &status);
+            }}
+        }}
+        wrong += ({n}_tune(good, &state) == {big}_OK) ? 0 : 1;
+        wrong += recovers(in, &state, RECOVERY) ? 0 : 1;
+    }}
+    for (k = 0; (k < N_FIRSTS) && (steps < STEPS); ++k) {{
+        for (j = 0; j < SEVERITY; ++j) {{
+            copied(&state, kept, sizeof(state));
+            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            raw[first_of[k]] = (real)bad[j];
+            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+            for (tick = 0; (tick < RECOVERY) && !recovers(in, &state, 1); ++tick) {{
+                ++steps;
+            }}
+            wrong += (tick < RECOVERY) ? 0 : 1;
+        }}
+    }}
+    for (k = 0; (k < SHAKEN) && (steps < (2 * STEPS)); ++k) {{
+        int status = {big}_OK;
+        if ((k % {most}) == 0) {{
+            copied(&state, kept, sizeof(state));
+            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            for (j = 0; j < N_STATE; ++j) {{ /* between 0 and twice what it was */
+                seed = (seed * 1664525U) + 1013904223U;
+                raw[j] = (real)((double)raw[j] * (double)(seed >> 8) / 8388608.0);
+            }}
+            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+        }}
+        wrong += stepped(in, &state, &status) ? 0 : 1;
+        ++steps;
+    }}
+    return wrong;
+}}
+
+{walk}/* Use the module wrongly in every way; how many trials did not go as they should. */
+static int misused(const {n}_param *param, const {n}_state *kept)
+{{
+    static {n}_state state;
+{last}    int wrong = 0;
+    int status = 0;
+    (void)memset(&state, 0x55, sizeof(state));
+    wrong += stepped(&in, &state, &status) ? 0 : 1;
+    wrong += (status == ({big}_NO_INIT | {big}_REFUSED)) ? 0 : 1;
+    wrong += wrong_parameters(param, kept);
+    wrong += ({n}_init(param, &state) == {big}_OK) ? 0 : 1;
+    if (recovers(&in, &state, 1)) {{ /* a fresh instance can do something with these inputs */
+        wrong += broken_memory(&in, param, kept);
+{wander}    }}
+    return wrong;
+}}
+#endif
+
+"""
+
+_WALK = """/* Inputs wander through their ranges, some NaN, at last all; outputs are finite. */
+static int wandering(const {n}_in *from, {n}_state *state)
+{{
+    /* least and greatest value, and what it may change by in a tick */
+    static const double range[N_IN][3] = {{{wandered}}};
+    static const double rate[4] = {{0.9, 0.1, 0.01, 10.0}};
+    static double target[N_IN];
+    static double now[N_IN];
+    static real raw[N_IN];
+    static {n}_in in;
+    unsigned int seed = 1U;
+    int wrong = 0;
+    int status = 0;
+    int tick;
+    int k;
+    copied(raw, from, sizeof(raw));
+    for (k = 0; k < N_IN; ++k) {{
+        now[k] = (double)raw[k];
+    }}
+    for (tick = 0; tick < {ticks}; ++tick) {{
+        for (k = 0; k < N_IN; ++k) {{
+            const double lo = range[k][0];
+            const double hi = range[k][1];
+            const double most = range[k][2] * rate[(tick / 50) % 4];
+            double share;
+            seed = (seed * 1664525U) + 1013904223U;
+            share = (double)(seed >> 8) / 16777216.0;
+            if ((tick % 50) == 0) {{ /* often an end */
+                target[k] = lo + ((hi - lo) * fmin(fmax((1.5 * share) - 0.25, 0.0), 1.0));
+            }}
+            now[k] = fmin(fmax(target[k], now[k] - most), now[k] + most);
+            raw[k] = (share < 0.002) ? (real)NAN : (real)now[k];
+        }}
+        if ((tick % 50) == 25) {{ /* a jump of one of them, for a tick */
+            k = (tick / 200) % N_IN;
+            raw[k] = (real)(((now[k] - range[k][0]) > (range[k][1] - now[k])) ? range[k][0]
+                : range[k][1]);
+        }}
+        copied(&in, raw, sizeof(in));
+        wrong += stepped(&in, state, &status) ? 0 : 1;
+    }}
+    for (k = 0; k < N_IN; ++k) {{
+        raw[k] = (real)NAN;
+    }}
+    copied(&in, raw, sizeof(in));
+    for (tick = 0; tick < TAKEN; ++tick) {{ /* until the last good ones are forgotten */
+        wrong += stepped(&in, state, &status) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_WANDER = """        copied(&state, kept, sizeof(state));
+        wrong += wandering(&in, &state);
+        wrong += recovers(&in, &state, TAKEN) ? 0 : 1;
+"""
+
+
+def misuse(plan: Plan) -> str:
+    """C of ``misused``, for the test program; it needs ``copied`` and ``same``."""
+    n, lay, big = plan.name, plan.layout, plan.layout.big
+    places = [sum(m.size for m in lay.states[:k]) for k in range(len(lay.states))]
+    recovery = guard.PATIENCE * (len(plan.parts) + 2) + 1
+    taken = int(guard.memory(plan.period, plan.stale)) + 1 + recovery if plan.n_in else 0
+    ends = [
+        "{" + ", ".join(number(min(max(v, -1e30), 1e30)) for v in plan.limits(m)) + "}"
+        for m in lay.params for _ in range(m.size)
+    ]  # fmt: skip
+    last = "kept->guard.last" if plan.n_in else "{0}"
+    return _TRIALS.format(
+        n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
+        shaken=WALK, most=BETWEEN, places=_rows(map(str, places or [0])),
+        ends=_rows(ends or ["{0.0, 0.0}"]),
+        walk=_WALK.format(n=n, ticks=WALK, wandered=_rows(_wandered(plan))) if plan.n_in else "",
+        wander=_WANDER if plan.n_in else "",
+        last=f"    const {n}_in in = {last};\n",
+    )  # fmt: skip
+
+
+def _wandered(plan: Plan) -> list[str]:
+    """Ends of each input element and its largest change, with the defaults of the parameters."""
+    lows, highs, changes = plan.ends(plan.layout.inputs, plan.block.param_values())
+    rows = []
+    for lo, hi, change in zip(lows.clip(-FAR, FAR), highs.clip(-FAR, FAR), changes, strict=True):
+        found = (lo, hi, min(change, 0.1 * (hi - lo)))
+        rows.append("{" + ", ".join(number(float(v)) for v in found) + "}")
+    return rows
+
+
+def _rows(numbers: Iterable[str]) -> str:
+    """Numbers of a table on lines of their own."""
+    text = textwrap.fill(", ".join(numbers), 90, break_long_words=False)
+    return "\n" + textwrap.indent(text, "    ") + "\n"

@@ -1,0 +1,119 @@
+"""What a written folder's own test reaches, what it finds, and how much of a run it holds."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slipctl import Input, Output, Param, State, step
+from slipctl.ccode import codegen
+from slipctl.ccode.check import coverage, rounding
+from slipctl.ccode.compile import compilers
+from slipctl.study import doors
+
+pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+
+needs_gcov = pytest.mark.skipif(
+    not shutil.which("gcc") or not shutil.which(coverage.COUNTER), reason="no gcc with gcov"
+)
+
+
+@step(period=1e-3, T=Output("N m", "torque", lo="-T_max", hi="T_max"))
+def law(
+    x=State("m/s", 0.0, "sum", lo=-1e3, hi=1e3),
+    u=Input("m/s", "slip error", lo=-10, hi=10, change=0.5, stale=5),
+    k=Param("N s/m", 2.0, "gain", lo=1, hi=10),
+    k_i=Param("N/m", "k / 4", "integral gain", lo=0.1, hi=2),
+    T_max=Param("N m", 40.0, "largest torque", lo=1, hi=100),
+):
+    """Proportional-integral law."""
+    return dict(x=x + u * 1e-3), dict(T=k * u + k_i * x)
+
+
+def _test(folder: Path) -> str:
+    done = subprocess.run(["make", "test"], cwd=folder, capture_output=True, text=True, check=False)
+    return done.stdout + done.stderr
+
+
+@needs_gcov
+def test_the_own_test_reaches_refusals_and_resets(tmp_path: Path) -> None:
+    """A run without a fault reaches none of the guards; the trials after it do.
+
+    What is left cannot be: ``start`` is asked for part 0 or 1 alone where there is one part, and
+    the torque does not come to its upper limit.
+    """
+    u = {"u": 0.5 * np.sin(np.arange(50))}
+    report = codegen.export(law, tmp_path, inputs=u, check=True)
+    found = report.data["coverage"]
+    assert report.passed
+    assert {m["function"] for m in found["missing"]} <= {"limit", "start", "accept"}
+    assert found["branches"]["reached"] >= 0.95 * found["branches"]["all"]
+    assert found["untouched"] == []
+    assert "own test reaches" in str(report)
+    assert "## Reached by the test" in (tmp_path / "report.md").read_text(encoding="utf-8")
+
+
+@needs_gcov
+def test_what_no_input_reaches_is_told(tmp_path: Path) -> None:
+    """A phase that its inputs cannot bring about is listed with its line."""
+
+    @step(period=1e-3, y=Output("1", "number", lo=-10, hi=10))
+    def phases(x=State("1", 0.0, "ticks", lo=0, hi=5), u=Input("1", "number", lo=-1, hi=1)):
+        """A phase that begins at an input of 2, which is out of range."""
+        return dict(x=x), dict(y=_if(u))
+
+    def _if(u):
+        import casadi as ca
+
+        return ca.if_else(u > 2, 7.0, u)
+
+    found = codegen.check(phases, {"u": np.zeros(20)}, tmp_path)["coverage"]
+    assert any("7.0" in m["text"] and m["branches"] for m in found["missing"])
+
+
+@pytest.mark.parametrize(
+    ("what", "to", "finds"),
+    [
+        ("state->in_force = *param;", "", "tune that forgets"),
+        ("return status;", "return 0;", "init that says nothing"),
+        ("if (!(state->guard.mark == 9240613.0)) {", "if (state->guard.mark == 1.0) {", "mark"),
+        ("state->guard.refused = r0;", "", "no reset"),
+    ],
+)  # fmt: skip
+def test_the_own_test_sees_a_guard_that_is_broken(tmp_path: Path, what, to, finds) -> None:
+    folder = codegen.export(law, tmp_path / finds, inputs={"u": np.zeros(20)}).folder
+    assert "0 trials went wrong" in _test(folder)
+    text = (folder / "law.c").read_text(encoding="utf-8")
+    assert what in text
+    (folder / "law.c").write_text(text.replace(what, to, 1), encoding="utf-8")
+    assert "Error" in _test(folder)
+
+
+@pytest.mark.skipif(not rounding.there(), reason="no C++ compiler")
+def test_a_folder_in_float_holds_no_more_of_a_run_than_can_be_tried_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ticks follow from operations, which are counted: the same on every machine."""
+    u = {"u": 0.5 * np.sin(np.arange(3000))}
+    whole = codegen.export(law, tmp_path / "whole", inputs=u, real="float").data
+    monkeypatch.setattr(rounding, "ENOUGH", 2000)
+    monkeypatch.setattr(rounding, "AT_LEAST", 100)
+    part = codegen.export(law, tmp_path / "part", inputs=u, real="float").data
+    checked = codegen.check(law, u, tmp_path / "checked", real="float")
+    assert (whole["ticks"], checked["ticks"]) == (3000, 3000)
+    assert 100 <= part["ticks"] < 1000
+    assert "0 faults" in _test(tmp_path / "part")
+
+
+@needs_gcov
+def test_a_shipped_controller_is_reached(tmp_path: Path) -> None:
+    study = doors.load_study("subway_braking")
+    loop, case = doors.find_loop(study, "smc")
+    inputs, params = codegen.recorded(loop, study.controller, case.scenario)
+    data = codegen.check(loop[study.controller], inputs, tmp_path, params, period=loop.period)
+    assert data["passed"]
+    assert coverage.share(data["coverage"], "branches") >= 0.95
