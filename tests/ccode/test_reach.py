@@ -117,3 +117,24 @@ def test_a_shipped_controller_is_reached(tmp_path: Path) -> None:
     data = codegen.check(loop[study.controller], inputs, tmp_path, params, period=loop.period)
     assert data["passed"]
     assert coverage.share(data["coverage"], "branches") >= 0.95
+
+
+def test_the_head_of_the_report_has_time_stack_code_and_assumptions(tmp_path: Path) -> None:
+    """For the first look: on a board too, where there is one; functions stand below."""
+    from slipctl.ccode.compile import board
+
+    on_board = shutil.which(board.TOOLS + "gcc") and shutil.which(board.EMULATOR)
+    target = "cortex-m4" if on_board and rounding.there() else "host"
+    data = codegen.check(law, {"u": np.zeros(20)}, tmp_path, target=target)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    heads = [line for line in text.splitlines() if line.startswith("## ")]
+    assert heads[:2] == ["## At a glance", "## What is assumed"]
+    glance = text.partition("## At a glance")[2].partition("## What")[0]
+    for t in [*data["targets"], *data["compiled"]]:
+        assert f" {t['bytes']['text']} |" in glance
+        assert t["functions"]["law_step"]["code"] > 0
+        assert f" {t.get('stack_used', '')} |" in glance
+    assumed = text.partition("## What is assumed")[2].partition("## Text")[0]
+    assert ("QEMU" in assumed) == (target != "host")
+    assert "`law_init` comes before the first `law_step`" in assumed
+    assert "| `law_step` | " in text.partition("## Functions")[2]

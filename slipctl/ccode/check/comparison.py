@@ -82,6 +82,7 @@ def compare(
                 "symbols": found,
                 "double_functions": doubles,
                 "stack": cc.stack(product),
+                "functions": cc.code(product),
                 "faults": faults,
                 "own_test": said,
             })  # fmt: skip

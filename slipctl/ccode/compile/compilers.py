@@ -103,6 +103,26 @@ def symbols(target: Path, tools: str = "") -> dict[str, list[str]] | None:
     return {k: sorted(v) for k, v in found.items()}
 
 
+def code(target: Path, tools: str = "") -> dict[str, dict[str, int]] | None:
+    """Bytes of ``code`` or ``data`` of each function and table of an object file.
+
+    None without binutils. A function that the compiler put into its callers is not among them.
+    """
+    tool = shutil.which(f"{tools}nm")
+    if tool is None:
+        return None
+    said = subprocess.run(
+        [tool, "--print-size", "--radix=d", str(target)], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    found = {}
+    for line in said.stdout.splitlines():
+        _, *rest = line.split()
+        if len(rest) == 3:  # what is not defined here has no size
+            found[rest[2].lstrip("_")] = {"code" if rest[1] in "tT" else "data": int(rest[0])}
+    return found
+
+
 _HELPER = re.compile(
     r"aeabi_(d\w+|cd\w+|\w+2d)|(add|sub|mul|div|neg|eq|ne|lt|le|gt|ge|unord|cmp)df\d"
     r"|extendsfdf2|truncdfsf2|float(un)?[sd]idf|fix(uns)?df[sd]i"

@@ -26,6 +26,9 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         f"# {data['name']} in `{data['real']}`",
         f"Written by slipctl {data['slipctl_version']} with CasADi {data['casadi_version']},"
         f" content {data['content']}. The same numbers, and more, are in `report.json`.",
+        *_glance(data),
+        "## What is assumed",
+        _bullets(assumptions(data)),
         "## Text",
         _read(data["reading"], data["name"]),
         "## Memory",
@@ -37,12 +40,82 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         *_replayed(data, layout),
         *_covered(data),
         *_targets(data),
+        *_functions(data),
         *_analysed(data),
         *_fuzzed(data),
         *_proved(data),
         *_traced(data),
     ]
     return "\n\n".join(paragraphs) + "\n"
+
+
+def _glance(data: Mapping[str, Any]) -> list[str]:
+    """What a firmware engineer asks first: time, stack, code and data, wherever it is known."""
+    rows = []
+    for t in [*data["targets"], *data["compiled"]]:
+        count, found = t.get("instructions", {}), t.get("load")
+        size = t["bytes"] or {}
+        rows.append([
+            t.get("target", t["compiler"]), count.get("mean", ""), count.get("most", ""),
+            f"{found['worst']:.1%}" if found else "", t.get("stack_used", ""),
+            (t["stack"] or {}).get("worst", ""), size.get("text", ""),
+            size.get("data", 0) + size.get("bss", 0) if size else "",
+            data["memory_bytes"]["state"],
+        ])  # fmt: skip
+    if not rows:
+        return []
+    heads = [
+        "where", "instructions, mean", "most", "load, worst", "stack by paint",
+        "stack by -fstack-usage", "code", "static data", "one instance",
+    ]  # fmt: skip
+    return ["## At a glance", table(heads, rows)]
+
+
+def assumptions(data: Mapping[str, Any]) -> list[str]:
+    """All that the numbers and promises of a report rest on."""
+    n, period = data["name"], data["period_s"]
+    big = n.upper()
+    said = [
+        f"`{n}_init` comes before the first `{n}_step`, or the step says `{big}_NO_INIT`.",
+        f"`{n}_step` is called once in every tick"
+        + (f" of {period:g} s." if period else ", whose length is not known here."),
+        "Calls with one state do not interrupt each other.",
+        "Arithmetic is that of IEEE 754, rounded to nearest; the compiler keeps it"
+        " (`-ffp-contract=off`, no `-ffast-math`).",
+        "A true input is in its declared range and changes by no more than is declared.",
+    ]
+    if any("instructions" in t for t in data["targets"]):
+        said += [
+            "Instructions are those of the test's vectors, counted by QEMU. They are not cycles:"
+            f" a load takes {load.ASSUMPTION}.",
+            "The stack by paint is the deepest of these steps, the C library included. That by"
+            " `-fstack-usage` is the sum of all functions, without the library.",
+        ]
+    elif data["compiled"]:
+        said.append(
+            "The stack by `-fstack-usage` is the sum of all functions, without the C library."
+        )
+    return said
+
+
+def _functions(data: Mapping[str, Any]) -> list[str]:
+    """Code and stack of each function, on each target or else on this machine."""
+    said = []
+    for t in data["targets"] or data["compiled"][:1]:
+        if not t.get("functions"):
+            continue
+        stack = t["stack"] or {}
+        rows = [
+            [f"`{name}`", size.get("code", ""), size.get("data", ""), stack.get(name, "")]
+            for name, size in t["functions"].items()
+        ]
+        where = t.get("target", t["compiler"])
+        said += [
+            f"## Functions, {where}",
+            "What the compiler put into its callers has no line of its own.",
+            table(["function or table", "code", "data", "stack"], rows),
+        ]
+    return said
 
 
 def _read(told: Mapping[str, Any], name: str) -> str:
