@@ -360,8 +360,8 @@ def _words(trip: Trip, over: Ranges, left: tuple[str, ...], reference: Reference
     drawn = [*over.numbers, *over.scale]
     if kind == "file":
         rows.append(
-            "the law taken as linear, with the mean of its slopes by v_s in the tube; what else it"
-            " does there counts as disturbance, and the limits of the torque are left out"
+            "the law taken as linear, with the mean of its slopes by v_s in the tube. What else it"
+            " does there counts as disturbance. The limits of the torque are left out"
         )
     if drawn:
         rows.append(f"over the ensemble's {', '.join(drawn)}")
