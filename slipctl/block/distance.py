@@ -1,4 +1,4 @@
-"""A flow over distance in place of time: speed profiles, gradients and limits along the way."""
+"""A flow over distance in place of time: speed profiles, gradients and limits along it."""
 
 from __future__ import annotations
 

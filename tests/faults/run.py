@@ -54,6 +54,7 @@ class Place:
         self.run("o")
         (folder / "o").rename(self.whole)
         self.seconds = (time.monotonic() - start) / 2
+        self.libraries = sorted((folder / "cache").glob("*.so"))  # those that this run loads
 
     def start(self, out: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -185,10 +186,9 @@ def output(place: Place, rng: random.Random) -> tuple[list[str], float]:
 
 def cache(place: Place, rng: random.Random) -> tuple[list[str], float]:
     """Libraries that are cut, of another loop, or of other bytes: the numbers stay."""
-    libraries = sorted((place.folder / "cache").glob("*.so"))
-    if len(libraries) < 2:
+    if len(place.libraries) < 2:
         return [], 0.0
-    one, other = rng.sample(libraries, 2)
+    one, other = rng.sample(place.libraries, 2)
     raw = one.read_bytes()
     how = rng.randrange(3)
     one.unlink()  # never over a library that somebody has loaded
