@@ -55,3 +55,12 @@ def brake(lag: bool = False, rate: bool = False) -> Block:
         return dict(T_b=(fmin(T_max, fmax(0, T_cmd)) - T_b) / tau), {}
 
     return lagging
+
+
+@law(T=Output("N m", "torque asked of the cylinder", positive="braking"))
+def brake_gain(
+    T_cmd=Input("N m", "commanded torque", positive="braking"),
+    k=Param("1", 1.0, "delivered by commanded torque", "of the vehicle", lo=0.1, hi=10),
+):
+    """A brake that gives another torque than it is told: T = k T_cmd."""
+    return k * T_cmd

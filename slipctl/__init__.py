@@ -37,6 +37,8 @@ _WHERE = {
     "seek.lock": ["locking_seek"],
     "analysis.observing": ["luenberger"],
     "estimate.fitting": ["fit", "Fitted"],
+    "estimate.over_time": ["fit_over_time"],
+    "estimate.record": ["FittedOverTime"],
     "seek.swarm": ["particle_swarm", "least_squares", "Fit"],
     "estimate.identification": [
         "identify",
@@ -83,6 +85,8 @@ if TYPE_CHECKING:
     from slipctl.estimate.fitting import Fitted, fit
     from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
     from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
+    from slipctl.estimate.over_time import fit_over_time
+    from slipctl.estimate.record import FittedOverTime
     from slipctl.predict.mhe import mhe
     from slipctl.predict.nmpc import nmpc
     from slipctl.predict.sensitivity import Slopes, control_slopes, run_slopes

@@ -214,6 +214,7 @@ class Lag(Part):
     kind: Literal["lag"] = "lag"
     torque: float = number("N m", MISSING, "largest torque of one axle", lo=1, hi=1e6)
     lag: float = number("s", 0.05, "time constant", lo=1e-3, hi=5)
+    gain: float = number("1", 1.0, "delivered by commanded torque", lo=0.1, hi=10)
     rate: float | None = number("N m/s", None, "largest rate of the torque", lo=1, hi=1e9)
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
 

@@ -29,7 +29,7 @@ from slipctl import (
     replicate,
     sampled,
 )
-from slipctl.models.brakes import brake
+from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.hst_braking import davis
@@ -130,14 +130,19 @@ def actuator(part: Lag | Valve) -> Block:
             numbers["R_max"] = part.rate
         block = sampled(brake(lag=True, rate=part.rate is not None), T_S, "rk4")
         block = block.with_params(**numbers)
-    ticks = round(part.dead_time / T_S)
-    if not ticks:
+    ticks, gain = round(part.dead_time / T_S), getattr(part, "gain", 1.0)
+    before = {"wait": dead_time(ticks, "N m", "braking")} if ticks else {}
+    if gain != 1.0:
+        before["gain"] = brake_gain.with_params(k=gain)
+    if not before:
         return block
-    wires = {"wait.u": "T_cmd", "act.T_cmd": "wait.y", "T_b": "act.T_b"}
-    waiting = dead_time(ticks, "N m", "braking")
+    wires, last = {"T_b": "act.T_b"}, "T_cmd"
+    for name, one in before.items():
+        wires[f"{name}.{next(iter(one.inputs))}"] = last
+        last = f"{name}.{next(iter(one.outputs))}"
     names = [k for k in ("T_max", "tau", "R_max", "theta", "P_max") if k in block.params]
     inner = {k: f"act.{k}" for k in names}
-    return connect("act", wires, share=inner, wait=waiting, act=block)
+    return connect("act", wires | {"act.T_cmd": last}, share=inner, **before, act=block)
 
 
 def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:

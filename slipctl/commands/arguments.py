@@ -237,9 +237,14 @@ def parser() -> Parser:
     p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("fit", "Fit the parameters of a law to a measured curve.")
-    p.add_argument("curve", metavar="CURVE.csv", help="a head and a row per point")
-    p.add_argument("--law", metavar="NAME", required=True, help="a law of the models, or file:law")
+    p = command("fit", "Fit a law to a measured curve, or a flow (coasting, brake_step) to logs.")
+    p.add_argument(
+        "curve", metavar="CURVE.csv", nargs="+",
+        help="a head and a row per point; for a flow logs, as of replay",
+    )  # fmt: skip
+    p.add_argument(
+        "--law", metavar="NAME", required=True, help="a law or a flow of the models, or file:law"
+    )
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
@@ -258,6 +263,20 @@ def parser() -> Parser:
     p.add_argument(
         "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
     )
+    p.add_argument(
+        "--map", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        dest="mapped", help="for a flow: column of what was measured and of inputs, v=Speed[km/h]",
+    )  # fmt: skip
+    p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the times, as of replay")
+    p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
+    p.add_argument(
+        "--between", metavar="FROM:TO", help="only this part, behind the first sample, 12s:95s"
+    )
+    p.add_argument(
+        "--resample", choices=("hold", "linear"),
+        help="how an input goes from sample to sample (hold)",
+    )  # fmt: skip
+    p.add_argument("--delay", metavar="INPUT", help="seek the dead time of this input too")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 

@@ -28,27 +28,47 @@ MODEL = "fitted.py"
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
-    """Print what the fit gives."""
-    said = run(
-        options.curve, options.law, options.settings, options.starts, options.columns,
-        options.unknown, options.ordered, options.out, command,
-    )  # fmt: skip
+    """Print what the fit gives: of a law to a curve, of a flow to logs."""
+    base = doors.load_block(options.law)
+    if base.kind == "flow":
+        from slipctl.commands import fit_log
+
+        _refuse(options, "columns ordered", "is for a law; map a log by --map NAME=COLUMN")
+        said = fit_log.run(options, base, command)
+    else:
+        _refuse(options, "mapped time gap between resample delay", "is for a flow and its log; a"
+                f" {base.kind} takes its columns by --column NAME=EXPRESSION")  # fmt: skip
+        if len(options.curve) > 1:
+            raise BadInput(f"{base.name} is a {base.kind}; give it one curve")
+        said = run(
+            options.curve[0], base, options.law, options.settings, options.starts, options.columns,
+            options.unknown, options.ordered, options.out, command,
+        )  # fmt: skip
     print(store.text_of(Path(options.out) / "fit.json") if options.json else said)
     return 0
 
 
+OPTIONS = {"mapped": "map", "columns": "column"}
+"""What options are called where they are typed, if otherwise."""
+
+
+def _refuse(options: argparse.Namespace, names: str, why: str) -> None:
+    for n in names.split():
+        if getattr(options, n):
+            raise BadInput(f"--{OPTIONS.get(n, n)} {why}")
+
+
 def run(
-    curve: str, law: str, settings: Sequence[str], starts: Sequence[str],
+    curve: str, base: Block, law: str, settings: Sequence[str], starts: Sequence[str],
     columns: Sequence[str], unknown: str | None, ordered: bool, out: str, command: str,
 ) -> str:  # fmt: skip
-    """Answer of ``slipctl fit``; writes its files to the folder ``out``.
+    """Answer of ``slipctl fit`` for a law; writes its files to the folder ``out``.
 
     Raises:
-        BadInput: as :func:`slipctl.fit`, an unknown law, or a folder that cannot be written.
+        BadInput: as :func:`slipctl.fit`, or a folder that cannot be written.
     """
     folder = Path(out)
     store.check_folder(folder)
-    base = doors.load_block(law)
     at = dict(_pair("--set", text) for text in settings)
     found = fit(
         base,

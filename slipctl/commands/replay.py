@@ -38,13 +38,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     block = load_part(options.block)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
     period = parse_quantity(options.period, "s", "--period") if options.period else None
-    mapping, beside = _pairs("--map", options.mapped), _pairs("--beside", options.beside)
+    mapping, beside = pairs("--map", options.mapped), pairs("--beside", options.beside)
     names = {m for n in block.inputs for m in (n, n.rpartition(".")[2]) if n not in mapping}
     recording = read_recording(
         options.log, options.time or "", gap, [*mapping.values(), *beside.values(), *names]
     )
     found = replay(
-        block, recording, mapping, settings=_pairs("--set", options.settings), beside=beside,
+        block, recording, mapping, settings=pairs("--set", options.settings), beside=beside,
         period=period, rule=options.resample,
         compile=not options.no_compile,
     )  # fmt: skip
@@ -83,7 +83,12 @@ def load_part(name: str) -> Block:
     return block
 
 
-def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Names and what stands behind their ``=``.
+
+    Raises:
+        BadInput: none of both, or a name that stands twice.
+    """
     found: dict[str, str] = {}
     for text_ in texts:
         name, equals, value = (part.strip() for part in text_.partition("="))

@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +94,21 @@ class Recording:
         """Ends in s of each stretch without samples."""
         far = np.flatnonzero(np.diff(self.time) > self.gap)
         return [(float(self.time[k]), float(self.time[k + 1])) for k in far]
+
+    def between(self, start: float, end: float) -> Recording:
+        """The samples from one time to another, both in s behind the first sample.
+
+        Raises:
+            BadInput: there are fewer than two.
+        """
+        inside = (self.time >= start) & (self.time <= end)
+        if np.count_nonzero(inside) < 2:
+            raise BadInput(f"{self.source} has fewer than two samples from {start:g} s to {end:g} s"
+                           f" behind its first one; it ends at {self.time[-1]:.6g} s")  # fmt: skip
+        return replace(
+            self, time=self.time[inside], texts={n: v[inside] for n, v in self.texts.items()},
+            own={n: v[inside] for n, v in self.own.items()},
+        )  # fmt: skip
 
     def channel(self, name: str) -> np.ndarray:
         """Numbers of a column, NaN where nothing was measured.

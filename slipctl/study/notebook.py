@@ -17,6 +17,7 @@ from slipctl.block.block import Block
 from slipctl.certify.certificate import Certificate
 from slipctl.draw.looks import pretty
 from slipctl.estimate.fitting import Fitted
+from slipctl.estimate.record import FittedOverTime
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Loops
 from slipctl.run.sweeping import Sweep
@@ -140,6 +141,21 @@ def _fitted(found: Fitted) -> str:
     return (
         _head(found.law.name, said)
         + _rows(("parameter", "value", "unit", "95 % interval"), rows, (1,))
+        + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
+    )
+
+
+@html.register
+def _fitted_over_time(found: FittedOverTime) -> str:
+    rows = [
+        (n, number(v), number(found.std[n], 2), pretty(found.unit(n)),
+         "{} to {}".format(*map(number, found.interval[n])))
+        for n, v in found.values.items()
+    ]  # fmt: skip
+    said = f"rms of the residuals {number(found.rms)}, largest {number(found.max_error)}"
+    return (
+        _head(found.flow.name, said)
+        + _rows(("parameter", "value", "std", "unit", "95 % interval"), rows, (1, 2))
         + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
     )
 

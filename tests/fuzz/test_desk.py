@@ -131,12 +131,15 @@ def read_expression(text: str) -> None:
 
 
 def read_log(text: str) -> None:
-    """Replay a filter over a log, by the command line."""
+    """Replay a filter over a log and fit a flow to it, by the command line."""
     Path("log.csv").write_bytes(text.encode("utf-8", "surrogatepass"))
     out, err = io.StringIO(), io.StringIO()
     model = "y = k*v where v [m/s], k = 2"
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(["replay", "log.csv", "--with", model, "--map", "v=speed", "--out", "o"])
+        if code in (0, 2):
+            law = "v' = -k*v where v = 1 m/s, k = 1 1/s in 0 .. 100"
+            code = main(["fit", "log.csv", "--law", law, "--map", "v=speed", "--out", "o"])
     said = err.getvalue().strip()
     if code == 130:  # whoever runs this was told to stop
         raise KeyboardInterrupt

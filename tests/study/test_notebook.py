@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from slipctl import Rail, Scenario, Section, fit
+from slipctl import Rail, Scenario, Section, fit, fit_over_time, from_text
 from slipctl.certify.certificate import certify_super_twisting
 from slipctl.models.hst_braking import davis
 from slipctl.models.subway_braking import double_exponential
@@ -34,6 +34,12 @@ def fitted():
     return fit(double_exponential, curve, ["c"])
 
 
+def fitted_over_time():
+    time = np.linspace(0, 2, 30)
+    return fit_over_time(from_text("x' = -k*x where x = 1 m, k = 2 1/s"),
+                         {"time": time, "x": np.exp(-time)}, "x")  # fmt: skip
+
+
 RAIL = Rail([Section(0, "dry"), Section(2.5, "wet", {"v_opt": 1.25})])
 
 SHOWN = {
@@ -47,6 +53,7 @@ SHOWN = {
         ("eppfc", "pid_printed"),
     ),
     "fit": (fitted, ("double_exponential", "95 % interval", "rms")),
+    "fit over time": (fitted_over_time, ("95 % interval", "rms", "<td>k")),
     "certificate": (lambda: certify_super_twisting(6, 4, 1), ("CERTIFIED",)),
 }
 
