@@ -1,14 +1,14 @@
 """Fit a flow to a log over time: its output follows what was measured, no speed is differentiated.
 
-With y(theta) the output of the flow from its start, rolled over the log (:mod:`.rolled`), theta of
-the unknown parameters, the start of each stretch and a dead time makes sum (measured - y)^2 least.
+The unknowns theta are parameters, the start of each stretch, and perhaps a dead time. The output
+y(theta) of the flow is rolled over the log (:mod:`.rolled`), and sum (measured - y)^2 is made least.
 With s^2 that sum by samples minus unknowns,
 
     cov theta = c s^2 (J'J)^-1,   c = 1 + 2 sum_k r_k  (at least 1)
 
-r_k is the correlation of residuals k samples apart. It is 0 for white noise; wind, a gradient that
-nobody told and a law that does not fit make residuals alike, and c samples count as one (Sokal,
-Lecture Notes, Cargese 1996: the sum ends where k is five times c).
+r_k is the correlation of residuals k samples apart. It is 0 for white noise. Wind, a gradient that
+nobody told and a law that does not fit make residuals alike, and c samples count as one. The sum
+ends where k is five times c (Sokal, Lecture Notes, Cargese 1996).
 """
 
 from __future__ import annotations
