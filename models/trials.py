@@ -1,6 +1,6 @@
 """Trials on the line that tell a vehicle's numbers: coasting, and steps of the brake.
 
-Coasting, with m the mass, rho the rotating mass as a share of it, n J/(m r^2) for n wheelsets:
+Coasting, with m the mass, rho the rotating mass as a share of it, n J/(m r^2) for n axles:
 
     m (1 + rho) v' = -(c0 + c1 v + c2 v^2) - m g slope
 
