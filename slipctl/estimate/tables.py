@@ -71,6 +71,8 @@ def read_table(path: str | Path) -> Table:
         raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise BadInput(f"{path} is no text; save it as CSV in UTF-8") from None
+    except ValueError as error:
+        raise BadInput(f"cannot read {str(path)!r}: {error}") from None
     if "\0" in text:
         raise BadInput(f"{path} is no text; save it as CSV in UTF-8")
     names: list[str] = []

@@ -6,6 +6,10 @@ a copy of the tree, the tests of the same room that enter the changed function, 
 What is in the file already is not done again, so that a run that was stopped goes on. Tests beyond
 ``--longest`` seconds are not asked: a change that only they would notice counts as one that lives.
 
+``--again docs/evidence/mutations.json`` asks today's tests about the changes that lived in a run on
+record. Its others count as it found them, and places that are gone are left out and named. Who has
+seen what lived has written tests for it: the share that a new seed gives is the one to quote.
+
 An own tool, because those that exist run one command of the whole suite for each change: here that
 is 8 minutes against seconds, and hours against days for 400. This process has imported what the
 package and pytest depend on, and forks for each change. Linux and macOS only (links, forks).
@@ -189,15 +193,32 @@ def drawn(number: int, seed: int, rooms: list[str]) -> list[tuple[str, Site]]:
     return random.Random(seed).sample(every, min(number, len(every)))
 
 
+def arguments() -> dict[str, str]:
+    """Changes that change nothing that is promised: why."""
+    text = (Path(__file__).parent / "equivalent.toml").read_text("utf-8")
+    return dict(tomllib.loads(text))
+
+
 def summary(found: dict[str, Any]) -> dict[str, Any]:
     """Score and survivors, each with the argument why it changes nothing, where there is one."""
-    reasons = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text("utf-8"))
+    reasons = arguments()
     lived = {n: reasons.get(n, "") for n, r in found.items() if not r["caught"]}
     caught = len(found) - len(lived)
     return {
         "mutations": len(found), "caught": caught, "score": round(caught / max(1, len(found)), 4),
         "argued": {n: why for n, why in lived.items() if why},
         "open": [n for n, why in lived.items() if not why],
+    }  # fmt: skip
+
+
+def together(before: dict[str, Any], again: dict[str, Any], gone: list[str]) -> dict[str, Any]:
+    """A run on record, and what was found of the changes that lived in it."""
+    argued = again["argued"] | {n: why for n, why in arguments().items() if n in before["open"]}
+    caught, number = before["caught"] + again["caught"], before["mutations"] - len(gone)
+    return {
+        "mutations": number, "caught": caught, "score": round(caught / number, 4),
+        "caught at first": before["caught"], "asked again": again["mutations"], "gone": gone,
+        "argued": argued, "open": again["open"],
     }  # fmt: skip
 
 
@@ -223,11 +244,21 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--longest", type=float, default=60, help="s of tests for each change")
     parser.add_argument("--match", default="", help="only changes whose name has this text")
+    parser.add_argument("--again", type=Path, help="only changes that lived in this evidence")
     parser.add_argument("--out", type=Path, default=Path("mutations.json"))
     chosen = parser.parse_args()
 
-    wanted = drawn(10**9 if chosen.match else chosen.mutations, chosen.seed, chosen.room)
+    all_of_them = chosen.match or chosen.again
+    wanted = drawn(10**9 if all_of_them else chosen.mutations, chosen.seed, chosen.room)
     wanted = [w for w in wanted if chosen.match in w[1].name]
+    before: dict[str, Any] = {}
+    gone: list[str] = []
+    if chosen.again:
+        before = json.loads(chosen.again.read_text("utf-8"))["numbers"]["mutations"]
+        stands = {site.name for _, site in drawn(10**9, chosen.seed, list(ROOMS))}
+        gone = [n for n in before["open"] if n not in stands]
+        asked_again = set(before["open"]) - set(arguments())
+        wanted = [w for w in wanted if w[1].name in asked_again]
     kept = json.loads(chosen.out.read_text("utf-8")) if chosen.out.exists() else {}
     found: dict[str, Any] = kept.get("found", {})
     tests: dict[str, Any] = kept.get("tests", {})
@@ -236,6 +267,7 @@ def main() -> int:
     def keep() -> None:
         names = {w[1].name for w in wanted}
         told = summary({n: r for n, r in found.items() if n in names})
+        told = together(before, told, gone) if chosen.again else told
         text = json.dumps({"summary": told, "found": found, "tests": tests}, indent=1)
         part = chosen.out.with_suffix(".part")
         part.write_text(text, encoding="utf-8")
