@@ -83,10 +83,10 @@ def fitted(part: Searched) -> tuple[Block, dict[str, float]]:
         BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
     """
     curve = load_block(part.law)
-    if set(curve.inputs) != {"v_s"} or curve.inputs["v_s"].positive != "braking":
+    if set(curve.inputs) != {"v_s"} or curve.inputs["v_s"].positive == "traction":
         raise BadInput(
-            f"{part.law} cannot be fitted: it has the inputs {', '.join(curve.inputs)}; a law that"
-            " is goes from v_s alone, braking positive, as double_exponential does"
+            f"{part.law} cannot be searched: it has the inputs {', '.join(curve.inputs)}; such a"
+            " law has v_s alone, positive in braking, as double_exponential"
         )
     names = unknown_parameters(curve, None)
     if part.start:
@@ -109,7 +109,8 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
         hits = [k for k in block.params if k == name or k.endswith(f".{name}")]
         if len(hits) != 1:
             free = [k for k, s in block.params.items() if not s.derived]
-            why = f" could be {' or '.join(hits)}" if hits else f" is unknown{nearest(name, free)}"
+            unknown = f" {block.name} has no parameter of this name{nearest(name, free)}"
+            why = f" could be {' or '.join(hits)}" if hits else unknown
             faults.append(f"{where}.{name}:{why}")
             continue
         try:

@@ -66,7 +66,8 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
     return Study(
-        name=name, title=trip.title, source=source, doc=doc, cases=cases, signals=SIGNALS,
+        name=name, title=trip.title, source=source, doc=doc, cases=cases,
+        signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
         figures={

@@ -10,7 +10,8 @@ speed at the start. What controllers and sensors hold of them follows the vehicl
 from __future__ import annotations
 
 import bisect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from typing import Any
@@ -34,6 +35,7 @@ from slipctl import (
     connect,
     flip_sign,
     law,
+    make_block,
     mirror,
     replicate,
     step,
@@ -203,14 +205,35 @@ class Common:
 
     @cached_property
     def slip(self) -> Block:
-        """True slip of each axle, seen as that of a braked one."""
-        driven = self.trip.vehicle.mode == "drive"
+        """True slip of each axle that has an actuator, seen as that of a braked one."""
+        vehicle = self.trip.vehicle
+        driven = vehicle.mode == "drive"
         seen = (
             mirror("m/s", "braking", "speed")
             if driven
             else flip_sign("m/s", "braking", "slip speed")
         )
-        return replicate(seen, self.trip.vehicle.axles)
+        every = replicate(seen, vehicle.axles)
+        return every if len(vehicle.worked) == vehicle.axles else of_some(every, vehicle.worked)
+
+
+def of_some(every: Block, axles: Sequence[int]) -> Block:
+    """Make a law whose output ``y`` is that of some axles only, counted from 0.
+
+    Args:
+        every: law from ``u`` to ``y`` of all axles.
+        axles: which.
+    """
+    (y,) = every.outputs.values()
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        return {}, {"y": every.expr({}, u, p)[1]["y"][list(axles)]}
+
+    return make_block(
+        every.name, "law", body, inputs=list(every.inputs.values()),
+        outputs=[replace(y, shape=(len(axles),))], sx=every.sx,
+        doc=f"Of the axles {', '.join(str(k + 1) for k in axles)}.",
+    )  # fmt: skip
 
 
 def loop(trip: Trip, controller: Controller | str, common: Common | None = None) -> Block:
@@ -222,8 +245,8 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
         common: parts that other loops of this trip have too; None makes them.
 
     Returns:
-        Step with the parts ``plant``, ``demand``, ``ctl``, ``slip`` (the true slip of each axle,
-        seen as that of a braked one) and the sensors ``angle``, ``wheel``, ``speed``.
+        Step with the parts ``plant``, ``demand``, ``ctl``, ``slip`` and the sensors ``angle``,
+        ``wheel``, ``speed``. ``slip`` is the true one of each axle with an actuator, seen as braked.
     """
     part = trip.controllers[controller] if isinstance(controller, str) else controller
     common = common or Common(trip)
@@ -338,9 +361,10 @@ def scenario(trip: Trip, name: str = "trip") -> Scenario:
     """Scenario of a trip."""
     gradient = trip.rail.gradient
     level = isinstance(gradient, tuple) or not gradient
+    unbraked = {"plant.train.T_b": 0.0} if trip.vehicle.mode == "drive" else {}
     return Scenario(
         name, trip.duration, rail(trip), seed=trip.seed, noise=trip.noise, doc=trip.title,
-        params={} if level else {"plant.grade.slope": gradient}, end=end(trip),
+        params={} if level else {"plant.grade.slope": gradient}, end=end(trip), inputs=unbraked,
     )  # fmt: skip
 
 
@@ -367,15 +391,16 @@ def best(block: Block, condition: str) -> tuple[float, float]:
 
 
 def known(trip: Trip) -> dict[str, Known]:
-    """Best slip and adhesion of the rail under the first axle, for the log."""
+    """Best slip and adhesion of the rail under each axle, for the log; slip where it works."""
     block = rail_law(trip)
     found = [best(block, s.condition or "") for s in rail(trip).sections]
+    behind = trip.vehicle.behind
+    worked = tuple(behind[k] for k in trip.vehicle.worked)
+    peak = Known("1", [b for _, b in found], "peak of the rail", behind)
     if "lam" in block.inputs:
-        return {"rail.best_adhesion": Known("1", [b for _, b in found], "peak of the rail")}
-    return {
-        "rail.best_slip": Known("m/s", [a for a, _ in found], "best slip, as the rail has it"),
-        "rail.best_adhesion": Known("1", [b for _, b in found], "peak of the rail"),
-    }
+        return {"rail.best_adhesion": peak}
+    place = Known("m/s", [a for a, _ in found], "best slip, as the rail has it", worked)
+    return {"rail.best_slip": place, "rail.best_adhesion": peak}
 
 
 def case(trip: Trip, name: str = "trip") -> Case:

@@ -85,7 +85,7 @@ FIT = """\
   slipctl fit curve.csv --law burckhardt --out fit
   slipctl fit curve.csv --law polach --set Q=106.7kN v=10m/s --out fit
   slipctl fit coast.csv --law coasting --map v=Speed[km/h] --set m=38t rho=6.6% --out fit
-  slipctl fit steps.csv --law brake_step --map T_cmd=Command[%]*T_max T=Torque[kNm] \\
+  slipctl fit steps.csv --law brake_step --map 'T_cmd=Command[%]*T_max' T=Torque[kNm] \\
       --set T_max=8kNm --delay T_cmd --out fit
 """
 

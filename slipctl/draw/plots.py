@@ -191,7 +191,7 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
             t, v = _points(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
             s = _points(log, slip, None)[1]
-            s = -s if log[slip].attrs.get("positive") == "traction" else s
+            s = roles.slip_sign(log) * s
             rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
             stroke(axis, (t, rim), color=colour(loop), label=f"rim, {loop}")
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")

@@ -1,7 +1,7 @@
 """Fit a flow to a log over time: its output follows what was measured, no speed is differentiated.
 
 The unknowns theta are parameters, the start of each stretch, and perhaps a dead time. The output
-y(theta) of the flow is rolled over the log (:mod:`.rolled`), and sum (measured - y)^2 is made least.
+y(theta) of the flow is rolled over the log (:mod:`.rolled`). Least is sum (measured - y)^2.
 With s^2 that sum by samples minus unknowns,
 
     cov theta = c s^2 (J'J)^-1,   c = 1 + 2 sum_k r_k  (at least 1)

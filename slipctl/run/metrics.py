@@ -102,8 +102,7 @@ class Run:
     @property
     def slip_sign(self) -> int:
         """1 for a slip that is positive in braking (vehicle minus rim), -1 for one in traction."""
-        name = self.signals.find("slip", self.log)
-        return -1 if name and self.log[name].attrs.get("positive") == "traction" else 1
+        return self.signals.slip_sign(self.log)
 
     def _columns(self, names: Names) -> np.ndarray | None:
         name = first_of(names, self.log)

@@ -27,18 +27,21 @@ class Known:
         unit: unit as text.
         values: one number per rail section (one number without a rail), or a function of the log.
         doc: meaning in words.
+        behind: places of axles behind the one that the rail counts by, in m, for a column per axle;
+            none for the rail under that one alone.
     """
 
     unit: str
     values: float | Sequence[float] | Callable[[xarray.Dataset], np.ndarray]
     doc: str = ""
+    behind: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds("Known", Known, vars(self))
 
 
 def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.ndarray:
-    """Values over time of what a study knows beside its loops.
+    """Values over time of what a study knows beside its loops, a column per axle if it says so.
 
     Args:
         known: the quantity.
@@ -53,8 +56,13 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
         if rail is None or where is None:
             values = values[0]
         else:
-            section = np.searchsorted(rail.starts, where + 1e-9, side="right") - 1
+            there = np.asarray(where) + 1e-9
+            if known.behind:
+                there = there[:, None] - np.array(known.behind) * (rail.by != "time")
+            section = np.searchsorted(rail.starts, there, side="right") - 1
             values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
+            if known.behind:
+                return np.asarray(values)
     return np.array(np.broadcast_to(values, log["time"].shape), dtype=float)
 
 

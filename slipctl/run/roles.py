@@ -34,6 +34,7 @@ class Signals:
         funnel: error with its prescribed bounds, ``("ctl.e", "ctl.lower", "ctl.upper")``.
         barrier: error with the bounds that a barrier keeps.
         step_time: time that one tick took to compute.
+        mirrored: whether the slip is that of driven wheels seen as braked ones.
     """
 
     speed: Names = None
@@ -51,9 +52,16 @@ class Signals:
     funnel: Bounded | None = None
     barrier: Bounded | None = None
     step_time: Names = None
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
         check_kinds("Signals", Signals, vars(self))
+
+    def slip_sign(self, log: Mapping[Any, Any]) -> int:
+        """1 for a slip that is vehicle minus rim, as in braking; -1 for one as in traction."""
+        name = self.find("slip", log)
+        traction = name is not None and log[name].attrs.get("positive") == "traction"
+        return -1 if traction or self.mirrored else 1
 
     def find(self, role: str, log: Mapping[Any, Any]) -> str | None:
         """Name of the logged signal that plays ``role``, or None."""

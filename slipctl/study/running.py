@@ -285,7 +285,8 @@ def add_known(study: Study, case: Case, data: xarray.Dataset) -> xarray.Dataset:
     for name, known in case.known.items():
         column = known_column(known, rail, where, data)
         attributes = {"units": known.unit, "long_name": known.doc or name}
-        data = data.assign({name: ("time", column, attributes)})
+        dims = ("time", "axle" if data.sizes.get("axle") == column.shape[-1] else f"{name}.0")
+        data = data.assign({name: (dims[: column.ndim], column, attributes)})
     return data
 
 

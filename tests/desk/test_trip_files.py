@@ -96,7 +96,7 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
         ('kind = "sta"', 'kind = "st"', "did you mean 'sta'"),
         ('k1 = "20 m', 'k9 = "20 m', "k9"),
         ('k1 = "20 m^.5/s^1.5"', 'k1 = "20 m"', "another dimension"),
-        ("leaves = { c = 0.18 }", 'leaves = { d = 0.18 }', "unknown"),
+        ("leaves = { c = 0.18 }", 'leaves = { d = 0.18 }', "has no parameter of this name"),
         ('condition = "leaves"', 'condition = "leafs"', "did you mean 'leaves'"),
         ('place = "45 m"', 'place = "85 m"', "not after the one before"),
         ('law = "double_exponential"', 'law = "double_exponentail"', "double_exponential"),
@@ -204,3 +204,60 @@ def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path
     page = report.constant(results)["loops"]()
     assert counts["plant"] == 1
     assert counts["drawing"] == page.count("<img") == len(set(re.findall(r'src="[^"]+"', page)))
+
+
+OWN_RAIL = 'law = "mu = c*exp(1)*v_s/v_0*exp(-v_s/v_0) where v_s [m/s], c = 0.3, v_0 = 0.8 m/s"'
+SPUN = f"""
+duration = "0.4 s"
+[vehicle]
+mode = "drive"
+mass = "40 t"
+axles = 4
+driven = [2, 4]
+rotating_mass = "8 %"
+speed = "20 km/h"
+[actuator]
+kind = "lag"
+torque = "9 kN m"
+lag = "10 ms"
+[rail]
+{OWN_RAIL}
+[rail.conditions]
+dry = {{ c = 0.3 }}
+ice = {{ c = 0.03 }}
+[[rail.sections]]
+place = "0 m"
+condition = "dry"
+[[rail.sections]]
+place = "0.5 m"
+condition = "ice"
+[demand]
+kind = "constant"
+force = "45 kN"
+[sensors]
+wheel_speed = {{ kind = "exact" }}
+vehicle_speed = {{ kind = "exact" }}
+[reference]
+kind = "searched"
+{OWN_RAIL}
+[controllers.none]
+kind = "none"
+[controllers.pid]
+kind = "pid"
+"""
+
+
+def test_some_driven_axles_on_a_rail_of_ones_own(tmp_path, monkeypatch, capsys):
+    """The first axle stands on ice and the others on dry rail, each is told by its own rail; slip
+    is that of the driven axles, and a wheel that spins does not lock."""
+    monkeypatch.chdir(tmp_path)
+    Path("spun.toml").write_text(SPUN, encoding="utf-8")
+    assert main(["run", "spun.toml", "--no-compile", "--out", "out"]) == 0
+    said = capsys.readouterr()
+    assert "no wire feeds" not in said.out + said.err
+    found = json.loads(Path("out/metrics.json").read_text())["scenarios"]["base"]
+    for loop in ("none", "pid"):
+        assert 0 < found[loop]["adhesion_use"]["value"] <= 1
+        assert found[loop]["lock_time"]["value"] == 0
+    assert found["pid"]["slip_max"]["value"] > 0
+    assert "slip_error_rms" in found["pid"]
