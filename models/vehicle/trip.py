@@ -246,7 +246,7 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
 
     Returns:
         Step with the parts ``plant``, ``demand``, ``ctl``, ``slip`` and the sensors ``angle``,
-        ``wheel``, ``speed``. ``slip`` is the true one of each axle with an actuator, seen as braked.
+        ``wheel``, ``speed``. ``slip`` is the true one of axles with actuators, seen as braked.
     """
     part = trip.controllers[controller] if isinstance(controller, str) else controller
     common = common or Common(trip)
