@@ -43,7 +43,7 @@ LINES = (
 )
 """What is tuned, as a person writes it, after ``slipctl new metro``."""
 LOADS = '[draw]\nm = "5000t:6500t"\n'
-AT_ONCE = 100
+AT_ONCE = 500
 """Copies of a case in a call; each meets as many disturbances as the adversary has."""
 
 
@@ -76,7 +76,7 @@ def attack(system: str, numbers: dict[str, float], copies: int, runs: int, seed:
 def main() -> int:
     """Tune, attack, write."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--copies", type=int, default=1000, help="each against all policies")
+    parser.add_argument("--copies", type=int, default=10_000, help="each against all policies")
     parser.add_argument("--runs", type=int, default=10_000, help="of the search")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
