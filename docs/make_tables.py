@@ -4,7 +4,7 @@ The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDE
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
 ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
-``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``.
+``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``; ``attacked``.
 """
 
 from __future__ import annotations
@@ -177,9 +177,25 @@ def gradients(results: Path, words: list[str]) -> str:
     return rows_to_text(["loop", "free", *metrics_], rows)
 
 
+def attacked(results: Path, words: list[str]) -> str:
+    """A row per promise of a tuned loop: what became of it under attack."""
+    file = DOCS / "evidence" / "attacked.json"
+    found = json.loads(file.read_text(encoding="utf-8"))["numbers"]
+    rows = []
+    for line, promises in found.items():
+        short = re.sub(r"^slipctl tune | --(samples|runs|held-out|ensemble) \S+", "", line)
+        for name, p in promises.items():
+            told = [str(p["searched"]), number(p["worst"], 3)] if "worst" in p else ["", ""]
+            many = [str(p["copies"]), str(p["broken"])]
+            rows.append([f"`{short}`", name, p["system"], *many, *told])
+    head = ["tuned", "promise", "asked as", "starts", "broken", "runs of the search",
+            "largest share of the bound"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
           "adversary": adversary_cases, "enclosures": enclosures,
-          "ends": ends, "gradients": gradients}  # fmt: skip
+          "ends": ends, "gradients": gradients, "attacked": attacked}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):
