@@ -21,6 +21,7 @@ from slipctl import (
     Input,
     Output,
     Param,
+    Signal,
     State,
     argmax,
     connect,
@@ -29,7 +30,7 @@ from slipctl import (
     make_block,
     step,
 )
-from slipctl.block.units import parse_quantity
+from slipctl.block.units import parse_quantity, unit
 from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
@@ -251,6 +252,14 @@ def demand_alone(
 # ---- all of one axle -----------------------------------------------------------------------------
 
 
+UNITS = {"J": "kg m^2", "r": "m", "m": "kg", "g": "m/s^2", "tau": "s", "T_max": "N m"}
+"""Units of a wheel's numbers: one of that name in another unit is a law's own."""
+
+
+def _of_the_wheel(s: Signal, name: str) -> bool:
+    return name not in UNITS or unit(s.unit).same(unit(UNITS[name]))
+
+
 def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
     """Slip law of a controller, and whether it is gated inside (else it has to be outside).
 
@@ -280,7 +289,8 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
                    f"it gives {', '.join(block.outputs) or 'nothing'}, not T_wanted")
             )  # fmt: skip
         own = {"J": w.J, "r": w.r, "m": w.m, "g": w.g, "tau": w.tau, "T_max": w.T_max}
-        fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived}
+        fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived
+                and _of_the_wheel(block.params[n], n)}  # fmt: skip
         block = block.with_params(**fits)
     return block.with_params(**numbers_of(block, part.gains, "gains")), False
 
@@ -393,6 +403,8 @@ def _numbers(block: Block, w: Wheel) -> dict[str, float]:
     for name, s in block.params.items():
         part, _, last = name.rpartition(".")
         if s.derived or name in ("law.law.lead",):
+            continue
+        if not _of_the_wheel(s, last):
             continue
         if last == "m" and part == "meter":
             found[name] = w.W

@@ -40,6 +40,7 @@ from slipctl import (
     replicate,
     step,
 )
+from slipctl.block.units import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
@@ -347,7 +348,14 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         "angle.omega_start", "wheel.omega_start", "wheel.u_start"
     )
     shared[f"omega_seen = {turn}v_start / r"] = places("ctl.meter.omega_start")
-    found: dict[str, Any] = {k: v for k, v in shared.items() if v}
+
+    def alike(hits: list[str]) -> list[str]:
+        """Places in the unit of the first one: another one is a number of a law of one's own."""
+        heads = [n.partition(".") for n in hits]
+        units = [{**parts[b].states, **parts[b].params}[n].unit for b, _, n in heads]
+        return [n for n, u in zip(hits, units, strict=True) if unit(u).same(unit(units[0]))]
+
+    found: dict[str, Any] = {k: alike(v) for k, v in shared.items() if v}
     if "r" not in found:
         found = {k.replace("v_start / r", f"v_start / {trip.vehicle.wheel_radius!r}"): v
                  for k, v in found.items()}  # fmt: skip

@@ -153,6 +153,8 @@ def _syntax(text: str, error: SyntaxError, lead: int) -> str:
     here = text[column - 1 : column + 11].strip()
     if re.search(r"[\w)]\s*$", text[: column - 1]) and re.match(r"[\w(]", here):
         said = "write * for a product"
+    elif re.match(r"[\d.]+(e[+-]?\d+)?\s+[A-Za-z]", here):
+        said = "a number has no unit here; make it a parameter"
     return f"column {column}: {said}" + (f", at {here!r}" if here else ", at its end")
 
 

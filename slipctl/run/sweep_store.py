@@ -212,6 +212,14 @@ def _broken(path: Path, error: Exception) -> str:
     return f"{path} cannot be used as the store of a sweep: {error}; choose another --out"
 
 
+def _axes(axes: Any) -> str:
+    """What is varied, as a person wrote it."""
+    return ", ".join(
+        f"{name} = {lo:g} .. {hi:g} {unit}" + (f", {points} values" if points else "")
+        for name, lo, hi, points, unit in axes
+    )
+
+
 def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any], what: str) -> None:
     """Refuse to mix two sweeps."""
     fixed = ("samples",) if "lhs" in (before.get("design"), now.get("design")) else ()
@@ -225,7 +233,9 @@ def _same(folder: Path, before: Mapping[str, Any], now: Mapping[str, Any], what:
             f"{folder} holds a Latin hypercube of {before[k]} samples, which cannot be extended to"
             f" {now[k]}; choose another --out, or --design sobol"
         )
-    shown = {n: (v if len(str(v)) <= 60 else "other") for n, v in ((0, before[k]), (1, now[k]))}
+    both = ((0, before[k]), (1, now[k]))
+    shown = {n: _axes(v) if k == "vary" else v for n, v in both}
+    shown = {n: (v if len(str(v)) <= 60 else "other") for n, v in shown.items()}
     said = f" ({shown[0]} there, {shown[1]} now)" if "other" not in shown.values() else ""
     verb = "differ" if k.endswith("s") else "differs"
     raise BadInput(

@@ -261,3 +261,22 @@ def test_some_driven_axles_on_a_rail_of_ones_own(tmp_path, monkeypatch, capsys):
         assert found[loop]["lock_time"]["value"] == 0
     assert found["pid"]["slip_max"]["value"] > 0
     assert "slip_error_rms" in found["pid"]
+
+
+def test_a_number_of_a_law_of_ones_own_is_no_gravity(tmp_path, monkeypatch):
+    """A gain g in N s stays what it is; tau in s is the lag of the actuator."""
+    monkeypatch.chdir(tmp_path)
+    own = 'block = "own.toml:mine"\ng = "8 kN s"\nreference = { kind = "speed", slip = "1 m/s" }'
+    text = METRO.replace('kind = "pid"\nK = "100 1/s"', f'kind = "file"\n{own}')
+    Path("my.toml").write_text(text, encoding="utf-8")
+    Path("own.toml").write_text(
+        '[mine]\nT_wanted = "g*(v_best - v_s)*tau/T_0"\n'
+        'inputs = { v_best = "m/s", v_s = "m/s" }\n'
+        'parameters = { g = "5 kN s", tau = "10 ms", T_0 = "1 s" }\n',
+        encoding="utf-8",
+    )
+    loop, _ = doors.find_loop(trip_files.load("my.toml"), "pid")
+    values = loop.values_by_place()
+    assert float(values["ctl.law.g"]) == 8000
+    assert float(values["ctl.law.tau"]) == 0.06
+    assert float(values["g"]) == 9.81
