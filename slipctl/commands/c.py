@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
-from slipctl.block.block import Block
 from slipctl.ccode import codegen
 from slipctl.ccode.check import load
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
-from slipctl.run.results import Case
 from slipctl.study import doors, preparing
-from slipctl.study.declaration import Study
 
 log = logging.getLogger("slipctl")
 
@@ -62,7 +58,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         report = codegen.export(block, out, options.module, **wanted)
     else:
         study = doors.load_study(left)
-        loop, case = found_loop(study, loop_name, options.settings)
+        loop, case = preparing.found_loop(study, loop_name, options.settings)
         part = options.part or study.controller
         words = [] if part == study.controller else part.split(".")
         try:
@@ -99,13 +95,3 @@ def _with_part(name: str, loop: str, part: str | None) -> tuple[str, str, str]:
         raise BadInput(f"{name} names a part, and --part {part} another; leave one out")
     found, _, path = loop.partition(".")
     return name.removesuffix(f".{path}"), found, path
-
-
-def found_loop(study: Study, name: str, settings: Sequence[str]) -> tuple[Block, Case]:
-    """Loop and its case, with what was set."""
-    if not settings:
-        return doors.find_loop(study, name)
-    loop, _, scenario = name.partition("@")
-    scenario = scenario or doors.find_loop(study, name)[1].scenario.name
-    cases, _ = preparing.prepare(study, settings=settings, loops=[loop], scenarios=[scenario])
-    return cases[0].loops[loop], cases[0]

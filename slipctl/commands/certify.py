@@ -18,11 +18,13 @@ from slipctl.commands.certify_numbers import read_numbers
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.run.numbers import check_guards
+from slipctl.study import preparing
 from slipctl.study.declaration import Gains, Study
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print the list of systems, or what certifying one of them gives."""
+    options.settings = preparing.opened(options.settings)
     if options.system is None:
         print(listed())
         return 0
@@ -51,10 +53,10 @@ def certify(
     loop = certify_loop.is_loop(system)
     file = system.endswith((".py", ".toml"))
     if loop or file or (system in doors.studies() and system not in catalogue.SYSTEMS):
-        if settings or (out is not None and not loop):
-            what = "a loop; certify it without --set" if loop else "a study; certify it without"
-            raise BadInput(f"{system} is {what}{'' if loop else ' --set and --out'}")
-        return certify_study(system, as_json, command, out)
+        if not loop and (settings or out is not None):
+            word = "--set" if settings else "--out"
+            raise BadInput(f"{system} is a study; {word} goes with one of its loops, {system}:LOOP")
+        return certify_study(system, as_json, command, out, settings)
     if system not in catalogue.SYSTEMS:
         names = (*catalogue.SYSTEMS, *doors.studies())
         raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
@@ -106,8 +108,12 @@ class Answer:
     costs: Mapping[str, float]
 
 
-def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
+def answers(
+    study: Study, of: Sequence[Gains] | None = None, settings: Sequence[str] = ()
+) -> list[Answer]:
     """Certify controllers of a study with the numbers that its loops use; without ``of`` all.
+
+    With ``settings``, as ``--set`` has them, with these in place of its own.
 
     Raises:
         BadInput: the study declares none, or a loop that it does not have.
@@ -117,9 +123,12 @@ def answers(study: Study, of: Sequence[Gains] | None = None) -> list[Answer]:
     if not study.gains:
         why = "".join(f"; {n}: {text}" for n, text in study.uncertified.items())
         raise BadInput(f"{study.name} declares no gains to certify{why}; see slipctl certify")
-    found, cases = [], doors.build_cases(study)
+    found, cases = [], [] if settings else doors.build_cases(study)
     for gains in study.gains if of is None else of:
-        loop, _ = doors.pick_loop(study, cases, gains.loop)
+        if settings:
+            loop, _ = preparing.found_loop(study, gains.loop, settings)
+        else:
+            loop, _ = doors.pick_loop(study, cases, gains.loop)
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         report = systems.report(catalogue.system(gains.system), numbers)
@@ -166,7 +175,9 @@ def _bound(margin: str, value: float) -> str:
     return f"{name} {'<=' if side == 'largest' else '>='} {value:.4g}"
 
 
-def certify_study(name: str, as_json: bool, command: str, out: str | None = None) -> str:
+def certify_study(
+    name: str, as_json: bool, command: str, out: str | None = None, settings: Sequence[str] = ()
+) -> str:
     """Answer of ``slipctl certify STUDY`` or ``STUDY:LOOP``; writes the certificate to ``out``.
 
     Raises:
@@ -180,12 +191,12 @@ def certify_study(name: str, as_json: bool, command: str, out: str | None = None
     else:
         study = doors.load_study(name)
     if out is not None:
-        gains, loop = certify_loop.one(name)
+        gains, loop = certify_loop.one(name, settings)
         system = catalogue.system(gains.system)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         write(system, systems.checked(system, numbers), out)
         of = [gains]
-    found = answers(study, of)
+    found = answers(study, of, settings)
     if as_json:
         entries = {
             a.gains.name: {
@@ -197,11 +208,14 @@ def certify_study(name: str, as_json: bool, command: str, out: str | None = None
             for a in found
         }  # fmt: skip
         said: dict[str, Any] = {"format": store.FORMAT, "study": study.name}
+        if settings:
+            said["set"] = list(settings)
         if of is not None:
             said |= {"loop": name.rpartition(":")[2], "verdict": together(found)}
         said["gains"] = entries
         return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
     rows = [f"{study.name}: {study.title}"]
+    rows += [f"with {preparing.in_words((), settings)}"] if settings else []
     for a in found:
         g, r = a.gains, a.report
         rows += ["", f"{g.name} (loop {g.loop}), {r}"]

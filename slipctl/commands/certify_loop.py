@@ -21,7 +21,7 @@ from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
 from slipctl.run.numbers import check_guards
-from slipctl.study import doors
+from slipctl.study import doors, preparing
 from slipctl.study.declaration import Gains, Study
 
 if TYPE_CHECKING:
@@ -63,8 +63,10 @@ def is_loop(name: str) -> bool:
     return bool(colon) and (left in doors.studies() or left.endswith((".py", ".toml")))
 
 
-def one(name: str) -> tuple[Gains, Block]:
+def one(name: str, settings: Sequence[str] = ()) -> tuple[Gains, Block]:
     """Gains of ``STUDY:LOOP`` or ``STUDY:GAINS`` and their loop, where that is one certificate.
+
+    The loop has what was set, as :func:`slipctl.study.preparing.found_loop` gives it.
 
     Raises:
         BadInput: it has several.
@@ -75,7 +77,7 @@ def one(name: str) -> tuple[Gains, Block]:
         gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
         if len(gains) != 1:
             raise BadInput(f"{name} has several certificates; write which: {known}")
-    loop = doors.find_loop(study, gains[0].loop)[0]
+    loop = preparing.found_loop(study, gains[0].loop, settings)[0]
     check_guards(loop)
     return gains[0], loop
 
@@ -133,9 +135,9 @@ def _measured(
         raise BadInput(f"--metric {options.metric}: there is no such metric{known}")
     if not is_loop(options.system):
         raise BadInput(f"--metric runs a loop, and {options.system} is a system; map STUDY:LOOP")
-    gains, loop = one(options.system)
+    gains, _ = one(options.system)
     study, _ = find(options.system)
-    case = doors.find_loop(study, gains.loop)[1]
+    loop, case = preparing.found_loop(study, gains.loop, options.settings)
     at = places(loop, study.controller, [a.name for a in axes], given)
     return Measured(loop, case.scenario, study.signals, case.known), options.metric, at
 
@@ -195,9 +197,7 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
 
     name = options.system
     if is_loop(name):
-        if options.settings:
-            raise BadInput(f"{name} is a loop; certify it without --set")
-        gains, loop = one(name)
+        gains, loop = one(name, options.settings)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         return catalogue.system(gains.system), numbers, f"{name.rpartition(':')[0]}:{gains.name}"
     if name not in catalogue.SYSTEMS:

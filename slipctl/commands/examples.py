@@ -102,6 +102,7 @@ PIL = """\
 CERTIFY = """\
   slipctl certify super_twisting --set k1=1.5 k2=1.1 L=1 --out sta.json
   slipctl certify subway_braking:sta
+  slipctl certify subway_braking:sta --set m=9t ctl.law.k1=30
   slipctl certify subway_braking:sta --map k1=2:30,k2=2:30 --out map
   slipctl certify reaching_law --set g1=36 g2=12 T=.001 D=2 band=.1 --largest lag --out ends
 """

@@ -25,6 +25,7 @@ from slipctl.study.blaming import blame
 from slipctl.study.declaration import Study
 from slipctl.study.doors import (
     find_block,
+    find_loop,
     is_written,
     load_block,
     load_file,
@@ -179,6 +180,16 @@ def prepare(
     except Exception as error:
         blame(error)
     return cases, models
+
+
+def found_loop(study: Study, name: str, settings: Sequence[str] = ()) -> tuple[Block, Case]:
+    """``LOOP`` or ``LOOP@SCENARIO`` of a study and its case, with what was set."""
+    if not settings:
+        return find_loop(study, name)
+    loop, _, scenario = name.partition("@")
+    scenario = scenario or find_loop(study, name)[1].scenario.name
+    cases, _ = prepare(study, settings=settings, loops=[loop], scenarios=[scenario])
+    return cases[0].loops[loop], cases[0]
 
 
 def told(loop: Block, scenario: Scenario, log: Mapping[Any, Any] | None = None) -> list[str]:

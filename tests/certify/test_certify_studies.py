@@ -257,7 +257,7 @@ def test_certify_a_study(toy, capsys):
     (("gains=(", "claims=() and ("), (), "declares no gains"),
     (('"a", "super_twisting"', '"b", "super_twisting"'), (), "has no loop 'b'"),
     (("super_twisting", "super_twistin"), (), "did you mean 'super_twisting'?"),
-    (("", ""), ("--set", "k1=1"), "certify it without --set"),
+    (("", ""), ("--set", "k1=1"), "--set goes with one of its loops, toy.py:LOOP"),
     (('"L": 1.0', '"L": 0.0'), (), "L = 0 m/s^3 must be more than 0"),
 ])  # fmt: skip
 def test_a_study_that_cannot_be_certified(toy, capsys, change, argv, said):
@@ -266,6 +266,30 @@ def test_a_study_that_cannot_be_certified(toy, capsys, change, argv, said):
     found = capsys.readouterr()
     assert said in found.err
     assert found.err.count("\n") == 1
+
+
+def test_a_loop_is_certified_with_what_is_set(capsys, tmp_path, monkeypatch):
+    """The numbers of the promise, and its bound from the model, are those of the loop as set."""
+    monkeypatch.chdir(tmp_path)
+
+    def told(*settings):
+        assert main(["certify", "subway_braking:sta", "--json", "--set", *settings]) == 0
+        gains = json.loads(capsys.readouterr().out)["gains"]["sta"]["gains"]
+        return {k: v["value"] for k, v in gains.items()}
+
+    heavy, own = told("m=9t", "ctl.law.k1=30"), told("ctl.law.k1=30")
+    assert (heavy["k1"], heavy["k2"]) == (30.0, own["k2"])
+    assert heavy["L"] != own["L"]
+    Path("gains.toml").write_text(
+        'format = 1\nloop = "subway_braking:sta"\n[gains]\n"ctl.law.k1" = "30"\n"m" = "9t"\n'
+    )
+    assert told("gains.toml") == heavy
+    line = ["certify", "subway_braking:sta", "--set", "ctl.law.k1=30"]
+    assert main([*line, "--out", "sta.json"]) == 0
+    assert main(["check", "sta.json"]) == 0
+    assert "k1 = 30 m^.5/s^1.5" in capsys.readouterr().out
+    assert main([*line[:-1], "wheel.m=9t"]) == 2
+    assert "wheel.m meets 1 of the 4 places of m" in capsys.readouterr().err
 
 
 # ---- the study gain_bounds -----------------------------------------------------------------------
