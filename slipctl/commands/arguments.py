@@ -371,7 +371,7 @@ def parser() -> Parser:
     )
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="gains and bounds of a system, k1=1.5 k2=1.1 L=1 in SI, or with units;"
+        dest="settings", help="gains and bounds of a system, k1=1.5 k2=1.1 L=1 in SI or in units;"
         " parameters of a loop, as slipctl run has them, or FILE.toml with gains",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
