@@ -563,12 +563,17 @@ class Block:
         It has the Function, the start and the parameters of the block with these numbers, and is
         no block to take parts of, or to make another one of. What is derived stays so.
         """
-
-        def valued(s: Signal) -> Signal:
-            own = s.role in ("param", "state") and s.name in values and not s.derived
-            return s.valued(values[s.name]) if own else s
-
-        return self._copy(valued(s) for s in self.signals)
+        block = object.__new__(Block)
+        block.__dict__.update(self.__dict__)  # made once and looked through; only numbers differ
+        block._signals = dict(self._signals)
+        for role in ("param", "state"):
+            own = {n: s.valued(values[n]) for n, s in self._signals[role].items()
+                   if n in values and not s.derived}  # fmt: skip
+            block._signals[role] = {**self._signals[role], **own}
+        for n, s in block.params.items():
+            if n in values and not s.derived:
+                s.check(f"{self.name}.{n}", s.value)
+        return block
 
     def _owner(self, name: str) -> tuple[str, str] | None:
         """Part that owns state or parameter ``name``, and its name there."""

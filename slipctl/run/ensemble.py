@@ -25,6 +25,9 @@ from slipctl.run.roles import Signals
 from slipctl.run.sweeping import Measured
 from slipctl.run.varying import Axis, read_axis
 
+MANY = 100
+"""Runs that the loop of an ensemble is compiled for: it is rolled again and again."""
+
 KEYS = ("seeds", "draw", "scale")
 FACTOR = re.compile(r"\s*([^:]+?)\s*:\s*([^:]+?)\s+of\s+(.+?)\s*")
 
@@ -184,7 +187,9 @@ class World:
         now = loop.values_by_place()
         own = {n: now[n] for n in (*drawn, *free) if n in now and n not in by_rail}
         self.loop = loop = loop.with_params(**own) if own else loop
-        self.measured = Measured(loop, scenario, signals or Signals(), self.known, (), compile)
+        self.measured = Measured(
+            loop, scenario, signals or Signals(), self.known, (), compile, runs=MANY
+        )
 
     def _factor(self, loop: Block, name: str, text: str, by_rail: set[str]) -> Factor:
         where = f"the ensemble: scale {name}"

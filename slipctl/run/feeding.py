@@ -203,7 +203,7 @@ def pieces(
 
     def vector(**values: float) -> np.ndarray:
         given = {n: loop.params[n].check(f"{loop.name}.{n}", v) for n, v in values.items()}
-        return packed(loop, "param", _completed(loop, {**known, **given}, follow))
+        return packed(loop, "param", completed(loop, {**known, **given}, follow))
 
     if scenario.rail is None or (not rail and scenario.rail.by == "time"):
         return loop.f, [(0, ticks, vector())]
@@ -219,7 +219,7 @@ def pieces(
     return loop.f, pieces
 
 
-def _completed(loop: Block, values: dict[str, Any], follow: Sequence[str]) -> dict[str, Any]:
+def completed(loop: Block, values: dict[str, Any], follow: Sequence[str]) -> dict[str, Any]:
     """Parameters with those made again that follow others, each after what it follows itself."""
     waiting = deque(follow)
     while waiting:

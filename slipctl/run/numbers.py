@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.replication import with_derived
 from slipctl.block.sharing import number_at, targets
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput
-from slipctl.run.feeding import begun, given_by
+from slipctl.run.feeding import begun, completed, given_by
 from slipctl.run.rail import Scenario
 
 NUDGE = 1e-9
@@ -34,15 +35,23 @@ class Template:
         declared: what each name was checked against.
         places: name of the signal by each given name that reaches the run.
         guarded: parts that refuse some numbers, each with the name in the loop of its numbers.
+        values: of all parameters of the loop.
+        follow: parameters that follow from what is set.
     """
 
     loop: Block
     declared: Mapping[str, tuple[Signal, ...]]
     places: Mapping[str, tuple[str, ...]]
     guarded: tuple[tuple[Block, Mapping[str, str]], ...]
+    values: Mapping[str, np.ndarray]
+    follow: tuple[str, ...]
 
-    def with_numbers(self, numbers: Mapping[str, Any]) -> Block | None:
-        """Loop with these numbers: its signals are right, its parts are not made again.
+    def with_numbers(
+        self, numbers: Mapping[str, Any]
+    ) -> tuple[Block, Mapping[str, np.ndarray]] | None:
+        """Loop with these numbers, and the values of its parameters.
+
+        Its signals are right, its parts are not made again.
 
         Returns:
             None where ``with_params`` has to say what it is, a refusal most likely.
@@ -56,14 +65,16 @@ class Template:
                     signal.check(name, value)
                 new |= dict.fromkeys(self.places[name], value)
             block = self.loop._numbered(new)
+            own = {n: block.params[n].check(n, v) for n, v in new.items() if n in block.params}
+            values = completed(block, {**self.values, **own}, self.follow)
             for part, names in self.guarded:
-                known = {**block.param_values(), **block.start()}
+                known = {**values, **block.start()}
                 own = {n: known[full] for n, full in names.items() if full in known}
                 assert part.guard is not None
                 part.guard(own)
         except BadInput:
             return None
-        return block
+        return block, values
 
 
 def template(
@@ -118,7 +129,9 @@ def template(
             return None
         guarded.append((part, names))
     places = {k: tuple(n for n in full if n in slots) for k, full in meant.items()}
-    return Template(after, declared, places, tuple(guarded))
+    own = [n for n in slots if n in after.params]
+    follow = tuple(n for n in with_derived(after, own) if after.params[n].derived)
+    return Template(after, declared, places, tuple(guarded), after.param_values(), follow)
 
 
 def _other(signals: Sequence[Signal], value: Any) -> Any:

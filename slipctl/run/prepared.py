@@ -41,6 +41,7 @@ def prepare(
     compile: bool = True,
     log: Iterable[str] | None = None,
     every: int = 1,
+    runs: int = 1,
 ) -> Prepared:
     """Build all that a run needs once, to roll it with many sets of numbers.
 
@@ -57,6 +58,7 @@ def prepare(
         log: names to keep; by default every number, and every number per axle, that is no held
             copy.
         every: ticks from one row of the log to the next; 1 keeps each.
+        runs: how many there will be; for many the compiler thinks longer, the numbers are the same.
 
     Returns:
         The run, to be called with numbers.
@@ -65,7 +67,7 @@ def prepare(
         BadInput: unfed inputs, unknown names, a rail condition that the loop does not know, every
             not a whole number.
     """
-    return Prepared(loop, scenario, compile=compile, log=log, every=every)
+    return Prepared(loop, scenario, compile=compile, log=log, every=every, runs=runs)
 
 
 def first_tick(loop: Block, scenario: Scenario, names: list[str]) -> Mapping[str, np.ndarray]:
@@ -88,9 +90,9 @@ class Prepared:
 
     def __init__(
         self, loop: Block, scenario: Scenario, *, compile: bool = True,
-        log: Iterable[str] | None = None, every: int = 1,
+        log: Iterable[str] | None = None, every: int = 1, runs: int = 1,
     ) -> None:  # fmt: skip
-        self.loop, self.scenario, self._every = loop, scenario, every
+        self.loop, self.scenario, self._every, self._runs = loop, scenario, every, runs
         self.ticks = _ticks(loop, scenario, every)
         self._compile = compile
         self._begun = begun(loop, scenario)
@@ -132,8 +134,7 @@ class Prepared:
         """
         scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
         scenario = scenario if rail is None else scenario.but(rail=rail)
-        block = self._numbered(numbers) if numbers else self._begun
-        values = block.param_values()
+        block, values = self._numbered(numbers)
         x = build.packed(block, "state", block._start({}, values))
         u, roll, parts = self._parts(block, scenario, values)
         h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
@@ -198,8 +199,8 @@ class Prepared:
         """
         scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
         scenario = scenario if rail is None else scenario.but(rail=rail)
-        block = self._numbered(numbers) if numbers else self._begun
-        u, roll, parts = self._parts(block, scenario)
+        block, values = self._numbered(numbers)
+        u, roll, parts = self._parts(block, scenario, values)
         h = float(block.period or 0.0)
         f, _ = pieces(block, scenario, self.ticks, h, rail_values(block, scenario)[1])
         x = build.column(block.pack("state", block.start()))
@@ -211,18 +212,26 @@ class Prepared:
                 raise RunFailed(_broken(block, x, (first + n + 1) * h))
         return Whole(block, f, u, x_log, y_log, parts)
 
-    def _numbered(self, numbers: Mapping[str, Any]) -> Block:
-        """Loop with these numbers, in the scenario; where only numbers differ, made from one."""
+    def _numbered(
+        self, numbers: Mapping[str, Any] | None
+    ) -> tuple[Block, Mapping[str, np.ndarray]]:
+        """Loop with these numbers, in the scenario, and the values of its parameters.
+
+        Where only numbers differ, it is made from one.
+        """
+        if not numbers:
+            return self._begun, self._begun.param_values()
         key = tuple(numbers)
         if key not in self._templates:
             with suppress(BadInput, TypeError, ValueError):  # told below, in the words of the loop
                 self._templates[key] = template(self.loop, self._begun, self.scenario, numbers)
         known = self._templates.get(key)
-        block = known.with_numbers(numbers) if known is not None else None
-        if block is None:
-            block = begun(self.loop.with_params(**numbers), self.scenario)
-            check_guards(block)
-        return block
+        found = known.with_numbers(numbers) if known is not None else None
+        if found is not None:
+            return found
+        block = begun(self.loop.with_params(**numbers), self.scenario)
+        check_guards(block)
+        return block, block.param_values()
 
     def _parts(
         self, block: Block, scenario: Scenario, values: Mapping[str, np.ndarray] | None = None
@@ -239,7 +248,7 @@ class Prepared:
         f, parts = pieces(block, scenario, self.ticks, h, params, values)
         roller = self._roller
         if roller is None or roller[0] is not f:
-            roller = self._roller = (f, build.rolling(f, self._compile, self.ticks))
+            roller = self._roller = (f, build.rolling(f, self._compile, self.ticks * self._runs))
         return fed[1], roller[1], parts
 
 

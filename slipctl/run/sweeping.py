@@ -102,8 +102,9 @@ def sweep(
     if jobs is not None:
         check_whole("--jobs", jobs, 1)
     run = Measured(
-        loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile, world
-    )
+        loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile, world,
+        plan.size,
+    )  # fmt: skip
     told = {
         **(about or {}),
         "scenario": scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
@@ -223,15 +224,18 @@ class Measured:
     logs: Sequence[str] = ()
     compile: bool = True
     world: World | None = None
+    runs: int = 1
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What was built is built again where it arrives."""
         made_of = (self.loop, self.scenario, self.signals, self.known, self.logs, self.compile)
-        return Measured, (*made_of, self.world)
+        return Measured, (*made_of, self.world, self.runs)
 
     def __post_init__(self) -> None:
         wanted = None if any(callable(k.values) for k in self.known.values()) else self._read()
-        self._run = prepare(self.loop, self.scenario, compile=self.compile, log=wanted)
+        self._run = prepare(
+            self.loop, self.scenario, compile=self.compile, log=wanted, runs=self.runs
+        )
         last = {s.name: s.name.rpartition(".")[2] for s in self.loop.signals}
         there = {
             s.name: s
@@ -319,7 +323,7 @@ class Measured:
         values = {**self.loop.param_values(), **self.loop.start()}
         digest.update(json.dumps({n: np.asarray(v).tolist() for n, v in values.items()}).encode())
         try:
-            log = prepare(self.loop, self.scenario, compile=self.compile)()
+            log = prepare(self.loop, self.scenario, compile=self.compile, runs=self.runs)()
             for name in log:
                 digest.update(name.encode() + np.ascontiguousarray(log[name]).tobytes())
         except RunFailed as error:

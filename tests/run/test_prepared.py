@@ -23,7 +23,9 @@ from slipctl import (
     prepare,
     sampled,
     simulate,
+    sweep,
 )
+from slipctl.run import build
 from slipctl.run.prepared import Prepared
 from slipctl.study import doors
 
@@ -163,3 +165,23 @@ def test_what_is_refused_is_refused_when_it_is_prepared() -> None:
         prepare(loop, scenario, every=0)
     with pytest.raises(BadInput, match=r"has no parameter 'ctl\.law\.k9'"):
         prepare(loop, scenario)({"ctl.law.k9": 1.0})
+
+
+def test_many_runs_are_worth_the_best_code(tmp_path, monkeypatch) -> None:
+    """A sweep is compiled for all of its ticks, its first look at the loop too."""
+    asked = []
+    monkeypatch.setattr(build, "compiled", lambda f, ticks=0: asked.append(ticks))
+    loop, scenario, _ = loops()["plain"]
+    sweep(loop, scenario, ["ctl.law.k1=5:6"], tmp_path, samples=4, jobs=1)
+    assert set(asked) == {4 * TICKS}
+    prepare(loop, scenario)()
+    assert asked[-1] == TICKS
+
+
+def test_a_numbered_block_is_apart_from_what_it_was_made_of() -> None:
+    loop = loops()["plain"][0]
+    new = loop._numbered({"ctl.law.k1": 7.0})
+    assert float(new.params["ctl.law.k1"].value) == 7
+    assert float(loop.params["ctl.law.k1"].value) == 20
+    with pytest.raises(BadInput, match="out of range"):
+        loop._numbered({"ctl.law.k1": -1.0})
