@@ -558,21 +558,16 @@ class Block:
         return block if block.name == before.name else block.renamed(before.name)
 
     def _numbered(self, values: Mapping[str, Any]) -> Block:
-        """Block whose signals alone have other numbers: its parts are those from before.
+        """Block whose signals alone have other numbers, already checked; its parts are as before.
 
-        It has the Function, the start and the parameters of the block with these numbers, and is
-        no block to take parts of, or to make another one of. What is derived stays so.
+        It has the Function, start and parameters with these numbers, and is no block to go on from.
         """
-        block = object.__new__(Block)
-        block.__dict__.update(self.__dict__)  # made once and looked through; only numbers differ
-        block._signals = dict(self._signals)
+        block = object.__new__(Block)  # made once and looked through; only numbers differ
+        block.__dict__ |= self.__dict__ | {"_signals": dict(self._signals)}
         for role in ("param", "state"):
             own = {n: s.valued(values[n]) for n, s in self._signals[role].items()
                    if n in values and not s.derived}  # fmt: skip
-            block._signals[role] = {**self._signals[role], **own}
-        for n, s in block.params.items():
-            if n in values and not s.derived:
-                s.check(f"{self.name}.{n}", s.value)
+            block._signals[role] = self._signals[role] | own
         return block
 
     def _owner(self, name: str) -> tuple[str, str] | None:
