@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -326,10 +327,12 @@ def _times(log: Recording, name: str) -> np.ndarray:
         return log.channel(name)
     except BadInput as error:
         try:
-            stamps: Any = np.array(
-                ["NaT" if t.lower() in EMPTY else t.replace(" ", "T").rstrip("Z")
-                 for t in log.texts[name]], dtype="datetime64[us]",
-            )  # fmt: skip
+            with warnings.catch_warnings():  # a zone of time is told apart from none, and taken off
+                warnings.simplefilter("ignore")
+                stamps: Any = np.array(
+                    ["NaT" if t.lower() in EMPTY else t.replace(" ", "T").rstrip("Z")
+                     for t in log.texts[name]], dtype="datetime64[us]",
+                )  # fmt: skip
         except ValueError:
             raise error from None
         log.units[name] = "s"

@@ -240,3 +240,11 @@ def test_hostile_logs(tmp_path_factory: pytest.TempPathFactory, content: bytes) 
     except BadInput:
         return
     assert (np.diff(log.time) > 0).all()
+
+
+def test_times_with_a_zone_are_read_without_a_word(tmp_path: Path, recwarn) -> None:
+    """The zone is taken off, so that samples before and after summer time follow each other."""
+    rows = ["Time;Speed", "2024-10-27T02:59:59+02:00;36", "2024-10-27T02:00:00+01:00;72"]
+    (tmp_path / "log.csv").write_text("\n".join(rows), encoding="utf-8")
+    assert read_recording(tmp_path / "log.csv").time.tolist() == [0, 1]
+    assert not recwarn.list
