@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:
             _complete()
         if any("\0" in word for word in arguments):  # no shell gives such; a script may
-            raise BadInput(f"an argument has a byte of value 0: {arguments!r:.200}; leave it out")
+            raise BadInput(f"a null character stands in {arguments!r:.200}; leave it out")
         options = parser().parse_args(arguments)
     except SystemExit as told:  # --help, --version
         return int(told.code or 0)

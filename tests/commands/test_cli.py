@@ -519,7 +519,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
     [
         ([], "say what to do: list, show, new, schema, copy, run, sweep, tune, replay, compare,"),
         (["rnu"], "there is no command 'rnu'; did you mean 'run'?"),
-        (["fit", "a\0b", "--law", "polach"], "an argument has a byte of value 0"),
+        (["fit", "a\0b", "--law", "polach"], "a null character stands in"),
         (["run"], "the following arguments are required: STUDY; see slipctl run --help"),
         (["run", TOY, "--quik"], "unrecognized arguments: --quik"),
         (["run", "subway_breaking"], "no study 'subway_breaking'; did you mean 'subway_braking'?"),
