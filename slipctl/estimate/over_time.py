@@ -82,9 +82,11 @@ def fit_over_time(
     first = {n: quantity(flow, n, v) for n, v in (start or {}).items()}
     settled = {n: v for n, v in {**told, **first}.items() if n in flow.params}
     flow = flow.with_params(**settled) if settled else flow
-    for n, s in flow.params.items():
-        if s.value is None:
-            raise BadInput(f"{flow.name} needs {n}, {s.doc} [{s.unit}]; give it, --set {n}=VALUE")
+    lacking = [s for s in flow.params.values() if s.value is None]
+    if lacking:
+        words = ", ".join(f"{s.name} ({s.doc}{'' if s.unit == '1' else f', {s.unit}'})"
+                          for s in lacking)  # fmt: skip
+        raise BadInput(f"{flow.name} needs {words}; give it, --set {lacking[0].name}=VALUE")
     records = _records(flow, data, measured)
     pieces = [p for r in records
               for p in stretches(r.time, r.inputs, r.measured, r.begins, delay)]  # fmt: skip

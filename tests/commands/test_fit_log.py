@@ -153,7 +153,7 @@ def test_only_a_part_of_a_log_and_several_logs(capsys):
         (["--map", "slope=Speed"], "coast.csv: which column was measured? write --map v=COLUMN"),
         (["--map", "v=Speed[kg]"], "Speed is in kg, v in m/s, another dimension"),
         (["--set", "m=38s", "rho=0.1"], "another dimension"),
-        (["--set", "rho=0.1"], "coasting needs m, mass [kg]; give it, --set m=VALUE"),
+        (["--set", "rho=0.1"], "coasting needs m (mass, kg); give it, --set m=VALUE"),
         (["--set", "m=38t", "rho=7"], "coasting.rho"),
         (["--between", "12"], "--between '12': write two times behind the first sample"),
         (["--between", "9s:3s"], "the first time has to be before the second"),

@@ -237,7 +237,8 @@ LOG = {"time": T, "v": coasted(T)}
     [
         ({"flow": from_text("y = 2*e where e [1]")}, "is a law; a fit over time takes a flow"),
         ({"measured": "w"}, "has no state or output 'w'"),
-        ({"at": {"rho": RHO}}, "coasting needs m, mass .kg.; give it, --set m=VALUE"),
+        ({"at": {"rho": RHO}}, r"coasting needs m \(mass, kg\); give it, --set m=VALUE"),
+        ({"at": {}}, r"needs m \(mass, kg\), rho \(rotating mass, a share of the mass\); give it"),
         ({"at": KNOWN | {"c0": 1.0}, "unknown": ["c0"]}, "c0 is both given and unknown"),
         ({"at": KNOWN | {"k": 1.0}}, "has no input or parameter 'k'"),
         ({"at": {"m": "38 km", "rho": RHO}}, "another dimension"),
