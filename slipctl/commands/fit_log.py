@@ -125,13 +125,13 @@ def _record(
     """What was measured by name, and the log as the flow sees it."""
     if not result:
         names = [n for n in (*block.outputs, *block.states) if n in recording.texts]
-        if not names:
+        if len(names) != 1:
             first = next(iter(block.states), "")
             many = " or ".join(dict.fromkeys((first, *block.outputs)))
             raise BadInput(f"{recording.source}: which column was measured? write --map"
                            f" {first}=COLUMN (of {many}); it has"
                            f" {', '.join(recording.names[:12])}")  # fmt: skip
-        result = names[0]
+        (result,) = names
     faults: list[str] = []
     given = {n: c for n, c in columns.items() if n != result}
     inputs = of_inputs(block, recording, given, constants, faults)

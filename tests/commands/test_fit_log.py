@@ -121,6 +121,12 @@ def test_deceleration_is_a_torque_by_the_numbers_beside(capsys):
     assert "needs m, mass [kg]; --set m=VALUE" in said(capsys, line, 2)[1]
 
 
+def test_two_columns_that_could_be_meant_are_asked_about(capsys):
+    Path("both.csv").write_text("time,v,a\n0,9,-.1\n1,8.9,-.1\n2,8.8,-.1\n", encoding="utf-8")
+    line = ["fit", "both.csv", "--law", "coasting", "--set", "m=38t", "rho=.1", "--out", "fit"]
+    assert "which column was measured? write --map v=COLUMN (of v or a)" in said(capsys, line, 2)[1]
+
+
 def test_only_a_part_of_a_log_and_several_logs(capsys):
     """Brakes before and after, cut away; a second log has a start of its own."""
     coast()
