@@ -306,8 +306,9 @@ class System:
         panel: numbers at which the unit of the state is changed.
         ends: margins of a criterion in closed form, of its name and the numbers.
         guard: refuses further numbers that mean nothing.
-        loop: its equations tick by tick (``tick_sets.Loop``); of a system that this package does
-            not have, what is computed from them is all that proves or refutes.
+        loop: its equations tick by tick (``tick_sets.Loop``), so that the verdict is SAMPLED; of a
+            system that this package does not have, what is computed from them is all that proves
+            or refutes.
         time: function that says whether the verdict is CONTINUOUS or SAMPLED.
     """
 
@@ -364,9 +365,8 @@ class System:
         of = [f"{k} = {words[k]}" for k, n in self.numbers.items()
               if k in numbers and n.role in (GAIN, TARGET)]  # fmt: skip
         left = [*dict.fromkeys(left), *self.never]
-        return Promise(
-            (self.name, *of), tuple(against), start, claims, self.time(numbers), tuple(left)
-        )
+        time = SAMPLED if self.loop is not None else self.time(numbers)
+        return Promise((self.name, *of), tuple(against), start, claims, time, tuple(left))
 
 
 # ---- numbers ------------------------------------------------------------------------------------

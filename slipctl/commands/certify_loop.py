@@ -57,6 +57,17 @@ def find(name: str) -> tuple[Study, list[Gains]]:
     raise BadInput(f"{study.name} has no loop {right!r}{nearest(right, known)}")
 
 
+def own_system(name: str) -> System | None:
+    """System that a file of one's own declares, ``my.py:own``; None where it is something else.
+
+    Raises:
+        BadInput: no such file, or it cannot be run.
+    """
+    left, _, right = name.rpartition(":")
+    found = getattr(doors.load_file(left), right, None) if left.endswith(".py") else None
+    return found if isinstance(found, System) else None
+
+
 def is_loop(name: str) -> bool:
     """Whether a name is ``STUDY:LOOP``."""
     left, colon, _ = name.rpartition(":")
@@ -194,8 +205,15 @@ def _told(found: Farthest) -> list[str]:
 
 
 def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]:
+    """System of a question, its numbers, and its name in words.
 
+    Raises:
+        BadInput: a system or loop that there is not; numbers of a loop that were typed.
+    """
     name = options.system
+    own = own_system(name)
+    if own is not None:
+        return own, read_numbers(own, options.settings), name
     if is_loop(name):
         gains, loop = one(name, options.settings)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}

@@ -168,3 +168,47 @@ def test_files_that_cannot_be(capsys):
     Path("empty.json").write_text('{"format": 1}')
     assert main(["check", "empty.json"]) == 2
     assert "it is no certificate" in capsys.readouterr().err
+
+
+OWN = """
+from slipctl.certify.systems import INPUT, TARGET, Number, System
+from slipctl.certify.tick_sets import Loop
+
+loop = Loop(
+    tick=lambda n, x, d: {"e": x["e"] - n["T"] * (n["K"] * x["e"] + d["w"])},
+    start={"e": "e0"}, pushed={"w": "W"}, stays={"e": "band"},
+)
+own = System(
+    "own", "e+ = e - T (K e + w)",
+    {
+        "K": Number("1/s", "gain"),
+        "T": Number("s", "sample period", role=INPUT, says="a sample time of {}"),
+        "e0": Number("m/s", "largest |e| at the start", 0.0, "not negative"),
+        "W": Number("m/s^2", "largest |w|", 0.0, "not negative", role=INPUT, says="|w| <= {}"),
+        "band": Number("m/s", "wanted |e|", optional=True, role=TARGET),
+    },
+    {}, loop.targets(), loop.says_start(), loop=loop,
+)
+"""
+
+
+def test_a_system_of_a_file_is_certified_by_its_name(capsys, tmp_path):
+    """Its verdict is as sampled; its ends and its maps are asked for as those of any other."""
+    Path("my.py").write_text(OWN, encoding="utf-8")
+    told = ["certify", "my.py:own", "--set", "K=10", "T=.05", "W=.5"]
+    for band, verdict in (("band=.06", "CERTIFIED"), ("band=.04", "REFUTED")):
+        assert main([*told, band]) == 0
+        assert f"own: {verdict} as sampled" in capsys.readouterr().out
+    assert main([*told, "band=.06", "--out", "own.json"]) == 0
+    assert json.loads(Path("own.json").read_text(encoding="utf-8"))["system"] == "own"
+    assert "proofs.check repeats it" in capsys.readouterr().out
+    assert main([*told, "band=.06", "--largest", "W"]) == 0
+    end = float(capsys.readouterr().out.split("CERTIFIED up to ")[1].split()[0])
+    assert 0.55 < end <= 0.6  # K band, but for the width of a cell
+    assert main(["-q", *told, "band=.06", "--map", "K,W", "--points", "3", "--out", "map"]) == 0
+    assert (tmp_path / "map" / "map.json").is_file()
+    capsys.readouterr()
+    assert main(["certify", "my.py:own", "--set", "L=3"]) == 2
+    assert "own has no 'L'" in capsys.readouterr().err
+    assert main(["certify", "my.py:loop"]) == 2  # a loop alone has no bounds
+    assert "declares no study" in capsys.readouterr().err
