@@ -76,7 +76,7 @@ def flight(
     sign = 1 if (start > 0) == (n["k"] > 0) else -1
     th, xi = _units(start, D), 0
     eta = c * (th * th // D) // D
-    sizes = (abs(k) / D, l / D, h / D, a / D, abs(c) / D)
+    sizes = tuple((abs(x) + 1) / D for x in (k, l, h, a, c))  # a unit more: of what each may be
     e_th, e_xi, e_eta, one = 1.0, 0.0, 4.0 + sizes[4] * 8 * abs(start), 1.0
 
     s, co, e_s = 0, D, 0.0

@@ -228,6 +228,25 @@ def test_few_digits_promise_less(monkeypatch):
     assert 0.9 * far < near < far
 
 
+@pytest.mark.parametrize(
+    ("numbers", "start", "noise", "ticks", "digits"),
+    [("16.857146 57.197844 8.115939 4.62389 1.181548 .02175 .013572", "27.170694", ".032478",
+      40, 8),
+     ("153.640528 968.72287 .819521 1.092347 13.194723 .056163 .090755", "1.355419", ".008871",
+      13, 6)],
+)  # fmt: skip
+def test_a_flight_that_goes_far_is_not_told_too_far(
+    monkeypatch, numbers, start, noise, ticks, digits
+):
+    """What few digits lose grows with v^2: then nothing is said, or less than with many."""
+    names = ("k", "w", "w_l", "w_h", "curvature", "a", "T")
+    n = dict(zip(names, map(F, numbers.split()), strict=True))
+    far = dither_flight.flight(n, F(start), F(noise), ticks)
+    monkeypatch.setattr(dither_flight, "DIGITS", digits)
+    near = dither_flight.flight(n, F(start), F(noise), ticks)
+    assert near is None or near <= far
+
+
 # ---- laws behind an actuator ---------------------------------------------------------------------
 
 

@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput, Block, probe
-from slipctl.models import best_slip, freight_resistance, predictive_speed, sensors, subway_braking
+from slipctl.models import (
+    best_slip,
+    contact_reference,
+    freight_resistance,
+    hst_traction_adhesion,
+    hst_traction_control,
+    predictive_speed,
+    sensors,
+    subway_braking,
+)
 from slipctl.models.contact import polach
 from slipctl.models.hst_braking_reference import adhesion_meter
 from slipctl.models.ranges import probe_ranged
@@ -129,3 +138,25 @@ def test_a_slip_speed_is_a_reference():
     for found in (block, other):
         (out,) = found.outputs.values()
         assert (out.name, out.unit, out.positive, out.per) == ("v_best", "m/s", "braking", "speed")
+
+
+def test_creep_laws_agree_about_friction():
+    ranges = {(law.params["mu_0"].lo, law.params["mu_0"].hi)
+              for law in (polach, contact_reference.carter, contact_reference.fastsim)}  # fmt: skip
+    assert ranges == {(0.001, 1)}
+
+
+def test_observers_and_sensors_agree_about_the_sample_period():
+    period, sensor = hst_traction_adhesion.PERIOD, sensors.tooth_wheel.params["T"]
+    assert (period.lo, period.hi) == (sensor.lo, sensor.hi)
+
+
+def test_the_error_of_the_speed_may_have_both_signs():
+    e2 = hst_traction_control.tracking.outputs["e2"]
+    assert e2.lo == -e2.hi
+
+
+def test_a_swarm_flies_as_long_as_is_told():
+    settings = freight_resistance.swarm_settings("consistent")
+    assert settings["iterations"] == freight_resistance.ITERATIONS
+    assert freight_resistance.swarm_settings("printed-21")["iterations"] == settings["iterations"]
