@@ -168,8 +168,10 @@ study = Study(
     ),
     controller="law",
     uncertified={
-        "pid": "its integral and its limits have no criterion here",
-        "nmpc": "what it does is the solution of a program at each tick",
+        "pid": "its integral and its limits have no criterion here: it"
+        " does not cancel the adhesion, whose slope has both signs",
+        "nmpc": "what it does is the solution of a program at each"
+        " tick; its terminal weight knows no limits and no other adhesion",
     },
     experiments=EXPERIMENTS,
     claims=CLAIMS,

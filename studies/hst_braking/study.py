@@ -275,6 +275,7 @@ study = Study(
     ensembles=ENSEMBLES,
     uncertified=dict.fromkeys(
         ("pid", "pid_true_reference", "pid_printed"),
-        "its integral and its limits have no criterion here",
+        "its integral and its limits have no criterion here: it does not cancel the adhesion,"
+        " whose slope has both signs",
     ),
 )

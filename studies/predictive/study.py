@@ -220,6 +220,14 @@ study = Study(
     signals=Signals(
         speed="plant.v", slip="plant.s", reference="s_ref", torque=("plant.T", "ctl.T")
     ),
+    uncertified={
+        "pid": "its integral and its limits have no criterion here",
+        **dict.fromkeys(
+            ("nmpc", "nmpc_told_dry"),
+            "what it does is the solution of a program at each tick; its terminal weight knows no"
+            " limits and no other adhesion",
+        ),
+    },
     experiments=EXPERIMENTS,
     claims=CLAIMS,
     figures=FIGURES,

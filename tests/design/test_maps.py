@@ -113,6 +113,7 @@ def test_a_loop_answers_without_a_typed_number(
 @pytest.mark.parametrize(("name", "said"), [
     ("hst_braking:pid", "its integral and its limits have no criterion"),
     ("all_rails:nmpc", "the solution of a program at each tick"),
+    ("predictive:nmpc", "its terminal weight knows no limits"),
     ("own.py:loop", "declares no study, so nothing says what loop shall withstand"),
 ])  # fmt: skip
 def test_what_has_no_criterion_is_told_in_a_line(
