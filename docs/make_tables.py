@@ -193,9 +193,24 @@ def attacked(results: Path, words: list[str]) -> str:
     return rows_to_text(head, rows)
 
 
+def searches(results: Path, words: list[str]) -> str:
+    """A row per loop that was tuned: what it took, and what it brought on held-out draws."""
+    found = json.loads((DOCS / "evidence" / "tuning.json").read_text(encoding="utf-8"))["numbers"]
+    rows = [
+        [f"`{name}`", str(n["numbers"]), str(n["runs"]), number(n["cpu_s"], 3),
+         number(n["wanted_s"], 3), number(1e3 * n["tuned_minus_by_hand_m"], 3),
+         number(1e3 * n["standard_error_m"], 2)]
+        for name, n in found.items()
+    ]  # fmt: skip
+    head = ["loop", "free numbers", "runs of the search", "processor time [s]", "wanted [s]",
+            "distance, tuned minus by hand [mm]", "standard error [mm]"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
           "adversary": adversary_cases, "enclosures": enclosures,
-          "ends": ends, "gradients": gradients, "attacked": attacked}  # fmt: skip
+          "ends": ends, "gradients": gradients, "attacked": attacked,
+          "searches": searches}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):
