@@ -301,6 +301,10 @@ def parser() -> Parser:
     )
 
     p.add_argument(
+        "--vectors", metavar="FILE.csv",
+        help="test it with these inputs, a row for each tick, in the place of those of a run",
+    )  # fmt: skip
+    p.add_argument(
         "--fuzz", metavar="SECONDS", type=int,
         help="feed it any bytes for so long, by libFuzzer with sanitizers",
     )  # fmt: skip

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from slipctl.ccode import codegen
 from slipctl.ccode.check import load
+from slipctl.ccode.check.given import given
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
 from slipctl.study import doors, preparing
@@ -55,7 +56,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "with_xcp": options.xcp, "with_autosar": options.autosar,
     }  # fmt: skip
     if block is not None:
-        report = codegen.export(block, out, options.module, **wanted)
+        inputs = given(options.vectors, block) if options.vectors else None
+        report = codegen.export(block, out, options.module, inputs, **wanted)
     else:
         study = doors.load_study(left)
         loop, case = preparing.found_loop(study, loop_name, options.settings)
@@ -66,9 +68,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
         except BadInput as error:
             what = "part" if options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
-        log.info("running %s for its inputs", name)
-        ticks = None if options.check else codegen.KEPT
-        inputs, params = codegen.recorded(loop, part, case.scenario, ticks)
+        if options.vectors:
+            inputs = given(options.vectors, control)
+            _, params = codegen.recorded(loop, part, case.scenario, 1)
+        else:
+            log.info("running %s for its inputs", name)
+            ticks = None if options.check else codegen.KEPT
+            inputs, params = codegen.recorded(loop, part, case.scenario, ticks)
         report = codegen.export(
             control, out,
             options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
