@@ -21,5 +21,5 @@ html_sidebars = {"**": ["sidebar/brand.html", "sidebar/search.html", "sidebar/sc
                         "sidebar/navigation.html", "sidebar/versions.html",
                         "sidebar/scroll-end.html"]}  # fmt: skip
 html_title = f"slipctl {release}"
-html_show_sourcelink = False
+html_show_sourcelink = html_copy_source = False  # the wheel ships at most 10 MB
 exclude_patterns = ["evidence", "made"]

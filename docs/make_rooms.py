@@ -21,7 +21,7 @@ ROOT = HERE.parent
 PICTURE = HERE / "rooms.svg"
 ROW = re.compile(r"^\| (\d+) \| `(\w+)` \| ([^|]+?) \|", re.M)
 
-WIDE, HIGH, RISE, LEFT, BEND = 600, 50, 66, 60, 30
+WIDE, HIGH, RISE, LEFT, BEND = 650, 50, 66, 60, 30
 INK, SHADE, GREY = "#1a1a1a", "#EEF4F9", "#6b6b6b"
 HUES = ("#0072B2", "#D55E00", "#009E73", "#7F7F7F", "#CC79A7", "#56B4E9", "#E69F00")
 

@@ -214,7 +214,7 @@ def legends_aside(fig: Figure) -> None:
                 axis.legend(handles, names, loc="upper left", bbox_to_anchor=(-0.1, -0.2))
         if one:
             letters = sum(len(n) + 6 for n in entries)
-            rows = -(-letters // 105)  # a row holds about so many letters
+            rows = -(-letters // int(13 * fig.get_size_inches()[0]))  # an inch holds about so many
             fig.legend(entries.values(), entries.keys(), ncols=-(-len(entries) // rows),
                        loc="outside upper center")  # fmt: skip
 

@@ -217,3 +217,19 @@ def test_forces_are_drawn_in_kilonewtons(unit, drawn):
     factor, shown = scaled(unit)
     assert shown == drawn
     assert factor == (1.0 if unit == drawn else 1e-3)
+
+
+def test_a_legend_of_many_names_is_no_wider_than_its_figure():
+    """Seven rails of the freight study stood off both ends of their picture."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from slipctl.draw import looks
+    from slipctl.models.freight_traction import adhesion
+
+    fig = plots.laws(adhesion, upto=11.0)
+    looks.legends_aside(fig)
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    box = fig.legends[0].get_window_extent(canvas.get_renderer())
+    assert box.x0 >= 0
+    assert box.x1 <= fig.bbox.width
