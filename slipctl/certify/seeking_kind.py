@@ -305,7 +305,7 @@ SLIDING_SEEK = register(System(
         "beta": Number("1", "width of a cell"),
         "slope": Number("s/m", "steepest |mu'|", power=-1.0),
         "T": Number("s", "sample period", role=INPUT, says="a sample time of {}"),
-        "least": Number("s/m", "least |mu'| of the way; that of the steepest if it is not told",
+        "least": Number("s/m", "least |mu'| on the climb; that of the steepest if it is not told",
                         None, power=-1.0, optional=True),
         **HEARD,
         "curvature": Number("s^2/m^2", "mu'' at the peak", None, "any", -2.0, True),
