@@ -125,8 +125,8 @@ def stable_period(k: float, k_a: float, k_s: float) -> float:
 def sampled_disturbance(kappa: float) -> float:
     """Largest om = T W/k_x that leaves an invariant |z| <= zb < 1, printed shape, equal sides.
 
-    Proof note: as for a funnel: om <= kappa h(zb), largest at 1/sqrt 3, and om <= zb + min over
-    [0, zb] of z - kappa h(z), which grows with zb beyond the minimum. For kappa <= 1 that minimum
+    Proof note: as for a funnel, om <= kappa h(zb), largest at 1/sqrt 3. And om <= zb + min over
+    [0, zb] of z - kappa h(z). That grows with zb beyond the minimum. For kappa <= 1 that minimum
     is 0, so om = 2 kappa/(3 sqrt 3).
     """
     if not 0 < kappa < INVARIANT:

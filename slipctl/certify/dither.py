@@ -139,8 +139,8 @@ class Found:
 
         Proof note: u = V - last obeys u+ <= (1 - W (mu - alpha (V + last))) u, and V does not
         rise from above ``last``. |x| is within spread V of the orbit. Of a loop that hears late it
-        is exceeded at later ticks: V comes as near to ``last`` as one likes, and the phase as near
-        to that of this tick, since a rational W is no part of a turn.
+        is exceeded at later ticks. There V comes as near to ``last`` as one likes, and the phase
+        as near to that of this tick, since a rational W is no part of a turn.
         """
         V = self.from_start(start)
         if V is None:

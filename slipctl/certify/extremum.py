@@ -124,8 +124,9 @@ def perturbation_poles(
 ) -> tuple[complex, complex]:
     """Poles in 1/s of the averaged loop at the peak, slow one first.
 
-    Proof note: averaging over a period of the dither gives th~' = k xi and
-    xi' = w_l (a mu'' th~/2 - xi) to first order, so s^2 + w_l s - k w_l a mu''/2 = 0.
+    Proof note: the mean over a period of the dither gives to first order
+
+        th~' = k xi,   xi' = w_l (a mu'' th~/2 - xi),   so s^2 + w_l s - k w_l a mu''/2 = 0.
 
     Args:
         k, w_l, a: of the seeker. curvature: mu'' at the peak.

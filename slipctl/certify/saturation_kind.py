@@ -74,8 +74,8 @@ def _spare(n: Numbers) -> Any:
 def _constant(n: Numbers) -> Sequence[Side]:
     """A need that does not vary.
 
-    Proof note: with y = k1 k3 e1 + (k1 + k3) e2 and e2' = -f(y), f cut at fixed limits of either
-    sign: V = k1 k3 e2^2/2 + the integral of f falls by (k1 + k3) f^2, and f = 0 only at y = 0.
+    Proof note: let y = k1 k3 e1 + (k1 + k3) e2 and e2' = -f(y), f cut at fixed limits of either
+    sign. Then V = k1 k3 e2^2/2 + the integral of f falls by (k1 + k3) f^2. And f = 0 only at y = 0.
     """
     return [*_authority(n), Side("F_high <= F_low", n["F_high"], n["F_low"])]
 

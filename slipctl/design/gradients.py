@@ -6,9 +6,9 @@ With x+ = n(x, u, p), y = g(x, u, p) at every tick and a metric M of the logged 
     dM/dp    = sum over k of (dn/dp)' lambda_{k+1} + (dg/dp)' dM/dy_k
 
 from CasADi's derivatives of the loop, at the cost of a few runs however many numbers there are
-(A. Griewank, A. Walther, Evaluating Derivatives, 2008, chapter 3). A loop in which a free number
-reaches something that jumps along the run (a quantiser, a sign, a seed that switches) is refused
-with the reason: there the slope is that of one step of a staircase.
+(A. Griewank, A. Walther, Evaluating Derivatives, 2008, chapter 3). A loop is refused, with the
+reason, where a free number reaches something that jumps along the run: a quantiser, a sign, a seed
+that switches. There the slope is that of one step of a staircase.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Compile a CasADi Function once and roll it over time in C; without a compiler nothing is lost.
 
 Compiled libraries lie under the user's cache folder, keyed by the content of the Function, the
-compiler and the flags, each with a file beside it that holds key and checksum: a library that is
+compiler and the flags. Each has a file beside it that holds key and checksum: a library that is
 damaged or another's is built again, not loaded. A file is written under another name and renamed,
 so that runs in parallel never see half a library.
 """

@@ -40,7 +40,7 @@ def told_run(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """What the log of a whole run gives reason to doubt, one line each.
 
     An estimate is doubted that is off by more than three of its own deviations for longer than a
-    second, a limit that is active for more than half of the run.
+    second. So is a limit that is active for more than half of the run.
 
     Args:
         loop, scenario: the run.
@@ -52,7 +52,7 @@ def told_run(loop: Block, scenario: Scenario, log: Values) -> list[str]:
 def told_loop(loop: Block, scenario: Scenario) -> list[str]:
     """What gives reason to doubt a loop before it runs, one line each.
 
-    A sensor whose noise ``sigma`` is above zero and below the error of its own steps ``q``; and an
+    A sensor whose noise ``sigma`` is above zero and below the error of its own steps ``q``. An
     input that no wire feeds, while another part gives a signal of its name and unit.
     """
     return [*_quantised(loop), *_unfed(loop, scenario)]

@@ -1,9 +1,9 @@
 """What a run keeps in its folder, by the content of what it depends on, and what it finds there.
 
-A run, ``scenario/loop`` or experiment, depends on the source of slipctl, of models and studies, on
-what was set and swapped, and on the versions of CasADi and numpy: their hash is its key. What has
-the key is what the run would give, and is taken; what has another key belongs to another run, and
-is removed before anything new is written.
+A run, ``scenario/loop`` or experiment, depends on the source of slipctl, of models and studies, and
+on what was set and swapped. It depends on the versions of CasADi and numpy. Their hash is its key.
+What has the key is what the run would give, and is taken; what has another key belongs to another
+run, and is removed before anything new is written.
 """
 
 from __future__ import annotations

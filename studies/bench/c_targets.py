@@ -3,8 +3,8 @@
 A row per controller of each study, from sensor to actuator:
 
 * ``double`` and ``float``: back to back with Python on this machine, sanitizers, two instances, two
-  modules in one program, the same vectors on a Cortex-M4 and a Cortex-M7 that QEMU emulates, and
-  what cppcheck finds by the rules of MISRA C:2012.
+  modules in one program. Then the same vectors on a Cortex-M4 and a Cortex-M7 that QEMU emulates,
+  and what cppcheck finds by the rules of MISRA C:2012.
 * ``casadi_float``: instructions of a step on the M4 of what CasADi itself generates with
   ``casadi_real=float`` from the same block, on the same inputs.
 * ``fmu``: FMPy validates the FMU, simulates it on the recorded inputs, and compares with Python.

@@ -1,7 +1,7 @@
 """Very many steps of the representative loops in C: ``python -m slipctl.studies.endurance``.
 
 The whole loop, plant, sensors with their noise and controller, is written as one C module and runs
-for as many ticks as asked: is the state bounded, does a covariance drift? The windowed estimator
+for as many ticks as asked. Is the state bounded, does a covariance drift? The windowed estimator
 also runs alone on the noise of one operating point, where nothing excites it.
 """
 

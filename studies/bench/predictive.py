@@ -2,9 +2,9 @@
 
 ``python -m slipctl.studies.bench.predictive --out predictive_c.json`` writes the C of the reference
 problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of four axles side by
-side and of a window of 30 samples, compiles each with gcc at -O2 and takes the time of a tick on
-the host, the programs in turn, so that ratios are of one run. ``--against FOLDER`` is the folder of
-the reference problem's C as another version of slipctl wrote it.
+side and of a window of 30 samples. Each is compiled with gcc at -O2, and the time of a tick is
+taken on the host, the programs in turn, so that ratios are of one run. ``--against FOLDER`` is the
+folder of the reference problem's C as another version of slipctl wrote it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What a sweep costs beside what it rolls: ``python -m slipctl.studies.bench.sweeps``.
 
 1000 runs of ``hst_braking:eppfc`` with a gain drawn in each, the compile cache warm. All is told as
-ratios of one session: processor time a run against the compiled roll alone, speed against a pool
-of processes that calls ``with_params`` and ``simulate``, what a second core is worth, memory, and
-speed on a cluster on this machine.
+ratios of one session: processor time a run against the compiled roll alone, and speed against a
+pool of processes that calls ``with_params`` and ``simulate``. Then what a second core is worth,
+memory, and speed on a cluster on this machine.
 """
 
 from __future__ import annotations

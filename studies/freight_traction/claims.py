@@ -1,6 +1,6 @@
 """Claims of the study ``freight_traction``: what Cheng 2022 says, and what we wanted to reach.
 
-Seekers are judged under the robust law: the printed law has the wrong sign and the one put right
+Seekers are judged under the robust law. The printed law has the wrong sign, and the one put right
 leaves its barrier at the first disturbance (docs/errata.md), which says nothing of a seeker.
 """
 

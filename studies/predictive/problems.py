@@ -5,9 +5,9 @@
 * ``rates``: the same, its command no faster than 20 kN m/s.
 * ``hard``: the same on the first rail, its slip below 0.019 at every stage, which the wanted slip
   of 0.02 leans on.
-* ``car``: a quarter of an electric car on a Pacejka tyre: m = 350 kg, R = 0.318 m, J = 1.22 kg m^2,
-  gear 3, at most 250 N m, D = 1.2005, C = 1.4010, B = 17.1571, 2 ms. On wet ground (half the peak)
-  from the 60th tick on, which the controller knows.
+* ``car``: a quarter of an electric car on a Pacejka tyre, a tick every 2 ms. It has m = 350 kg, R =
+  0.318 m, J = 1.22 kg m^2, gear 3 and at most 250 N m; D = 1.2005, C = 1.4010, B = 17.1571. On wet
+  ground (half the peak) from the 60th tick on, which the controller knows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A loop whose plant is compiled from its equations and whose part is a written module, in one C.
 
-It can start again from any tick, with one input of the part read wrong for some ticks. What the
-part sees at once of what it gives, such as the torque of a brake without lag, is that of its answer
-to the tick: the step is tried, and made from the same state when that is known. So no output may
+It can start again from any tick, with one input of the part read wrong for some ticks. A part may
+see at once what it gives, such as the torque of a brake without lag. That is of its answer to the
+tick: the step is tried, and made from the same state when the answer is known. So no output may
 depend at once on such an input.
 """
 

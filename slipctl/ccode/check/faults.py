@@ -6,10 +6,10 @@ own tick. 100 ms after the last one the status is 0 and every output is that of 
 faults, to 2 % of its range, in 99 % of the ticks. No wheel locks that does not lock where these
 ticks are held at the last good sample.
 
-Where the run without faults does not keep to that against itself, begun a tick later or with an
-input read 1e-9 wrong in one tick, an output chatters or its course hangs on last digits. Of such an
-output the means over 50, 200 or 500 ms are compared, the shortest over which these runs agree to
-half of the tolerance, or else how far it swings.
+The run without faults is compared with itself, begun a tick later or with an input read 1e-9 wrong
+in one tick. An output that does not keep to that chatters, or its course hangs on last digits. Of
+such an output means over 50, 200 or 500 ms are compared. It is the shortest over which these runs
+agree to half of the tolerance; if there is none, how far it swings is compared.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Any bytes as inputs and parameters: libFuzzer on init, tune and step, with sanitizers.
 
-What must hold, whatever comes: no crash, no report of AddressSanitizer or UBSan, outputs finite and
-in their declared ranges, states finite, a refused tick leaves the state as it was.
+What must hold, whatever comes: no crash, and no report of AddressSanitizer or UBSan. Outputs are
+finite and in their declared ranges, states are finite. A refused tick leaves the state as it was.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """No run-time error, and every range kept, for any number of ticks: proven by Frama-C's Eva.
 
 Eva computes with sets of numbers what a program can do. The harness sets the module up, then steps
-without end, each input any number at all in every tick. What must hold: no alarm (an index out of
-bounds, an uninitialised number, an overflow of integers, a conversion that does not fit), and every
-state and output in its declared range after every tick.
+without end, each input any number at all in every tick. What must hold: no alarm, and every state
+and output in its declared range after every tick. An alarm is an index out of bounds, an
+uninitialised number, an overflow of integers, or a conversion that does not fit.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ One frame goes to the board in each tick, and one comes back:
     to      0xA5, number of the tick, number of the tick now, inputs, checksum
     back    0x5A, number of the tick, status, instructions of the step, outputs, checksum
 
-Numbers of ticks are bytes, modulo 256; inputs and outputs are the bytes of the structs, the status
+Numbers of ticks are bytes, modulo 256; inputs and outputs are the bytes of the structs. The status
 and the checksum (Fletcher's) have two bytes, the instructions four, the low one first.
 """
 

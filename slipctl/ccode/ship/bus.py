@@ -1,8 +1,8 @@
 """Inputs and outputs as a bus has them: integers of which one step is so much, choices, truth.
 
-The module computes with numbers in their units. Where a signal is a whole number, true or not, or a
-choice (``"int"``, ``"bool"``, ``"enum"``), or where a person asks for an integer of a resolution
-and an offset, two files more translate: ``ctl_bus.h`` and ``ctl_bus.c``.
+The module computes with numbers in their units. Two files more, ``ctl_bus.h`` and
+``ctl_bus.c``, translate signals that are a whole number, true or not, or a choice (``"int"``,
+``"bool"``, ``"enum"``). They also translate integers of a resolution and an offset, on request.
 """
 
 from __future__ import annotations

@@ -72,8 +72,9 @@ def patience(parts: int) -> ca.Function:
     """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
 
     ``off`` is the part of which a state is out of its range, 0 if that is not the reason. After
-    ``PATIENCE`` ticks it is that part (else the first), after as many more the first, the second
-    and so on in the order of the wires, then all of them (``parts + 1``); the count begins anew.
+    ``PATIENCE`` ticks it is that part (else the first). After as many more it is the first, the
+    second and so on in the order of the wires, then all of them (``parts + 1``). Then the count
+    begins anew.
     """
     before, off = ca.SX.sym("refused"), ca.SX.sym("off")
     refused = before + 1

@@ -1,7 +1,7 @@
 """Straight lines that repeat become a loop: a grid, the members of a population, a window.
 
-A run of blocks of lines is one loop where the blocks are the same but for indices and whole numbers
-that go up by the same step, for their own locals, and for what the block before has left. Nothing
+A run of like blocks of lines is one loop. They may differ in indices and whole numbers that go up
+by the same step, in their own locals, and in what the block before has left. Nothing
 is computed in another order, so the bits stay.
 """
 

@@ -1,7 +1,7 @@
 """A Function as statements of C: expressions, branches that are taken or not, calls that stay.
 
-An MX Function is taken apart: SX Functions and small MX Functions in it are written as expressions,
-``if_else`` Functions (what ``every`` is made of) as ``if`` and ``else`` around their statements.
+An MX Function is taken apart. SX Functions and small MX Functions in it are written as expressions.
+``if_else`` Functions (what ``every`` is made of) are ``if`` and ``else`` around their statements.
 What is left (maps, long folds, solvers, tables) is a call of CasADi's own text.
 """
 

@@ -1,8 +1,8 @@
 """The train of hst_traction under a speed follower: ours, and the same loop in numpy arrays.
 
 Both run 533 s on the surfaces of Table 2 on a grid of 1 ms, with the motors as lags. The numpy
-program holds the 32 axles in arrays and does the same work per tick: one evaluation of creep law
-and slope for all axles where it begins, one where it ends, and more only where a residual is left.
+program holds the 32 axles in arrays and does the same work per tick. Creep law and slope of all
+axles are evaluated where a tick begins, where it ends, and again only where a residual is left.
 """
 
 from __future__ import annotations
