@@ -28,6 +28,14 @@ from slipctl.study.texts import number
 LONG = 50_000
 """Letters of equations beyond which a page does not have them: a table of a hundred numbers."""
 
+EXAMPLES: dict[str, tuple[Any, ...]] = {
+    "converters.converter": ("V", -1.0, 1.0),
+    "ep_valve.dead_time": (3,),
+    "sensors.reading": ("m/s",),
+    "sensors.speed_of_wheels": (4,),
+}
+"""Arguments with which a function that needs some is shown."""
+
 ROLES = {"param": "parameter", "input": "input", "state": "state", "output": "output"}
 
 
@@ -49,7 +57,7 @@ def section(module: str, name: str) -> nodes.section:
     found = nodes.section(ids=[name.replace("_", "-")])
     found += nodes.title(name, name)
     try:
-        block = doors.load_block(f"{module}.{name}")
+        block = _example(module, name) or doors.load_block(f"{module}.{name}")
     except BadInput:  # a function that needs arguments: one of its blocks stands in a study
         text = doors.models()[module][1][name]
         found += nodes.paragraph(
@@ -58,8 +66,20 @@ def section(module: str, name: str) -> nodes.section:
         return found
     if curve := _curve(module, name, block):
         found += nodes.image(uri=f"/{drawn(curve)}", alt=f"{name}: adhesion over slip")
+    if given := EXAMPLES.get(f"{module}.{name}"):
+        call = f"{name}({', '.join(map(repr, given))})"
+        found += nodes.paragraph(call, f"As {call} makes it.")
     found += nodes.raw("", _html(block), format="html")
     return found
+
+
+def _example(module: str, name: str) -> Block | None:
+    """Block that a function makes of the arguments above, None for another one."""
+    given = EXAMPLES.get(f"{module}.{name}")
+    if given is None:
+        return None
+    made: Block = getattr(importlib.import_module(f"slipctl.models.{module}"), name)(*given)
+    return made
 
 
 def _html(block: Block) -> str:
