@@ -89,3 +89,11 @@ def test_whoever_unpacks_an_fmu_can_read_it() -> None:
     with zipfile.ZipFile(io.BytesIO(fmu._zipped({"a": b"1", "b/c": b"2"}))) as archive:
         modes = [entry.external_attr >> 16 for entry in archive.infolist()]
     assert modes == [0o644, 0o644]  # its owner writes, all read, none runs it
+
+
+def test_a_finding_without_a_reason_has_an_empty_cell() -> None:
+    found = {"misra": {"a.c": {"10.4": 2, "8.9": 1}}, "cppcheck": {}, "explained": {"10.4": "why"},
+             "deviations": {}, "required": {}, "tool": "cppcheck", "kernel_lines": 0}  # fmt: skip
+    text = "\n".join(readable._analysed({"analysis": found}))
+    assert "None" not in text
+    assert "| why |" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import replace
 from decimal import Decimal
@@ -25,10 +26,12 @@ from slipctl.certify import (
     reading,
     relay_orbits,
     relay_proof,
+    relay_sets,
     seeking_kind,
     sliding,
     super_twisting,
     twisting_polygons,
+    twisting_proof,
     twisting_sampled,
 )
 from slipctl.certify.catalogue import SYSTEMS, certify
@@ -446,3 +449,48 @@ def test_a_period_that_starts_elsewhere_is_refused():
     wrong = found | {"start": found["start"] | {"s": str(told * (1 + F(1, 10**4)))}}
     with pytest.raises(DoesNotHold, match="does not start"):
         relay_proof._replay(numbers, wrong)
+
+
+def test_slopes_of_the_dithered_seeker_are_those_of_its_field():
+    """x' = -q z, z' = l (S H - z), e' = h H + q x z - q^2 W z^2 / 2, H = x S1 + S2 / 2 - e."""
+    loop, angles = dither.Loop(0.3, 0.5, 0.7, 0.2, 0.0), np.array([0.3, 2.0, 4.5])
+    S1, S2 = dither_search._heard(loop, angles)
+    q, l, h, W = loop[:4]
+
+    def field(at):
+        x, z, e = at
+        S, H = np.sin(angles), x * S1 + S2 / 2 - e
+        return np.stack([-q * z, l * (S * H - z), h * H + q * x * z - q**2 * W / 2 * z**2])
+
+    at = np.array([[0.2, -0.4, 1.1], [0.9, 0.8, -0.5], [0.1, -0.3, 0.6]])
+    found = dither_search._jacobians(loop, angles, at)
+    for j in range(3):
+        step = np.zeros((3, 1))
+        step[j] = 1e-3  # squares: central differences are exact
+        slope = (field(at + step) - field(at - step)) / 2e-3
+        np.testing.assert_allclose(found[:, :, j].T, slope, atol=1e-11)
+
+
+def test_a_run_that_does_not_come_back_has_no_period():
+    turns = np.sin(np.arange(41) * np.pi / 4)
+    assert relay_orbits._period(turns, np.cos(np.arange(41) * np.pi / 4), 20) == 8
+    assert relay_orbits._period(np.arange(1.0, 42.0), np.arange(1.0, 42.0), 20) == 0
+
+
+def test_the_smallest_polygon_in_whole_numbers_has_its_faces():
+    """Corners (1, 0), (0, 1) and their mirror images: |s| + |a| <= 1, each side of size 1."""
+    law = Relay(*[F(1)] * len(dataclasses.fields(Relay)))
+    corners = ((F(1), F(0)), (F(0), F(1)), (F(-1), F(0)), (F(0), F(-1)))
+    assert relay_sets.Absorbing(law, corners)._faces() == [
+        (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1)]  # fmt: skip
+    assert relay_sets.Absorbing(law, corners[::-1])._faces() is None  # clockwise
+
+
+def test_a_run_below_the_band_refutes_nothing():
+    """A disturbance of 0 leaves the law at rest."""
+    n = {"k1": F(5), "k2": F(3), "L": F(1), "T": F(1, 100), "band": F(1, 1000)}
+    run = {"start": {"x1": "0", "x2": "0"}, "d": ["0", "0", "0"]}
+    with pytest.raises(DoesNotHold, match="does not exceed the band"):
+        twisting_proof._replay(n, run)
+    with pytest.raises(DoesNotHold, match=r"or \|d\| exceeds L"):
+        twisting_proof._replay(n, run | {"d": ["1000"]})

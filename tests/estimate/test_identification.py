@@ -19,6 +19,7 @@ from slipctl import (
     simulate,
 )
 from slipctl.commands import cli
+from slipctl.estimate.identification import swarm_fit
 from slipctl.models import freight_resistance as models
 from slipctl.models.freight_resistance import BOX, specific_resistance, swarm_settings
 from slipctl.models.freight_traction import adhesion
@@ -295,3 +296,9 @@ def test_c_of_the_identification(tmp_path):
     )
     words = ["c", f"{file}:whole", "--out", str(tmp_path / "c"), "--check", "--real", "float"]
     assert cli.main(words) == 0
+
+
+def test_a_swarm_searches_at_each_tick_unless_told_otherwise():
+    made = [swarm_fit(specific_resistance, BOX, **k) for k in ({}, {"ticks": 1}, {"ticks": 2})]
+    told = [m.f.serialize() for m in made]
+    assert told[0] == told[1] != told[2]

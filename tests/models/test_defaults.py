@@ -7,60 +7,100 @@ CHANGELOG. What is new is free until it is in the table.
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 
-from slipctl import BadInput
+import numpy as np
+
+from slipctl import BadInput, Block, argmax_block, probe, rls
+from slipctl.models import (
+    converters,
+    ep_valve,
+    freight_resistance,
+    hst_braking,
+    hst_traction,
+    hst_traction_adhesion,
+    ranges,
+    sensors,
+    subway_braking,
+)
+from slipctl.models.vehicle import parts
 from slipctl.study import doors
 
 TABLE = Path(__file__).parent / "defaults.csv"
-HEAD = ["block", "signal", "role", "unit", "value", "lo", "hi", "positive", "per"]
+HEAD = ["block", "signal", "role", "unit", "value", "lo", "hi", "positive", "per",
+        "safe", "change", "stale", "deviation", "ends"]  # fmt: skip
 MODELS = [f"{m}.{b}" for m, (_, blocks) in doors.models().items() for b in blocks]
+SUBWAY, HST = subway_braking.double_exponential, hst_braking.burckhardt
+EXAMPLES: dict[str, Callable[[], Block]] = {
+    "converters.converter": lambda: converters.converter("V", -1.0, 1.0),
+    "ep_valve.dead_time": lambda: ep_valve.dead_time(3),
+    "freight_resistance.balance": lambda: freight_resistance.balance(1.0),
+    "hst_braking.grip": lambda: hst_braking.grip(HST),
+    "hst_traction_adhesion.peaks": lambda: hst_traction_adhesion.peaks(hst_traction.polach),
+    "hst_traction_adhesion.usable_adhesion": lambda: hst_traction_adhesion.usable_adhesion(2),
+    "hst_traction_adhesion.antislip_limit": lambda: hst_traction_adhesion.antislip_limit(2),
+    "ranges.fit_ranged": lambda: ranges.fit_ranged(
+        rls(SUBWAY, form="recursive", start={"c": 0.3, "a": 0.54, "b": 1.2}, period=1e-3), SUBWAY),
+    "ranges.peak_ranged": lambda: ranges.peak_ranged(
+        argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4), 1.0),
+    "ranges.probe_ranged": lambda: ranges.probe_ranged(probe(SUBWAY, "v_s", within=(0.1, 6.0))),
+    "sensors.reading": lambda: sensors.reading("m/s"),
+    "sensors.speed_of_wheels": lambda: sensors.speed_of_wheels(4),
+}  # fmt: skip
+"""What functions that need arguments make."""
 
 
-def rows(name: str) -> list[list[str]]:
+def rows(name: str) -> Iterator[list[str]]:
     """Signals of a model as it comes; a connected one has those of its parts."""
     try:
-        block = doors.load_block(name)
+        block = EXAMPLES[name]() if name in EXAMPLES else doors.load_block(name)
     except BadInput as error:
         if "is a function that needs" in str(error):
-            return []
+            return
         raise
-    if block.parts:
-        return []
-    return [
-        [
-            name,
-            n,
-            s.role,
-            s.unit,
-            said(s.value),
-            said(s.lo),
-            said(s.hi),
-            s.positive or "",
-            s.per or "",
-        ]
-        for signals in (block.states, block.inputs, block.params, block.outputs)
-        for n, s in signals.items()
-    ]
+    for path, leaf in block.leaves():
+        for s in leaf.signals:
+            yield [name, f"{path}.{s.name}" if path else s.name, s.role, s.unit, said(s.value),
+                   said(s.lo), said(s.hi), s.positive or "", s.per or "", said(s.safe),
+                   said(s.change), said(s.stale), s.deviation,
+                   "; ".join(f"{b.what} {b.expression}" for b in s.bounds)]  # fmt: skip
 
 
-def said(number: object) -> str:
+def keys() -> Iterator[list[str]]:
+    """Keys of the parts of a file that describes a vehicle."""
+    for kind in vars(parts).values():
+        if isinstance(kind, type) and issubclass(kind, parts.Part) and is_dataclass(kind):
+            for f in fields(kind):
+                meta = f.metadata
+                yield [f"[{kind.__name__}]", f.name, "key", str(meta.get("unit", "")),
+                       "" if f.default is MISSING else said(f.default), said(meta.get("lo", "")),
+                       said(meta.get("hi", "")), *[""] * 7]  # fmt: skip
+
+
+def said(value: object) -> str:
     """Numbers to twelve digits: the last ones are those of a system's ``exp``."""
-    return f"{number:.12g}" if isinstance(number, int | float) else str(number)
+    if isinstance(value, np.ndarray | list | tuple):
+        return " ".join(said(v) for v in np.ravel(value).tolist())
+    return f"{value:.12g}" if isinstance(value, int | float) else str(value)
+
+
+def all_rows() -> list[list[str]]:
+    return [*keys(), *(row for name in MODELS for row in rows(name))]
 
 
 def test_defaults_and_ranges_are_those_of_the_table() -> None:
     with TABLE.open(newline="", encoding="utf-8") as file:
         wanted = list(csv.reader(file))[1:]
-    have = {tuple(row[:3]): row for name in MODELS for row in rows(name)}
+    have = {tuple(row[:3]): row for row in all_rows()}
     assert [row for row in wanted if have.get(tuple(row[:3])) != row] == []
-    assert len(wanted) > 400
+    assert len(wanted) > 1500
     for row in have.values():
-        assert float(row[5]) < float(row[6]), row  # no range is empty
+        if row[2] != "key":
+            assert float(row[5]) < float(row[6]), row  # no range is empty
 
 
 if __name__ == "__main__":
     with TABLE.open("w", newline="", encoding="utf-8") as out:
-        csv.writer(out, lineterminator="\n").writerows(
-            [HEAD, *(row for name in MODELS for row in rows(name))]
-        )
+        csv.writer(out, lineterminator="\n").writerows([HEAD, *all_rows()])

@@ -1,5 +1,7 @@
 """The linear step of a stage: fewer operations, the same numbers."""
 
+import math
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -36,6 +38,20 @@ def test_grouped_functions_give_the_same_numbers():
                 a, b = np.array(a), np.array(b)
                 # a few dozen roundings of each operation, of numbers up to the largest between
                 np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9)
+
+
+def test_a_quotient_by_nothing_is_infinite():
+    """x/0 stays a division, as f has it; the gathered factor 1/0 is not made."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    before = ca.GlobalOptions.getSimplificationOnTheFly()
+    ca.GlobalOptions.setSimplificationOnTheFly(False)
+    try:
+        f = ca.Function("f", [x, p], [x / ca.SX(0) + p])
+    finally:
+        ca.GlobalOptions.setSimplificationOnTheFly(before)
+    once, g = grouped(f, (1,))
+    assert float(g(2.0, once(3.0))) == math.inf
+    assert float(g(-2.0, once(3.0))) == -math.inf
 
 
 def test_what_is_the_same_in_all_calls_is_computed_once():

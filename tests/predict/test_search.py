@@ -1,9 +1,14 @@
 """Shortened steps: a residual that saturates, on which whole steps go back and forth."""
 
+from itertools import pairwise
+from types import SimpleNamespace
+
+import casadi as ca
 import pytest
 from casadi import atan
 
 from slipctl import BadInput, Input, Output, State, flow, law, nmpc, one
+from slipctl.predict.search import STEPS, Search
 from slipctl.studies.bench.peers.slip_nmpc import closed_loop
 from slipctl.studies.bench.peers.slip_nmpc import make as slip
 
@@ -41,3 +46,17 @@ def test_where_whole_steps_come_down_it_ends_at_the_same_cost():
     assert cost == pytest.approx(843.8535, abs=1e-3)
     with pytest.raises(BadInput, match="ipopt makes no iterations of ours; leave search= out"):
         slip(solver="ipopt", search=True)
+
+
+def test_the_cost_of_a_plan_is_half_the_squares_and_the_prices():
+    """Residuals 3, 4; excesses 2 (squares), 1 (price 5 and square), 0.5 (price 7), none of -9."""
+    at = Search.__new__(Search)
+    at.h = SimpleNamespace(
+        nc=4, capped=(1, 2), square=(True, False), _caps=lambda q: [q[0], q[1]])  # fmt: skip
+    cost = at._cost(ca.DM([3, 4]), ca.DM([2, 1, 0.5, -9]), ca.DM([5, 7]))
+    assert float(cost) == 25 / 2 + 4 / 2 + (5 + 1 / 2) + 7 / 2
+
+
+def test_each_step_that_is_tried_is_half_the_last():
+    assert STEPS[0] == 1
+    assert [a / b for a, b in pairwise(STEPS)] == [2] * (len(STEPS) - 1)
