@@ -174,8 +174,8 @@ def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[i
         lists = {k: times(m.value, factor) for k, m in found.items()}
         label = name if unit == "1" else f"{name} [{unit}]"
         named = max((m.rows for m in found.values()), key=len)
-        still = at_once(name, list(lists.values()))
-        shown = [k for k in range(max(map(len, lists.values()))) if k not in still]
+        same = alike(name, list(lists.values()))
+        shown = [k for k in range(max(map(len, lists.values()))) if k not in same]
         for k in shown:  # a list goes down, an entry per row
             cells = [
                 number(v[k], digits) + MARK * (k in above[loop].get(name, ()))
@@ -243,25 +243,32 @@ def times(value: Any, factor: float) -> list[Any]:
     return [v if v is None or factor == 1.0 else factor * v for v in found]
 
 
-def at_once(name: str, lists: Sequence[Sequence[Any]]) -> list[int]:
-    """Rails on which a settling time is 0 for every loop, so that it tells none from another."""
+ALIKE = {0: "0 for every loop, none leaves the band", None: "no loop comes into the band to stay"}
+"""Settling times that tell no loop from another, and what is said in their place."""
+
+
+def alike(name: str, lists: Sequence[Sequence[Any]]) -> dict[int, Any]:
+    """Rails on which a settling time is 0 for every loop, or none settles: which of the two."""
     if name not in ("settling_time", "tracking_time"):
-        return []
-    many = max(map(len, lists), default=0)
-    return [k for k in range(many) if all(v[k] == 0 for v in lists if k < len(v))]
+        return {}
+    rails = [[v[k] for v in lists if k < len(v)] for k in range(max(map(len, lists), default=0))]
+    return {k: v[0] for k, v in enumerate(rails) if v[0] in ALIKE and len(set(v)) == 1}
 
 
 def left_out(loops: Mapping[str, Mapping[str, Metric]]) -> list[str]:
-    """A line for each settling time that is not shown, with the reason."""
+    """A line for settling times that are not shown, with the reason."""
     lines = []
     for name in ("settling_time", "tracking_time"):
         found = [m[name] for m in loops.values() if name in m]
-        if not (still := at_once(name, [times(m.value, 1.0) for m in found])):
+        if not found:
             continue
+        same = alike(name, [times(m.value, 1.0) for m in found])
         named = max((m.rows for m in found), key=len)
-        where = ", ".join(named[k] if k < len(named) else f"rail {k + 1}" for k in still)
-        lines.append(f"{name} on {where}: 0 for every loop, none leaves the band, so it is not"
-                     " shown")  # fmt: skip
+        for value, why in ALIKE.items():
+            rails = [k for k, v in same.items() if v == value]
+            if rails:
+                where = ", ".join(named[k] if k < len(named) else f"rail {k + 1}" for k in rails)
+                lines.append(f"{name} on {where}: {why}, so it is not shown")
     return lines
 
 

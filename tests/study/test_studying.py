@@ -511,6 +511,12 @@ def test_a_settling_time_that_tells_no_loop_from_another_is_left_out_with_the_re
     loops["two"]["settling_time"] = Metric([0.2, None, 0.3], "s", ("dry", "wet", "ice"))
     rows = metric_rows(Results(toy_study.study, [], metrics={"base": loops}), "base")
     assert [r[0] for r in rows[1:4]] == [f"settling_time [s], {n}" for n in ("dry", "wet", "ice")]
+    for each, first in (("one", 0.1), ("two", 0.3)):
+        loops[each]["settling_time"] = Metric([first, None, 0.0], "s", ("dry", "wet", "ice"))
+    text = metric_table(Results(toy_study.study, [], metrics={"base": loops}), "base", 200)
+    assert "settling_time [s], dry" in text
+    assert "settling_time on wet: no loop comes into the band to stay" in text
+    assert "settling_time on ice: 0 for every loop" in text
 
 
 def test_no_minus_zero() -> None:
