@@ -1,6 +1,6 @@
 """The maps of the papers' laws: ``python docs/make_maps.py [NAME ...]`` writes docs/map_*.svg.
 
-Each is what ``slipctl certify STUDY:GAINS --map X,Y`` draws. Takes a minute on two cores.
+Each is what ``slipctl certify STUDY:GAINS --map X,Y --metric M`` draws. Takes some minutes.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from slipctl.commands.cli import main
 
 HERE = Path(__file__).resolve().parent
 MAPS = {
-    "subway_braking": ("subway_braking:sta", "k1=1:200,k2=0.5:100"),
-    "hst_braking": ("hst_braking:eppfc_steady", "K1=1:5000,eta_inf=5e-5:0.05"),
-    "hst_traction": ("hst_traction:hosm", "k4=0.02:5,beta=0.005:5"),
-    "freight_traction": ("freight_traction:barrier", "k=50:5000,k_s=0.005:0.2"),
+    "subway_braking": ("subway_braking:sta", "k1=1:200,k2=0.5:100", "torque_ripple"),
+    "hst_braking": ("hst_braking:eppfc_steady", "K1=1:5000,eta_inf=5e-5:0.05", "distance"),
+    "hst_traction": ("hst_traction:hosm", "k4=0.02:5,beta=0.005:5", "speed_error_rms"),
+    "freight_traction": ("freight_traction:barrier", "k=50:5000,k_s=0.005:0.2", "distance"),
 }
 
 
 def draw(name: str) -> None:
     """Write a map."""
-    of, axes = MAPS[name]
+    of, axes, metric = MAPS[name]
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        if main(["-q", "certify", of, "--map", axes, "--points", "21", "--out", "map"]):
+        if main(["-q", "certify", of, "--map", axes, "--metric", metric, "--points", "21",
+                 "--out", "map"]):  # fmt: skip
             raise SystemExit(f"the map of {of} failed")
         text = Path("map", "map.svg").read_text(encoding="utf-8")
     (HERE / f"map_{name}.svg").write_text(text, encoding="utf-8", newline="\n")
