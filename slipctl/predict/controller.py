@@ -13,6 +13,7 @@ from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, St
 from slipctl.predict import telling
 from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.asked import Limit
+from slipctl.predict.curved import Curved
 from slipctl.predict.growing import STRETCH, later
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
@@ -51,6 +52,9 @@ class Controller:
         self.short = dict(zip(controls, problem.controls, strict=True))
         self.once, self.stage, layout, self.step = linearised(where, problem)
         self.end, last = problem.end()
+        self.curved = Curved(where, problem, layout, last) if problem.exact else None
+        if self.curved:
+            layout, last = self.curved.stage, self.curved.end
         self.layout, self.last = layout, last
         layouts = (problem, layout, last, tied, bool(rate), *most)
         self.tied = tied
@@ -236,7 +240,8 @@ class Controller:
             self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
             list(self.rate), self.ahead, self.tied,
             telling.solver(
-                self.solver, self.iterations, self.qp.passes, self.qp.rescue, self.qp.exactly
+                self.solver, self.iterations, self.qp.passes, self.qp.rescue, self.qp.exactly,
+                self.h.exact,
             ),
         )  # fmt: skip
 
@@ -471,7 +476,8 @@ class Controller:
         q, shared = constants
         states, v = ca.reshape(X, nx, N + 1), ca.reshape(V, nu, N)
         D = self.stage.map(N)(states[:, :-1], v, held[0], ca.repmat(shared, 1, N), states[:, 1:])
-        return D, self.end(states[:, -1], held[1], q)
+        E = self.end(states[:, -1], held[1], q)
+        return self.curved(D, E, states, v, held, q) if self.curved else (D, E)
 
 
 def _per(unit: str) -> str:

@@ -88,6 +88,7 @@ class Horizon:
         lengths: of the stages over the first one; none where they are all alike.
         factors: of each scenario; none where the plant is one.
         prices: outputs that are summed as they are.
+        exact: whether Hessians are exact ones, made convex (:mod:`slipctl.predict.curved`).
     """
 
     flow: Block
@@ -108,6 +109,7 @@ class Horizon:
     lengths: tuple[float, ...] = ()
     factors: Factors = ()
     prices: tuple[str, ...] = ()
+    exact: bool = False
 
     @classmethod
     def of(

@@ -45,11 +45,9 @@ def linearised(where: str, problem: Horizon) -> Linearised:
     Raises:
         BadInput: the plant cannot be differentiated, or the stage is too large.
     """
-    explicit = problem.over[0] in EXPLICIT
-    motion = (_substep if explicit else _whole)(where, problem)
-    repeats = problem.over[1] if explicit else 1
+    motion, repeats = motion_of(where, problem)
     rows, pieces = problem.rows()
-    A, B = _closed(motion.sparsity_out(1), motion.sparsity_out(2), repeats)
+    A, B = closed(motion.sparsity_out(1), motion.sparsity_out(2), repeats)
     layout = Layout((A, B, ca.Sparsity.dense(problem.nx, 1), *pieces))
     (once_motion, motion), (once_rows, rows) = grouped(motion, (3,)), grouped(rows, (3,))
     count = motion.n_instructions() * repeats + rows.n_instructions()
@@ -65,7 +63,7 @@ def linearised(where: str, problem: Horizon) -> Linearised:
     of_motion, of_rows = ca.vertsplit(c, ends)
     after, S, Su = motion(x, u, d, of_motion)
     S, Su = ca.project(S, A), ca.project(Su, B)
-    product = _product(motion, A, B)
+    product = further(motion, A, B)
     for _ in range(repeats - 1):
         after, F, G = motion(after, u, d, of_motion)
         S, Su = product(F, G, S, Su)
@@ -76,7 +74,14 @@ def linearised(where: str, problem: Horizon) -> Linearised:
     return Linearised(once, stage, layout, ca.Function("stage_step", [x, u, d, c], [after]))
 
 
-def _closed(F: Any, G: Any, repeats: int) -> tuple[Any, Any]:
+def motion_of(where: str, problem: Horizon) -> tuple[ca.Function, int]:
+    """Function (x, v, d, q) -> (x, A, B) of a substep, and how many of them make a stage."""
+    explicit = problem.over[0] in EXPLICIT
+    motion = (_substep if explicit else _whole)(where, problem)
+    return motion, problem.over[1] if explicit else 1
+
+
+def closed(F: Any, G: Any, repeats: int) -> tuple[Any, Any]:
     """Sparsity of the slopes after a stage of so many substeps with those of one."""
     A, B = ca.DM(F, 1), ca.DM(G, 1)
     S, Su = A, B
@@ -86,7 +91,7 @@ def _closed(F: Any, G: Any, repeats: int) -> tuple[Any, Any]:
     return S.sparsity(), Su.sparsity()
 
 
-def _product(motion: ca.Function, A: Any, B: Any) -> ca.Function:
+def further(motion: ca.Function, A: Any, B: Any) -> ca.Function:
     """Function (F, G, S, Su) -> slopes after one more substep."""
     F, G = (ca.SX.sym("FG"[i], motion.sparsity_out(1 + i)) for i in (0, 1))
     S, Su = ca.SX.sym("S", A), ca.SX.sym("Su", B)

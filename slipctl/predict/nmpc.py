@@ -50,6 +50,7 @@ def nmpc(
     moves: Sequence[int] | None = None,
     grow: float = 1.0,
     iterations: int = 1,
+    hessian: str = "gauss_newton",
     damping: float = 0.0,
     search: bool = False,
     passes: int = 20,
@@ -113,6 +114,9 @@ def nmpc(
         grow: length of each stage over the one before; the first is h. The cost of a stage counts
             by its length, a rate from the middle of one to that of the next.
         iterations: real-time iterations per tick.
+        hessian: ``"gauss_newton"``, or ``"exact"`` with the curvature of residuals, prices and
+            equations, made convex (:mod:`slipctl.predict.curved`). It is for large residuals and
+            for prices; limits are soft ones with squares then.
         damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
         search: shorten the step of an iteration where cost and misses of the stages do not fall
@@ -213,6 +217,12 @@ def nmpc(
         if solver in ("ipopt", "fatrop"):
             raise BadInput(f"{where}: {solver} makes no iterations of ours; leave damping= out")
         problem = replace(problem, damped=True)
+    if hessian not in ("gauss_newton", "exact"):
+        raise BadInput(f"{where}: hessian = {hessian!r}; give 'gauss_newton' or 'exact'")
+    if hessian == "exact":
+        if solver in ("ipopt", "fatrop"):
+            raise BadInput(f"{where}: {solver} makes no iterations of ours; leave hessian= out")
+        problem = replace(problem, exact=True)
     point = by_name(where, "at", at)
     if offset_free != ():
         problem = with_unknown(where, problem, unknown, weigh, point)

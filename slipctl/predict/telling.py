@@ -116,7 +116,10 @@ def estimator(
     return [*rows, ("solver", how)]
 
 
-def solver(name: str, iterations: int, passes: int, rescue: int, exactly: bool = False) -> str:
+def solver(
+    name: str, iterations: int, passes: int, rescue: int, exactly: bool = False,
+    curved: bool = False,
+) -> str:  # fmt: skip
     """How a controller solves its problem."""
     times = "one real-time iteration" if iterations == 1 else f"{iterations} real-time iterations"
     if name in ("ipopt", "fatrop"):
@@ -124,8 +127,9 @@ def solver(name: str, iterations: int, passes: int, rescue: int, exactly: bool =
     if name != "riccati":
         return f"{times} a tick, each a quadratic program for {name}"
     inner = f", then at most {rescue} steps of an interior point" if rescue else ""
+    hessian = "exact Hessian, made convex" if curved else "Gauss-Newton"
     return (
-        f"{times} a tick: Gauss-Newton, an active set with Riccati's recursion,"
+        f"{times} a tick: {hessian}, an active set with Riccati's recursion,"
         f" {'exactly' if exactly else 'at most'} {passes} passes{inner}"
     )
 
