@@ -51,6 +51,7 @@ _WHERE = {
     "analysis.lookup": ["argmax_table"],
     "predict.mhe": ["mhe"],
     "predict.nmpc": ["nmpc"],
+    "predict.region": ["Region", "terminal_region"],
     "predict.sensitivity": ["Slopes", "control_slopes", "run_slopes"],
     "predict.trials": ["feasibility", "Feasibility"],
     "predict.trajectory": ["trajectory", "Trajectory"],
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
     from slipctl.estimate.record import FittedOverTime
     from slipctl.predict.mhe import mhe
     from slipctl.predict.nmpc import nmpc
+    from slipctl.predict.region import Region, terminal_region
     from slipctl.predict.sensitivity import Slopes, control_slopes, run_slopes
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility

@@ -168,7 +168,7 @@ def largest(
         best = max(best, float(np.nanmax(found, initial=-np.inf)))
         ends = bound(*enclose(f, low, high))
         if slope is not None:
-            ends = np.fmin(ends, _from_middle(f, low, high, (a, b)))
+            ends = np.fmin(ends, from_middle(f, low, high, (a, b)))
             change = np.maximum(np.abs(a), np.abs(b)) * (high - low)
             reach = np.where(np.isfinite(change).all(axis=0), change, reach)
         open_ = (ends > best + gap) & (high > low).any(axis=0)
@@ -187,8 +187,13 @@ def largest(
     return Bracket(best, max(done, best), boxes)
 
 
-def _from_middle(f: ca.Function, low: np.ndarray, high: np.ndarray, slope: Interval) -> np.ndarray:
-    """Upper bounds of row 0 over boxes, from its middles and enclosed slopes; mean value form."""
+def from_middle(f: ca.Function, low: np.ndarray, high: np.ndarray, slope: Interval) -> np.ndarray:
+    """Upper bounds of row 0 over boxes, from its middles and enclosed slopes; mean value form.
+
+    Args:
+        f: as of :func:`enclose`. low, high: ends of the boxes, one column per box.
+        slope: enclosure of its gradient over them.
+    """
     middle = low + (high - low) / 2
     with np.errstate(all="ignore"):
         total = tuple(end[0] for end in enclose(f, middle, middle))

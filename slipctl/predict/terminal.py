@@ -42,7 +42,7 @@ def with_lqr(
     """
     s = slopes_at(where, horizon, weights, at)
     P = s.regulator(where)
-    y, level = s.steady(where)
+    y, _, level = s.steady(where)
     w, vectors = np.linalg.eigh(P)
     keep = w > SEEN * max(w.max(), 1e-300)
     L = np.sqrt(w[keep])[:, None] * vectors[:, keep].T
@@ -80,17 +80,18 @@ def with_matrix(
             " semidefinite"
         )
     s = slopes_at(where, horizon, weights, at)
-    y, _ = s.steady(where)
+    y, _, _ = s.steady(where)
     L = np.sqrt(np.maximum(w, 0))[:, None] * vectors.T
     return s.tailed(L, -L @ s.lift @ y)
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the problem is near a point; y = T x are the states that residuals see."""
+    """What the problem is near a point (x, v, d); y = T x are the states that residuals see."""
 
     horizon: Horizon
     x: np.ndarray
+    v: np.ndarray  # scaled controls
     d: np.ndarray
     T: np.ndarray
     lift: np.ndarray
@@ -123,8 +124,16 @@ class Slopes:
             )
         return (np.asarray(P) + np.asarray(P).T) / 2
 
-    def steady(self, where: str) -> tuple[np.ndarray, np.ndarray]:
-        """Best steady state y and multiplier: a column for 1, one per change of a held input."""
+    def gain(self, P: np.ndarray) -> np.ndarray:
+        """K of the regulator's law v = v_s - K (y - y_s), with P of :meth:`regulator`."""
+        weight = self.U.T @ self.U + self.B.T @ P @ self.B
+        return np.asarray(np.linalg.solve(weight, self.B.T @ P @ self.A + self.U.T @ self.X))
+
+    def steady(self, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Best steady state y, its control and multiplier.
+
+        Each has a column for 1 and one per change of a held input.
+        """
         n, m = len(self.A), self.B.shape[1]
         rest = self.A - np.eye(n)
         K = np.block([
@@ -141,7 +150,7 @@ class Slopes:
                 f"{where}: there is no steady state at the point of terminal=; give at={{...}} with"
                 " values of states, controls and references"
             )
-        return found[:n], found[n + m :]
+        return found[:n], found[n : n + m], found[n + m :]
 
     def left(self, columns: np.ndarray) -> float:
         """Part of these columns of drift and residuals that no state and control make up for.
@@ -189,8 +198,8 @@ def slopes_at(
     if not len(T):
         raise BadInput(f"{where}: no residual of the cost sees a state; give terminal= a law")
     return Slopes(
-        h, x0, d0, T, lift, T @ A @ lift, T @ B, E, T @ np.hstack([drift, E]), np.hstack([r0, D]),
-        X @ lift, U,
+        h, x0, v0, d0, T, lift, T @ A @ lift, T @ B, E, T @ np.hstack([drift, E]),
+        np.hstack([r0, D]), X @ lift, U,
     )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ def saturating(v=Input("m/s", "speed"), w=Input("m/s", "wanted"), F=Input("N", "
 def make(**options):
     """Controller of the cart."""
     weights = {"e": 10.0, "f": 0.01}
-    return nmpc(cart, saturating, "F", h=0.1, horizon=4, weights=weights, **options)
+    return nmpc(cart, saturating, "F", **{"h": 0.1, "horizon": 4, "weights": weights} | options)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, MOST])
@@ -163,7 +163,8 @@ def test_it_ends_where_gauss_newton_ends(options):
 def test_generated_c_bends_alike(tmp_path):
     n = 10
     given = {"v": np.linspace(0, 3, n), "w": np.full(n, 2.0)}
-    assert codegen.check(make(hessian="exact", iterations=2), given, tmp_path)["passed"]
+    block = make(hessian="exact", iterations=2, horizon=2, passes=4, rescue=0)
+    assert codegen.check(block, given, tmp_path)["passed"]
 
 
 def test_show_says_so():
