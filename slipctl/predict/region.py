@@ -4,8 +4,8 @@ The law v = v_s - K (x - x_s) of :mod:`slipctl.predict.terminal` has, on the non
 x_f. With P = L'L and w = L (x - x_f), V = |w|^2 and a step is w+ = F(w), F(0) = 0. Three things
 make the ball |w|^2 <= level a region of attraction:
 
-* Limits hold in it. Of a row that is linear in w, c + a'w <= 0, the largest radius is -c/|a|. Others
-  are enclosed.
+* Limits hold in it. Of a row that is linear in w, c + a'w <= 0, the largest radius is -c/|a|.
+  Others are enclosed.
 * |F'(w)| < 1 in a ball about 0. Then |F(w)| is at most the integral of |F'(t w)||w| over t, so the
   law contracts there.
 * V(F(w)) < V(w) from there to the edge.
