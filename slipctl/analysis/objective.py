@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -48,9 +49,14 @@ def open_law(
     """Inputs that fix a law but for some, and Function (place, their values) -> objective."""
     given = left_open(law, over)
     place, values = ca.SX.sym("place", len(over)), ca.SX.sym("given", len(given))
-    at = {s.name: values[k] for k, s in enumerate(given)}
+    y = law_at(law, over, maximise, place, values)
+    return given, ca.Function("value_of", [place, values], [y], {"cse": True})
+
+
+def law_at(law: Block, over: Sequence[str], maximise: str, place: Any, values: Any) -> Any:
+    """The objective there; unlike ``open_law`` it is written anew, with the letters of the law."""
+    at = {s.name: values[k] for k, s in enumerate(left_open(law, over))}
     at |= {name: place[k] for k, name in enumerate(over)}
     params = {k: v for k, v in at.items() if k in law.params}
     inputs = {k: v for k, v in at.items() if k in law.inputs}
-    y = law.expr({}, inputs, law.derive(params))[1][maximise]
-    return given, ca.Function("value_of", [place, values], [y], {"cse": True})
+    return law.expr({}, inputs, law.derive(params))[1][maximise]

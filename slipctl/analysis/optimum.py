@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import left_open, objective, open_law, refuse_names
+from slipctl.analysis.objective import law_at, left_open, objective, open_law, refuse_names
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
@@ -292,19 +292,28 @@ def argmax_block(
             best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**free)))
             return {}, {"best": best}
         step = (p["hi"] - p["lo"]) / (points - 1)
-        place, height = p["lo"], value_of(p["lo"], at)
-        for k in range(1, int(points)):
+        place, height = p["lo"], law_at(law, [over], maximise, p["lo"], at)
+
+        # functions, so that C has these names in its loops
+        def compared(place: Any, height: Any, k: int) -> tuple[Any, Any]:
             there = p["lo"] + k * step
             value = value_of(there, at)
             better = value > height
-            place, height = ca.if_else(better, there, place), ca.if_else(better, value, height)
-        a, b = ca.fmax(place - step, p["lo"]), ca.fmin(place + step, p["hi"])
-        for _ in range(int(newton)):
+            return ca.if_else(better, there, place), ca.if_else(better, value, height)
+
+        def closer(place: Any, a: Any, b: Any) -> tuple[Any, Any, Any]:
             d1, d2 = slope(place, at)
-            a, b = ca.if_else(d1 > 0, place, a), ca.if_else(d1 > 0, b, place)
+            rising = d1 > 0
+            a, b = ca.if_else(rising, place, a), ca.if_else(rising, b, place)
             following = place - d1 / ca.fmin(d2, -1e-30)
             inside = ca.logic_and(ca.logic_and(following >= a, following <= b), d2 < 0)
-            place = ca.if_else(inside, following, (a + b) / 2)
+            return ca.if_else(inside, following, (a + b) / 2), a, b
+
+        for k in range(1, int(points)):
+            place, height = compared(place, height, k)
+        a, b = ca.fmax(place - step, p["lo"]), ca.fmin(place + step, p["hi"])
+        for _ in range(int(newton)):
+            place, a, b = closer(place, a, b)
         return {}, {"best": place, "value": value_of(place, at)}
 
     return make_block(

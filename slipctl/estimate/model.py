@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
+from slipctl.block.inside import remember, watched
 from slipctl.block.signals import Output, Param, Signal, State, evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
@@ -202,12 +203,16 @@ def output_function(law: Block, measured: str, unknown: Sequence[str]) -> ca.Fun
         piece = constants[at : at + s.size]
         free[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
         at += s.size
-    y = law.expr({}, law.unpack("input", inputs), law.derive(free))[1][measured]
+    with watched() as found:
+        y = law.expr({}, law.unpack("input", inputs), law.derive(free))[1][measured]
     results = [y, ca.densify(ca.jacobian(y, values))]
-    return ca.Function(
+    made = ca.Function(
         f"{law.name}_of", [values, inputs, constants], results,
         ["values", "inputs", "constants"], ["output", "row"], {"cse": True},
     )  # fmt: skip
+    if law.sx:
+        remember(made, [values, inputs, constants], found)
+    return made
 
 
 def stacked(columns: Iterable[Any]) -> Any:

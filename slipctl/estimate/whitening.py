@@ -22,17 +22,31 @@ from slipctl.estimate.model import Model
 
 def white_sums(model: Model, window: int) -> ca.Function:
     """Function (values, samples, weights, constants) -> (squares, JJ, Je) over the window."""
-    inputs, e, row = _residual(model)
-    weight = inputs[2]
+    size, known = model.output.size1_in(1), model.output.size1_in(2)
+    values, sample = ca.MX.sym("values", model.n), ca.MX.sym("sample", size + 1)
+    weight, constants = ca.MX.sym("weight"), ca.MX.sym("constants", known)
+    y, row = model.output(values, sample[:size], constants)
     one = ca.Function(
         "one_sample",
-        inputs,
-        [weight * e**2, weight * row.T @ row, weight * row.T * e],
+        [values, sample, weight, constants],
+        _products(model.n).call([sample[size] - y, row, weight]),
         ["values", "sample", "weight", "constants"],
+        ["squares", "JJ", "Je"],
+    )
+    return one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])
+
+
+def _products(n: int) -> ca.Function:
+    """Function (residual, regressor, weight) -> (squares, JJ, Je) of one sample."""
+    e, row, weight = ca.SX.sym("e"), ca.SX.sym("row", 1, n), ca.SX.sym("weight")
+    return ca.Function(
+        "products",
+        [e, row, weight],
+        [weight * e**2, weight * row.T @ row, weight * row.T * e],
+        ["e", "row", "weight"],
         ["squares", "JJ", "Je"],
         {"cse": True},
     )
-    return one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])
 
 
 def echoing_sums(model: Model, window: int, echo: float) -> tuple[ca.Function, ca.Function]:

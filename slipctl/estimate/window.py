@@ -32,6 +32,7 @@ import math
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.inside import remembered
 from slipctl.block.signals import Param, State
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
@@ -304,6 +305,7 @@ def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
     return D, LT
 
 
+@remembered
 def _solver(n: int) -> ca.Function:
     """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
     A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
@@ -314,6 +316,7 @@ def _solver(n: int) -> ca.Function:
     )  # fmt: skip
 
 
+@remembered
 def _inverse(n: int) -> ca.Function:
     """Function (A, least pivots) -> A^-1 for symmetric positive definite A, or 1/least.
 

@@ -10,6 +10,7 @@ import casadi as ca
 
 from slipctl.analysis.objective import objective, open_law, refuse_names
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.inside import remembered
 from slipctl.block.signals import Output, Param, State
 from slipctl.errors import BadInput, check_number, check_range, check_whole
 from slipctl.seek import random as wh
@@ -173,26 +174,28 @@ def _check(
 
 def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     """Function (rng, given, lo, hi) -> (rng, members drawn over the range, their values)."""
-    rng, lo, hi = ca.SX.sym("rng", 3), ca.SX.sym("lo"), ca.SX.sym("hi")
-    given = ca.SX.sym("given", value_of.size1_in(1))
-    after = wh.advance(rng)
-    place = lo + (hi - lo) * wh.uniform(after)
-    value = worse * value_of(place, given)
-    value = ca.if_else(value >= LOWEST, value, LOWEST)
-    taken = ["rng", "given", "lo", "hi"]
-    one = ca.Function(
-        "one_member",
-        [rng, given, lo, hi],
-        [after, place, value],
-        taken,
-        ["after", "place", "value"],
-    )
+    one = _one_member(value_of, worse)
     many = one.mapaccum("members", n)
     r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
     states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))
     return ca.Function(
         "first", [r, g, a, b], [states[:, -1], places.T, values.T],
-        taken, ["after", "members", "heights"],
+        one.name_in(), ["after", "members", "heights"],
+    )  # fmt: skip
+
+
+@remembered
+def _one_member(value_of: ca.Function, worse: float) -> ca.Function:
+    """Function (rng, given, lo, hi) -> (rng, place, value) of a member."""
+    rng, lo, hi = ca.SX.sym("rng", 3), ca.SX.sym("lo"), ca.SX.sym("hi")
+    given = ca.SX.sym("given", value_of.size1_in(1))
+    after = wh.advance(rng)
+    place = lo + (hi - lo) * wh.uniform(after)
+    height = worse * value_of(place, given)
+    value = ca.if_else(height >= LOWEST, height, LOWEST)
+    return ca.Function(
+        "one_member", [rng, given, lo, hi], [after, place, value],
+        ["rng", "given", "lo", "hi"], ["after", "place", "value"],
     )  # fmt: skip
 
 
@@ -250,6 +253,7 @@ def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
+@remembered
 def _draw(n: int, size: int) -> ca.Function:
     """Function (rng, first, share, K) -> (partners, trial, rng) of ``size`` members of ``n``.
 
@@ -262,18 +266,24 @@ def _draw(n: int, size: int) -> ca.Function:
     rng, K = ca.SX.sym("rng", 3), ca.SX.sym("K", 2)
     first, share = ca.SX.sym("first"), ca.SX.sym("share")
     whole = wh.quick_floor(K)
+
+    def drawn(state: Any, i: int) -> tuple[Any, list[Any], Any]:
+        after = wh.advance(state, whole)
+        scaled = after[0] * (n - 1)
+        rank_a = whole(scaled * (1 / wh.MODULI[0]))
+        trial = ca.if_else(scaled - wh.MODULI[0] * rank_a < share, size, 0)
+        drawn_b = wh.below(after, 1, n - 2, whole)
+        drawn_c = wh.below(after, 2, n - 3, lambda t: t)
+        beyond_b = drawn_c + ca.if_else(drawn_c >= drawn_b, 1, 0)
+        rank_c = beyond_b + ca.if_else(beyond_b >= rank_a, 1, 0)
+        rank_b = drawn_b + ca.if_else(drawn_b >= rank_a, 1, 0)
+        return after, [o + (first + (i + 1)) for o in (rank_a, rank_b, rank_c)], trial
+
     state, partners, trials = rng, [], []
     for i in range(size):
-        state = wh.advance(state, whole)
-        scaled = state[0] * (n - 1)
-        o1 = whole(scaled * (1 / wh.MODULI[0]))
-        trials.append(ca.if_else(scaled - wh.MODULI[0] * o1 < share, size, 0))
-        o2 = wh.below(state, 1, n - 2, whole)
-        o3 = wh.below(state, 2, n - 3, lambda t: t)
-        o3 = o3 + ca.if_else(o3 >= o2, 1, 0)
-        o3 = o3 + ca.if_else(o3 >= o1, 1, 0)
-        o2 = o2 + ca.if_else(o2 >= o1, 1, 0)
-        partners += [o + (first + (i + 1)) for o in (o1, o2, o3)]
+        state, three, trial = drawn(state, i)
+        partners += three
+        trials.append(trial)
     return ca.Function(
         f"draw_{size}", [rng, first, share, K],
         [ca.vertcat(*partners), ca.vertcat(*trials), state],
@@ -281,6 +291,7 @@ def _draw(n: int, size: int) -> ca.Function:
     )  # fmt: skip
 
 
+@remembered
 def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     """Function -> (places, values, which): members, then trials; and which of them go on.
 
@@ -292,12 +303,14 @@ def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     x, v = ca.SX.sym("x", size), ca.SX.sym("v", size)
     F, given = ca.SX.sym("F"), ca.SX.sym("given", m)
     lo, hi = ca.SX.sym("lo"), ca.SX.sym("hi")
-    places = []
-    for i in range(size):
-        place = mates[3 * i] + F * (mates[3 * i + 1] - mates[3 * i + 2])
-        place = ca.if_else(place < lo, 2 * lo - place, place)
-        place = ca.if_else(place > hi, 2 * hi - place, place)
-        places.append(ca.if_else(place < lo, lo, place))  # 2 F may reach further than a reflection
+
+    def reflected(a: Any, b: Any, c: Any) -> Any:
+        aimed = a + F * (b - c)
+        from_lo = ca.if_else(aimed < lo, 2 * lo - aimed, aimed)
+        from_hi = ca.if_else(from_lo > hi, 2 * hi - from_lo, from_lo)
+        return ca.if_else(from_hi < lo, lo, from_hi)  # 2 F may reach further than a reflection
+
+    places = [reflected(*ca.vertsplit(mates[3 * i : 3 * i + 3])) for i in range(size)]
     values = [worse * value_of(place, given) for place in places]
     which = [ca.if_else(values[i] >= v[i], trial[i], 0) + i for i in range(size)]
     return ca.Function(
@@ -308,11 +321,16 @@ def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
+@remembered
 def _best_of(n: int) -> ca.Function:
     """Function (members, values) -> (place, value) of the first best one."""
     x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)
+
+    def compared(place: Any, value: Any, i: int) -> tuple[Any, Any]:
+        better = v[i] > value
+        return ca.if_else(better, x[i], place), ca.if_else(better, v[i], value)
+
     place, value = x[0], v[0]
     for i in range(1, n):
-        better = v[i] > value
-        place, value = ca.if_else(better, x[i], place), ca.if_else(better, v[i], value)
+        place, value = compared(place, value, i)
     return ca.Function("best_of", [x, v], [place, value], ["x", "v"], ["place", "value"])

@@ -81,7 +81,7 @@ def test_what_no_input_reaches_is_told(tmp_path: Path) -> None:
         ("state->in_force = *param;", "", "tune that forgets"),
         ("return status;", "return 0;", "init that says nothing"),
         ("if (!(state->guard.mark == 9240613.0)) {", "if (state->guard.mark == 1.0) {", "mark"),
-        ("state->guard.refused = r0;", "", "no reset"),
+        ("state->guard.refused = refused_next;", "", "no reset"),
     ],
 )  # fmt: skip
 def test_the_own_test_sees_a_guard_that_is_broken(tmp_path: Path, what, to, finds) -> None:

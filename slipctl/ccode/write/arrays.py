@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import casadi as ca
 
+from slipctl.ccode.write.comments import WIDTH
 from slipctl.ccode.write.expressions import (
     ANY,
     Node,
@@ -77,9 +78,34 @@ def address(base: str, offset: int) -> str:
     return f"&{base}[{offset}]" if offset else base
 
 
+_MOVED = re.compile(
+    r"(?P<to>[\w.>-]+)\[(?:(?P<at>\d+) \+ )?@\] = "
+    r"(?:(?P<source>[\w.>-]+)\[(?:(?P<begin>\d+) \+ )?@\]|(?P<number>-?\d[\d.e+-]*));"
+)
+
+
 def loop(n: int, line: str) -> list[str]:
-    """A loop over n elements, of a statement with ``AT`` in it."""
+    """A loop over n elements, of a statement with ``AT`` in it; a call where it only moves them."""
+    if found := _MOVED.fullmatch(line):
+        to = address(found["to"], int(found["at"] or 0))
+        if found["number"]:
+            return [f"fill({to}, {n}, {found['number']});"]
+        return [f"copy({to}, {address(found['source'], int(found['begin'] or 0))}, {n});"]
     return [f"for (int i = 0; i < {n}; ++i) {{", f"    {reached(line, 'i')}", "}"]
+
+
+def listed(declared: str, texts: Sequence[str]) -> list[str]:
+    """Declaration of an array with its elements."""
+    if len(line := f"{declared} = {{{', '.join(texts)}}};") <= WIDTH - 12:
+        return [line]
+    rows, row = [], ""
+    for k, text in enumerate(texts):
+        piece = text + ", " * (k < len(texts) - 1)
+        if row and len(row) + len(piece) > WIDTH - 12:
+            rows.append(row.rstrip())
+            row = ""
+        row += piece
+    return [f"{declared} = {{", *(f"    {r}" for r in [*rows, row]), "};"]
 
 
 class Arrays(Writer):
@@ -184,7 +210,8 @@ class Arrays(Writer):
             index = self._real(self.texts[node.args[1]])
             text = f"element({address(base, offset)}, {node.detail}, {index})"
             self.texts[k] = Text(text, _ATOM)
-            self._line(k)
+            if node.size == 1 or self.uses[k] > 1 or len(text) > 60:
+                self._line(k)
         elif node.size == 1:
             super()._write(k)
             return
@@ -213,14 +240,8 @@ class Arrays(Writer):
         if values == [float(k) for k in range(len(values))]:
             return Text(f"(double){AT}", _ATOM)
         name = f"k{next(self.count)}"
-        self.lines.append(f"static const double {name}[{len(values)}] = {{")
-        row = ""
-        for v in values:
-            if len(row) > 70:
-                self.lines.append(f"    {row.rstrip()}")
-                row = ""
-            row += f"{number(v)}, "
-        self.lines += [f"    {row.rstrip().rstrip(',')}", "};"]
+        declared = f"static const double {name}[{len(values)}]"
+        self.lines += listed(declared, [number(v) for v in values])
         return Text(f"{name}[{AT}]", _ATOM)
 
     def _stored(self, k: int) -> tuple[str, int]:
@@ -325,14 +346,18 @@ class Arrays(Writer):
                 self.texts[k] = Text(f"{base}[{offset + node.detail[0]}]", _ATOM)
                 return
             name = self._target(k)
-            for i, j in enumerate(node.detail):
-                lines.append(f"{name}[{i}] = {f'{base}[{offset + j}]' if j >= 0 else '0.0'};")
+            self._elements(
+                name, [f"{base}[{offset + j}]" if j >= 0 else "0.0" for j in node.detail]
+            )
         else:
             texts = [(a, self._size(a), self._real(self.texts[a])) for a in args if self._size(a)]
             if len(texts) == 1:
                 self.texts[k] = self.texts[texts[0][0]]
                 return
             name, offset = self._target(k), 0
+            if all(n == 1 for _, n, _ in texts):
+                self._elements(name, [reached(text, 0) for _, _, text in texts])
+                texts = []
             for _, n, text in texts:
                 if n == 1:
                     lines.append(f"{name}[{offset}] = {reached(text, 0)};")
@@ -340,6 +365,13 @@ class Arrays(Writer):
                     lines += loop(n, f"{place(name, offset)} = {text};")
                 offset += n
         self.texts[k] = Text(place(name, 0) if node.size > 1 else name, _ATOM)
+
+    def _elements(self, name: str, texts: Sequence[str]) -> None:
+        """Give an array its elements one by one, with its declaration if that is the last line."""
+        if self.lines[-1:] != [f"{self.real} {name}[{len(texts)}];"]:
+            self.lines += [f"{name}[{i}] = {text};" for i, text in enumerate(texts)]
+            return
+        self.lines[-1:] = listed(f"const {self.real} {name}[{len(texts)}]", texts)
 
     def _factor(self, k: int) -> str:
         t = self.texts[k]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,7 +16,7 @@ import casadi as ca
 
 from slipctl.ccode.write import pieces
 
-WIDTH = 150
+WIDTH = 200
 """Characters of an expression above which its longest part gets a line of its own."""
 
 ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
@@ -262,6 +262,7 @@ class Writer:
         real: C type of a number.
         can_be: what (argument, element) can be; anything by default.
         shown: results from this one on only have names; nothing is written for them alone.
+        modest: what is used once gets no line for its name's sake.
 
     Attributes:
         lines: statements, each a constant.
@@ -277,6 +278,7 @@ class Writer:
         real: str = "double",
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
         shown: int | None = None,
+        modest: bool = False,
     ) -> None:
         nodes, self.results = self._read(f)
         self.nodes, self.tables = pieces.found(nodes)
@@ -293,9 +295,11 @@ class Writer:
         if shown is not None:
             self.results = [(place, node) for place, node in self.results if place[0] < shown]
         self.uses = self._uses()
-        if shown is not None:
-            plain = {node for _, node in self.results if self.uses[node] == 1}
-            self.names = {node: n for node, n in self.names.items() if node not in plain}
+        once = {node for node in self.names if self.uses[node] == 1}
+        plain = once & {node for _, node in self.results} if shown is not None else set()
+        self.offered = {k: self.names[k] for k in once - plain if modest}
+        for k in (*plain, *self.offered):
+            del self.names[k]
         self.signed = self._signed()
         self.chosen = chains(self.nodes)
         self.can_be = self._can_be(can_be)
@@ -408,11 +412,8 @@ class Writer:
     def _line(self, k: int) -> None:
         """Give a value a line and a name of its own."""
         made = self.texts[k]
-        name = self.names.get(k)
-        if name is None:
-            name = f"a{next(self.count)}"
-        kind = "bool" if made.truth else self.real
-        self.lines.append(f"const {kind} {name} = {made.text};")
+        name = self.names.get(k) or self.offered.get(k) or f"a{next(self.count)}"
+        self.lines.append(f"const {'bool' if made.truth else self.real} {name} = {made.text};")
         self.texts[k] = Text(name, ATOM, made.truth)
 
     def _real(self, t: Text) -> str:
@@ -494,7 +495,6 @@ class Writer:
         return not self.texts[k].truth and "(" not in self.texts[k].text
 
 
-def helper_text(names: Iterable[str]) -> str:
+def helper_text(names: Collection[str]) -> str:
     """Definitions of helper functions, in a fixed order."""
-    chosen = set(names)
-    return "\n".join(text for name, text in HELPERS.items() if name in chosen)
+    return "\n".join(text for name, text in HELPERS.items() if name in names)

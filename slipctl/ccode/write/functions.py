@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from slipctl.ccode.write.arrays import Arrays, reached
+from slipctl.ccode.write.arrays import AT, Arrays, loop, reached
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
 from slipctl.ccode.write.graph import (
@@ -22,8 +22,10 @@ from slipctl.ccode.write.graph import (
 )
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
 from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, sums
-from slipctl.ccode.write.naming import named
+from slipctl.ccode.write.naming import named, with_inside
+from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
+from slipctl.ccode.write.statements import called
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
 
@@ -127,9 +129,12 @@ class Functions:
             raise Unsupported("empty result")
         single = [f.nnz_in(i) == 1 for i in range(f.n_in())]
         returns = returned(f)
+        inner, names = with_inside(f, {*inputs, *outputs, *self.taken(f)})
+        self.letters |= set(names.values())
         writer = Writer(
-            f, lambda i, k: inputs[i] if single[i] else f"{inputs[i]}[{k}]", _results(f, outputs)
-        ).run()
+            inner, lambda i, k: inputs[i] if single[i] else f"{inputs[i]}[{k}]", names,
+            shown=f.n_out(), modest=True,
+        ).run()  # fmt: skip
         self.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
@@ -227,7 +232,7 @@ class Functions:
                 lines.append(f"*{name} = 0.0;")
             else:
                 lines += [f"for (int j = 0; j < {size}; ++j) {{", f"    {name}[j] = 0.0;", "}"]
-        body += _wrapped(f"{self.name(inner)}(", [*arguments, *results])
+        body += called(f"{self.name(inner)}(", [*arguments, *results])
         for k, name in enumerate(outputs):
             size, one = f.nnz_out(k), results[k].removeprefix("&")
             if size == 1:
@@ -287,9 +292,8 @@ class Functions:
                 text = reached(text, 0)
                 lines.append(f"return {text};" if returns else f"{to} = {text};")
             elif text != f"{name}[@]":
-                lines += [f"for (int i = 0; i < {n}; ++i) {{",
-                          f"    {name}[i] = {reached(text, 'i')};", "}"]  # fmt: skip
-        return lines
+                lines += loop(n, f"{name}[{AT}] = {text};")
+        return repeated(handed(lines), self.taken(f))
 
     def _call(
         self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str]
@@ -334,27 +338,12 @@ class Functions:
             elif declare and size == 1:
                 at.lines.append(f"double {r};")
             passed.append(r if size > 1 else f"&{r}")
-        at.lines += _wrapped(f"{name}(", [*given, *passed])
+        at.lines += called(f"{name}(", [*given, *passed])
 
 
 def returned(f: ca.Function) -> bool:
     """Whether a Function gives one number, which its C function returns."""
     return sum(f.nnz_out(i) for i in range(f.n_out())) == 1
-
-
-def _results(f: ca.Function, outputs: Sequence[str]) -> dict[tuple[int, int], str]:
-    return {}
-
-
-def _wrapped(opening: str, texts: Sequence[str]) -> list[str]:
-    lines, line = [], opening
-    for k, text in enumerate(texts):
-        piece = text + (");" if k == len(texts) - 1 else ", ")
-        if len(line) + len(piece) > 84:
-            lines.append(line.rstrip())
-            line = "    "
-        line += piece
-    return [*lines, line]
 
 
 def _signature(opening: str, declared: Sequence[str]) -> str:

@@ -6,13 +6,16 @@ which. Both are CasADi Functions of scalars: Python calls them, and C has their 
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from slipctl.block.inside import remembered
 from slipctl.ccode.write.expressions import Writer
+from slipctl.ccode.write.naming import named, with_inside
 
 BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT = (
     1 << k for k in range(8)
@@ -40,6 +43,7 @@ def memory(period: float | None, stale: np.ndarray) -> float:
 
 
 @lru_cache(maxsize=1)
+@remembered
 def accept() -> ca.Function:
     """(value, last, age, lo, hi, change, stale, memory, most) -> (taken, age, told).
 
@@ -64,10 +68,13 @@ def accept() -> ca.Function:
         "accept",
         [value, last, age, lo, hi, change, stale, memory, most],
         [ca.if_else(good, value, last), ca.if_else(good, 0, older), ca.if_else(good, 0, told)],
+        ["value", "last", "age", "lo", "hi", "change", "stale", "memory", "most"],
+        ["taken", "age_next", "bits"],
     )
 
 
 @lru_cache(maxsize=16)
+@remembered
 def patience(parts: int) -> ca.Function:
     """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
 
@@ -83,19 +90,24 @@ def patience(parts: int) -> ca.Function:
     first = ca.if_else(off > 0, off, 1)
     part = ca.if_else(due, ca.if_else(turn > 1, turn - 1, first), 0)
     after = ca.if_else(refused >= PATIENCE * (parts + 2), 0, refused)
-    return ca.Function("patience", [before, off], [after, part])
+    return ca.Function(
+        "patience", [before, off], [after, part], ["before", "off"], ["refused_next", "which"]
+    )
 
 
 def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
     """Statements of a rule in C: arguments are read by these names, results written to these."""
-    writer = Writer(f, lambda i, k: names[i]).run()
+    given = [f.name_out(k) for k in range(f.n_out())]
+    words = re.findall(r"\w+", " ".join([*names, *results, *given]))
+    inner, letters = with_inside(f, words)
+    writer = Writer(inner, lambda i, k: names[i], letters, shown=f.n_out(), modest=True).run()
     at = dict(writer.results)
     lines = list(writer.lines)
-    given = [writer.result(at[i, 0]) for i in range(len(results))]
     # a result may be an argument of the next: all are known before one is written
-    for k, value in enumerate(given):
-        lines.append(f"const double r{k} = {value};")
-    return lines + [f"{to} = r{k};" for k, to in enumerate(results)]
+    for i, name in enumerate(given):
+        lines.append(f"const double {name} = {writer.result(at[i, 0])};")
+    lines += [f"{to} = {name};" for to, name in zip(results, given, strict=True)]
+    return named(lines, "", words)
 
 
 def accepted(

@@ -8,6 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Sequence
+from typing import Any
+
+import casadi as ca
+
+from slipctl.block.inside import named_inside
+from slipctl.ccode.write.graph import unused
 
 LONGEST, WORDS = 28, 5
 """Characters and words of a name."""
@@ -49,6 +55,28 @@ def named(lines: Sequence[str], part: str, taken: Iterable[str]) -> list[str]:
     return [_renamed(line, names) for line in lines]
 
 
+def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict[Any, str]]:
+    """A Function with what its Python has a name for as further results.
+
+    Args:
+        f: the Function, of scalar expressions.
+        taken: names that none of them may have.
+
+    Returns:
+        The Function, and the name of each further result by (number, 0).
+    """
+    known = named_inside(f)
+    if known is None:
+        return f, {}
+    arguments, used = f.sx_in(), set(taken)
+    names: dict[Any, str] = {}
+    for k, name in enumerate(known[0]):
+        own = names[f.n_out() + k, 0] = unused(name, used)
+        used.add(own)
+    results = [*f.call(arguments), *known[1].call(arguments)]
+    return ca.Function(f.name(), arguments, results, {"cse": True}), names
+
+
 def _is_declared(name: str, line: str) -> bool:
     return re.match(rf"\s*(?:const )?(?:double|bool|int) {name}\b", line) is not None
 
@@ -60,7 +88,7 @@ def _renamed(text: str, names: dict[str, str]) -> str:
 def _said(text: str, part: str, derived: Collection[str]) -> str:
     """Words for an expression; none if it is long or of what has no name of the model."""
     words: list[str] = []
-    tokens = _TOKEN.findall(text)
+    tokens = _TOKEN.findall(re.sub(r"\*(?=[A-Za-z_])", "", text))  # not what an address holds
     for token, after in zip(tokens, [*tokens[1:], ""], strict=True):
         if token in ("(", ")"):
             continue
@@ -74,9 +102,9 @@ def _said(text: str, part: str, derived: Collection[str]) -> str:
 
 
 def _word(token: str, part: str) -> str:
-    """Word for an operand; none for a number that is no small whole one, or what has no name."""
-    if re.fullmatch(r"\d{1,2}\.0", token):
-        return str(int(float(token)))
+    """Word for an operand; none for a number of many digits, or what has no name."""
+    if re.fullmatch(r"\d{1,2}\.\d{1,4}", token):
+        return token.removesuffix(".0").replace(".", "_")
     if not re.match(r"[A-Za-z_]", token):
         return ""
     base, _, at = token.partition("[")

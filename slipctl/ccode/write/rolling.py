@@ -93,8 +93,9 @@ class _Run:
         }  # fmt: skip
         kinds = [_kind(line) for line in lines[self.start : self.start + self.period]]
         local = [n and _stem(n) for n in names[0]]
+        others = words | set(re.findall(r"\w+", " ".join(lines[: self.start])))
         local = [
-            n if n and local.count(n) == 1 and n not in words else names[0][q]
+            n if n and local.count(n) == 1 and n not in others else names[0][q]
             for q, n in enumerate(local)
         ]
         made: list[str] = []

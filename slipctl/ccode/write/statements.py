@@ -47,6 +47,18 @@ def wrapped(result: str, function: str, *arguments: str) -> str:
     return "\n".join([*lines, line.rstrip()])
 
 
+def called(opening: str, texts: Sequence[str]) -> list[str]:
+    """Statement of a call, on as many lines as it takes."""
+    lines, line = [], opening
+    for k, text in enumerate(texts):
+        piece = text + (");" if k == len(texts) - 1 else ", ")
+        if len(line) + len(piece) > 84:
+            lines.append(line.rstrip())
+            line = "    "
+        line += piece
+    return [*lines, line]
+
+
 def broken(text: str) -> str:
     """C text of which no statement is longer than a line: it goes on below, further in."""
     lines: list[str] = []

@@ -1,0 +1,121 @@
+"""What is worked out inside a CasADi Function, by the names that its Python has for it.
+
+A Function forgets the local variables of the code that wrote it. Where it is made of a law, they
+are remembered here, so that C written from it has the law's own names.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import wraps
+from types import FrameType
+from typing import Any, ParamSpec
+
+import casadi as ca
+
+P = ParamSpec("P")
+
+MOST, LATEST, LARGEST = 400, 200, 64
+"""Calls that are looked at for one Function, Functions that are remembered, and elements of a
+vector that have names."""
+
+_NOT_OURS = ("casadi", "numpy", "slipctl.block.", "contextlib", "functools", "abc")
+_known: OrderedDict[int, tuple[ca.Function, tuple[str, ...], ca.Function]] = OrderedDict()
+
+Found = list[tuple[str, Any]]
+"""Names and what they stand for."""
+
+
+@contextmanager
+def watched() -> Iterator[Found]:
+    """Collect the local variables, of scalar expressions, of the functions that return meanwhile.
+
+    Yields:
+        A list of (name, expression), filled at the end; outermost functions come first.
+    """
+    found: Found = []
+    seen: list[tuple[int, Found]] = []
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        ours = not frame.f_globals.get("__name__", "").startswith(_NOT_OURS)
+        if event == "return" and ours and len(seen) < MOST:
+            depth, outer = 0, frame.f_back
+            while outer is not None:
+                depth, outer = depth + 1, outer.f_back
+            given = frame.f_locals.items()
+            seen.append((depth, [x for n, v in given if n[0] != "_" for x in _elements(n, v)]))
+
+    free = sys.getprofile() is None  # a profiler at work goes first
+    if free:
+        sys.setprofile(watch)
+    try:
+        yield found
+    finally:
+        if free:
+            sys.setprofile(None)
+        for _, rows in sorted(seen, key=lambda x: x[0]):
+            found.extend(rows)
+
+
+def _elements(name: str, value: Any) -> Found:
+    """Names of the elements of an expression, or of a list of them, that are worked out."""
+    if isinstance(value, list) and len(value) <= LARGEST:
+        rows = [(f"{name}_{k}", v) for k, v in enumerate(value)]
+    elif isinstance(value, ca.SX) and value.nnz() <= LARGEST:
+        places = zip(*value.sparsity().get_triplet(), strict=True)
+        column = value.is_column()
+        rows = [
+            (name if value.is_scalar() else f"{name}_{i}" if column else f"{name}_{i}_{j}", v)
+            for (i, j), v in zip(places, value.nonzeros(), strict=True)
+        ]
+        rows = [(n, ca.SX(v)) for n, v in rows]
+    else:
+        return []
+    return [
+        (n, v) for n, v in rows
+        if isinstance(v, ca.SX) and v.is_scalar() and not v.is_symbolic() and not v.is_constant()
+    ]  # fmt: skip
+
+
+def remember(f: ca.Function, arguments: Sequence[Any], found: Found) -> None:
+    """Keep what is inside a Function.
+
+    Args:
+        f: the Function.
+        arguments: its symbols.
+        found: (name, expression); those of other symbols are left out. The first name counts.
+    """
+    inner: dict[int, tuple[str, Any]] = {}
+    own = {s.element_hash() for a in arguments for s in ca.symvar(a)}
+    for name, value in found:
+        if {s.element_hash() for s in ca.symvar(value)} <= own:
+            inner.setdefault(value.element_hash(), (name, value))
+    if inner:
+        names, values = zip(*inner.values(), strict=True)
+        told = ca.Function("inside", list(arguments), list(values), {"cse": True})
+        _known[f.__hash__()] = f, names, told
+        while len(_known) > LATEST:
+            _known.popitem(last=False)
+
+
+def remembered(make: Callable[P, ca.Function]) -> Callable[P, ca.Function]:
+    """Decorate what makes a Function of scalar expressions: its variables are remembered."""
+
+    @wraps(make)
+    def made(*args: P.args, **kwargs: P.kwargs) -> ca.Function:
+        with watched() as found:
+            f = make(*args, **kwargs)
+        if f.class_name() == "SXFunction":
+            remember(f, f.sx_in(), found)
+        return f
+
+    return made
+
+
+def named_inside(f: ca.Function) -> tuple[tuple[str, ...], ca.Function] | None:
+    """Names and a Function of the same arguments that gives what they stand for, if known."""
+    found = _known.get(f.__hash__())
+    return found[1:] if found else None
