@@ -6,13 +6,13 @@ At a plan, going back from its end, the multipliers of the steps are
 
 with l the cost, squares of exceeded soft limits included. They need no memory: at an optimum they
 are those of Karush, Kuhn and Tucker. A stage's Hessian is then that of l + m_{k+1}'F over (x, v),
-with the excess of soft limits held in its own curvature. F goes over a stage in substeps; with S_j
-the slope of the state before substep j by (x, v), and m_j back over the substeps, it is the sum of
-S_j' W_j S_j, W_j the Hessian of m_{j+1}'f_j.
+with the excess of soft limits held in its own curvature. F goes over a stage in substeps. S_j is
+the slope of the state before substep j by (x, v), and m_j goes back over the substeps. The Hessian
+is then the sum of S_j' W_j S_j, with W_j that of m_{j+1}'f_j.
 
-A quadratic program wants it positive. Variables that do not bend together are apart; of each such
-block negative eigenvalues change their sign ("mirrored"; Quirynen et al., 2014, on convexification
-in real-time iterations; Nocedal, Wright 2006, sec. 3.4). Where none is negative, nothing changes,
+A quadratic program wants it positive. Variables that do not bend together are apart. Of each such
+block negative eigenvalues change their sign, they are mirrored (Quirynen et al., 2014, on
+convexification in real-time iterations; Nocedal, Wright 2006, sec. 3.4). Where none is negative, nothing changes,
 and iterations come down quadratically. One variable has its absolute value. More are turned by
 Jacobi's rotations, a fixed number of sweeps: that is what bounds the work.
 """
@@ -263,7 +263,7 @@ def _sweep(n: int) -> ca.Function:
     """Function (upper triangle, V) -> the same after a rotation of each pair of variables.
 
     The rotation by t = tan takes the entry of its pair to 0 (Golub, Van Loan, Matrix Computations,
-    sec. 8.5.2), with t from a difference and a root so that nothing is divided by a small number.
+    sec. 8.5.2). t comes from a difference and a root, so that nothing is divided by a small number.
     """
     size = n * (n + 1) // 2
     h, W = ca.SX.sym("h", size), ca.SX.sym("V", n * n)

@@ -76,13 +76,13 @@ class Region:
 
     def __str__(self) -> str:
         at, there = (_named(d) for d in (self.rest, self.witness))
-        return (
-            f"region of attraction of the regulator's law about {at}\n"
+        return "\n".join([
+            f"region of attraction of the regulator's law about {at}",
             f"  proved    V <= {self.level:.6g}: limits hold and V falls in every step"
-            f" ({self.boxes} boxes)\n"
-            f"            V <= {self.contracting:.6g}: motions come closer\n"
-            f"  not so at V = {self.beyond:.6g}: {there}: {self.why}"
-        )
+            f" ({self.boxes} boxes)",
+            f"            V <= {self.contracting:.6g}: motions come closer",
+            f"  not so at V = {self.beyond:.6g}: {there}: {self.why}",
+        ])  # fmt: skip
 
 
 def terminal_region(
