@@ -12,9 +12,9 @@ is then the sum of S_j' W_j S_j, with W_j that of m_{j+1}'f_j.
 
 A quadratic program wants it positive. Variables that do not bend together are apart. Of each such
 block negative eigenvalues change their sign, they are mirrored (Quirynen et al., 2014, on
-convexification in real-time iterations; Nocedal, Wright 2006, sec. 3.4). Where none is negative, nothing changes,
-and iterations come down quadratically. One variable has its absolute value. More are turned by
-Jacobi's rotations, a fixed number of sweeps: that is what bounds the work.
+convexification in real-time iterations; Nocedal, Wright 2006, sec. 3.4). Where none is negative,
+nothing changes, and iterations come down quadratically. One variable has its absolute value. More
+are turned by Jacobi's rotations, a fixed number of sweeps: that is what bounds the work.
 """
 
 from __future__ import annotations
