@@ -15,7 +15,7 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison, faults, rounding
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.ship import fmu, readable
-from slipctl.ccode.write import guard
+from slipctl.ccode.write import guard, statements
 from slipctl.ccode.write.plan import Plan
 
 
@@ -97,3 +97,13 @@ def test_a_finding_without_a_reason_has_an_empty_cell() -> None:
     text = "\n".join(readable._analysed({"analysis": found}))
     assert "None" not in text
     assert "| why |" in text
+
+
+def test_a_long_declaration_goes_over_several_lines_none_too_long() -> None:
+    arguments = [f"double argument_{k:02d}" for k in range(12)]
+    lines = statements.wrapped("static void", "ten_of_them", *arguments).splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= statements.WIDTH
+    assert all(line.startswith(" " * len("static void ten_of_them(")) for line in lines[1:])
+    assert " ".join("".join(lines).replace("static void ten_of_them(", "").split()) == (
+        ", ".join(arguments) + ")")  # fmt: skip

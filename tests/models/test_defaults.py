@@ -9,12 +9,16 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import numpy as np
 
-from slipctl import BadInput, Block, argmax_block, probe, rls
+from slipctl import BadInput, Block, Signal, argmax_block, probe, rls
+from slipctl import models as package
 from slipctl.models import (
+    common_form,
     converters,
     ep_valve,
     freight_resistance,
@@ -30,8 +34,9 @@ from slipctl.study import doors
 
 TABLE = Path(__file__).parent / "defaults.csv"
 HEAD = ["block", "signal", "role", "unit", "value", "lo", "hi", "positive", "per",
-        "safe", "change", "stale", "deviation", "ends"]  # fmt: skip
+        "safe", "change", "stale", "deviation", "ends", "source"]  # fmt: skip
 MODELS = [f"{m}.{b}" for m, (_, blocks) in doors.models().items() for b in blocks]
+WHEEL = common_form.Wheel(240.0, 0.5, 8e3, 8e3, 9.81, 20e3, 0.05, 1.21, 20.0)
 SUBWAY, HST = subway_braking.double_exponential, hst_braking.burckhardt
 EXAMPLES: dict[str, Callable[[], Block]] = {
     "converters.converter": lambda: converters.converter("V", -1.0, 1.0),
@@ -52,20 +57,55 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
 """What functions that need arguments make."""
 
 
-def rows(name: str) -> Iterator[list[str]]:
-    """Signals of a model as it comes; a connected one has those of its parts."""
+def model(name: str) -> Block | None:
+    """A model as it comes, None for a function that needs arguments."""
     try:
-        block = EXAMPLES[name]() if name in EXAMPLES else doors.load_block(name)
+        return EXAMPLES[name]() if name in EXAMPLES else doors.load_block(name)
     except BadInput as error:
         if "is a function that needs" in str(error):
-            return
+            return None
         raise
+
+
+def rows(name: str, block: Block) -> Iterator[list[str]]:
+    """Signals of a block; of a connected one those of its parts."""
     for path, leaf in block.leaves():
+        yield [name, path, "name", "", leaf.name, *[""] * 10]
         for s in leaf.signals:
-            yield [name, f"{path}.{s.name}" if path else s.name, s.role, s.unit, said(s.value),
-                   said(s.lo), said(s.hi), s.positive or "", s.per or "", said(s.safe),
-                   said(s.change), said(s.stale), s.deviation,
-                   "; ".join(f"{b.what} {b.expression}" for b in s.bounds)]  # fmt: skip
+            yield row(name, f"{path}.{s.name}" if path else s.name, s)
+
+
+def row(of: str, name: str, s: Signal) -> list[str]:
+    """What is declared of a signal."""
+    return [of, name, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "",
+            s.per or "", said(s.safe), said(s.change), said(s.stale), s.deviation,
+            "; ".join(f"{b.what} {b.expression}" for b in s.bounds), s.source]  # fmt: skip
+
+
+def modules() -> Iterator[list[str]]:
+    """What files of models have beside their blocks: parts, signals that are shared, constants."""
+    for found in walk_packages(package.__path__, f"{package.__name__}."):
+        module = import_module(found.name)
+        of = found.name.removeprefix(f"{package.__name__}.")
+        for name, value in vars(module).items():
+            if isinstance(value, Block) and f"{of}.{name}" not in MODELS:
+                yield from rows(f"{of}.{name}", value)
+            elif isinstance(value, Signal):
+                yield row(of, name, value)
+            elif name.isupper() and plain(value):
+                yield [of, name, "constant", "", said(value), *[""] * 10]
+    for driven in (False, True):
+        for name, make in common_form.laws(driven).items():
+            yield from rows(f"common_form.laws({driven})[{name}]", make(WHEEL))
+
+
+def plain(value: object) -> bool:
+    """Numbers and texts, and tables of them."""
+    if isinstance(value, dict):
+        return all(map(plain, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(plain, value))
+    return isinstance(value, int | float | str)
 
 
 def keys() -> Iterator[list[str]]:
@@ -76,18 +116,24 @@ def keys() -> Iterator[list[str]]:
                 meta = f.metadata
                 yield [f"[{kind.__name__}]", f.name, "key", str(meta.get("unit", "")),
                        "" if f.default is MISSING else said(f.default), said(meta.get("lo", "")),
-                       said(meta.get("hi", "")), *[""] * 7]  # fmt: skip
+                       said(meta.get("hi", "")), *[""] * 8]  # fmt: skip
 
 
 def said(value: object) -> str:
     """Numbers to twelve digits: the last ones are those of a system's ``exp``."""
-    if isinstance(value, np.ndarray | list | tuple):
-        return " ".join(said(v) for v in np.ravel(value).tolist())
+    if isinstance(value, np.ndarray):
+        return said(value.tolist())
+    if isinstance(value, dict):
+        return said([part for pair in value.items() for part in pair])
+    if isinstance(value, list | tuple):
+        return " ".join(map(said, value))
     return f"{value:.12g}" if isinstance(value, int | float) else str(value)
 
 
 def all_rows() -> list[list[str]]:
-    return [*keys(), *(row for name in MODELS for row in rows(name))]
+    blocks = {name: model(name) for name in MODELS}
+    told = (row for name, block in blocks.items() if block for row in rows(name, block))
+    return [*keys(), *told, *modules()]
 
 
 def test_defaults_and_ranges_are_those_of_the_table() -> None:
@@ -97,7 +143,7 @@ def test_defaults_and_ranges_are_those_of_the_table() -> None:
     assert [row for row in wanted if have.get(tuple(row[:3])) != row] == []
     assert len(wanted) > 1500
     for row in have.values():
-        if row[2] != "key":
+        if row[2] not in ("key", "constant", "name"):
             assert float(row[5]) < float(row[6]), row  # no range is empty
 
 

@@ -22,8 +22,8 @@ from slipctl.models.contact import polach
 from slipctl.models.hst_braking_reference import adhesion_meter
 from slipctl.models.ranges import probe_ranged
 from slipctl.models.rolling import Axles, rolling
-from slipctl.models.vehicle import control, parts
-from slipctl.study import trip_files
+from slipctl.models.vehicle import control, gains, of_study, parts
+from slipctl.study import doors, trip_files
 
 
 def leaves(block: Block):
@@ -160,3 +160,32 @@ def test_a_swarm_flies_as_long_as_is_told():
     settings = freight_resistance.swarm_settings("consistent")
     assert settings["iterations"] == freight_resistance.ITERATIONS
     assert freight_resistance.swarm_settings("printed-21")["iterations"] == settings["iterations"]
+
+
+def test_draws_of_the_rail_are_heard_and_others_named(tmp_path: Path):
+    folder = doors.folder("models") / "vehicle" / "files"
+    text = (folder / "metro.toml").read_text(encoding="utf-8")
+    text = text.replace("0.8:1.2 of plant.train.adh.c", "0.8:1.2 of rail.leaves.c, act.lag")
+    path = tmp_path / "metro.toml"
+    path.write_text(text, encoding="utf-8")
+    assert gains.ranges(trip_files.load_trip(str(path)))[1] == ("act.lag",)
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        ([{"place": 0.0}, {"place": 30.0}], []),
+        ([{"time": 0.0}], []),
+        ([{"place": 0.0, "time": 0.0}], ["a place or at a time; write one of both"]),
+        ([{"place": 0.0}, {}], ["a place or at a time; write one of both"]),
+        ([{"place": 0.0}, {"time": 1.0}], ["use one of both"]),
+    ],
+)
+def test_a_section_of_a_study_begins_at_a_place_or_at_a_time(sections, said):
+    made = [of_study.StudySection(**s) for s in sections]
+    if not said:
+        of_study.StudyRail(sections=tuple(made))
+        return
+    with pytest.raises(BadInput) as found:
+        of_study.StudyRail(sections=tuple(made))
+    assert all(part in str(found.value) for part in said)

@@ -61,6 +61,17 @@ def test_the_problem_is_told_with_its_parts():
     )
 
 
+def test_a_soft_limit_is_told_with_its_price_and_a_hard_one_without():
+    soft = show.text(make(**OPTIONS[2]), jacobian=False)
+    for price in ("1/2 (s_weight * excess of s over s_min .. s_max)^2",
+                  "1/2 (T_weight * excess of T over T_min .. T_max)^2",
+                  "T_linear * excess of T over T_min .. T_max"):  # fmt: skip
+        assert price in " ".join(soft.split()), price
+    hard = show.text(make(**OPTIONS[1]), jacobian=False)
+    assert "excess of T" in hard
+    assert "excess of s" not in hard
+
+
 def test_an_estimator_is_told_too():
     @flow()
     def cart(v=State("m/s", 0.0, "speed"), F=Input("N", "force", value=0.0)):

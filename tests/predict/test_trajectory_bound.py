@@ -42,7 +42,9 @@ def test_least_time_is_bang_bang():
     force = found.log["F"].values
     assert force[2] == pytest.approx(2.0, abs=1e-4)
     assert force[-2] == pytest.approx(-2.0, abs=1e-4)
-    assert found.log["time"].values[-1] == pytest.approx(found.value)
+    time = found.log["time"].values
+    assert time[-1] == pytest.approx(found.value)
+    assert found.log["v"].values == pytest.approx(np.minimum(time, 2 - time), abs=1e-4)
 
 
 def test_a_constant_input_acts_all_the_time():
