@@ -18,26 +18,15 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import (
-    analysis,
-    back_to_back,
-    coverage,
-    expected,
-    fuzz,
-    load,
-    proof,
-    rounding,
-)
+from slipctl.ccode.check import analysis, back_to_back, coverage, expected, fuzz, load, proof
+from slipctl.ccode.check import rounding as rounding
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
 from slipctl.ccode.check.logged import logged_params as logged_params
 from slipctl.ccode.check.logged import recorded as recorded
 from slipctl.ccode.check.reading import equations, reading
 from slipctl.ccode.compile import compilers as cc
-from slipctl.ccode.compile import (
-    files,
-    targets,  # fmt: skip
-)
+from slipctl.ccode.compile import files, targets
 from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
@@ -244,6 +233,7 @@ def export(
     calibration_section: str | None = None,
     with_xcp: bool = False,
     with_autosar: bool = False,
+    rates: bool = False,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -274,6 +264,7 @@ def export(
         calibration_section: section for an instance of the parameters, in two files more.
         with_xcp: write an XCP slave, and a program for the emulated board that has it.
         with_autosar: write a software component of AUTOSAR Classic around the module.
+        rates: write a step function for each rate of its parts, beside the one step.
 
     Returns:
         What was written; printable.
@@ -286,7 +277,7 @@ def export(
         real=real, target=target, misra=misra, fmus=fmus,
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
         places=(const_section, calibration_section), with_xcp=with_xcp,
-        with_autosar=with_autosar,
+        with_autosar=with_autosar, rates=rates,
     )  # fmt: skip
 
 
@@ -314,6 +305,7 @@ def _produce(
     places: tuple[str | None, str | None] = (None, None),
     with_xcp: bool = False,
     with_autosar: bool = False,
+    rates: bool = False,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -334,7 +326,7 @@ def _produce(
     built_for = chosen(platforms) if fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
-    plan = Plan(block, name, period, real)
+    plan = Plan(block, name, period, real, rates)
     check_guards(block)
     made = texts(plan, scaled, *places, with_xcp, with_autosar)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]

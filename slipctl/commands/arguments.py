@@ -322,6 +322,10 @@ def parser() -> Parser:
         help="inputs and outputs that a bus has as integers of this type, resolution and offset",
     )  # fmt: skip
     p.add_argument(
+        "--rates", action="store_true",
+        help="write a step function for each rate of its parts too, such as step_5ms",
+    )  # fmt: skip
+    p.add_argument(
         "--const-section", metavar="SECTION", help="section for the linker that tables lie in"
     )
     p.add_argument(

@@ -9,6 +9,7 @@ import numpy as np
 
 from slipctl.ccode.check.expected import Expected
 from slipctl.ccode.check.misuse import misuse
+from slipctl.ccode.write import rates
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, STATUS, bit, head
@@ -92,6 +93,12 @@ _PATH = """#ifdef ON_BOARD
 #endif
 """
 
+_PIECES = """#ifndef ON_BOARD
+{calls}        differently += ((got_pieces == got_status) && same(&out_pieces, &out, sizeof(out))
+                        && same(&pieces, &state, (size_t)N_STATE * sizeof(real))) ? 0 : 1;
+#endif
+"""
+
 _EMPTY = """#ifdef ON_BOARD
     clock_start();
     from = clock_now();
@@ -143,6 +150,22 @@ def test_program(plan: Plan) -> str:
     guards, table = (_guards(plan), _table(ends)) if n_in else ("", "")
     same = _SAME if n_in else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n"
     mask = f"{compared_bits(plan.real)}U"
+    begun = copy = compared_so = ""
+    stepped = _STEP.format(n=n) + _pieces(plan)
+    if plan.rates:
+        begun = f"""#ifndef ON_BOARD
+    static {n}_state pieces; /* stepped rate by rate */
+    static {n}_out out_pieces;
+    int got_pieces;
+    int differently = 0;
+#endif
+"""
+        copy = "#ifndef ON_BOARD\n    pieces = state;\n#endif\n"
+        compared_so = """#ifndef ON_BOARD
+    (void)printf("stepped rate by rate: %d ticks differ\\n", differently);
+    wrong += differently;
+#endif
+"""
     return f"""{head(plan, f"test_{n}.c")}
 
 /* Back to back: replay recorded inputs, carry the state here, compare with the recorded outputs,
@@ -240,7 +263,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
     static {n}_param param;
     static {n}_state state;
     static {n}_out out;
-{_PATH}    FILE *file = fopen(path, "rb");
+{begun}{_PATH}    FILE *file = fopen(path, "rb");
     char line[200] = {{0}};
     char content[64] = {{0}};
     char form[64] = {{0}};
@@ -287,14 +310,14 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         (void)printf("init refuses the parameters\\n");
         return 1;
     }}
-{_EMPTY}    for (tick = 0; tick < ticks; ++tick) {{
+{copy}{_EMPTY}    for (tick = 0; tick < ticks; ++tick) {{
         int signal;
         if (!numbers(file, row, N_TICK)) {{
             (void)printf("%s ends at tick %d\\n", path, tick);
             return 2;
         }}
 {take_in}        k = (int)row[N_TICK - 1];
-{_STEP.format(n=n)}        differing = ((unsigned int)got_status ^ (unsigned int)k) & COMPARED;
+{stepped}        differing = ((unsigned int)got_status ^ (unsigned int)k) & COMPARED;
         faults += ((k < 0) || (differing == 0U)) ? 0 : 1; /* -1: roundings decide */
         copied(raw, &out, (size_t)N_OUT * sizeof(real));
 {give_state}        at = 0;
@@ -332,7 +355,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         most = (relative <= most) ? most : relative;
         wrong += (most_of <= limits[2 * k]) ? 0 : 1;
     }}
-{guards}{_MISUSE}    (void)printf("%d ticks, %d faults, ", ticks, faults);
+{guards}{_MISUSE}{compared_so}    (void)printf("%d ticks, %d faults, ", ticks, faults);
     (void)printf("%d of %d inputs are held when NaN, %d of %d beyond their ends, ", refused, N_IN,
            held, N_ENDS);
     (void)printf("largest relative difference %.3g\\n", most);
@@ -340,6 +363,20 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
     return ((wrong == 0) && (faults == 0) && (misuses == 0) && guarded) ? 0 : 1;
 }}
 """
+
+
+def _pieces(plan: Plan) -> str:
+    """Statements that make the tick by the steps of its rates, and compare."""
+    if not plan.rates:
+        return ""
+    calls = ""
+    for g in rates.groups(plan):
+        call = f"got_pieces = {plan.name}_{g.name}(&in, &param, &pieces, &out_pieces);"
+        if g.ticks == 1:
+            calls += f"        {call}\n"
+        else:
+            calls += f"        if ((tick % {g.ticks}) == 0) {{\n            {call}\n        }}\n"
+    return _PIECES.format(calls=calls)
 
 
 def _table(ends: list[tuple[float, float]]) -> str:

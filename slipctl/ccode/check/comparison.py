@@ -16,7 +16,7 @@ from slipctl.ccode.check.back_to_back import compared_bits
 from slipctl.ccode.check.expected import Expected, differences, guarded, start_state, taken
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.write.header import bit
+from slipctl.ccode.write.header import bit, prototypes
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
 from slipctl.errors import BadInput, RunFailed
@@ -57,7 +57,7 @@ def compare(
             product = module.object_file
             said, agreed = _own_test(plan, Path(scratch), compiler, product)
             found = cc.symbols(product)
-            wanted = [f"{plan.name}_{f}" for f in ("default", "init", "step", "tune")]
+            wanted = sorted(f"{plan.name}_{f}" for f in prototypes(plan))
             clean = found is None or found["defined"] == wanted
             doubles = cc.in_double(found["needed"]) if found else []
             clean = clean and not (doubles and plan.real == "float")

@@ -11,6 +11,7 @@ import numpy as np
 
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.write.header import prototypes
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import RunFailed
 
@@ -70,12 +71,12 @@ def sanitized(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
 def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool:
     """Link the module into one program with itself under another name, and run both.
 
-    Whatever the object file would show to others beside its four functions clashes here.
+    Whatever the object file would show to others beside its own functions clashes here.
     """
     n = plan.name
     twin, calls, program = (folder / f for f in (f"{n}_twin.o", f"{n}_two.c", f"{n}_two"))
     calls.write_text(_TWO.format(n=n), encoding="utf-8")
-    renamed = [f"-D{n}_{f}={n}_twin_{f}" for f in ("default", "init", "step", "tune")]
+    renamed = [f"-D{n}_{f}={n}_twin_{f}" for f in prototypes(plan)]
     try:
         cc.compile_object(compiler, folder / f"{n}.c", twin, *renamed, QUICK)
         cc.compile_object(compiler, calls, calls.with_suffix(".o"))

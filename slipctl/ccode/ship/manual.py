@@ -11,6 +11,7 @@ from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import CONTENT, STATUS, memory
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, first_sentence
+from slipctl.ccode.write.rates import groups
 from slipctl.ccode.write.shapes import packed
 
 
@@ -95,7 +96,7 @@ Call in this order:
 
 1. `{n}_default`, then change the parameters that differ,
 2. `{n}_init`; if it does not give 0, a parameter is out of range: do not run,
-3. `{n}_step` {tick},
+3. `{n}_step` {tick},{_pieces(plan)}
 4. `{n}_tune` after changing parameters at run time: until then, and if it does not give 0, those
    before stay in force.
 
@@ -188,6 +189,18 @@ def _last_places(plan: Plan) -> str:
         " If the module\ncalls `exp`, `log` or the like, last places differ there; the limits allow"
         " for that if the folder\nwas written with `--target`."
     )
+
+
+def _pieces(plan: Plan) -> str:
+    """What may be called in the place of the step, where there is a function for each rate."""
+    if not plan.rates:
+        return ""
+    row = groups(plan)
+    named = ", ".join(
+        f"`{plan.name}_{g.name}`" + (f" (every {g.ticks}th tick)" if g.ticks > 1 else "")
+        for g in row
+    )
+    return f"\n   or in its place, with the same arguments and in this order, {named},"
 
 
 def _safe(plan: Plan) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.ccode.write import guard
+from slipctl.ccode.write import guard, rates
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.layout import Member, change_text, range_text
@@ -190,6 +190,7 @@ def _state(plan: Plan) -> str:
     if plan.work_in_state:
         members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
         lines.append(f"    struct {n}_work {{ {' '.join(members)} }} work; /* scratch of step */")
+    lines += rates.tick_struct(plan) if plan.rates else []
     return "\n".join([*lines, f"}} {n}_state;"])
 
 
@@ -217,7 +218,8 @@ def prototypes(plan: Plan) -> dict[str, str]:
     if plan.block.split:
         arguments["prepare"] = arguments["step"][:-1]
         arguments["feedback"] = arguments["step"]
-    return {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+    texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+    return texts | (rates.prototypes(plan) if plan.rates else {})
 
 
 def _prototypes(plan: Plan) -> str:
@@ -252,6 +254,7 @@ def _prototypes(plan: Plan) -> str:
             "The rest of the tick, of all inputs; without prepare before it, the whole. Status and"
             " outputs are those of step, which does the same."
         )
+    told |= rates.told(plan) if plan.rates else {}
     return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
 
 

@@ -37,6 +37,7 @@ class Kernel:
         copied: whether text of CasADi's templates is in it.
         letters: names that locals have from the model.
         functions: C functions that ``lines`` call, by name: those of the parts, and what they call.
+        ticks: from one run to the next, for each of ``lines`` that does not run in every tick.
     """
 
     lines: tuple[str, ...] = ()
@@ -50,6 +51,7 @@ class Kernel:
     copied: bool = False
     functions: Mapping[str, str] = field(default_factory=dict)
     letters: frozenset[str] = frozenset()
+    ticks: Mapping[str, int] = field(default_factory=dict)
 
 
 def kernel(
@@ -128,7 +130,7 @@ def by_parts(
         {(i, k): parts.results[m.c, p, k] for i, m, p, k in places},
         frozenset((i, k) for i, m, p, k in places if parts.known.get((m.c, p, k)) == FINITE),
         helpers=frozenset(functions.helpers), functions=functions.texts | parts.texts,
-        letters=frozenset(functions.letters),
+        letters=frozenset(functions.letters), ticks=parts.ticks,
     )  # fmt: skip
 
 

@@ -52,6 +52,7 @@ class Parts:
         can_be: what (C name, pointer, element) can be.
         texts: text of each part by its C name.
         lines: the calls, in the order of the wires.
+        ticks: from one run of a call to the next, where it is not 1.
         results: for each (C name, pointer, element), what tells that two of them are one number.
     """
 
@@ -60,6 +61,7 @@ class Parts:
     can_be: Callable[[Place, int], int]
     texts: dict[str, str] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    ticks: dict[str, int] = field(default_factory=dict)
     results: dict[tuple[str, str, int], str] = field(default_factory=dict)
     known: dict[tuple[str, str, int], int] = field(default_factory=dict)
 
@@ -149,6 +151,9 @@ class Parts:
         body = "\n".join(f"    {line}" for line in lines)
         self.texts[name] = f"{comment(what)}\n{signature}\n{{\n{body}\n}}"
         self.lines.append(f"{name}({', '.join(used)});")
+        held = _every(block)
+        if held is not None:
+            self.ticks[self.lines[-1]] = held[1]
 
     def _lines(
         self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool

@@ -34,6 +34,7 @@ class Plan:
         name: name of the module.
         period: tick in s, if the block does not say it itself; only told in comments.
         real: type of a number in C, double or float.
+        rates: whether there is a step function for each rate too.
 
     Raises:
         BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
@@ -46,8 +47,9 @@ class Plan:
         name: str | None = None,
         period: float | None = None,
         real: str = "double",
+        rates: bool = False,
     ) -> None:
-        self.real = checked(real)
+        self.real, self.rates = checked(real), rates
         if block.kind == "flow":
             raise BadInput(
                 f"{block.name} is continuous and has no step;"
@@ -123,7 +125,7 @@ class Plan:
     @property
     def next_in_state(self) -> bool:
         """Whether the next state is put together in the state struct instead of on the stack."""
-        return sum(m.size for m in self.layout.states) > ON_STACK
+        return self.rates or sum(m.size for m in self.layout.states) > ON_STACK
 
     @property
     def memory_bytes(self) -> dict[str, int]:
@@ -142,6 +144,7 @@ class Plan:
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
         numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2  # what the guards keep
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
+        numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)

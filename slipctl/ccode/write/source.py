@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.ccode.write import guard
+from slipctl.ccode.write import guard, rates
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.guarding import (
@@ -98,7 +98,7 @@ def _equations(plan: Plan) -> str:
     told = "The parts, in the order of the wires" if made.functions else "Equations"
     what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
     whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
-    return "\n\n".join([*made.functions.values(), whole])
+    return "\n\n".join([*made.functions.values(), *[whole] * (not plan.rates)])
 
 
 def _own_lines(plan: Plan) -> list[str]:
@@ -237,6 +237,7 @@ def _init(plan: Plan) -> str:
     if plan.n_in:
         lines += [f"fill(state->guard.age, {plan.n_in}, -1.0);", "state->guard.fresh = 0.0;"]
     lines += ["state->guard.refused = 0.0;", f"state->guard.mark = {number(guard.MARK)};"]
+    lines += ["state->tick.done = 0.0;"] * plan.rates
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
     if plan.follows(lay.outputs):
@@ -369,6 +370,7 @@ def _step(plan: Plan) -> str:
     ranged = any(plan.ranged(m) for m in lay.states)
     off = f"part_off(&{following}, used, state)"
     lines.append(f"const int failed = {call};" if plan.can_fail else f"{call};")
+    before_it, lines = lines, []
     bad = ["(failed != 0)"] * plan.can_fail
     if ranged:
         lines.append(f"const int off = {'(failed != 0) ? 0 : ' * plan.can_fail}{off};")
@@ -389,6 +391,11 @@ def _step(plan: Plan) -> str:
         lines.append("status |= limit_outputs(used, state, &now);")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
     texts = prototypes(plan)
+    if plan.rates:
+        looked = [f"status = {first};".replace("used", "&state->in_force")]
+        more = rates.functions(plan, looked, lines, hold)
+        return f"{more}\n\n{define(texts['step'], rates.step(plan))}"
+    lines = before_it + lines
     if not plan.block.split:
         return define(texts["step"], lines)
     whole = define(texts["step"], [f"return {n}_feedback(in, param, state, out);"])
