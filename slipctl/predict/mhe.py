@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -32,6 +32,7 @@ def mhe(
     drift: Numbers,
     start: Numbers | None = None,
     limits: Mapping[str, tuple[float | None, ...]] | None = None,
+    late: str | Sequence[str] = (),
     samples: int = 30,
     period: float = 1e-3,
     substeps: int = 1,
@@ -59,7 +60,9 @@ def mhe(
         limits: of an unknown or an output of the plant. (lo, hi), None for the declared one, is
             kept wherever some motion keeps it; (lo, hi, weight) adds the square of the weighted
             excess to the sum of squares.
-        samples: length of the window.
+        late: measurements whose samples may come late, or out of order. Each has the input
+            ``age_<measurement>``: the ticks since the sample was taken, 0 for now.
+        samples: length of the window. A sample that is older counts as missing.
         period: from sample to sample in s.
         substeps: steps of Runge and Kutta in it.
         iterations: linearisations per tick.
@@ -68,12 +71,12 @@ def mhe(
 
     Returns:
         A step block. Inputs: the measurements under their names, ``seen_<measurement>`` (1, or 0
-        where a sample is missing; its value is not looked at then) and what else the equations
-        need. Outputs: each unknown under its name; ``misfit``, the sum of squares over the number
-        of samples seen, 1 on average where noise and drift are true. ``status`` (in words:
-        ``STATUS``), ``passes`` and ``residual`` as of :func:`nmpc`. The estimate is that of the
-        newest sample; it uses the other inputs of the ticks before, so a controller may use it at
-        once. Variances, start and limits are parameters.
+        where a sample is missing; its value is not looked at then), the ages, and what else the
+        equations need. Outputs: each unknown under its name; ``misfit``, the sum of squares over
+        the number of samples seen, 1 on average where noise and drift are true. ``status`` (in
+        words: ``STATUS``), ``passes`` and ``residual`` as of :func:`nmpc`. The estimate is that of
+        the newest sample; it uses the other inputs of the ticks before, so a controller may use it
+        at once. Variances, start and limits are parameters.
 
     Raises:
         BadInput: unknown names, a variance that is not positive, limits that leave nothing, an
@@ -111,10 +114,14 @@ def mhe(
         ),
     }  # fmt: skip
     kept = _limits(who, problem, limits)
+    names = [late] if isinstance(late, str) or not isinstance(late, Iterable) else list(late)
+    for n in names:
+        if n not in seen:
+            raise BadInput(f"{who}: late = {n!r}, which is not measured{nearest(str(n), seen)}")
     if not rescue and any(s.hard for s in kept.values()):
         raise BadInput(f"{who}: hard limits need rescue= of 1 or more steps")
     window = Window(problem, int(samples), float(period), int(substeps), kept)
-    return _Estimator(window, numbers, int(iterations), int(passes), int(rescue)).block(name)
+    return _Estimator(window, numbers, int(iterations), int(passes), int(rescue), names).block(name)
 
 
 def _limits(
@@ -152,9 +159,9 @@ class _Estimator:
 
     def __init__(
         self, window: Window, numbers: dict[str, dict[str, float]], iterations: int, passes: int,
-        rescue: int,
+        rescue: int, late: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.w, self.numbers, self.iterations = window, numbers, iterations
+        self.w, self.numbers, self.iterations, self.late = window, numbers, iterations, late
         self.stage, stage = window.stage()
         self.end, end = window.end()
         self.front, self.misfit = window.front(stage), window.misfit()
@@ -215,6 +222,11 @@ class _Estimator:
                   hi=1).named(f"seen_{_short(s.name)}")
             for s in problem.measured
         ]  # fmt: skip
+        there += [
+            Input("1", f"ticks since the sample of {n} was taken", value=0.0, lo=0, hi=1e6).named(
+                f"age_{_short(n)}")
+            for n in self.late
+        ]  # fmt: skip
         outputs = [
             s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
                       hi=math.inf)
@@ -266,7 +278,9 @@ class _Estimator:
         names = [_short(m.name) for m in problem.measured]
         seen = [u[f"seen_{k}"] > 0.5 for k in names]
         y = [ca.if_else(t, u[m.name], 0) for t, m in zip(seen, problem.measured, strict=True)]
-        sample = ca.vertcat(*y, *seen)
+        late = [m.name in self.late for m in problem.measured]
+        newest = [0 if k else t for t, k in zip(seen, late, strict=True)]
+        sample = ca.vertcat(*y, *newest)
         known = _column([u[k.name] for k in problem.known])
 
         # the window moves on: its oldest sample goes into the arrival
@@ -288,6 +302,7 @@ class _Estimator:
         S = ca.if_else(begun, self.qp.shifted(xs["S"]), self.qp.first()) if w.nc else ca.MX(0)
         predicted = ca.if_else(begun, newest, first)
 
+        Y = self._placed(Y, live, y, seen, u)
         y_: Any = ca.reshape(Y, 2 * ny, M)
         k_: Any = ca.reshape(K, nk, M) if nk else ca.MX(0, M)
         many: Any = ca.repmat(params, 1, M)
@@ -324,6 +339,19 @@ class _Estimator:
             "misfit": ca.if_else(sound, squares / ca.fmax(1, count), 0), "status": status,
             "passes": made, "residual": ca.if_else(sound, found.residual, 1),
         }  # fmt: skip
+
+    def _placed(self, Y: Any, live: Any, y: list[Any], seen: list[Any], u: Exprs) -> Any:
+        """Samples of the window, with those that may come late at the tick when they were taken."""
+        M, ny = self.w.samples, self.w.ny
+        rows = ca.vertsplit(ca.reshape(Y, 2 * ny, M))
+        ages = ca.DM(range(M - 1, -1, -1)).T
+        for i, m in enumerate(self.w.problem.measured):
+            if m.name in self.late:
+                now = ca.floor(u[f"age_{_short(m.name)}"] + 0.5)
+                here = ca.logic_and(ca.logic_and(ages == now, live.T > 0), seen[i])
+                rows[i] = ca.if_else(here, y[i], rows[i])
+                rows[ny + i] = ca.fmax(here, rows[ny + i])
+        return ca.vec(ca.vertcat(*rows))
 
 
 def _short(name: str) -> str:

@@ -105,6 +105,28 @@ def test_missing_samples_are_left_out():
     assert [found[n][-1] for n in ("x", "v", "d")] == pytest.approx(list(last), abs=1e-7)
 
 
+def test_a_sample_that_comes_late_or_out_of_order_is_put_in_its_place():
+    """Taken at ticks 2 and 3, told at 5 and 4; tick 9 tells one again that has left the window.
+
+    Against all samples in order at once, of those that have come by then.
+    """
+    rng = np.random.default_rng(5)
+    samples, forces = rng.normal(size=10), rng.normal(size=10)
+    told = {0: 0, 1: 1, 4: 3, 5: 2, 6: 6, 7: 7, 8: 8, 9: 0}  # tick: when it was taken
+    block = make(late="x", samples=8)
+    assert list(block.inputs) == ["x", "seen_x", "age_x", "F"]
+    tick, whole = Driver(block, compile=False), Driver(make(late="x", samples=10), compile=False)
+    for k in range(10):
+        taken = told.get(k, k)
+        given = (samples[taken], float(k in told), k - taken, forces[k])
+        here, all_ = (dict(zip(block.outputs, t(*given), strict=True)) for t in (tick, whole))
+        seen = [any(told.get(j) == i for j in range(k + 1)) for i in range(k + 1)]
+        state, squares = at_once(samples[: k + 1], forces, seen)
+        assert [all_[n] for n in "xvd"] == pytest.approx(state, abs=1e-9)
+        assert all_["misfit"] * sum(seen) == pytest.approx(squares, abs=1e-9)
+        assert [here[n] for n in "xvd"] == pytest.approx(state, abs=1e-9)
+
+
 def test_a_window_over_all_samples_with_limits_is_bounded_least_squares():
     """d >= 0 at every sample; scipy's active set on the whole; the squares are the misfit.
 
@@ -204,6 +226,8 @@ BAD = [
     (dict(limits={"d": 1.0}), r"limits of d: 1.0 is not \(lo, hi\)"),
     (dict(limits={"F": (0.0, 1.0)}), "limits of 'F', which is not estimated"),
     (dict(limits=3), "give limits="),
+    (dict(late="z"), "late = 'z', which is not measured"),
+    (dict(late=3), "late = 3, which is not measured"),
     (dict(limits={"d": (0.0, 1.0)}, rescue=0), "hard limits need rescue="),
 ]
 
