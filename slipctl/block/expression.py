@@ -389,11 +389,16 @@ def interpolated(x: Any, xs: Iterable[Any], ys: Iterable[Any]) -> Any:
 
     y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k.
 
-    There is no search and no index, so it differentiates and runs in C, in float too.
+    There is no search and no index, so it differentiates and runs in C, in float too. Points may be
+    numbers, or parameters of a shape: places that rise and heights over them.
     """
     import casadi as ca
 
-    xs, ys = list(xs), list(ys)
+    def points(given: Any) -> list[Any]:
+        symbols = isinstance(given, (ca.SX, ca.MX, ca.DM))
+        return ca.vertsplit(given) if symbols else list(given)
+
+    xs, ys = points(xs), points(ys)
     found = ys[0]
     for k in range(len(xs) - 1):
         wide = xs[k + 1] - xs[k]

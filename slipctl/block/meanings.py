@@ -11,6 +11,7 @@ from typing import Any
 
 from slipctl.block import expression
 from slipctl.block.expression import interpolated
+from slipctl.block.signals import Param, Signal
 from slipctl.block.units import one, parse_quantity, si_text, split_quantity, unit
 from slipctl.errors import BadInput, Faults, nearest
 
@@ -62,6 +63,19 @@ class Table:
         """Straight lines between the points, the ends held."""
         a, b = one(self.over), one(self.unit)
         return interpolated(x, [p * a for p, _ in self.points], [q * b for _, q in self.points])
+
+    def params(self, name: str) -> list[Signal]:
+        """Its places and heights as parameters, ``F_at`` and ``F_there`` of ``F``."""
+        places, heights = zip(*self.points, strict=True)
+        shape = (len(places),)
+        return [
+            Param(self.over, places, f"places of {name}", shape=shape, rising=True).named(
+                f"{name}_at"
+            ),
+            Param(self.unit, heights, f"{name} there", shape=shape, over=f"{name}_at").named(
+                f"{name}_there"
+            ),
+        ]
 
 
 class Meanings:

@@ -79,6 +79,8 @@ class Signal:
         whole: whole numbers only.
         values: what 0, 1, 2, ... mean, ``("apply", "hold", "release")``; of a signal that is true
             or not ``("no", "yes")``.
+        rising: each element of a parameter is above the one before: places of a table.
+        over: parameter of these places, of one that holds the heights of a table there.
     """
 
     role: str
@@ -102,6 +104,8 @@ class Signal:
     truth: tuple[str, ...] = ()
     whole: bool = False
     values: tuple[str, ...] = ()
+    rising: bool = False
+    over: str = ""
 
     def __post_init__(self) -> None:
         if self.unit in KINDS:
@@ -129,6 +133,8 @@ class Signal:
             names_in(b.expression)
         if any(not isinstance(n, int) or n < 1 for n in self.shape):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
+        if self.rising and (len(self.shape) != 1 or self.shape[0] < 2):
+            raise BadInput(f"{where}: places of a table have a shape (n,), n at least 2")
         if self.value is not None and not isinstance(self.value, str):
             self.finite(where, self.value)
 
@@ -252,6 +258,12 @@ class Signal:
             odd = array.flat[int(np.argmax(array != np.rint(array)))]
             named = f", one of {', '.join(self.values)}" if self.values else ""
             raise BadInput(f"{where} is {odd:g}; it must be a whole number{named}")
+        if self.rising and (np.diff(array) <= 0).any():
+            k = int(np.argmax(np.diff(array) <= 0))
+            raise BadInput(
+                f"{where} goes from {array[k]:g} to {array[k + 1]:g} {self.unit}; the places of a"
+                " table must rise"
+            )
         return array
 
     def check(self, where: str, value: Any) -> np.ndarray:
@@ -344,9 +356,12 @@ def Param(
     positive: str | None = None,
     per: str | None = None,
     values: tuple[str, ...] = (),
+    rising: bool = False,
+    over: str = "",
 ) -> Any:
     """Declare a parameter; an expression as ``value`` makes it derived, not settable itself."""
-    return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per, values=values)
+    return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per, values=values,
+                  rising=rising, over=over)  # fmt: skip
 
 
 def Input(

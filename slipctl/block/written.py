@@ -13,13 +13,14 @@ import ast
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from slipctl.block import expression, formula, unit_walk
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.declare import check_conditions
-from slipctl.block.expression import Expression
+from slipctl.block.expression import Expression, interpolated
 from slipctl.block.meanings import EQUATION, MOST, Item, Meaning, Meanings, Table, bare
 from slipctl.block.signals import Signal
 from slipctl.block.units import parse_quantity, si_text, unit
@@ -182,6 +183,9 @@ class _Reader(Meanings):
             s.name for s in signals if s.role == "output"))  # fmt: skip
         if units != "printed":
             signals = self.check_units(equations, signals, kind)
+        if kind == "step":  # of a law, what searches and fits it wants numbers
+            signals += self.points([s.name for s in signals])
+            equations = replace(equations, settable=True)
         self.stop()
         values = self.condition_values(conditions, {s.name: s for s in signals})
         self.stop()
@@ -199,6 +203,15 @@ class _Reader(Meanings):
             self.wrong((), str(error))
             self.stop()
             raise
+
+    def points(self, taken: Sequence[str]) -> list[Signal]:
+        """Points of the tables as parameters."""
+        found = [(table, p) for table, t in self.tables.items() for p in t.params(table)]
+        for table, p in found:
+            if p.name in taken:
+                self.wrong(("tables", table), f"{p.name} is a parameter of the table {table} and a"
+                           " name of its own; rename one")  # fmt: skip
+        return [p for _, p in found]
 
     def stop(self) -> None:
         if self.faults:
@@ -391,6 +404,7 @@ class _Equations:
     order: tuple[_Equation, ...]
     tables: Mapping[str, Table]
     outputs: tuple[str, ...]
+    settable: bool = False  # points of tables are parameters
 
     def body(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         """Next states (or derivatives) and outputs."""
@@ -412,12 +426,17 @@ class _Equations:
 
         values, found = dict(known), {}
         symbols = next((type(v) for v in known.values() if isinstance(v, (ca.SX, ca.MX))), ca.SX)
+        calls: dict[str, Callable[..., Any]] = dict(self.tables)
+        if self.settable:
+            calls = {
+                t: partial(interpolated, xs=known[f"{t}_at"], ys=known[f"{t}_there"]) for t in calls
+            }
         for e in self.order:
             seen = None
             if parts is not None:
                 mine = parts.setdefault(e, [])
                 seen = lambda node, value, mine=mine: mine.append((node, value))  # noqa: E731
-            found[e] = symbols(e.expression.value(values, self.tables, seen))
+            found[e] = symbols(e.expression.value(values, calls, seen))
             if not e.mark:
                 values[e.name] = found[e]
         return found

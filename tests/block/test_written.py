@@ -79,6 +79,25 @@ def test_flow_and_tables() -> None:
         assert slope["v"] == pytest.approx(-force / 2000, rel=1e-12)  # a few roundings
 
 
+def test_tables_of_a_step_are_parameters() -> None:
+    """Places that rise and heights over them, in SI; with another height it is another curve."""
+    tables = {"F": {"over": "km/h", "unit": "kN", "points": [[0, 10], [36, 8], [72, 2]]}}
+    text = "x+ = x + tick*v; f = F(v) where v [m/s], x [m] = 0"
+    block = from_text(text, tables=tables, period="10 ms")
+    at, there = block.params["F_at"], block.params["F_there"]
+    assert (at.unit, at.value, at.rising) == ("m/s", (0.0, 10.0, 20.0), True)
+    assert (there.unit, there.value, there.over) == ("N", (10e3, 8e3, 2e3), "F_at")
+    assert block(v=15.0, x=0.0)[1]["f"] == 5e3
+    assert block(v=15.0, x=0.0, F_there=[1, 2, 3])[1]["f"] == 2.5
+    with pytest.raises(BadInput, match=r"F_at goes from 3 to 2 m/s; the places of a table must"):
+        block(v=15.0, x=0.0, F_at=[0, 3, 2])
+    with pytest.raises(Faults, match="F_at is a parameter of the table F and a name of its own"):
+        from_text(text.replace("F(v)", "F(v) + F_at") + ", F_at = 2 N", tables=tables,
+                  period="10 ms")  # fmt: skip
+    law = from_text("f = F(v) where v [m/s]", tables=tables)
+    assert not law.params  # what is searched and fitted
+
+
 def test_swapped_and_certified() -> None:
     """It replaces the law of a loop, and its slope is bounded by the proof of any block."""
     from conftest import closed_loop

@@ -12,10 +12,14 @@ import pytest
 from controllers import REPRESENTATIVE
 from test_codegen import BLOCKS, matrices
 
+from slipctl import Input, Output, Param, connect, step
+from slipctl.block.expression import interpolated
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.ship import a2l
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.plan import Plan
+from slipctl.errors import BadInput
 
 TOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
 if TOOL is None:
@@ -55,6 +59,56 @@ def test_a_matrix_has_its_columns_first() -> None:
     matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
     assert found == {"x": ["3"], "u": ["3"], "z": ["3"], "y": [], "k": []} | matrix
     assert len(re.findall(r"LAYOUT COLUMN_DIR|FNC_VALUES 1 FLOAT64_IEEE COLUMN_DIR", text)) == 3
+
+
+@step(period=0.01, F=Output("N", "force", lo=-1e6, hi=1e6))
+def curve(
+    v=Input("m/s", "speed", lo=-100, hi=100),
+    v_at=Param("m/s", [0, 5, 20], "speeds", shape=(3,), lo=0, hi=200, rising=True),
+    F_at=Param("N", [9e3, 8e3, 2e3], "force there", shape=(3,), lo=0, hi=1e6, over="v_at"),
+):
+    """A force by points."""
+    return {}, dict(F=interpolated(v, v_at, F_at))
+
+
+@pytest.mark.parametrize("part", ["", "c."])
+def test_a_table_is_a_curve_over_its_places(part: str, tmp_path: Path) -> None:
+    whole = connect("whole", {"c.v": "v", "F": "c.F"}, c=curve) if part else curve
+    codegen.c_module(whole, tmp_path, "ctl")
+    said = checked("--strict", "--check", str(tmp_path / "ctl.a2l"))
+    assert "No problems found" in said
+    text, c = (tmp_path / "ctl.a2l").read_text(), part.replace(".", "_")
+    assert re.search(rf"/begin AXIS_PTS ctl_param\.{c}v_at .*\n .* 3 0\.0 200\.0\n", text)
+    kind = rf"/begin CHARACTERISTIC ctl_param\.{c}F_at .*\n  CURVE 0x18 RL_VALUE .*\n"
+    assert re.search(rf"{kind}.*COM_AXIS(?s:.)*AXIS_PTS_REF ctl_param\.{c}v_at\n", text)
+
+
+def test_a_table_needs_its_places(tmp_path: Path) -> None:
+    """Of another length, that do not rise, or none: one line, before anything is written."""
+    F_at = Param("N", [1, 2, 3], shape=(3,), over="v_at")
+    for places in (
+        Param("m/s", [0, 5], shape=(2,), rising=True),
+        Param("m/s", [0, 5, 6], shape=(3,)),
+    ):
+
+        @step(F=Output("N"))
+        def other(v=Input("m/s"), v_at=places, F_at=F_at):
+            return {}, dict(F=v_at[0] * F_at[0])
+
+        with pytest.raises(BadInput, match="F_at is a table over 'v_at', which is no parameter"):
+            codegen.c_module(other, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+    with pytest.raises(BadInput, match="places of a table have a shape"):
+        Param("m/s", 0.0, rising=True)
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+def test_places_that_do_not_rise_are_refused_by_tune(tmp_path: Path) -> None:
+    module = codegen.c_module(curve, tmp_path, "ctl").compile().load()
+    assert module.reset(F_at=[4, 3, 2]).step(v=2.5) == {"F": 3.5}
+    module._param[:3] = [0, 5, 5]
+    assert module._call("tune", module._param, module._state) == guard.BAD_PARAM
+    assert module.step(v=2.5) == {"F": 3.5}  # those in force stay
 
 
 @pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")

@@ -1,7 +1,8 @@
 """A2L (ASAM MCD-2 MC, ASAP2 1.71): parameters and measurements for a calibration tool.
 
 One CHARACTERISTIC per parameter, one MEASUREMENT per input, state and output, each with unit,
-limits, and a COMPU_METHOD per unit or enumeration. Derived parameters, the status with its bits,
+limits, and a COMPU_METHOD per unit or enumeration. A table is a CURVE
+over AXIS_PTS. Derived parameters, the status with its bits,
 and how long inputs have been bad are measured too. Its place (SYMBOL_LINK: name and offset) is one
 in an instance of the module's structs. The firmware names that ``ctl_param_instance``,
 ``ctl_in_instance`` and so on, and keeps what the step returns in ``ctl_status_instance``.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from slipctl.block.curves import places_of
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
@@ -49,6 +51,11 @@ def a2l(plan: Plan) -> str:
     blocks.append(
         f"/begin RECORD_LAYOUT RL_VALUE FNC_VALUES 1 {kind} COLUMN_DIR DIRECT\n/end RECORD_LAYOUT"
     )
+    if any(m.signal.rising for m in lay.params):
+        blocks.append(
+            f"/begin RECORD_LAYOUT RL_PLACES AXIS_PTS_X 1 {kind} INDEX_INCR DIRECT\n"
+            "/end RECORD_LAYOUT"
+        )
     offset = 0
     for m in lay.params:
         blocks.append(_characteristic(plan, m, offset, methods))
@@ -210,11 +217,26 @@ def _method(m: Member, methods: Methods) -> str:
 
 
 def _characteristic(plan: Plan, m: Member, offset: int, methods: Methods) -> str:
-    kind = "VALUE" if m.scalar else "VAL_BLK"
+    """A parameter: a number, an array, the places of a table, or its heights over them."""
+    name, link = _name(plan, "param", m), _link(plan, "param", offset)
+    if m.signal.rising:
+        return (
+            f"/begin AXIS_PTS {name} {_about(m)}\n"
+            f"  0x{offset:X} NO_INPUT_QUANTITY RL_PLACES 0 {_method(m, methods)} {m.size}"
+            f" {_limits(plan, m)}\n  MONOTONY STRICT_INCREASE{link}\n/end AXIS_PTS"
+        )
+    kind, dims = "VALUE" if m.scalar else "VAL_BLK", _dims(m)
+    if there := places_of(plan.block.params, m.name):
+        places = next(p for p in plan.layout.params if p.name == there)
+        kind, dims = "CURVE", (
+            f"\n  /begin AXIS_DESCR COM_AXIS NO_INPUT_QUANTITY {_method(places, methods)} {m.size}"
+            f" {_limits(plan, places)}\n    AXIS_PTS_REF {_name(plan, 'param', places)}\n"
+            "    MONOTONY STRICT_INCREASE\n  /end AXIS_DESCR"
+        )  # fmt: skip
     return (
-        f"/begin CHARACTERISTIC {_name(plan, 'param', m)} {_about(m)}\n"
+        f"/begin CHARACTERISTIC {name} {_about(m)}\n"
         f"  {kind} 0x{offset:X} RL_VALUE 0 {_method(m, methods)} {_limits(plan, m)}"
-        f"{_dims(m)}{_link(plan, 'param', offset)}\n/end CHARACTERISTIC"
+        f"{dims}{link}\n/end CHARACTERISTIC"
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from slipctl.block.block import Block
+from slipctl.block.curves import places_of
 from slipctl.block.signals import Signal
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
@@ -30,7 +31,7 @@ hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
 all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
 states_within start recover guard part part_off off refused told in_force used limit_outputs
-start_outputs mark fresh
+start_outputs mark fresh rising
 """
 LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""
@@ -126,6 +127,7 @@ def layout(block: Block, name: str) -> Layout:
         if p.value is None:
             where = "" if p.unit == "1" else f" in {p.unit}"
             raise BadInput(f"{block.name}.{p.name} has no value; give it a default{where}")
+        places_of(block.params, p.name)
     free = [s for s in block.params.values() if not s.derived]
     derived = [s for s in block.params.values() if s.derived]
     return Layout(

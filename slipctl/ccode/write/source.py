@@ -170,6 +170,7 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
 
 def _param_ok(plan: Plan) -> str:
     checks = [within(plan, m, "param->") for m in plan.layout.params]
+    checks += [f"rising(param->{m.c}, {m.size})" for m in plan.layout.params if m.signal.rising]
     void = [] if checks else ["(void)param;"]
     return define(
         f"static bool param_ok(const {plan.name}_param *param)",
@@ -438,6 +439,12 @@ _SMALL = {
     "zero_of": (
         "double zero_of(const double *x, int n)",
         "    double zero = 0.0;\n" + _LOOP % "zero *= x[k];" + "    return zero;\n",
+    ),
+    "rising": (
+        "bool rising(const double *x, int n)",
+        _LOOP.replace("k = 0", "k = 1")
+        % "if (!(x[k] > x[k - 1])) {\n            return false;\n        }"
+        + "    return true;\n",
     ),
     "all_within": (
         "bool all_within(const double *x, int n, double lo, double hi)",
