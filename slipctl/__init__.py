@@ -24,6 +24,7 @@ _WHERE = {
     "block.ranges": ["ranged"],
     "block.distance": ["over_distance"],
     "block.adaptors": ["flip_sign", "mirror", "speed_to_ratio", "ratio_to_speed"],
+    "block.expression": ["interpolated"],
     "block.units": ["one"],
     "run.rail": ["Section", "Rail", "Scenario", "End"],
     "run.simulation": ["simulate"],
@@ -53,6 +54,7 @@ _WHERE = {
     "predict.nmpc": ["nmpc"],
     "predict.region": ["Region", "terminal_region"],
     "predict.sensitivity": ["Slopes", "control_slopes", "run_slopes"],
+    "predict.tightening": ["tightening"],
     "predict.trials": ["feasibility", "Feasibility"],
     "predict.trajectory": ["trajectory", "Trajectory"],
     "analysis.linearise": ["linear", "nonlinear", "operating_point"],
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from slipctl.block.connection import connect
     from slipctl.block.declare import flow, law, step
     from slipctl.block.distance import over_distance
+    from slipctl.block.expression import interpolated
     from slipctl.block.ranges import ranged
     from slipctl.block.replication import replicate
     from slipctl.block.signals import Input, Noise, Output, Param, Signal, State
@@ -92,6 +95,7 @@ if TYPE_CHECKING:
     from slipctl.predict.nmpc import nmpc
     from slipctl.predict.region import Region, terminal_region
     from slipctl.predict.sensitivity import Slopes, control_slopes, run_slopes
+    from slipctl.predict.tightening import tightening
     from slipctl.predict.trajectory import Trajectory, trajectory
     from slipctl.predict.trials import Feasibility, feasibility
     from slipctl.run.ensemble import Ensemble

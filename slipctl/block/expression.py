@@ -385,12 +385,17 @@ def _folded(both: Callable[[Any, Any], Any], values: list[Any]) -> Any:
 
 
 def interpolated(x: Any, xs: Iterable[Any], ys: Iterable[Any]) -> Any:
-    """Straight lines through points, the ends held.
+    """Straight lines through points, the ends held: a table in the equations of a block.
 
-    y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k.
+    y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k. There is no
+    search and no index, so it differentiates and runs in C, in float too.
 
-    There is no search and no index, so it differentiates and runs in C, in float too. Points may be
-    numbers, or parameters of a shape: places that rise and heights over them.
+    Args:
+        x: number or expression. xs: places, which rise. ys: heights over them, as many. Both are
+            numbers, or parameters of a shape.
+
+    Raises:
+        BadInput: places that do not rise, or heights of another number.
     """
     import casadi as ca
 
@@ -399,6 +404,11 @@ def interpolated(x: Any, xs: Iterable[Any], ys: Iterable[Any]) -> Any:
         return ca.vertsplit(given) if symbols else list(given)
 
     xs, ys = points(xs), points(ys)
+    if len(xs) != len(ys) or not xs:
+        raise BadInput(f"interpolated: {len(xs)} places and {len(ys)} values; give as many of both")
+    for a, b in pairwise(xs):
+        if isinstance(a, int | float) and isinstance(b, int | float) and not b > a:
+            raise BadInput(f"interpolated: the place {b:g} comes after {a:g}; give them rising")
     found = ys[0]
     for k in range(len(xs) - 1):
         wide = xs[k + 1] - xs[k]

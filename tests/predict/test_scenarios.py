@@ -11,8 +11,10 @@ from slipctl import (
     Scenario,
     State,
     flow,
+    interpolated,
     law,
     nmpc,
+    one,
     over_distance,
     sampled,
     simulate,
@@ -139,6 +141,37 @@ def test_a_plan_over_distance_begins_before_the_hill():
     before = block(v=10.0, w=10.0, clock=0.0, load=hill)[1]["F"]
     assert level == pytest.approx(0, abs=1e-6)
     assert before > 0.2
+
+
+def test_a_hill_at_its_place_is_seen_before_it_comes():
+    """A table over the plant's own place: the plan reads it where it expects to be."""
+
+    @flow()
+    def hilly(
+        x=State("m", 0.0, "place"), v=State("m/s", 0.0, "speed"),
+        F=Input("N", "force", lo=-4, hi=4),
+    ):  # fmt: skip
+        """A kilogram, and a hill from 20 m to 70 m that takes 4.5 N."""
+        hill = interpolated(x / one("m"), [20, 25, 65, 70], [0, 4.5, 4.5, 0]) * one("N")
+        return dict(x=v, v=(F - hill) / one("kg")), {}
+
+    block = nmpc(
+        hilly, speed, "F", h=1.0, horizon=30, weights={"e": 0.3, "f": 0.1}, iterations=5,
+        substeps=4,
+    )  # fmt: skip
+    force = {x: block(x=x, v=10.0, w=10.0)[1]["F"] for x in (-500.0, 10.0, 30.0)}
+    assert force[-500.0] == pytest.approx(0, abs=1e-9)
+    assert 0.2 < force[10.0] < 1  # not there yet
+    assert force[30.0] == 4
+
+
+@pytest.mark.parametrize(
+    ("xs", "ys", "said"),
+    [([0, 1], [1], "2 places and 1 values"), ([], [], "0 places"), ([1, 1], [0, 0], "rising")],
+)
+def test_a_table_that_is_none_is_refused(xs, ys, said):
+    with pytest.raises(BadInput, match=said):
+        interpolated(0.5, xs, ys)
 
 
 BAD = [
