@@ -2,7 +2,7 @@
 
 Parts that run every few ticks stand between others in the order of the wires. So a tick is a row of
 groups: the parts of one rate, then those of the next. Each group is a function. Called in their
-order they do what the step does, to the bit, with the same guards: the first one looks at the
+order they do what the step does, to the bit, with the same guards. The first one looks at the
 inputs, the last one takes or refuses the tick.
 """
 
@@ -291,8 +291,8 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
         "return status;",
     ]  # fmt: skip
     what = comment(
-        "Go on with the tick in hand until so many groups of parts are done, and begin one if there"
-        " is none or it has come as far already; what is known of its status."
+        "Go on with the tick in hand until so many groups of parts are done. Begin one if there"
+        " is none or it has come as far already. Gives what is known of its status."
     )
     signature = wrapped("static unsigned int", "go_on", f"const {n}_in *in", f"{n}_state *state",
                         "double groups")  # fmt: skip
