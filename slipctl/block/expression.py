@@ -384,7 +384,7 @@ def _folded(both: Callable[[Any, Any], Any], values: list[Any]) -> Any:
     return found
 
 
-def interpolated(x: Any, xs: Iterable[Any], ys: Iterable[Any]) -> Any:
+def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     """Straight lines through points, the ends held: a table in the equations of a block.
 
     y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k. There is no
@@ -400,8 +400,11 @@ def interpolated(x: Any, xs: Iterable[Any], ys: Iterable[Any]) -> Any:
     import casadi as ca
 
     def points(given: Any) -> list[Any]:
-        symbols = isinstance(given, (ca.SX, ca.MX, ca.DM))
-        return ca.vertsplit(given) if symbols else list(given)
+        if isinstance(given, (ca.SX, ca.MX, ca.DM)):
+            return ca.vertsplit(given)
+        if isinstance(given, str) or not isinstance(given, Iterable):
+            raise BadInput(f"interpolated: {given!r:.40} is no list of numbers")
+        return list(given)
 
     xs, ys = points(xs), points(ys)
     if len(xs) != len(ys) or not xs:

@@ -12,8 +12,7 @@ import pytest
 from controllers import REPRESENTATIVE
 from test_codegen import BLOCKS, matrices
 
-from slipctl import Input, Output, Param, connect, step
-from slipctl.block.expression import interpolated
+from slipctl import Input, Output, Param, connect, interpolated, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.ship import a2l
