@@ -20,6 +20,7 @@ from slipctl.predict.linearised import linearised
 from slipctl.predict.offset import SHARE
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.repeating import apart, only_if
+from slipctl.predict.scenarios import TOGETHER
 from slipctl.predict.search import Search
 from slipctl.predict.status import SMALL
 
@@ -49,7 +50,7 @@ class Controller:
         self.ahead, self.damping, self.split = ahead, damping, split
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
-        self.short = dict(zip(controls, problem.controls, strict=True))
+        self.short = dict(zip(controls, problem.decided, strict=True))
         self.once, self.stage, layout, self.step = linearised(where, problem)
         self.end, last = problem.end()
         self.curved = Curved(where, problem, layout, last) if problem.exact else None
@@ -66,6 +67,9 @@ class Controller:
         self.scale = ca.DM(problem.scale)
         self.unknown = problem.unknown.names if problem.unknown else ()
         self.fixed = {STRETCH: [*problem.lengths, 1.0]} if problem.lengths else {}
+        if problem.shared:
+            both = problem.shared, problem.stages + 1 - problem.shared
+            self.fixed[TOGETHER] = [1.0] * both[0] + [0.0] * both[1]
 
     # ---- signals --------------------------------------------------------------------------------
 
@@ -224,7 +228,7 @@ class Controller:
             params=[*model.params.values(), *self.settings()], outputs=outputs,
             period=h, sx=False, doc=doc,
             choices={
-                "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.controls),
+                "plant": plant.name, "cost": cost.name, "controls": ", ".join(self.h.decided),
                 "horizon": N, "iterations": self.iterations, "solver": self.solver,
             },
             solves=(self.lines(plant.name, h, over), {b.name: b for b in told}),
@@ -268,6 +272,8 @@ class Controller:
             rates.append(
                 p[f"{short}_rate"] * self.h.model.period if c in self.rate else ca.MX(1e30)
             )
+        many = self.h.nu // len(lows)  # those of the scenarios have the same
+        lows, highs, rates = lows * many, highs * many, rates * many
         wide = max(v.shape[1] for v in (*lows, *highs))
         if self.rate and self.h.lengths:  # from the middle of a stage to that of the next one
             s = ca.DM([1.0, *self.h.lengths])
@@ -356,8 +362,8 @@ class Controller:
         if self.solver != "riccati":
             good = ca.if_else(ca.logic_and(planned, residual < DEVIATION), 1, math.nan)
             nxt[f"answer_of_{self.solver}"], controls = good, controls * good
-        values = dict(zip(self.h.controls, ca.vertsplit(controls), strict=True))
-        return nxt, values | {"status": status, "passes": passes, "residual": residual}
+        values = zip(self.h.decided, ca.vertsplit(controls), strict=False)
+        return nxt, dict(values) | {"status": status, "passes": passes, "residual": residual}
 
     def _again(self, X: Any, V: Any, S: Any, D: Any, E: Any, shift: Any, *given: Any) -> Any:
         """The same as :meth:`_prepare`, of a plan that is shifted already if not ``shift``."""

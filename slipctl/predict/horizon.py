@@ -29,7 +29,7 @@ from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
 from slipctl.predict.growing import STRETCH
 from slipctl.predict.joining import check_lag, joined
-from slipctl.predict.scenarios import Factors
+from slipctl.predict.scenarios import Factors, own, ties
 
 if TYPE_CHECKING:
     from slipctl.predict.offset import Unknown
@@ -87,6 +87,7 @@ class Horizon:
         unknown: held inputs that the controller estimates, if any.
         lengths: of the stages over the first one; none where they are all alike.
         factors: of each scenario; none where the plant is one.
+        shared: stages after which each scenario has controls of its own; 0 where it has none.
         prices: outputs that are summed as they are.
         exact: whether Hessians are exact ones, made convex (:mod:`slipctl.predict.curved`).
     """
@@ -110,13 +111,14 @@ class Horizon:
     factors: Factors = ()
     prices: tuple[str, ...] = ()
     exact: bool = False
+    shared: int = 0
 
     @classmethod
     def of(
         cls, plant: Block, cost: Block, control: Sequence[str], terminal: Sequence[str] | None,
         soft: Mapping[str, Soft], stages: int, h: float, method: str, substeps: int,
         scale: Mapping[str, float], laws: Mapping[str, Block] | None = None,
-        lengths: tuple[float, ...] = (), factors: Factors = (),
+        lengths: tuple[float, ...] = (), factors: Factors = (), shared: int = 0,
     ) -> Horizon:  # fmt: skip
         """Connect plant, cost and further laws by the names of their signals, and discretise.
 
@@ -124,17 +126,20 @@ class Horizon:
         """
         where = f"nmpc({plant.name})"
         laws = dict(laws or {})
-        model, alias = joined(where, plant, {"cost": cost, **laws}, factors)
+        full = {plant.find(c, "input"): scale[c] for c in control}
+        branching = full if shared else None
+        model, alias = joined(where, plant, {"cost": cost, **laws}, factors, branching)
         expressions(where, plant)
-        controls = tuple(alias[plant.find(c, "input")] for c in control)
+        many = len(factors) if shared else 1
+        controls = tuple(own(alias[c], i) for i in range(many) for c in full)
         check_lag(where, plant, model, controls, (sum(lengths) or stages) * h)
         flow, model = model, sampled(model, h, method, substeps)
         residuals = tuple(f"cost.{n}" for n in cost.outputs)
         horizon = cls(
             flow, model, controls, tuple(n for n in model.inputs if n not in controls), residuals,
-            (), tuple(soft), tuple(soft.values()), stages, tuple(scale[c] for c in control),
+            (), tuple(soft), tuple(soft.values()), stages, tuple(full.values()) * many,
             tuple(f"last.{n}" for n in laws["last"].outputs) if "last" in laws else (),
-            over=(method, substeps), lengths=lengths, factors=factors,
+            over=(method, substeps), lengths=lengths, factors=factors, shared=shared,
             prices=tuple(f"price.{n}" for n in laws["price"].outputs) if "price" in laws else (),
         )  # fmt: skip
         horizon._refuse_controls_at_the_end(where)
@@ -188,6 +193,11 @@ class Horizon:
     def nu(self) -> int:
         """Number of controls."""
         return len(self.controls)
+
+    @property
+    def decided(self) -> tuple[str, ...]:
+        """Controls of the plant; of a plan that branches those that all scenarios share."""
+        return self.controls[: self.nu // len(self.factors)] if self.shared else self.controls
 
     @property
     def nd(self) -> int:
@@ -265,6 +275,8 @@ class Horizon:
     def _stage_rows(self, y: Mapping[str, Any], d: Any, q: Any) -> Any:
         """Weighted residuals of a stage, whose squares count by its length."""
         r = self._rows(y, self.residuals, q)
+        if self.shared:
+            r = ca.vertcat(r, *[y[n] for n in ties(self.decided)])
         return r * ca.sqrt(d[self.held.index(STRETCH)]) if self.lengths else r
 
     def _priced(self, y: Mapping[str, Any], d: Any, q: Any) -> Any:

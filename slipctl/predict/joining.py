@@ -13,7 +13,7 @@ from slipctl.block.connection import connect
 from slipctl.block.signals import Signal
 from slipctl.block.units import dimension_equal
 from slipctl.errors import BadInput
-from slipctl.predict.scenarios import Factors, copied
+from slipctl.predict.scenarios import TREE, Factors, copied, tree
 
 
 def with_inputs(
@@ -35,11 +35,13 @@ def with_inputs(
 
 
 def joined(
-    where: str, plant: Block, laws: Mapping[str, Block], factors: Factors = ()
-) -> tuple[Block, dict[str, str]]:
+    where: str, plant: Block, laws: Mapping[str, Block], factors: Factors = (),
+    branching: Mapping[str, float] | None = None,
+) -> tuple[Block, dict[str, str]]:  # fmt: skip
     """Plant and laws as one flow, and the name that each input of the plant has there.
 
     An input of a law that has the name of a state, an output or an input of the plant reads it.
+    ``branching``: controls of which each scenario has its own, and their sizes.
     """
     if plant.kind != "flow":
         raise BadInput(f"{where}: {plant.name} is a {plant.kind}; give the flow, not yet sampled")
@@ -62,7 +64,14 @@ def joined(
             wires[f"{part}.{n}"] = _source(where, plant, alias, n, part)
     parts: dict[str, Any] = {"plant": plant, **laws}
     if factors:
-        parts = copied(plant, laws, wires, alias, factors)
+        more: dict[str, Any] = {}
+        if branching:
+            driven = {alias[c]: plant.inputs[c] for c in branching}
+            sizes = {alias[c]: size for c, size in branching.items()}
+            wires = {k: f"{TREE}.{v}" if v in driven else v for k, v in wires.items()}
+            more[TREE] = tree(driven, sizes, len(factors))
+            wires |= {f"{TREE}.{n}": n for n in more[TREE].inputs}
+        parts = more | copied(plant, laws, wires, alias, factors)
     return connect("model", wires, **parts), alias
 
 

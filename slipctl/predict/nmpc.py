@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from slipctl.block.block import Block, about, as_block
-from slipctl.errors import BadInput, check_positive
+from slipctl.errors import BadInput, check_positive, check_whole
 from slipctl.predict.asked import (
     Limit,
     bounds_of,
@@ -24,7 +24,7 @@ from slipctl.predict.growing import STRETCH, lengths, stretched
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.limits import limits_of
 from slipctl.predict.offset import pushed, with_unknown
-from slipctl.predict.scenarios import Factors, factors_of
+from slipctl.predict.scenarios import TOGETHER, Factors, factors_of
 from slipctl.predict.terminal import with_lqr, with_matrix
 
 
@@ -57,6 +57,7 @@ def nmpc(
     rescue: int = 60,
     deadline: bool = False,
     scenarios: Sequence[Mapping[str, float]] = (),
+    shared: int | None = None,
     method: str = "rk4",
     substeps: int = 1,
     split: bool = False,
@@ -129,6 +130,8 @@ def nmpc(
         scenarios: factors of held inputs and parameters of the plant, ``[{"mu_p": 0.8}, {}]``. One
             plan is made for all of them, at equal shares of the cost and within the limits of each
             (:mod:`slipctl.predict.scenarios`).
+        shared: stages whose controls the scenarios share; behind them each has its own, because by
+            then it is known which one is true. By default they share all.
         method, substeps: integration over a stage, as of :func:`sampled`.
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
@@ -188,6 +191,16 @@ def nmpc(
             raise BadInput(f"{where}: scenarios= goes without offset_free=, 'lqr' and a matrix")
         factors = factors_of(where, plant, scenarios, list(full.values()))
         softs = {f"{n}.{i}": s for n, s in softs.items() for i in range(len(factors))}
+    if shared is not None:
+        check_whole(f"{where}: shared", shared, 1)
+        if not factors:
+            raise BadInput(f"{where}: shared= is of scenarios=; give two or more")
+        if shared >= horizon:
+            raise BadInput(
+                f"{where}: shared = {shared} stages of {horizon} leave none; leave it out"
+            )
+        if rate:
+            raise BadInput(f"{where}: a plan that branches (shared=) goes without rates=")
     if economic is not None and not (terminal is None or own or names is not None):
         raise BadInput(f"{where}: economic= goes without 'lqr' and a matrix, which know no prices")
     long = lengths(where, grow, int(horizon))
@@ -207,6 +220,7 @@ def nmpc(
         laws,
         long,
         factors,
+        shared or 0,
     )
     if split and solver != "riccati":
         raise BadInput(f"{where}: {solver} solves a tick as a whole; leave split= out")
@@ -235,7 +249,7 @@ def nmpc(
         raise BadInput(
             f"{where}: at= is the point of terminal='lqr', a matrix or offset_free=; leave it out"
         )
-    own_ones = (STRETCH, *(problem.unknown.names if problem.unknown else ()))
+    own_ones = (STRETCH, TOGETHER, *(problem.unknown.names if problem.unknown else ()))
     held = [n for n in problem.held if n not in own_ones]
     ahead = previewed(where, preview, [*held, *(b for p in limits.values() for b in p)])
     if moves is not None and any(b in ahead for p in limits.values() for b in p):

@@ -5,6 +5,11 @@ measured state and get the same controls; each counts with an equal share of the
 are those of every scenario. So the plan is one that does for all of them, without knowing which
 will be true: that the next tick measures more, it does not count on.
 
+Or the plan branches: after some stages each scenario has controls of its own, because by then it
+will have been measured which one is true. That is multi-stage predictive control (Lucia, Finkler,
+Engell, Journal of Process Control 23, 2013). The controls of the first scenario are those that all
+share before.
+
 Every state and output of the plant, and every output of a law, is a column of the scenarios.
 """
 
@@ -17,7 +22,8 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs
+from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.signals import Input, Output, Signal
 from slipctl.errors import BadInput, check_positive
 
 Factors = tuple[dict[str, float], ...]
@@ -49,16 +55,65 @@ def factors_of(where: str, plant: Block, given: Any, controls: Sequence[str]) ->
     return tuple(found)
 
 
+TOGETHER = "together"
+"""Input of a plan that branches: 1 in the stages that all scenarios share."""
+
+TREE = "tree"
+"""Part of the model that gives each scenario its controls."""
+
+
+def own(control: str, scenario: int) -> str:
+    """Name of the control of a scenario."""
+    return f"{control}_{scenario + 1}" if scenario else control
+
+
+def tree(controls: Mapping[str, Signal], scale: Mapping[str, float], many: int) -> Block:
+    """Make the law that gives each scenario its controls: the first one's, or its own.
+
+    A control that has no say yet is drawn to the one that has: ``tie`` is 0 at every optimum.
+    """
+    inputs = [s.named(own(c, i)) for i in range(many) for c, s in controls.items()]
+    shared = Input("1", "whether the scenarios share their controls", value=1.0).named(TOGETHER)
+    outputs = []
+    for c, s in controls.items():
+        outputs.append(Output(s.unit, s.doc, shape=(many,)).named(c))
+        outputs.append(Output("1", "from the control that is shared", shape=(many,)).named(_tie(c)))
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        found = {}
+        for c in controls:
+            off = ca.vertcat(*[u[own(c, i)] - u[c] for i in range(many)])
+            found[c] = u[c] + (1 - u[TOGETHER]) * off
+            found[_tie(c)] = u[TOGETHER] * off / scale[c]
+        return {}, found
+
+    return make_block(TREE, "law", body, inputs=[*inputs, shared], outputs=outputs)
+
+
+def _tie(control: str) -> str:
+    return f"tie_{control}"
+
+
+def ties(controls: Sequence[str]) -> list[str]:
+    """Residuals without a weight of a plan that branches."""
+    return [f"{TREE}.{_tie(c)}" for c in controls]
+
+
 def copied(
     plant: Block, laws: Mapping[str, Block], wires: Mapping[str, str], alias: Mapping[str, str],
     factors: Factors,
 ) -> dict[str, Block]:  # fmt: skip
     """Plant and laws with a column of the scenarios for each state and output."""
     full = {a: n for n, a in alias.items()}
-    found = {"plant": _columns(plant, factors, set(), lambda i, n: factors[i].get(n, 1.0))}
+    driven = {n for n in plant.inputs if wires[f"plant.{n}"].startswith(f"{TREE}.")}
+
+    def held(i: int, n: str) -> float:
+        return factors[i].get(n, 1.0)
+
+    found = {"plant": _columns(plant, factors, driven, held, own=True)}
     for part, law in laws.items():
         sources = {n: wires[f"{part}.{n}"] for n in law.inputs}
-        read = {n for n, source in sources.items() if source.startswith("plant.")}
+        read = {n for n, source in sources.items() if source.startswith(("plant.", f"{TREE}."))}
 
         def factor(i: int, n: str, sources: Mapping[str, str] = sources) -> float:
             return factors[i].get(full.get(sources[n], ""), 1.0)
@@ -71,9 +126,12 @@ def copied(
 
 def _columns(
     block: Block, factors: Factors, read: set[str], factor: Callable[[int, str], float],
-    share: float = 1.0,
+    share: float = 1.0, own: bool = False,
 ) -> Block:  # fmt: skip
-    """The block once per scenario; inputs in ``read`` are columns, the others times a factor."""
+    """The block once per scenario; inputs in ``read`` are columns, the others times a factor.
+
+    With ``own`` the factors are of its parameters too.
+    """
     many = len(factors)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -81,7 +139,7 @@ def _columns(
         outs: list[Exprs] = []
         free = {n: v for n, v in p.items() if not block.params[n].derived}
         for i in range(many):
-            mine = {n: v * factors[i].get(n, 1.0) for n, v in free.items()} if not read else free
+            mine = {n: v * factors[i].get(n, 1.0) for n, v in free.items()} if own else free
             given = {n: u[n][i] if n in read else u[n] * factor(i, n) for n in block.inputs}
             states = {n: x[n][i] for n in block.states}
             columns = (block.pack("state", states), block.pack("input", given),

@@ -8,6 +8,7 @@ from itertools import groupby
 from slipctl.predict.asked import Limit
 from slipctl.predict.growing import STRETCH
 from slipctl.predict.horizon import Horizon, Soft
+from slipctl.predict.scenarios import TOGETHER
 
 Row = tuple[str, str]
 
@@ -65,8 +66,11 @@ def controller(
         each = [
             ", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors
         ]
-        rows.append(("for each", f"{'; '.join(each)}: one plan, the mean of their costs"))
-    held = [n for n in problem.held if n not in (STRETCH, *ahead, *unknown)]
+        plan = "one plan"
+        if problem.shared:
+            plan = f"one plan for {problem.shared} of the stages, then one for each"
+        rows.append(("for each", f"{'; '.join(each)}: {plan}, the mean of their costs"))
+    held = [n for n in problem.held if n not in (STRETCH, TOGETHER, *ahead, *unknown)]
     if held:
         rows.append(("held", ", ".join(held)))
     if ahead:

@@ -63,6 +63,55 @@ def test_one_plan_for_two_plants_is_one_least_squares_problem(solver):
     assert block(v=0.2)[1]["F"] == pytest.approx(force, abs=1e-6)
 
 
+@pytest.mark.parametrize(("solver", "shared"), [("riccati", 1), ("riccati", 3), ("osqp", 1),
+                                                 ("ipopt", 1)])  # fmt: skip
+def test_a_plan_that_branches_is_one_least_squares_problem(solver, shared):
+    """Half a mass and twice the load, or as it is; its own forces after ``shared`` stages."""
+    N = 6
+    rows, right = [], []
+    for i, (mass, load) in enumerate(((2.0, 1.0), (1.0, 2.0))):
+        own = [k if k < shared else k + i * (N - shared) for k in range(N)]  # places of its forces
+        for k in range(N + 1):
+            row = np.zeros(2 * N - shared)
+            row[own[:k]] = 3 * H / mass / np.sqrt(2)
+            rows.append(row)
+            right.append(3 * (1.0 - 0.2 + k * H * load / mass) / np.sqrt(2))
+        for k in range(N):
+            row = np.zeros(2 * N - shared)
+            row[own[k]] = 0.3 / np.sqrt(2)
+            rows.append(row)
+            right.append(0.0)
+    force = np.linalg.lstsq(np.array(rows), np.array(right), rcond=None)[0][0]
+    block = make(scenarios=[{}, {"m": 0.5, "load": 2.0}], shared=shared, solver=solver)
+    assert list(block.inputs) == ["v", "load", "w"]
+    assert list(block.outputs) == ["F", "status", "passes", "residual"]
+    assert [n for n in block.params if n.startswith("F")] == ["F_lo", "F_hi"]
+    assert block(v=0.2)[1]["F"] == pytest.approx(force, abs=1e-6)
+    assert abs(force - make(scenarios=[{}, {"m": 0.5, "load": 2.0}])(v=0.2)[1]["F"]) > 1e-3
+    text = " ".join(show.text(block, False).split())
+    stages = f"one plan for {shared} of the stages, then one for each, the mean of their costs"
+    assert stages in text
+
+
+def test_a_plan_that_branches_is_less_careful_and_keeps_the_limits_of_each():
+    """The first step has to do for both carts; what later ticks measure, it may count on."""
+    given = {"scenarios": [{}, {"m": 0.5}], "hard": {"v": (-5.0, 0.5)}, "weights": {"f": 0.01}}
+    block = make(shared=1, **given)
+    out = block(v=0.0, w=5.0)[1]
+    assert out["status"] == 0
+    assert out["F"] == pytest.approx(1 + 0.5 / 0.1, rel=1e-6)  # the lighter one gets to .5 m/s
+    rail = dict(v=10.0, q=10.15, T=5.0, xi=0.0, mu_p=0.3, s_ref=0.02)
+    pair = {"horizon": 12, "scenarios": [{"mu_p": 0.6}, {}]}
+    careful, branched, ipopt = (
+        slip(**pair, **k)(**rail)[1]["u"]
+        for k in ({"iterations": 30}, {"iterations": 30, "shared": 1},
+                  {"solver": "ipopt", "shared": 1})
+    )  # fmt: skip
+    assert branched == pytest.approx(ipopt, abs=1e-5)
+    assert branched > careful + 1
+    assert hidden(slip(**pair, shared=1), 0.6) < 0.035
+
+
 def test_a_limit_is_that_of_every_scenario():
     """The lighter cart gets to 1 m/s first: .1 s (F - 1 N)/1 kg."""
     block = make(scenarios=[{}, {"m": 0.5}], hard={"v": (-5.0, 0.5)}, weights={"f": 0.01})
@@ -180,6 +229,10 @@ BAD = [
     (lambda: make(scenarios=[{}, {"z": 2.0}]), "'z'"),
     (lambda: make(scenarios=[{}, {"F": 2.0}]), "F is no held input and no free parameter"),
     (lambda: make(scenarios=[{}, {"m": -2.0}]), "the factor of m = -2 must be positive"),
+    (lambda: make(shared=1), "shared= is of scenarios="),
+    (lambda: make(scenarios=[{}, {}], shared=6), "shared = 6 stages of 6 leave none"),
+    (lambda: make(scenarios=[{}, {}], shared=0), "shared = 0 must be a whole number >= 1"),
+    (lambda: make(scenarios=[{}, {}], shared=1, rates={"F": 1.0}), "goes without rates="),
     (lambda: make(scenarios=[{}, {}], terminal="lqr"), "goes without offset_free="),
     (lambda: make(economic=energy, terminal="lqr"), "economic= goes without 'lqr'"),
     (lambda: make(economic=cart), "the price cart is a flow; give a law of prices"),
