@@ -529,6 +529,26 @@ def test_check_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
 
 
+@needs_compiler
+@pytest.mark.parametrize("what", ["differences", "_own_test"])
+def test_check_fails_by_each_of_its_two_comparisons(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """Python with the library, and the folder's own program: one of them is enough to fail."""
+    honest = getattr(comparison, what)
+
+    def beyond(*args: Any) -> Any:
+        found = honest(*args)
+        first = next(iter(found))
+        return found | {first: found[first] | {"counted": found[first]["limit"] + 1.0}}
+
+    def refused(*args: Any) -> Any:
+        return honest(*args)[0], False
+
+    monkeypatch.setattr(comparison, what, beyond if what == "differences" else refused)
+    assert not codegen.export(derived, tmp_path, check=True).passed
+
+
 def test_foreign_files_are_never_touched(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     codegen.c_module(derived, tmp_path)

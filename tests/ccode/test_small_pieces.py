@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipctl import Input, Output, Param, RunFailed, State, step
+from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison, faults, rounding
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.ship import fmu, readable
 from slipctl.ccode.write import guard, statements
 from slipctl.ccode.write.plan import Plan
@@ -107,3 +108,18 @@ def test_a_long_declaration_goes_over_several_lines_none_too_long() -> None:
     assert all(line.startswith(" " * len("static void ten_of_them(")) for line in lines[1:])
     assert " ".join("".join(lines).replace("static void ten_of_them(", "").split()) == (
         ", ".join(arguments) + ")")  # fmt: skip
+
+
+def test_inputs_that_are_left_out_have_their_value_in_every_tick() -> None:
+    @step(y=Output("1", "sum"))
+    def two(a=Input("1", "given"), b=Input("1", "left out", value=3.0), x=State("1", 0.0)):
+        """Two inputs."""
+        return dict(x=x), dict(y=a + b)
+
+    rows = input_rows(two, Plan(two).layout.inputs, {"a": [1.0, 2.0, 4.0]})
+    assert rows.tolist() == [[1, 3], [2, 3], [4, 3]]
+    assert input_rows(two, Plan(two).layout.inputs, {"a": 1.0}).tolist() == [[1, 3]]
+    with pytest.raises(BadInput, match="inputs differ in length: a 3, b 2"):
+        input_rows(two, Plan(two).layout.inputs, {"a": [1.0, 2.0, 4.0], "b": [0.0, 1.0]})
+    with pytest.raises(BadInput, match="two needs the input a"):
+        input_rows(two, Plan(two).layout.inputs, {"b": 1.0})
