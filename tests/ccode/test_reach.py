@@ -138,3 +138,42 @@ def test_the_head_of_the_report_has_time_stack_code_and_assumptions(tmp_path: Pa
     assert ("QEMU" in assumed) == (target != "host")
     assert "`law_init` comes before the first `law_step`" in assumed
     assert "| `law_step` | " in text.partition("## Functions")[2]
+
+
+@step(period=1e-3, T=Output("N m", "torque", lo=-40.0, hi=40.0))
+def full(
+    x=State("m/s", 1.0, "sum; at the start it is full", lo=-1e3, hi=1.0),
+    u=Input("m/s", "slip error", lo=-10, hi=10, change=0.5, stale=5),
+):
+    """A sum that a fresh instance cannot take the last input of."""
+    return dict(x=x + 0.5 * u), dict(T=2.0 * x)
+
+
+@needs_gcov
+def test_a_module_whose_start_is_refused_is_tried_too(tmp_path: Path) -> None:
+    """The trials go on where a fresh instance refuses the last inputs; their guards are reached."""
+    u = {"u": np.array([-0.5] * 10 + [0.0, 0.4])}
+    report = codegen.export(full, tmp_path, inputs=u, check=True)
+    assert report.passed
+    lines = {m["text"] for m in report.data["coverage"]["missing"] if not m["reached"]}
+    assert report.data["coverage"]["untouched"] == []
+    assert "return (unsigned int)FULL_RESET;" not in lines
+
+
+def test_what_no_call_of_a_text_asks_for_counts_as_unreachable() -> None:
+    """Pointers of CasADi's calls, and failures that no function begins; not what numbers decide."""
+    first, last = (f"/* {m} */" for m in coverage.KERNEL)
+    text = [first, "if (res[0]) res[0][1] = w0;", "if (f__f1(arg1, res1, iw, w, 0)) return 1;",
+            "w1 = (w1<w3);", "for (i=0; i<n; ++i) z[i] = 0.;", last, "if (res[0]) {"]  # fmt: skip
+    ways = [{"count": 1}, {"count": 0}]
+    lines = [
+        {"line_number": k, "count": 0 if k == 5 else 1, "branches": ways,
+         "function_name": "casadi_mtimes" if k == 5 else "f"}
+        for k in (2, 3, 4, 5, 7)
+    ]  # fmt: skip
+    found = coverage._counted({"lines": lines, "functions": []}, text)
+    assert found["branches"] == {"all": 10, "reached": 5}
+    assert found[coverage.REACHABLE] == {"all": 6, "reached": 4}
+    text[3] = "if (w1 < w3) return 1;"  # one that fails: then all that call it may
+    found = coverage._counted({"lines": lines, "functions": []}, text)
+    assert found[coverage.REACHABLE] == {"all": 7, "reached": 4}

@@ -156,22 +156,23 @@ static int misused(const {n}_param *param, const {n}_state *kept)
 {{
     static {n}_state state;
 {last}    int wrong = 0;
+    int trials;
     int status = 0;
+    bool able;
     (void)memset(&state, 0x55, sizeof(state));
     wrong += stepped(&in, &state, &status) ? 0 : 1;
     wrong += (status == ({big}_NO_INIT | {big}_REFUSED)) ? 0 : 1;
     wrong += wrong_parameters(param, kept);
     wrong += ({n}_init(param, &state) == {big}_OK) ? 0 : 1;
-    if (recovers(&in, &state, 1)) {{ /* a fresh instance can do something with these inputs */
-        wrong += broken_memory(&in, param, kept);
-{wander}    }}
-    return wrong;
+    able = recovers(&in, &state, 1); /* a fresh instance can do something with these inputs */
+    trials = broken_memory(&in, param, kept);
+{wander}    return wrong + (able ? trials : 0);
 }}
 #endif
 
 """
 
-_WALK = """/* Inputs wander through their ranges, some NaN, at last all; outputs are finite. */
+_WALK = """/* Inputs wander through their ranges, some NaN or infinite, at last all NaN; outputs are finite. */
 static int wandering(const {n}_in *from, {n}_state *state)
 {{
     /* least and greatest value, and what it may change by in a tick */
@@ -202,7 +203,8 @@ static int wandering(const {n}_in *from, {n}_state *state)
                 target[k] = lo + ((hi - lo) * fmin(fmax((1.5 * share) - 0.25, 0.0), 1.0));
             }}
             now[k] = fmin(fmax(target[k], now[k] - most), now[k] + most);
-            raw[k] = (share < 0.002) ? (real)NAN : (real)now[k];
+            raw[k] = (real)((share < 0.002) ? (double)NAN : now[k]);
+            raw[k] = (share > 0.999) ? (real)INFINITY : raw[k];
         }}
         if ((tick % 50) == 25) {{ /* a jump of one of them, for a tick */
             k = (tick / 200) % N_IN;
@@ -224,9 +226,9 @@ static int wandering(const {n}_in *from, {n}_state *state)
 
 """
 
-_WANDER = """        copied(&state, kept, sizeof(state));
-        wrong += wandering(&in, &state);
-        wrong += recovers(&in, &state, TAKEN) ? 0 : 1;
+_WANDER = """    copied(&state, kept, sizeof(state));
+    trials += wandering(&in, &state);
+    trials += recovers(&in, &state, TAKEN) ? 0 : 1;
 """
 
 
