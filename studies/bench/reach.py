@@ -49,7 +49,8 @@ def reached(name: str, real: str = "double") -> dict[str, Any]:
             loop[part], folder, "ctl", inputs=inputs, params=params, period=loop.period, real=real
         )
         plan = Plan(loop[part], "ctl", loop.period, real)
-        return covered(plan, folder, compilers.compilers())
+        found = covered(plan, folder, compilers.compilers())
+    return found | {"missing": [m for m in found["missing"] if m["asked"]]}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -120,7 +120,30 @@ def test_no_end_is_told(tmp_path: Path) -> None:
     said = proof.proved(plan, codegen.texts(plan), seconds=0, finite=False)
     assert not said["ended"]
     assert not said["passed"]
-    assert proof.summary(said) == "Frama-C: no end in 0 s, nothing is proven"
+    assert proof.summary(said) == "Frama-C: no end in 0 s, nothing is proven of the equations"
+
+
+@needs_tool
+def test_of_a_module_without_end_the_guards_are_proven(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the equations give, ranges hold; without the limit of an output they do not."""
+    whole = proof._analysed
+    ended: list[bool] = []
+
+    def too_long(folder: Path, command: list[str], seconds: int):
+        ended.append(bool(ended))
+        return whole(folder, command, seconds) if ended[-1] else (None, 60.0)
+
+    monkeypatch.setattr(proof, "_analysed", too_long)
+    plan = Plan(sums)
+    made = codegen.texts(plan)
+    said = proof.proved(plan, made)
+    assert (said["ended"], said["of_guards"], said["passed"]) == (False, True, False)
+    assert said["alarms"] == []
+    assert said["ranges"] == {"proven": 4, "of": 4, "open": []}
+    assert "of the guards, whatever the equations give: 0 alarms, 4 of 4" in proof.summary(said)
+    ended.clear()
+    spoilt = made["sums.c"].replace("    limited |= limit(&out->y, -10.0, 10.0);\n", "")
+    assert proof.proved(plan, made | {"sums.c": spoilt})["ranges"]["open"] == ["out.y"]
 
 
 @needs_tool

@@ -452,9 +452,9 @@ def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Exp
     lines = [f"slipctl-vectors 3 {plan.name} {content} text {sizes}"]
     lines += [repr(float(v)) for v in flat]
     lines += [f"{float(run.limits[m.name])!r} {int(m.name in run.envelope)}" for m in members]
-    rows = np.hstack([run.rows, run.outputs, run.states]).tolist()
-    lines += [
-        " ".join([*map(repr, row), str(status)])
+    rows = np.hstack([run.rows, run.outputs, run.states])
+    lines += [  # a row at a time: as objects all of them take five times the memory
+        " ".join([*map(repr, row.tolist()), str(status)])
         for row, status in zip(rows, run.status.tolist(), strict=True)
     ]
     return "\n".join(lines) + "\n"

@@ -24,9 +24,10 @@ DEFENSIVE = ("part_off", "recover")
 """Functions, and ``init``, that guard states against values that most equations cannot give."""
 
 REACHABLE = "reachable branches"
-"""Branches besides these guards, and besides what CasADi's text asks of the way it is called. There,
-a pointer is passed or not, a product is transposed or not: each call says it by a constant. And no
-function fails where none has a ``return 1`` but for a failure of what it calls."""
+"""Branches besides these guards, and besides what CasADi's text asks of the way it is called.
+
+There, a pointer is passed or not, a product is transposed or not: each call says it by a constant.
+And no function fails where none has a ``return 1`` but for a failure of what it calls."""
 
 _ASKED = re.compile(
     r"\b(?:arg|res)\d*\[\d+\] ?(?:\?|!= 0\)|\))|^if \(!?[xy]\)|^if \(tr\)|is_dense \?"
@@ -47,8 +48,9 @@ def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
     Returns:
         ``statements`` and ``branches``, each with ``all`` and ``reached``; ``missing``, lines with
         a statement that was not reached or a condition that went one way only, each with
-        ``line``, ``function``, ``text``, ``reached`` (the statement was) and ``branches`` not
-        taken; ``untouched``, functions that were never called. Empty without gcc and gcov.
+        ``line``, ``function``, ``text``, ``reached`` (the statement was), ``branches`` not taken
+        and ``asked``, whether any call could take them; ``untouched``, functions that were never
+        called. Empty without gcc and gcov.
     """
     n = plan.name
     compiler = next((c for c in used if "gcc" in Path(c).name), None)
@@ -88,8 +90,8 @@ def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
 def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
     """Numbers of a file's counters."""
     lines = found["lines"]
-    branches = [b["count"] > 0 for line in lines for b in line["branches"]]
     asked = _by_call(lines, text)
+    branches = [b["count"] > 0 for line in lines for b in line["branches"]]
     proper = [
         reached
         for line in lines
@@ -102,6 +104,7 @@ def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
             "line": line["line_number"], "function": line.get("function_name", ""),
             "text": text[line["line_number"] - 1].strip(), "reached": line["count"] > 0,
             "branches": sum(b["count"] == 0 for b in line["branches"]),
+            "asked": line["line_number"] not in asked,
         }
         for line in lines
         if line["count"] == 0 or any(b["count"] == 0 for b in line["branches"])

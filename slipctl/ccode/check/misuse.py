@@ -172,7 +172,7 @@ static int misused(const {n}_param *param, const {n}_state *kept)
 
 """
 
-_WALK = """/* Inputs wander through their ranges, some NaN or infinite, at last all NaN; outputs are finite. */
+_WALK = """/* Inputs wander, some NaN or infinite, at last all NaN; outputs are finite. */
 static int wandering(const {n}_in *from, {n}_state *state)
 {{
     /* least and greatest value, and what it may change by in a tick */
