@@ -21,8 +21,10 @@ from typing import Any
 import pytest
 from adversary.common import adversaries, cases, singles
 
+from slipctl import BadInput
 from slipctl.certify import proofs, smtlib
 from slipctl.certify.catalogue import SYSTEMS
+from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.systems import report
 
 TABLE = Path(__file__).parent / "recorded.json"
@@ -110,10 +112,32 @@ def drawn(name: str) -> Iterator[dict[str, float]]:
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
+def test_numbers_and_criteria_are_declared_as_in_the_table(name: str) -> None:
+    assert told(declared(name)) == json.loads(TABLE.read_text(encoding="utf-8"))[name]["declared"]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_proof_with_an_entry_more_or_less_is_refused(name: str) -> None:
+    """What a file holds is what its check reads: nothing that is not looked at passes."""
+    system = SYSTEMS[name]
+    for case in json.loads(TABLE.read_text(encoding="utf-8"))[name]["cases"]:
+        payload = proofs.write(system, {k: Fraction(str(v)) for k, v in case["of"].items()})
+        for of, proof in payload.get("proofs", {}).items():
+            if "evidence" not in proof:
+                continue
+            evidence = proof["evidence"]
+            fewer = [{k: v for k, v in evidence.items() if k != n} for n in evidence]
+            for other in (evidence | {"more": 1}, *fewer):
+                wrong = {**payload["proofs"], of: {**proof, "evidence": other}}
+                with pytest.raises((BadInput, DoesNotHold)):
+                    proofs.check(system, payload | {"proofs": wrong})
+            return
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_answers_are_those_of_the_table(name: str) -> None:
     kept = json.loads(TABLE.read_text(encoding="utf-8"))[name]
     assert len(kept["cases"]) > 3
-    assert told(declared(name)) == kept["declared"]
     for wanted in kept["cases"]:
         parts = answer(name, wanted["of"])
         found = told(parts)

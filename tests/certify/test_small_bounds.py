@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import replace
-from decimal import Decimal
+from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
@@ -17,10 +17,14 @@ from slipctl.certify import (
     certificate,
     dither,
     dither_flight,
+    dither_push,
     dither_search,
+    dithering_kind,
+    extremum,
     funnel_kind,
     lagged_maps,
     lagged_runs,
+    linear_kind,
     observers,
     proofs,
     reading,
@@ -34,15 +38,19 @@ from slipctl.certify import (
     twisting_proof,
     twisting_sampled,
 )
+from slipctl.certify.ball import Ball
 from slipctl.certify.catalogue import SYSTEMS, certify
 from slipctl.certify.entries import DoesNotHold, mapping
 from slipctl.certify.holding import sets
 from slipctl.certify.lagged_maps import Lagged, lag_numbers
+from slipctl.certify.promise import REFUTED, rounded_up
 from slipctl.certify.relay_sets import Relay
 from slipctl.certify.saturated_motion import Saturated, half_turn
 from slipctl.certify.scalar_maps import CubicPull, Interval
+from slipctl.certify.seal import sealed
 from slipctl.certify.systems import CERTIFIED
 from slipctl.certify.twisting_levels import Levels
+from slipctl.certify.twisting_report import exact_verdict
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows
 from slipctl.certify.twisting_turns import Sweep
 
@@ -494,3 +502,93 @@ def test_a_run_below_the_band_refutes_nothing():
         twisting_proof._replay(n, run)
     with pytest.raises(DoesNotHold, match=r"or \|d\| exceeds L"):
         twisting_proof._replay(n, run | {"d": ["1000"]})
+
+
+def test_bounds_in_words_have_six_digits_and_are_not_below():
+    for value, shown in ((F(123456789, 1000), 123457), (F(123456789, 10**11), F(123457, 10**8)),
+                         (F(1, 3), F(333334, 10**6)), (F(-2), 0)):  # fmt: skip
+        assert rounded_up(value) == shown
+
+
+def test_a_ball_of_a_rational_holds_it():
+    for value in (F(0), F(1, 3), F(-2, 7), F(1, 10**320), F(10**20 + 1, 3)):
+        ball = Ball.of(value)
+        assert F(float(ball.mid)) - F(float(ball.rad)) <= value
+        assert value <= F(float(ball.mid)) + F(float(ball.rad))
+
+
+def test_the_loss_of_a_dither_is_the_mean_of_a_parabola():
+    """mu'' x^2/2 over x = a sin phi."""
+    x = 0.2 * np.sin(np.linspace(0, 2 * np.pi, 1000, endpoint=False))
+    assert extremum.perturbation_loss(0.2, -3.0) == pytest.approx(np.mean(3.0 * x**2 / 2))
+
+
+def test_without_enough_gain_the_exact_criterion_refutes():
+    gains = {"k1": F(3), "k2": F(4), "L": F(1), "delta": F(0)}
+    assert exact_verdict(gains) == CERTIFIED
+    assert exact_verdict(gains | {"k2": F(1)}) == REFUTED
+    assert exact_verdict(gains | {"delta": F(3)}) == REFUTED
+
+
+def test_without_a_disturbance_the_worst_swing_is_the_orbit():
+    """((k1 + root(k1^2 - 4 k2))/4)^2 T^2 where that root is real."""
+    found = super_twisting.explicit_swing_map([3.0, 1.0], [1.0, 1.0], L=0.0, T=1e-3)
+    assert found == pytest.approx([((3 + math.sqrt(5)) / 4) ** 2 * 1e-6, 0.0])
+
+
+@pytest.mark.parametrize("x", [1e-6, 9.9e-4, 1.1e-3, 0.5])
+def test_a_held_lag_is_that_of_its_closed_form(x):
+    """b1 = T - lag (1 - E) and b0 = lag (1 - E) - T E, with 60 digits."""
+    T, lag = Decimal("0.01"), Decimal("0.01") / Decimal(repr(x))
+    with localcontext(Context(prec=60)):
+        E = (-T / lag).exp()
+        wanted = [float(v) for v in (1 - E, T - lag * (1 - E), lag * (1 - E) - T * E)]
+    assert linear_kind.held(float(lag), 0.01) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_the_least_eigenvalue_is_guessed_from_below():
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(3, 3, 40))
+    A = A + A.transpose(1, 0, 2)
+    least = np.array([np.linalg.eigvalsh(A[:, :, k])[0] for k in range(40)])
+    found = np.array([dither._least(A[:, :, k : k + 1]) for k in range(40)])
+    assert np.all(found <= least)
+    assert found == pytest.approx(least, abs=1e-5)
+
+
+def test_a_sum_is_hardly_larger_than_at_its_nodes():
+    angles = 2 * np.pi * np.arange(dither.NODES) / dither.NODES
+    values = 1 + 2 * np.cos(5 * (angles - 0.0003))
+    most = dither._most(Ball.of(values), 5)
+    assert 3 <= most < 3.001
+
+
+@pytest.mark.parametrize("E", [0.0, 0.3, 0.8])
+def test_what_a_lag_makes_of_the_square_of_a_sine(E):
+    """(1 - E)/(1 - E exp(-i n W)) of the n-th harmonic of (th + a sin phi)^2."""
+    D, th, a, W, phi = 10**30, 0.7, 0.4, 0.3, 1.1
+
+    def whole(v):
+        return int(F(v) * D)
+
+    turn, at = ((whole(math.cos(v)), whole(math.sin(v))) for v in (W, phi))
+    found = dither_flight._rest(whole(th), whole(a), whole(E), turn, at, D)
+    gains = [(1 - E) / (1 - E * np.exp(-1j * n * W)) for n in (1, 2)]
+    one = 2 * th * a * (gains[0] * np.exp(1j * phi)).imag
+    two = -(a**2) / 2 * (gains[1] * np.exp(2j * phi)).real
+    assert found is not None
+    assert found[0] / D == pytest.approx(th**2 + a**2 / 2 + one + two, rel=1e-12)
+
+
+def test_signs_of_a_noise_that_are_none_are_refused():
+    numbers = {"k": F("0.941"), "w": F("1.385"), "w_l": F("0.1262"), "w_h": F("0.148"),
+               "a": F("0.2151"), "curvature": F("-0.6474"), "T": F("0.1815"),
+               "noise": F("0.0002355"), "start": F("0.04556"), "rest": F("0.001908")}  # fmt: skip
+    system = SYSTEMS["perturbation_seek"]
+    payload = proofs.write(system, numbers)
+    assert payload["counterexample"]["by"] == "pushed"
+    assert payload["verdict"] == REFUTED
+    run = {k: v for k, v in payload["counterexample"]["run"].items() if k != "seal"}
+    for noise in (5, run["noise"] + "x", "+" * (dither_push.MOST_TICKS + 1)):
+        with pytest.raises(BadInput, match=r"must hold \+ and -, at most"):
+            dithering_kind._replay_pushed(numbers, sealed(numbers, run | {"noise": noise}))
