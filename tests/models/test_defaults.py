@@ -68,7 +68,9 @@ def model(name: str) -> Block | None:
 
 
 def rows(name: str, block: Block) -> Iterator[list[str]]:
-    """Signals of a block; of a connected one those of its parts."""
+    """Signals of a block; of a connected one those of its parts, and its outputs."""
+    if block.parts:
+        yield from (row(name, f"= {s.name}", s) for s in block.outputs.values())
     for path, leaf in block.leaves():
         yield [name, path, "name", "", leaf.name, *[""] * 10]
         for s in leaf.signals:
