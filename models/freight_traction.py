@@ -299,5 +299,8 @@ def adhesion_of_load(
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),
     g=Param("m/s^2", 9.8, "gravity", "not stated in the paper", lo=1, hi=30),
 ):
-    """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g)."""
-    return R_g * T_L_hat / (r * m_axle * g)
+    """Adhesion from the observed load, the inverse of (6): mu_hat = R_g T_L/(r W g), at most 2.
+
+    An observer that starts far from the measured speed sees a load that no rail gives.
+    """
+    return fmin(2, fmax(-2, R_g * T_L_hat / (r * m_axle * g)))

@@ -249,7 +249,7 @@ def checked(one: Controller, real: str, chosen: Wanted) -> dict[str, Any]:
 
 def beside_casadi(one: Controller, row: Mapping[str, Any]) -> dict[str, Any]:
     """Count CasADi's own float output on the same ticks."""
-    ours = row["float"]["targets"].get("cortex-m4")
+    ours = row["float"].get("targets", {}).get("cortex-m4")  # none where it failed
     if ours is None:
         return {}
     try:

@@ -182,6 +182,7 @@ def test_observer_of_the_paper():
     with pytest.raises(BadInput, match=r"pole 39\.97 1/s, which is unstable"):
         luenberger(freight.shaft, gains={"L_omega_m": -40, "L_T_L": -40}, measured="omega_m")
     assert freight.adhesion_of_load(T_L_hat=8350.0)["mu_hat"] == pytest.approx(0.286, abs=5e-5)
+    assert [freight.adhesion_of_load(T_L_hat=T)["mu_hat"] for T in (-1e6, 1e6)] == [-2, 2]
 
 
 def test_reference_knows_its_rate():
