@@ -18,7 +18,7 @@ import casadi as ca
 
 P = ParamSpec("P")
 
-MOST, LATEST, LARGEST = 400, 200, 64
+MOST, LATEST, LARGEST = 400, 4000, 64
 """Calls that are looked at for one Function, Functions that are remembered, and elements of a
 vector that have names."""
 

@@ -215,7 +215,8 @@ def _metrics(results: Results) -> str:
             out.append('<p class="soft">Bold: the best of a row, the bound left out.</p>')
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
-                [*left_out(results.metrics[scenario]), *absent(results, scenario)]]  # fmt: skip
+                [*left_out(results.metrics[scenario], getattr(results.study, "limits", ())),
+                 *absent(results, scenario)]]  # fmt: skip
     return "".join(out)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -174,7 +174,7 @@ def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[i
         lists = {k: times(m.value, factor) for k, m in found.items()}
         label = name if unit == "1" else f"{name} [{unit}]"
         named = max((m.rows for m in found.values()), key=len)
-        same = alike(name, list(lists.values()))
+        same = alike(name, list(lists.values()), name in getattr(results.study, "limits", {}))
         shown = [k for k in range(max(map(len, lists.values()))) if k not in same]
         for k in shown:  # a list goes down, an entry per row
             cells = [
@@ -247,22 +247,26 @@ ALIKE = {0: "0 for every loop, none leaves the band", None: "no loop comes into 
 """Settling times that tell no loop from another, and what is said in their place."""
 
 
-def alike(name: str, lists: Sequence[Sequence[Any]]) -> dict[int, Any]:
-    """Rails on which a settling time is 0 for every loop, or none settles: which of the two."""
+def alike(name: str, lists: Sequence[Sequence[Any]], limited: bool = False) -> dict[int, Any]:
+    """Rails on which a settling time is 0 for every loop, or none settles: which of the two.
+
+    Where it has a limit, that none settles is shown, and marked.
+    """
     if name not in ("settling_time", "tracking_time"):
         return {}
     rails = [[v[k] for v in lists if k < len(v)] for k in range(max(map(len, lists), default=0))]
-    return {k: v[0] for k, v in enumerate(rails) if v[0] in ALIKE and len(set(v)) == 1}
+    told = [0] if limited else list(ALIKE)
+    return {k: v[0] for k, v in enumerate(rails) if v[0] in told and len(set(v)) == 1}
 
 
-def left_out(loops: Mapping[str, Mapping[str, Metric]]) -> list[str]:
-    """A line for settling times that are not shown, with the reason."""
+def left_out(loops: Mapping[str, Mapping[str, Metric]], limits: Container[str] = ()) -> list[str]:
+    """A line for settling times that are not shown, with the reason; ``limits``: those with one."""
     lines = []
     for name in ("settling_time", "tracking_time"):
         found = [m[name] for m in loops.values() if name in m]
         if not found:
             continue
-        same = alike(name, [times(m.value, 1.0) for m in found])
+        same = alike(name, [times(m.value, 1.0) for m in found], name in limits)
         named = max((m.rows for m in found), key=len)
         for value, why in ALIKE.items():
             rails = [k for k, v in same.items() if v == value]
@@ -318,14 +322,14 @@ def metric_table(results: Results, scenario: str, width: int = 132) -> str:
     """Metrics of one scenario as text; loops that do not fit beside the others go below them."""
     rows = metric_rows(results, scenario)
     wide = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
-    lines = [f"scenario {scenario}"]
+    lines, limits = [f"scenario {scenario}"], getattr(results.study, "limits", {})
     for group in side_by_side(wide, width - 2):
         shown = [r for r in rows if any(r[k] for k in group)]
         for row in shown:
             cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
             lines.append("  " + "  ".join(cells).rstrip())
         lines.append("")
-    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario]),
+    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario], limits),
                  *absent(results, scenario)]:  # fmt: skip
         lines[-1:] = [*textwrap.wrap(text, width - 2, initial_indent="  ",
                                      subsequent_indent="  "), ""]  # fmt: skip

@@ -464,7 +464,10 @@ def test_an_order_is_shown_with_the_digits_that_tell_it() -> None:
 @pytest.mark.parametrize("width", [72, 100, 132])
 def test_a_table_of_many_loops_goes_on_below_and_never_wraps(width: int) -> None:
     """19 loops: every loop, and every number of each row, stands in some part of the table."""
-    loops = {f"loop_number_{k}": Metric([k + 0.25, None], "s", ("dry", "wet")) for k in range(19)}
+    loops = {
+        f"loop_number_{k}": Metric([k + 0.25, 0.5 if k else None], "s", ("dry", "wet"))
+        for k in range(19)
+    }
     one = Results(toy_study.study, [], metrics={"base": {
         n: {"settling_time": m} for n, m in loops.items()
     }})  # fmt: skip
