@@ -40,7 +40,8 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.expressions import Writer, helper_text
+from slipctl.ccode.write.expressions import Writer
+from slipctl.ccode.write.helpers import helper_text
 from slipctl.models import brakes, subway_braking, subway_braking_control
 
 try:
@@ -651,13 +652,13 @@ def test_members_are_documented(tmp_path: Path) -> None:
     header = " ".join((tmp_path / "ctl.h").read_text().replace("*", " ").split())
     for said in (
         "mu_hat [1]: adhesion estimate; positive = braking", "slip as a speed",
-        "law.k1 [m^.5/s^1.5]: gain of the root; range 0.0 to 100000.0; default 20.0; source:",
+        "law.k1 [m^.5/s^1.5]: gain of the root; range 0.0 to 1e5; default 20.0; source:",
         "range 0.0 to fmax(T_max, T_low)",
         "Huang 2020 eqs (32)-(38)", "ctl_step is called every 0.001 s",
     ):  # fmt: skip
         assert said in header
     source = (tmp_path / "ctl.c").read_text()
-    assert "const double s = in->v_s - now->reference_v_ref;" in source
+    assert "now->law_s = in->v_s - now->reference_v_ref;" in source
     assert "casadi" not in source.lower()  # nothing of the template text is needed here
     for line in (tmp_path / "ctl.h").read_text().splitlines():
         assert len(line) <= 100

@@ -80,14 +80,16 @@ def harness(plan: Plan) -> str:
     for m in lay.inputs:
         body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
     body.append(f"(void){n}_step(&in, &param, &state, &out);")
-    for what, members in (("state", lay.states), ("out", lay.outputs)):
+    for what, place, members in (
+        ("state", "state.kept", lay.states), ("out", "out", lay.outputs)
+    ):  # fmt: skip
         for m in members:
             rows = ends[what, m.c]
             if len(set(rows)) == 1:
-                at = f"{what}.{m.c}{'' if m.scalar else '[k]'}"
+                at = f"{place}.{m.c}{'' if m.scalar else '[k]'}"
                 body += _each(m, _check(what, m, at, rows[0]))
             else:
-                body += [_check(what, m, m.at(f"{what}.", k), r) for k, r in enumerate(rows)]
+                body += [_check(what, m, m.at(f"{place}.", k), r) for k, r in enumerate(rows)]
     structs = [f"    static {n}_{what} {what};" for what in ("param", "state", "in", "out")]
     widened = f'    /*@ widen_hints "all", {", ".join(v.hex() for v in hints)}; */'
     lines = [
@@ -185,7 +187,8 @@ def any_results(plan: Plan, text: str) -> str:
     if found is None:
         return text
     lay = plan.layout
-    body = ["int k;", *(f"(void){a};" for a in ("in", "param", "state"))]
+    given = [a for a in ("in", "param", "derived", "state", "work") if f"*{a}" in found[0]]
+    body = ["int k;", *(f"(void){a};" for a in given)]
     for pointer, members in (("next", lay.states), ("now", lay.outputs)):
         for m in members:
             body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")

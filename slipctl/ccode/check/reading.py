@@ -9,16 +9,17 @@ from slipctl.ccode.write.comments import FILE, ORIGIN
 from slipctl.ccode.write.plan import Plan
 
 _ASSIGNED = re.compile(
-    r"^\s*(?:(?:static )?(?:const )?(?:double|float|int|bool|unsigned int) )?"
+    r"^\s*(?:for \(.*\) \{ )?(?:(?:static )?(?:const )?(?:double|float|int|bool|unsigned int) )?"
     r"\*?(?P<target>[A-Za-z_][\w.>-]*)(?:\[[^=]*\])*\s+(?:[-+*/|&])?=\s"
 )
+_MEMBER = re.compile(r"(?<=[{ ])\.(\w+)(?= = )")
 _ANONYMOUS = re.compile(r"[A-Za-z]+\d+")
 _REGISTER = re.compile(r"^\s*w[r]?\d+\s+[-+*/]?=")
 _ALONE = re.compile(
     r"\s*/\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
 )
 _STARTS = re.compile(
-    r"(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
+    r"(?:for \(.*\) \{ )?(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
     r"(?:\[[^\]]*\])*(?: =|,)"
 )
 _RESULT = re.compile(r"(?:next|now)->\w+(?=(?:\[\w+\])? = )|(?<=copy\()(?:next|now)->\w+")
@@ -40,6 +41,7 @@ def reading(plan: Plan, source: str) -> dict[str, Any]:
     """
     declared = {s.name.rpartition(".")[2] for s in plan.block.signals} | plan.equations.letters
     targets = [m["target"] for line in source.splitlines() if (m := _ASSIGNED.match(line))]
+    targets += _MEMBER.findall(source)
     anonymous = [t for t in targets if _ANONYMOUS.fullmatch(t) and t not in declared]
     return {
         "lines": source.count("\n"),

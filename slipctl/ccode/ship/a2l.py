@@ -63,7 +63,7 @@ def a2l(plan: Plan) -> str:
     for struct, members in _groups(plan).items():
         offset = 0
         for m in members if struct != "param" else ():
-            blocks.append(_measurement(plan, struct, m, offset, methods, kind))
+            blocks.append(_measurement(plan, struct, m, offset, methods, kind, _within(struct)))
             offset += m.size * size(plan.real)
     status = _status(plan, methods.setdefault("1", "CM_none"), kind)
     offset = sum(m.size for m in lay.states) * size(plan.real)
@@ -102,6 +102,11 @@ def _groups(plan: Plan) -> dict[str, tuple[Member, ...]]:
     """Members by struct; of the state those that lie before what is derived and held."""
     lay = plan.layout
     return dict(zip(_STRUCTS, (lay.inputs, lay.params, lay.states, lay.outputs), strict=True))
+
+
+def _within(struct: str) -> str:
+    """Where in its struct a member lies."""
+    return "kept." if struct == "state" else ""
 
 
 _NONE = '/begin COMPU_METHOD CM_none "1" IDENTICAL "%.9" "1"\n/end COMPU_METHOD'
@@ -150,11 +155,11 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
 def _grouped(plan: Plan, status: list[str]) -> list[str]:
     """A group of each struct, of the status, and of each part of the block."""
     lay = plan.layout
-    given = {s: [_name(plan, s, m) for m in g] for s, g in _groups(plan).items()}
+    given = {s: [_name(plan, s, m, _within(s)) for m in g] for s, g in _groups(plan).items()}
     given["derived"] = [_name(plan, "state", m, "derived.") for m in lay.derived]
     groups = {("parameters" if s == "param" else s): names for s, names in given.items()}
     groups["status"] = status
-    members = [*((s, m, "") for s, g in _groups(plan).items() for m in g),
+    members = [*((s, m, _within(s)) for s, g in _groups(plan).items() for m in g),
                *(("state", m, "derived.") for m in lay.derived)]  # fmt: skip
     for struct, m, within in members:
         part = m.name.rpartition(".")[0]

@@ -17,8 +17,9 @@ import casadi as ca
 
 from slipctl.block.signals import evaluate, names_in
 from slipctl.ccode.compile.files import spoken, starting
-from slipctl.ccode.write.expressions import Writer, helper_text, number
+from slipctl.ccode.write.expressions import Writer, number
 from slipctl.ccode.write.header import head
+from slipctl.ccode.write.helpers import helper_text
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import in_precision
@@ -60,7 +61,7 @@ def core(plan: Plan, token: str, now: bool) -> str:
         ("n_in", "k < FIRST_PARAM", "in", "k"),
         ("n_param", "k < FIRST_DERIVED", "param", "k - FIRST_PARAM"),
         ("n_derived", "k < FIRST_STATE", "state.derived", "k - FIRST_DERIVED"),
-        ("n_state", "k < FIRST_OUT", "state", "k - FIRST_STATE"),
+        ("n_state", "k < FIRST_OUT", "state.kept", "k - FIRST_STATE"),
         ("n_out", "k < STATUS", "out", "k - FIRST_OUT"),
     )
     lines: list[str] = []
@@ -75,7 +76,8 @@ def core(plan: Plan, token: str, now: bool) -> str:
     ]  # fmt: skip
     starts, helpers = _starts(plan)
     wrong = (
-        "\n            || ".join(f"!{within(plan, m, 'm->state.')}" for m in lay.states) or "false"
+        "\n            || ".join(f"!{within(plan, m, 'm->state.kept.')}" for m in lay.states)
+        or "false"
     )
     tests = checks(wrong)
     helpers += f"{tests}\n\n" if tests else ""
@@ -97,7 +99,7 @@ def _starts(plan: Plan) -> tuple[str, str]:
     """
     block, lay = plan.block, plan.layout
     groups = ((lay.params, "m->param."), (lay.derived, "m->state.derived."),
-              (lay.states, "m->state."))  # fmt: skip
+              (lay.states, "m->state.kept."))  # fmt: skip
     places = {m.name: (m, pointer) for group, pointer in groups for m in group}
     symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
     ends_at = itertools.accumulate(m.size for m in lay.states)
@@ -130,6 +132,6 @@ def _if_not_given(first: int, m: Member, writer: Writer) -> str:
     at = dict(writer.results)
     lines = ["{", *(f"    {line}" for line in writer.lines)]
     for k in range(m.size):
-        place, value = m.at("m->state.", k), writer.result(at[0, k])
+        place, value = m.at("m->state.kept.", k), writer.result(at[0, k])
         lines += [f"    if (!m->given[{first + k}]) {{", f"        {place} = {value};", "    }"]
     return textwrap.indent("\n".join([*lines, "}"]) + "\n", " " * 8)

@@ -237,8 +237,9 @@ class Arrays(Writer):
         if all(v == values[0] for v in values):
             text = number(values[0])
             return Text(f"({text})" if text.startswith("-") else text, _ATOM)
-        if values == [float(k) for k in range(len(values))]:
-            return Text(f"(double){AT}", _ATOM)
+        if values == [values[0] + k for k in range(len(values))] and abs(values[0]) < 2**24:
+            begin = f" + {number(values[0])}" if values[0] else ""
+            return Text(f"((double){AT}{begin})" if begin else f"(double){AT}", _ATOM)
         name = f"k{next(self.count)}"
         declared = f"static const double {name}[{len(values)}]"
         self.lines += listed(declared, [number(v) for v in values])

@@ -17,7 +17,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl.ccode.write.comments import comment
-from slipctl.ccode.write.expressions import HELPERS, Unsupported, Writer
+from slipctl.ccode.write.expressions import Unsupported, Writer
+from slipctl.ccode.write.helpers import HELPERS
 from slipctl.errors import BadInput
 
 _INSTEAD = {

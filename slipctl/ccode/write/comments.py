@@ -27,7 +27,10 @@ def comment(text: str, indent: str = "") -> str:
     if len(lines) == 1 and len(lines[0]) <= width - 3:
         return f"{indent}/* {lines[0]} */"
     body = [f"{indent} * {line}".rstrip() for line in lines[1:]]
-    return "\n".join([f"{indent}/* {lines[0]}", *body, f"{indent} */"])
+    closed = (
+        [f"{body[-1]} */"] if body and len(body[-1]) <= WIDTH - 3 else [*body[-1:], f"{indent} */"]
+    )
+    return "\n".join([f"{indent}/* {lines[0]}", *body[:-1], *closed])
 
 
 def _reflowed(paragraph: str) -> list[str]:
@@ -41,7 +44,7 @@ def _reflowed(paragraph: str) -> list[str]:
 
 
 ORIGIN = re.compile(
-    r"(?P<code>.*;)  /\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
+    r"(?P<code>.*[;}])  /\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
 )
 """A statement, and behind it where its equation comes from, with its name if C has another."""
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import casadi as ca
 
 from slipctl.ccode.write import pieces
+from slipctl.ccode.write.helpers import HELPERS
 
 WIDTH = 200
 """Characters of an expression above which its longest part gets a line of its own."""
@@ -43,72 +45,6 @@ _CALLS = {
 _BOUNDS = {ca.OP_FMIN: ("below", "at_most"), ca.OP_FMAX: ("above", "at_least")}
 """Smaller and greater where the first value, or else the second, is never NaN: that is the bound,
 and one comparison does. Of equal values the first is given, as fmin does: zeros have signs."""
-
-HELPERS = {
-    "square": "static double square(double x)\n{\n    return x * x;\n}\n",
-    "lesser": (
-        "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
-        "static double lesser(double x, double y)\n{\n"
-        "    return ((y < x) || (x != x)) ? y : x;\n}\n"
-    ),
-    "greater": (
-        "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
-        "static double greater(double x, double y)\n{\n"
-        "    return ((y > x) || (x != x)) ? y : x;\n}\n"
-    ),
-    "below": (
-        "static double below(double x, double bound)\n{\n"
-        "    return (x < bound) ? x : bound; /* the bound for NaN */\n}\n"
-    ),
-    "above": (
-        "static double above(double x, double bound)\n{\n"
-        "    return (x > bound) ? x : bound; /* the bound for NaN */\n}\n"
-    ),
-    "at_most": (
-        "static double at_most(double x, double bound)\n{\n"
-        "    return (x <= bound) ? x : bound;\n}\n"
-    ),
-    "at_least": (
-        "static double at_least(double x, double bound)\n{\n"
-        "    return (x >= bound) ? x : bound;\n}\n"
-    ),
-    "element": (
-        "/* the element that a number names by its whole part; NaN beyond the ends */\n"
-        "static double element(const double *x, int n, double at)\n{\n"
-        "    return ((at > -1.0) && (at < (double)n)) ? x[(int)at] : (double)NAN;\n}\n"
-    ),
-    "matrix_product": (
-        "/* z = x y, of matrices in columns */\n"
-        "static void matrix_product(const double *x, int rows, int inner, const double *y,\n"
-        "                           int columns, double *z)\n{\n"
-        "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
-        "            z[j + i * rows] = 0.0;\n            for (int k = 0; k < inner; ++k) {\n"
-        "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
-        "            }\n        }\n    }\n}\n"
-    ),
-    "add_matrix_product": (
-        "/* z = z + x y, of matrices in columns */\n"
-        "static void add_matrix_product(const double *x, int rows, int inner, const double *y,\n"
-        "                               int columns, double *z)\n{\n"
-        "    for (int i = 0; i < columns; ++i) {\n        for (int j = 0; j < rows; ++j) {\n"
-        "            for (int k = 0; k < inner; ++k) {\n"
-        "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
-        "            }\n        }\n    }\n}\n"
-    ),
-    "reached": (
-        "/* last of n rising places that x has reached; the first if none, or if x is NaN */\n"
-        "static int reached(const double *at, int n, double x)\n{\n"
-        "    int low = 0;\n    int high = n;\n    while ((high - low) > 1) {\n"
-        "        const int middle = (low + high) / 2;\n"
-        "        if (x >= at[middle]) {\n            low = middle;\n        } else {\n"
-        "            high = middle;\n        }\n    }\n    return low;\n}\n"
-    ),
-    "sign_of": (
-        "static double sign_of(double x)\n{\n"
-        "    return (x < 0.0) ? -1.0 : ((x > 0.0) ? 1.0 : x);\n}\n"
-    ),
-}
-"""Functions that the expressions may call beside those of math.h."""
 
 _TAKES_SIGN = {
     ca.OP_ATAN2: (0, 1), ca.OP_COPYSIGN: (1,), ca.OP_DIV: (1,), ca.OP_INV: (0,),
@@ -179,8 +115,9 @@ def number(value: float) -> str:
         return "((double)NAN)"
     if math.isinf(value):
         return "((double)INFINITY)" if value > 0 else "(-(double)INFINITY)"
-    text = repr(float(value))
-    return text if any(c in text for c in ".en") else text + ".0"
+    text = repr(float(value)).replace("e+", "e")
+    zeros = re.fullmatch(r"(-?\d+?)(0{5,})\.0", text)
+    return f"{zeros[1]}e{len(zeros[2])}" if zeros else text
 
 
 def known_operation(op: int) -> bool:
@@ -402,7 +339,7 @@ class Writer:
         self.helpers |= {"reached", "at_least", "at_most"}
         self.lines += [
             f"/* straight pieces over {x}: begin, length, height and slope of each result */",
-            *table.lines(name, number, 68),
+            *table.lines(name, number, 90),
             f"const int {at} = reached({name}_at, {len(table.ramps)}, {x});",
             f"const {self.real} {ramp} ="
             f" at_most(at_least({x} - {name}_at[{at}], 0.0), {name}_long[{at}]);",
@@ -493,8 +430,3 @@ class Writer:
 
     def _plain(self, k: int) -> bool:
         return not self.texts[k].truth and "(" not in self.texts[k].text
-
-
-def helper_text(names: Collection[str]) -> str:
-    """Definitions of helper functions, in a fixed order."""
-    return "\n".join(text for name, text in HELPERS.items() if name in names)

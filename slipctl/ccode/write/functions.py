@@ -14,12 +14,13 @@ import casadi as ca
 
 from slipctl.ccode.write.arrays import AT, Arrays, loop, reached
 from slipctl.ccode.write.comments import comment
-from slipctl.ccode.write.expressions import ANY, HELPERS, Unsupported, Writer
+from slipctl.ccode.write.expressions import ANY, Unsupported, Writer
 from slipctl.ccode.write.graph import (
     argument_names,
     result_name,
     unused,
 )
+from slipctl.ccode.write.helpers import HELPERS
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
 from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, sums
 from slipctl.ccode.write.naming import named, with_inside

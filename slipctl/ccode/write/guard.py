@@ -96,7 +96,10 @@ def patience(parts: int) -> ca.Function:
 
 
 def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
-    """Statements of a rule in C: arguments are read by these names, results written to these."""
+    """Statements of a rule in C: arguments are read by these names, first results written to these.
+
+    The others are locals, by the names that the rule gives its results.
+    """
     given = [f.name_out(k) for k in range(f.n_out())]
     words = re.findall(r"\w+", " ".join([*names, *results, *given]))
     inner, letters = with_inside(f, words)
@@ -106,7 +109,7 @@ def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
     # a result may be an argument of the next: all are known before one is written
     for i, name in enumerate(given):
         lines.append(f"const double {name} = {writer.result(at[i, 0])};")
-    lines += [f"{to} = {name};" for to, name in zip(results, given, strict=True)]
+    lines += [f"{to} = {name};" for to, name in zip(results, given, strict=False)]
     return named(lines, "", words)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from slipctl.ccode.write import guard
-from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.comments import WIDTH, comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import identifier_free, prototype
+from slipctl.ccode.write.header import prototype
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.statements import conjunction, define, if_
@@ -21,10 +22,10 @@ def check_inputs(plan: Plan) -> str:
     if not lay.inputs:
         return ""
     lines, ends = plan.ends_text(lay.inputs)
-    good = ["(state->guard.fresh > 0.0)", *_all_good(lay.inputs, ends)]
+    good = ["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)]
     lines += [
         "unsigned int told = 0U;",
-        if_([conjunction(good)], "state->guard.last = *in;", "return told;"),
+        if_([conjunction(good)], "guard->last = *in;", "return told;"),
     ]
     at = 0
     for m in lay.inputs:
@@ -38,20 +39,19 @@ def check_inputs(plan: Plan) -> str:
             for k in range(m.size)
         ]
         if m.size > 1 and len(set(each)) == 1:
-            last = f"{m.address('state->guard.last.')}, &state->guard.age[{at}]"
+            last = f"{m.address('guard->last.')}, &guard->age[{at}]"
             lines += _call("told |= accept_all(", [m.address("in->"), str(m.size), each[0], last])
         else:
             for k, given in enumerate(each):
-                last = f"&{m.at('state->guard.last.', k)}, &state->guard.age[{at + k}]"
+                last = f"&{m.at('guard->last.', k)}, &guard->age[{at + k}]"
                 lines += _call("told |= accept(", [m.at("in->", k), given, last])
         at += m.size
-    lines.append("state->guard.fresh = (told == 0U) ? 1.0 : 0.0;")
+    lines.append("guard->fresh = (told == 0U) ? 1.0 : 0.0;")
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     text = "\n".join(lines)
-    void = ["(void)param;"] * identifier_free(text, "param")
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
-                          f"const {n}_param *param", f"{n}_state *state")  # fmt: skip
-    return f"{what}\n" + define(signature, [*void, *lines, "return told;"])
+                          *_types(plan, text), f"struct {n}_guard *guard")  # fmt: skip
+    return f"{what}\n" + define(signature, [*lines, "return told;"])
 
 
 def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
@@ -60,10 +60,10 @@ def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
     for m in inputs:
         each = [tuple(ends[m.c, k, what] for what in ("lo", "hi", "change")) for k in range(m.size)]
         if m.size > 1 and len(set(each)) == 1:
-            rows = [("all_", f"{m.address('in->')}, {m.size}", m.address("state->guard.last."))]
+            rows = [("all_", f"{m.address('in->')}, {m.size}", m.address("guard->last."))]
             each = each[:1]
         else:
-            rows = [("", m.at("in->", k), m.at("state->guard.last.", k)) for k in range(m.size)]
+            rows = [("", m.at("in->", k), m.at("guard->last.", k)) for k in range(m.size)]
         for (many, value, last), (lo, hi, change) in zip(rows, each, strict=True):
             found.append(f"{many}within({value}, {lo}, {hi})")
             if change != "DBL_MAX":
@@ -74,7 +74,7 @@ def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
 def _call(start: str, arguments: list[str]) -> list[str]:
     """Statement of a call, on two lines if it is long."""
     line = f"{start}{', '.join(arguments)});"
-    if len(line) <= 90:
+    if len(line) <= WIDTH - 4:
         return [line]
     return [f"{start}{', '.join(arguments[:-1])},", f"        {arguments[-1]});"]
 
@@ -86,9 +86,39 @@ def early_good(plan: Plan) -> tuple[list[str], str]:
     return lines, conjunction(_all_good(plan.early, open_))
 
 
+def _types(plan: Plan, text: str) -> list[str]:
+    """Declarations of what the ends of ranges are expressions of."""
+    return [plan.types[p] for p in ("param", "derived") if re.search(rf"\b{p}->", text)]
+
+
+def ends_given(plan: Plan, members: Sequence[Member], param: str) -> list[str]:
+    """Arguments for them, where the parameters are ``param``."""
+    lines, ends = plan.ends_text(members)
+    text = " ".join([*lines, *ends.values()])
+    places = {"param": param, "derived": "&state->derived"}
+    return [place for p, place in places.items() if re.search(rf"\b{p}->", text)]
+
+
+def check_inputs_call(plan: Plan, param: str) -> str:
+    """Call of the function that takes what is good of the inputs."""
+    given = ends_given(plan, plan.layout.inputs, param)
+    return f"check_inputs({', '.join(['in', *given, '&state->guard'])})"
+
+
+def part_off_call(plan: Plan, next_: str) -> str:
+    """Call of the function that says of which part a next state is out of its range."""
+    members = [m for m in plan.layout.states if plan.ranged(m)]
+    return f"part_off({', '.join([next_, *ends_given(plan, members, 'used')])})"
+
+
+def limit_outputs_call(plan: Plan, out: str, param: str = "&state->in_force") -> str:
+    """Call of the function that puts outputs into their ranges."""
+    limited = [m for m in plan.layout.outputs if plan.ranged(m)]
+    return f"limit_outputs({', '.join([*ends_given(plan, limited, param), out])})"
+
+
 def part_off(plan: Plan) -> str:
     """Function that says of which part a next state is out of its range."""
-    n = plan.name
     members = [m for m in plan.layout.states if plan.ranged(m)]
     if not members:
         return ""
@@ -100,20 +130,19 @@ def part_off(plan: Plan) -> str:
             if not plan.ranged(m):
                 continue
             each = [f"{ends[m.c, i, 'lo']}, {ends[m.c, i, 'hi']}" for i in range(m.size)]
-            if m.scalar:
-                found.append(f"within(next->{m.c}, {each[0]})")
+            if m.size == 1:
+                found.append(f"within({m.at('x->', 0)}, {each[0]})")
             elif len(set(each)) == 1:
-                found.append(f"all_within(next->{m.c}, {m.size}, {each[0]})")
+                found.append(f"all_within(x->{m.c}, {m.size}, {each[0]})")
             else:
-                found += [f"within({m.at('next->', i)}, {e})" for i, e in enumerate(each)]
+                found += [f"within({m.at('x->', i)}, {e})" for i, e in enumerate(each)]
         if found:
             tests.append(if_([f"!({conjunction(found)})"], f"return {k};"))
     text = "\n".join([*lines, *tests])
-    void = [f"(void){a};" for a in ("param", "state") if identifier_free(text, a)]
     what = comment("The first part of which a next state is out of its range, 0 for none.")
-    signature = prototype(plan, "static int", "part_off", f"const struct {n}_next *next",
-                          f"const {n}_param *param", f"const {n}_state *state")  # fmt: skip
-    return f"{what}\n" + define(signature, [*void, *lines, *tests, "return 0;"])
+    signature = prototype(plan, "static int", "part_off",
+                          f"const struct {plan.name}_kept *x", *_types(plan, text))  # fmt: skip
+    return f"{what}\n" + define(signature, [*lines, *tests, "return 0;"])
 
 
 def recover(plan: Plan) -> str:
@@ -122,20 +151,18 @@ def recover(plan: Plan) -> str:
     if not parts:
         return ""
     rule = guard.text(
-        guard.patience(parts), ["state->guard.refused", "(double)off"],
-        ["state->guard.refused", "part"],
-    )  # fmt: skip
-    which = f"(part > {number(parts + 0.5)}) ? 0 : (int)part"
-    computed = [m for m in plan.layout.states if m.signal.derived]
-    reset = [f"start(param, state, {which});"]
-    if computed:  # parameters may give no good start: then it is that of the defaults
-        good = conjunction([within(plan, m, "state->") for m in computed])
-        other = [f"{n}_param safe;", f"{n}_default(&safe);", f"start(&safe, state, {which});"]
-        reset.append(if_([f"!({good})"], *other))
+        guard.patience(parts), ["state->guard.refused", "(double)off"], ["state->guard.refused"]
+    )
+    which = f"const int part = (which > {number(parts + 0.5)}) ? 0 : (int)which;"
+    call = "start(%s, &state->kept, part)"
+    reset = [f"{call % 'param'};"]
+    if any(m.signal.derived for m in plan.layout.states):
+        # parameters may give no good start: then it is that of the defaults
+        other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
+        reset = [if_([f"!{call % 'param'}"], *other)]
     lines = [
-        "double part = 0.0;",
         *rule,
-        if_(["part > 0.0"], *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
+        if_(["which > 0.0"], which, *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
         "return 0U;",
     ]
     order = ", ".join(p or "the state" for p in plan.parts)
@@ -149,9 +176,68 @@ def recover(plan: Plan) -> str:
     return f"{what}\n" + define(signature, lines)
 
 
+def finite(plan: Plan) -> str:
+    """Functions that say whether what comes out of the equations is finite."""
+    ahead = plan.ahead
+    if not plan.untested:
+        return ""
+    rest = [place for place in plan.untested if place[0] not in ahead]
+    first = [place for place in plan.untested if place[0] in ahead]
+    arguments = [f"const struct {plan.name}_kept *next", f"const {plan.name}_out *now"]
+    made = []
+    for name, places in (("result_finite", rest), ("ahead_finite", first)):
+        if not places:
+            continue
+        given = with_results(plan, arguments, places)
+        lines = _zero(places)
+        made.append(define(prototype(plan, "static bool", name, *given), lines))
+    return "\n\n".join(made)
+
+
+def with_results(
+    plan: Plan, both: list[str], places: Iterable[tuple[Member, str, int]] | None = None
+) -> list[str]:
+    """What stands for next states and for outputs, of those that have results to be tested."""
+    if places is None:
+        places = [place for place in plan.untested if place[0] not in plan.ahead]
+    there = {pointer for _, pointer, _ in places}
+    return [
+        x for x, p in zip(both[-2:], ("next->", "now->")[-len(both) :], strict=True) if p in there
+    ]
+
+
+_CHAIN = 6
+"""Factors of a product: several short ones do not wait for each other."""
+
+
+def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
+    """Statements that tell whether elements are finite: then their product with 0 is 0, not NaN.
+
+    That is one multiplication for each and one comparison for all, without a branch.
+    """
+    products: list[str] = []
+    chain: list[str] = []
+    for m, pointer, k in elements:
+        if m.size > _CHAIN:
+            whole = f"zero_of({pointer}{m.c}, {m.size})"
+            products += [whole] * (whole not in products)
+            continue
+        factor = m.at(pointer, k)
+        if chain and (len(chain) == _CHAIN or len(" * ".join([*chain, factor])) > 70):
+            products.append(" * ".join(["0.0", *chain]))
+            chain = []
+        chain.append(factor)
+    products += [" * ".join(["0.0", *chain])] if chain else []
+    first, *rest = products
+    what = "/* 0 times a finite number is 0; times NaN or infinity it is NaN */"
+    if not rest:
+        return [what, f"return ({first}) == 0.0;"]
+    return [what, f"double zero = {first};", *(f"zero *= {p};" for p in rest),
+            "return zero == 0.0;"]  # fmt: skip
+
+
 def limit_outputs(plan: Plan) -> str:
     """Function that puts outputs that left their ranges to the ends of them."""
-    n = plan.name
     limited = [m for m in plan.layout.outputs if plan.ranged(m)]
     if not limited:
         return ""
@@ -162,20 +248,19 @@ def limit_outputs(plan: Plan) -> str:
             name = once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
             lines.append(f"const double {name} = {end};")
     ends = {key: once.get(end, end) for key, end in ends.items()}
-    lines = [*lines, "unsigned int limited = 0U;"]
+    calls: list[str] = []
     for m in limited:
         each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
-        if not m.scalar and len(set(each)) == 1:
-            lines.append(f"limited |= limit_all(out->{m.c}, {m.size}, {each[0]});")
+        if m.size > 1 and len(set(each)) == 1:
+            calls.append(f"limit_all(out->{m.c}, {m.size}, {each[0]})")
         else:
-            lines += [f"limited |= limit(&{m.at('out->', k)}, {e});" for k, e in enumerate(each)]
+            calls += [f"limit(&{m.at('out->', k)}, {e})" for k, e in enumerate(each)]
+    lines.append(f"return {conjunction(calls, 'return ', '|')};")
     text = "\n".join(lines)
-    void = [f"(void){a};" for a in ("param", "state") if identifier_free(text, a)]
     signature = prototype(plan, "static unsigned int", "limit_outputs",
-                          f"const {n}_param *param", f"const {n}_state *state",
-                          f"{n}_out *out")  # fmt: skip
+                          *_types(plan, text), f"{plan.name}_out *out")  # fmt: skip
     what = comment("Put outputs into their ranges; a bit of the status.")
-    return f"{what}\n" + define(signature, [*void, *lines, "return limited;"])
+    return f"{what}\n" + define(signature, lines)
 
 
 def _ends(plan: Plan, m: Member) -> tuple[str, str]:
@@ -190,6 +275,6 @@ def _ends(plan: Plan, m: Member) -> tuple[str, str]:
 def within(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
     lo, hi = _ends(plan, m)
-    if m.scalar:
-        return f"within({pointer}{m.c}, {lo}, {hi})"
+    if m.size == 1:
+        return f"within({m.at(pointer, 0)}, {lo}, {hi})"
     return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"

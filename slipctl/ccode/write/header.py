@@ -172,32 +172,29 @@ def _state(plan: Plan) -> str:
         "};",
         "",
     ]
-    if plan.next_in_state:
-        lines += ["/* State of the next tick. */", next_struct(plan) + ";", ""]
+    if lay.states:
+        lines += [comment("What a good tick keeps for the next one."), f"struct {n}_kept {{"]
+        for m in lay.states:
+            lines += [member_comment(m), f"    {m.declared()}"]
+        lines += ["};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
         f"typedef struct {n}_state {{",
     ]
-    for m in lay.states:
-        lines += [member_comment(m), f"    {m.declared()}"]
+    if lay.states:
+        lines.append(f"    struct {n}_kept kept; /* of the last good tick */")
     if lay.derived:
         lines.append(f"    struct {n}_derived derived;")
     lines.append(f"    {n}_param in_force; /* parameters that init or tune took last */")
     lines.append(f"    {n}_out held; /* outputs of the last good step */")
     lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
     if plan.next_in_state:
-        lines.append(f"    struct {n}_next next; /* scratch of step */")
+        lines.append(f"    struct {n}_kept next; /* scratch of step */")
     if plan.work_in_state:
         members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
         lines.append(f"    struct {n}_work {{ {' '.join(members)} }} work; /* scratch of step */")
     lines += rates.tick_struct(plan) if plan.rates else []
     return "\n".join([*lines, f"}} {n}_state;"])
-
-
-def next_struct(plan: Plan) -> str:
-    """Struct that takes the next state until it is known to be good."""
-    body = "\n".join(f"    {m.declared()}" for m in plan.layout.states)
-    return f"struct {plan.name}_next {{\n{body}\n}}"
 
 
 def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:

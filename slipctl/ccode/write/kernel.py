@@ -10,8 +10,9 @@ import casadi as ca
 
 from slipctl.block.block import Block
 from slipctl.ccode.write.casadi_text import chunks_of, generated, signature, static_text
-from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, helper_text
+from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported
 from slipctl.ccode.write.functions import Functions
+from slipctl.ccode.write.helpers import helper_text
 from slipctl.ccode.write.parts import Parts, Place, Wires
 from slipctl.ccode.write.precision import tolerant
 from slipctl.ccode.write.structure import Outside, Statements, pruned

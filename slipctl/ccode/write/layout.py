@@ -31,7 +31,7 @@ hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
 all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
 states_within start recover guard part part_off off refused told in_force used limit_outputs
-start_outputs mark fresh rising
+start_outputs mark fresh rising derived work defaults untouched good whole which
 """
 LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""
@@ -48,10 +48,6 @@ aux con nul prn
 FILES = frozenset(_FILE_WORDS.split())
 """Headers of C, other files of the folder, targets of make and CMake, devices of Windows: no module
 has such a name, in letters of either case."""
-
-
-KEPT = frozenset(("derived", "guard", "held", "in_force", "next", "work"))
-"""Members of the state struct beside the states."""
 
 
 @dataclass(frozen=True)
@@ -135,11 +131,7 @@ def layout(block: Block, name: str) -> Layout:
         _members(block, block.inputs.values()),
         _members(block, free),
         _members(block, derived),
-        _members(
-            block,
-            block.states.values(),
-            taken=KEPT,
-        ),
+        _members(block, block.states.values()),
         _members(block, block.outputs.values()),
     )
 
@@ -151,14 +143,10 @@ def c_name(name: str) -> str:
     return plain + "_" if plain in KEYWORDS or not re.match("[A-Za-z_]", plain) else plain
 
 
-def _members(
-    block: Block, signals: Iterable[Signal], taken: Iterable[str] = ()
-) -> tuple[Member, ...]:
+def _members(block: Block, signals: Iterable[Signal]) -> tuple[Member, ...]:
     members: dict[str, Member] = {}
     for s in signals:
         c = c_name(s.name)
-        while c in taken:
-            c += "_"
         if c in members:
             raise BadInput(
                 f"{block.name}: {members[c].name!r} and {s.name!r} would both be {c!r} in C;"

@@ -26,7 +26,10 @@ from slipctl.ccode.write.letters import Told, letters
 from slipctl.ccode.write.naming import named
 from slipctl.ccode.write.rolling import rolled
 from slipctl.ccode.write.shapes import shaped
-from slipctl.ccode.write.statements import copied
+from slipctl.ccode.write.statements import copied, placed
+
+POINTERS = ("in", "param", "derived", "state", "next", "now")
+"""Structs that a part may be given."""
 
 Place = tuple[Member, str]
 """A struct member and the pointer to it."""
@@ -109,14 +112,14 @@ class Parts:
             if "." not in destination:
                 b, _, port = source.partition(".")
                 table = wires.outputs if port in block.parts[b].outputs else wires.states
-                self._copy(wires.outputs[destination], table[source])
+                self._copy(self.lines, wires.outputs[destination], table[source])
 
     def _started(self, place: Place) -> bool:
         return (place[0].c, place[1], 0) in self.results
 
-    def _copy(self, to: Place, source: Place) -> None:
-        """Give an output of the whole the value of a part's."""
-        self.lines += _moved(_base(to), _base(source), to[0])
+    def _copy(self, lines: list[str], to: Place, source: Place) -> None:
+        """Give an output the value of what stands elsewhere."""
+        lines += _moved(_base(to), _base(source), to[0])
         for k in range(to[0].size):
             key = source[0].c, source[1], k
             self.results[to[0].c, to[1], k] = self.results.get(key, source[0].at(source[1], k))
@@ -140,13 +143,12 @@ class Parts:
             name += "_part"
         name = self.functions.take(name)
         lines = self._lines(block, path, wires, outputs, last)
-        lines = named(lines, c_name(path), self.functions.reserved)
+        lines = placed(named(lines, c_name(path), self.functions.reserved))
         lines, file = of_one_file(lines)
         text = "\n".join(lines)
         what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
         what += f" {FILE}{file}." if file else ""
-        pointers = ("in", "param", "state", "next", "now")
-        used = [p for p in pointers if re.search(rf"\b{p}\b", text)]
+        used = [p for p in POINTERS if re.search(rf"\b{p}\b", text)]
         signature = self.signature("static void", name, used)
         body = "\n".join(f"    {line}" for line in lines)
         self.texts[name] = f"{comment(what)}\n{signature}\n{{\n{body}\n}}"
@@ -166,29 +168,17 @@ class Parts:
         own = Wires(
             {k: wires.states[k] for k in inner.states},
             {k: wires.following[k] for k in inner.states},
-            wires.inputs, wires.params, wires.outputs,
+            wires.inputs, wires.params, {k: wires.following[h] for h, k in names.items()},
         )  # fmt: skip
         run = self._inside(inner, path, own, outputs)
-        hold = [
-            line for k in inner.states
-            for line in _moved(_base(own.following[k]), _base(own.states[k]), own.states[k][0])
-        ]  # fmt: skip
-        hold += [
-            line for h, k in names.items()
-            for line in _moved(_base(wires.outputs[k]), _base(wires.states[h]), wires.states[h][0])
-        ]  # fmt: skip
         tick_now, tick_next = tick[0].at(tick[1], 0), wires.following[counter][0].at("next->", 0)
-        lines = [f"if ({tick_now} == 0.0) {{", *(f"    {line}" for line in run), "} else {",
-                 *(f"    {line}" for line in hold), "}"]  # fmt: skip
+        lines = [f"if ({tick_now} == 0.0) {{", *(f"    {line}" for line in run), "}"]
         lines.append(f"{tick_next} = ({tick_now} >= {n - 1}.0) ? 0.0 : ({tick_now} + 1.0);")
         for k in inner.states:
             self._forget(own.following[k])
         for h, k in names.items():
-            self._forget(wires.outputs[k])
-            to = wires.following[h]
-            lines += _moved(_base(to), _base(wires.outputs[k]), to[0])
-            for e in range(to[0].size):
-                self.results[to[0].c, to[1], e] = wires.outputs[k][0].at("now->", e)
+            self._forget(wires.following[h])
+            self._copy(lines, wires.outputs[k], wires.following[h])
         self.known[tick[0].c, "next->", 0] = FINITE
         self.results[tick[0].c, "next->", 0] = tick_next
         return lines
@@ -214,11 +204,11 @@ class Parts:
         groups = [block.symbols(role) for role in ("state", "input", "param")]
         with letters(groups, block.doc) as told:
             n, y = block.expr(*groups)
-        chosen: list[tuple[Place, Signal, Any]] = []
+        chosen: list[tuple[Place, str, Signal, Any]] = []
         if last:
-            chosen += [(wires.following[k], s, n[k]) for k, s in block.states.items()]
-        chosen += [(wires.outputs[k], block.outputs[k], y[k]) for k in outputs]
-        results = [shaped(block, s, v) for _, s, v in chosen]
+            chosen += [(wires.following[k], f"{k} next", s, n[k]) for k, s in block.states.items()]
+        chosen += [(wires.outputs[k], k, block.outputs[k], y[k]) for k in outputs]
+        results = [shaped(block, s, v) for *_, s, v in chosen]
         page = told(results)
         self.functions.letters |= set(page.names.values())
         arguments = [v for g in groups for v in g.values()]
@@ -227,7 +217,7 @@ class Parts:
             *(wires.params[k] for k in block.params),
         ]  # fmt: skip
         f = ca.Function("part", arguments, [*results, *page.hidden], {"cse": True})
-        targets = [place for place, _, _ in chosen]
+        targets = [(place, name) for place, name, *_ in chosen]
         write = self._scalar if block.sx else self._arrays
         return write(f, places, targets, page)
 
@@ -236,16 +226,15 @@ class Parts:
         return "0.0" if place is None else place[0].at(place[1], k)
 
     def _scalar(
-        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
+        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
         page: Told,
     ) -> list[str]:  # fmt: skip
         shown = len(targets)
         taken = self.functions.taken(f)
         local: dict[tuple[int, int], str] = {}
-        for i, (m, _) in enumerate(targets):
+        for i, ((m, _), name) in enumerate(targets):
             for k in range(m.size):
-                own = _letter(m.name) + ("" if m.scalar else f"_{k}")
-                own += "_next" if targets[i][1] == "next->" else ""
+                own = _local(name, "" if m.scalar else f"_{k}")
                 local[i, k] = unused(own, taken)
                 taken.add(local[i, k])
         for i, letter in page.names.items():
@@ -260,7 +249,7 @@ class Parts:
         self.functions.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
-            m, pointer = targets[i]
+            (m, pointer), _ = targets[i]
             text = writer.result(node)
             lines.append(f"{m.at(pointer, k)} = {text};")
             self.known[m.c, pointer, k] = writer.can_be[node]
@@ -276,7 +265,7 @@ class Parts:
         return FINITE if place is None else self._can_be(place, k)
 
     def _arrays(
-        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[Place],
+        self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
         page: Told,
     ) -> list[str]:  # fmt: skip
         sources = []
@@ -284,12 +273,12 @@ class Parts:
             if place is None and f.nnz_in(i) > 1:
                 raise Unsupported("a vector that comes later")
             sources.append("0.0" if place is None else _base(place))
-        outputs = [_base(p).removesuffix("[]") for p in targets]
+        outputs = [_base(p).removesuffix("[]") for p, _ in targets]
         outputs += [""] * (f.n_out() - len(targets))
         taken = self.functions.taken(f)
         free: dict[int, str] = {}
-        for i, (m, pointer) in enumerate(targets):
-            free[i] = unused(_letter(m.name) + ("_next" if pointer == "next->" else ""), taken)
+        for i, (_, name) in enumerate(targets):
+            free[i] = unused(_local(name), taken)
             taken.add(free[i])
         for i, letter in page.names.items():
             free[i] = unused(letter, taken)
@@ -298,7 +287,7 @@ class Parts:
             f, sources, outputs, itertools.count(1),
             lambda i, k: self._given(places, i, k), len(targets), free,
         )  # fmt: skip
-        for m, pointer in targets:
+        for (m, pointer), _ in targets:
             for k in range(m.size):
                 self.results[m.c, pointer, k] = m.at(pointer, k)
         return with_origins(
@@ -307,14 +296,14 @@ class Parts:
 
 
 def _equations_of(
-    local: Mapping[tuple[int, int], str], targets: Sequence[Place], page: Told
+    local: Mapping[tuple[int, int], str], targets: Sequence[tuple[Place, str]], page: Told
 ) -> dict[str, tuple[str, str]]:
     """Name and place of each equation, by the C name that it gives a value to."""
     found: dict[str, tuple[str, str]] = {}
-    for i, (m, pointer) in enumerate(targets):
-        name = m.name.rpartition(".")[2]
-        origin = page.of_result(name)
-        told = f"{name}{' next' if pointer == 'next->' else ''}", origin
+    for i, ((m, pointer), whole) in enumerate(targets):
+        name = whole.rpartition(".")[2]
+        origin = page.of_result(name.removesuffix(" next"))
+        told = name, origin
         if origin:
             found[f"{pointer}{m.c}"] = told
             found |= {local[i, k]: told for k in range(m.size) if (i, k) in local}
@@ -324,8 +313,10 @@ def _equations_of(
     return found
 
 
-def _letter(name: str) -> str:
-    return c_name(name.rpartition(".")[2])
+def _local(name: str, element: str = "") -> str:
+    """Name of a local for a result, ``x next`` of a state; of an array with its element."""
+    last, _, following = name.rpartition(".")[2].partition(" ")
+    return f"{c_name(last)}{element}{'_next' * bool(following)}"
 
 
 def _base(place: Place) -> str:

@@ -68,29 +68,34 @@ class Plan:
             )  # fmt: skip
 
     def _by_parts(self) -> Kernel:
-        lay, n = self.layout, self.name
+        lay = self.layout
         params = {m.name: (m, "param->") for m in lay.params}
-        params |= {m.name: (m, "state->derived.") for m in lay.derived}
+        params |= {m.name: (m, "derived->") for m in lay.derived}
         wires = Wires(
             {m.name: (m, "state->") for m in lay.states},
             {m.name: (m, "next->") for m in lay.states},
             {m.name: (m, "in->") for m in lay.inputs}, params,
             {m.name: (m, "now->") for m in lay.outputs},
         )  # fmt: skip
-        types = {
-            "in": f"const {n}_in *in", "param": f"const {n}_param *param",
-            "state": f"const {n}_state *state", "next": f"struct {n}_next *next",
-            "now": f"{n}_out *now",
-        }  # fmt: skip
 
         def signature(result: str, name: str, used: Sequence[str]) -> str:
-            given = [types[u] for u in used] or ["void"]
-            return wrapped(result, name, *given)
+            return wrapped(result, name, *([self.types[u] for u in used] or ["void"]))
 
         def can_be(place: Place, k: int) -> int:
             return NUMBER if place[1] == "param->" else FINITE
 
         return by_parts(self.block, wires, signature, self.results, self.docs, can_be)
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Declaration of each struct that a function of the module may be given, by its name."""
+        n = self.name
+        return {
+            "in": f"const {n}_in *in", "param": f"const {n}_param *param",
+            "derived": f"const struct {n}_derived *derived",
+            "state": f"const struct {n}_kept *state", "next": f"struct {n}_kept *next",
+            "now": f"{n}_out *now", "work": f"struct {n}_work *work",
+        }  # fmt: skip
 
     @cached_property
     def docs(self) -> dict[str, str]:
@@ -107,7 +112,7 @@ class Plan:
         lay = self.layout
         found = [(m, "state->") for m in lay.states] + [(m, "in->") for m in lay.inputs]
         params = {m.name: (m, "param->") for m in lay.params}
-        params |= {m.name: (m, "state->derived.") for m in lay.derived}
+        params |= {m.name: (m, "derived->") for m in lay.derived}
         return found + [params[n] for n in self.block.params]
 
     @cached_property
@@ -209,7 +214,7 @@ class Plan:
         """The same in C: statements, and an expression by (member, element, what)."""
         lay, block = self.layout, self.block
         places = {m.name: (m, "param->") for m in lay.params}
-        places |= {m.name: (m, "state->derived.") for m in lay.derived}
+        places |= {m.name: (m, "derived->") for m in lay.derived}
         symbols = {n: ca.SX.sym("p", *matrix(s)) for n, s in block.params.items()}
         keys, results, texts = [], [], {}
         for m in members:

@@ -16,11 +16,10 @@ from typing import NamedTuple
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
+from slipctl.ccode.write.parts import POINTERS
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.statements import define, if_, wrapped
 from slipctl.errors import BadInput
-
-POINTERS = ("in", "param", "state", "next", "now")
 
 
 class Group(NamedTuple):
@@ -229,15 +228,6 @@ def step(plan: Plan) -> list[str]:
     ]
 
 
-def _types(plan: Plan) -> dict[str, str]:
-    n = plan.name
-    return {
-        "in": f"const {n}_in *in", "param": f"const {n}_param *param",
-        "state": f"const {n}_state *state", "next": f"struct {n}_next *next",
-        "now": f"{n}_out *now",
-    }  # fmt: skip
-
-
 def _used(g: Group) -> list[str]:
     """Structs that the parts of a group take."""
     text = " ".join(g.calls)
@@ -251,7 +241,7 @@ def _groups(plan: Plan, row: Sequence[Group]) -> list[str]:
         if g.calls:
             what = comment("Parts that run " + (
                 "in every tick." if g.ticks == 1 else f"every {g.ticks}th tick."))  # fmt: skip
-            given = [_types(plan)[p] for p in _used(g)]
+            given = [plan.types[p] for p in _used(g)]
             signature = wrapped("static void", f"parts_of_{g.name}", *given)
             body = "\n".join(f"    {call}" for call in g.calls)
             found.append(f"{what}\n{signature}\n{{\n{body}\n}}")
@@ -260,8 +250,9 @@ def _groups(plan: Plan, row: Sequence[Group]) -> list[str]:
 
 def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
     n, big = plan.name, plan.layout.big
-    place = {"in": "seen" if plan.layout.inputs else "in", "param": "used", "state": "state",
-             "next": "next", "now": "now"}  # fmt: skip
+    place = {"in": "seen" if plan.layout.inputs else "in", "param": "used",
+             "derived": "&state->derived", "state": "&state->kept", "next": "&state->next",
+             "now": "&state->tick.now"}  # fmt: skip
     calls = []
     for k, g in enumerate(row):
         if g.calls:
@@ -274,10 +265,9 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
     struct = {
         "in": [f"const {n}_in *const seen = &state->guard.last;"] * bool(plan.layout.inputs),
         "param": [f"const {n}_param *const used = &state->in_force;"],
-        "next": [f"struct {n}_next *const next = &state->next;"],
-        "now": [f"{n}_out *const now = &state->tick.now;"],
     }
-    begin = [*looked, "state->tick.status = (double)status;", "state->tick.done = 0.0;"]
+    begin = [*looked, "state->tick.status = (double)status;", "state->tick.done = 0.0;",
+             "state->next = state->kept;"]  # fmt: skip
     lines = [
         *(line for p, declared in struct.items() if p in used for line in declared),
         *["(void)in;"] * (not plan.layout.inputs and "in" not in used),

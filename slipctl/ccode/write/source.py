@@ -9,19 +9,24 @@ from typing import Any
 import casadi as ca
 
 from slipctl.ccode.write import guard, rates
+from slipctl.ccode.write.arrays import listed
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.guarding import (
     check_inputs,
+    check_inputs_call,
+    finite,
     limit_outputs,
+    limit_outputs_call,
     part_off,
+    part_off_call,
     recover,
+    with_results,
     within,
 )
 from slipctl.ccode.write.header import (
     head,
     identifier_free,
-    next_struct,
     prototype,
     prototypes,
 )
@@ -30,19 +35,19 @@ from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision
 from slipctl.ccode.write.shapes import constant
-from slipctl.ccode.write.splitting import in_place, prepare, taken
-from slipctl.ccode.write.statements import broken, conjunction, define, if_
+from slipctl.ccode.write.splitting import equations_call, in_place, prepare, taken
+from slipctl.ccode.write.statements import broken, conjunction, define, if_, short
 from slipctl.ccode.write.structure import assign
 
 
 def source(plan: Plan) -> str:
     """Text of the source."""
-    n, lay = plan.name, plan.layout
+    n = plan.name
     functions = "\n\n".join(
         [_equations(plan), _default(plan), _param_ok(plan), _tune(plan)]
         + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
         + [_init(plan)]
-        + [made for made in (check_inputs(plan), _finite(plan), part_off(plan),
+        + [made for made in (check_inputs(plan), finite(plan), part_off(plan),
                              recover(plan), _hold(plan), prepare(plan)) if made] + [_step(plan)]
     )  # fmt: skip
     parts = [
@@ -59,8 +64,6 @@ def source(plan: Plan) -> str:
                 f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
             )
         )
-    if lay.states and not plan.next_in_state:
-        parts.append(f"/* State of the next tick. */\n{next_struct(plan)};")
     parts.append(
         definitions(
             [plan.equations, Kernel(helpers=frozenset({*plan.start.helpers, *plan.bound_helpers}))],
@@ -75,7 +78,7 @@ def source(plan: Plan) -> str:
         text = text.replace(
             "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
         )
-    return broken(in_precision(text, plan.real, plan.block.name))
+    return broken(short(in_precision(text, plan.real, plan.block.name)))
 
 
 # ---- equations ----------------------------------------------------------------------------------
@@ -85,14 +88,10 @@ def _equations(plan: Plan) -> str:
     n, made = plan.name, plan.equations
     lines = _call_lines(plan) if made.entry else _own_lines(plan)
     text = "\n".join(lines)
-    voids = [f"    (void){a};" for a in ("in", "param", "state") if identifier_free(text, a)]
-    arguments = [
-        f"const {n}_in *in", f"const {n}_param *param",
-        f"{n}_state *state" if plan.work_in_state else f"const {n}_state *state",
-    ]  # fmt: skip
-    if plan.layout.states:
-        arguments.append(f"struct {n}_next *next")
-    arguments.append(f"{n}_out *now")
+    given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
+    given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
+    voids = [f"    (void){a};" for a in given if identifier_free(text, a)]
+    arguments = [plan.types[a] for a in given]
     result = "static int" if plan.can_fail else "static void"
     signature = prototype(plan, result, "equations", *arguments)
     told = "The parts, in the order of the wires" if made.functions else "Equations"
@@ -131,7 +130,7 @@ def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
     lines = [f"    const double *arg[{max(sz_arg, 1)}];", f"    double *res[{max(sz_res, 1)}];"]
     places = {}
     for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
-        place = "NULL" if not size else f"state->work.{name}" if plan.work_in_state else name
+        place = "NULL" if not size else f"work->{name}" if plan.work_in_state else name
         places[f"WORK_{name.upper()}_"] = place
         if place == name:
             lines.append(f"    {kind} {name}[{size}];")
@@ -151,11 +150,20 @@ def _call_lines(plan: Plan) -> list[str]:
 
 
 def _default(plan: Plan) -> str:
-    lines: list[str] = []
-    for m in plan.layout.params:
-        lines += _constant(m, "param->", m.signal.value)
-    lines = lines or ["param->unused = 0.0;"]
+    if not plan.layout.params:
+        return define(prototypes(plan)["default"], ["param->unused = 0.0;"])
+    given = [(m, m.signal.value) for m in plan.layout.params]
+    lines = [*_struct(f"{plan.name}_param", "defaults", given), "*param = defaults;"]
     return define(prototypes(plan)["default"], lines)
+
+
+def _struct(kind: str, name: str, values: Iterable[tuple[Member, Any]]) -> list[str]:
+    """Declaration of a constant struct; members that are left out are 0."""
+    texts = []
+    for m, value in values:
+        given = ", ".join(number(float(v)) for v in constant(m.signal, value).ravel(order="F"))
+        texts += f".{m.c} = {given if m.scalar else f'{{{given}}}'}".split(", ")
+    return listed(f"static const {kind} {name}", texts)
 
 
 def _constant(m: Member, pointer: str, value: Any) -> list[str]:
@@ -169,12 +177,12 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
 
 
 def _param_ok(plan: Plan) -> str:
-    checks = [within(plan, m, "param->") for m in plan.layout.params]
-    checks += [f"rising(param->{m.c}, {m.size})" for m in plan.layout.params if m.signal.rising]
-    void = [] if checks else ["(void)param;"]
+    checks = [within(plan, m, "p->") for m in plan.layout.params]
+    checks += [f"rising(p->{m.c}, {m.size})" for m in plan.layout.params if m.signal.rising]
+    void = [] if checks else ["(void)p;"]
     return define(
-        f"static bool param_ok(const {plan.name}_param *param)",
-        [*void, f"return {conjunction(checks) or 'true'};"],
+        f"static bool param_ok(const {plan.name}_param *p)",
+        [*void, f"return {conjunction(checks, 'return ') or 'true'};"],
     )
 
 
@@ -191,7 +199,7 @@ def _tune(plan: Plan) -> str:
 
 
 def _start(plan: Plan) -> str:
-    """Function that puts a part of the state to its start, or all of it."""
+    """Function that puts a part of the state to its start, or all of it; whether that can be."""
     n = plan.name
     if not plan.layout.states:
         return ""
@@ -209,10 +217,14 @@ def _start(plan: Plan) -> str:
         lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
     text = "\n".join(lines)
     void = ["(void)param;"] * identifier_free(text, "param")
-    what = comment("Put a part of the state to its start, by the order of the parts; 0 is all.")
-    signature = prototype(plan, "static void", "start", f"const {n}_param *param",
-                          f"{n}_state *state", "int part")  # fmt: skip
-    return f"{what}\n" + define(signature, [*void, *lines])
+    told = "Put a part of the state to its start, by the order of the parts; 0 is all."
+    computed = [within(plan, m, "state->") for m in plan.layout.states if m.signal.derived]
+    if computed:
+        told += " Whether what is computed of it is in its range."
+        lines.append(f"return {conjunction(computed, 'return ')};")
+    signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
+                          plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
+    return f"{comment(told)}\n" + define(signature, [*void, *lines])
 
 
 def _distinct(lines: list[str]) -> list[str]:
@@ -222,27 +234,32 @@ def _distinct(lines: list[str]) -> list[str]:
 
 def _init(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
-    computed = [m for m in lay.states if m.signal.derived]
-    lines = [f"int status = {n}_tune(param, state);"]
-    instead = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);"]
-    if lay.params:  # without any, none is refused
-        lines.append(if_([f"status != {big}_OK"], *instead))
-    if lay.states:
-        lines.append("start(&state->in_force, state, 0);")
-    if computed:
-        good = conjunction([within(plan, m, "state->") for m in computed])
-        again = [*instead, "start(&state->in_force, state, 0);"]
-        lines.append(if_([f"!({good})"], f"status = {big}_BAD_PARAM;", *again))
-    for m in lay.inputs:
-        lines += _constant(m, "state->guard.last.", 0.0)
-    if plan.n_in:
-        lines += [f"fill(state->guard.age, {plan.n_in}, -1.0);", "state->guard.fresh = 0.0;"]
-    lines += ["state->guard.refused = 0.0;", f"state->guard.mark = {number(guard.MARK)};"]
+    computed = any(m.signal.derived for m in lay.states)
+    ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
+    untouched = [*[ages] * bool(plan.n_in), f".mark = {number(guard.MARK)}"]
+    lines = listed(f"static const struct {n}_guard untouched", ", ".join(untouched).split(", "))
+    lines.append(f"int status = {n}_tune(param, state);")
+    start = "start(&state->in_force, &state->kept, 0)"
+    if lay.params or computed:  # without any, none is refused
+        good = f"status == {big}_OK"
+        if computed:
+            lines += [f"bool good = ({good});", if_(["good"], f"good = {start};")]
+        elif lay.states:
+            lines.append(f"{start};")
+        lines.append(if_(
+            ["!good" if computed else good.replace("==", "!=")], f"{n}_param safe;",
+            f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);",
+            *[f"{'(void)' * computed}{start};"] * bool(lay.states),
+            *[f"status = {big}_BAD_PARAM;"] * computed,
+        ))  # fmt: skip
+    elif lay.states:
+        lines.append(f"{start};")
+    lines.append("state->guard = untouched;")
     lines += ["state->tick.done = 0.0;"] * plan.rates
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
     if plan.follows(lay.outputs):
-        lines.append("(void)limit_outputs(&state->in_force, state, &state->held);")
+        lines.append(f"(void){limit_outputs_call(plan, '&state->held')};")
     lines.append("return status;")
     return define(prototypes(plan)["init"], lines)
 
@@ -254,70 +271,13 @@ def _start_outputs(plan: Plan) -> str:
     flat = {m.c: constant(m.signal, plan.before(m)).ravel(order="F") for m in plan.layout.outputs}
     others = [m for m in plan.layout.outputs if flat[m.c].any()]
     first = plan.layout.outputs[0]
-    rows = [f".{m.c} = {number(float(flat[m.c][0]))}" for m in others if m.scalar]
-    rows = rows or [f".{first.c} = {'0.0' if first.scalar else '{0.0}'}"]
-    lines = [f"const {plan.name}_out safe = {{ /* the others are 0 */"]
-    lines += [*(f"    {row}," for row in rows), "};", "*out = safe;"]
-    for m in others:
-        lines += [] if m.scalar else _constant(m, "out->", plan.before(m))
+    given = [(m, plan.before(m)) for m in others or [first]]
+    lines = [*_struct(f"{plan.name}_out", "safe", given), "*out = safe;"]
     what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
     return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
 
 
 # ---- step ---------------------------------------------------------------------------------------
-
-
-def _finite(plan: Plan) -> str:
-    """Functions that say whether what comes out of the equations is finite."""
-    n, lay, ahead = plan.name, plan.layout, plan.ahead
-    if not plan.untested:
-        return ""
-    rest = [place for place in plan.untested if place[0] not in ahead]
-    first = [place for place in plan.untested if place[0] in ahead]
-    arguments = [f"const struct {n}_next *next"] * bool(lay.states) + [f"const {n}_out *now"]
-    made = []
-    for name, places, given in (
-        ("result_finite", rest, arguments), ("ahead_finite", first, arguments[:1])
-    ):  # fmt: skip
-        if not places:
-            continue
-        lines = _zero(places)
-        text = "\n".join(lines)
-        voids = [f"(void){a};" for a in ("next", "now") if identifier_free(text, a)]
-        signature = prototype(plan, "static bool", name, *given)
-        there = " ".join(given)
-        made.append(define(signature, [*(v for v in voids if f"*{v[6:-1]}" in there), *lines]))
-    return "\n\n".join(made)
-
-
-_CHAIN = 6
-"""Factors of a product: several short ones do not wait for each other."""
-
-
-def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
-    """Statements that tell whether elements are finite: then their product with 0 is 0, not NaN.
-
-    That is one multiplication for each and one comparison for all, without a branch.
-    """
-    products: list[str] = []
-    chain: list[str] = []
-    for m, pointer, k in elements:
-        if m.size > _CHAIN:
-            whole = f"zero_of({pointer}{m.c}, {m.size})"
-            products += [whole] * (whole not in products)
-            continue
-        factor = m.at(pointer, k)
-        if chain and (len(chain) == _CHAIN or len(" * ".join([*chain, factor])) > 70):
-            products.append(" * ".join(["0.0", *chain]))
-            chain = []
-        chain.append(factor)
-    products += [" * ".join(["0.0", *chain])] if chain else []
-    first, *rest = products
-    what = "/* 0 times a finite number is 0; times NaN or infinity it is NaN */"
-    if not rest:
-        return [what, f"return ({first}) == 0.0;"]
-    return [what, f"double zero = {first};", *(f"zero *= {p};" for p in rest),
-            "return zero == 0.0;"]  # fmt: skip
 
 
 def _hold(plan: Plan) -> str:
@@ -330,7 +290,7 @@ def _hold(plan: Plan) -> str:
         if m.c in safe:
             lines += _constant(m, "out->", safe[m.c])
     if plan.follows(plan.layout.outputs):  # parameters may have changed since
-        lines.append("(void)limit_outputs(&state->in_force, state, out);")
+        lines.append(f"(void){limit_outputs_call(plan, 'out')};")
     what = comment(
         "Outputs of a step that is refused: the safe value, or that of the last good step."
     )
@@ -348,11 +308,11 @@ def _step(plan: Plan) -> str:
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
-    first = "check_inputs(in, used, state)" if lay.inputs else "0U"
+    first = check_inputs_call(plan, "used") if lay.inputs else "0U"
     lines = ["(void)param; /* those in force are used */", f"{n}_out now;"]
     lines.append(f"const {n}_param *const used = &state->in_force;")
     if has_next and not plan.next_in_state:
-        lines.append(f"struct {n}_next next;")
+        lines.append(f"struct {n}_kept next;")
     nothing = ["start_outputs(out);"] if lay.outputs else ["out->unused = 0.0;"]
     lines.append(
         if_([f"!(state->guard.mark == {number(guard.MARK)})"], *nothing,
@@ -363,13 +323,15 @@ def _step(plan: Plan) -> str:
         lines.append(
             if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;")
         )
+    if plan.equations.ticks:  # what does not run in this tick keeps its state
+        lines.append(f"{following} = state->kept;")
     passed = [f"&{following}"] * has_next + ["&now"]
     if plan.block.split:
         before = plan.state_named(plan.block.split.prepared).c
-        lines.append(f"const bool whole = !(state->{before} > 0.0); /* nothing is prepared */")
-    call = f"equations({', '.join([seen, 'used', 'state', *passed])})"
+        lines.append(f"const bool whole = !(state->kept.{before} > 0.0); /* nothing is prepared */")
+    call = equations_call(plan, seen)
     ranged = any(plan.ranged(m) for m in lay.states)
-    off = f"part_off(&{following}, used, state)"
+    off = part_off_call(plan, f"&{following}") if ranged else ""
     lines.append(f"const int failed = {call};" if plan.can_fail else f"{call};")
     before_it, lines = lines, []
     bad = ["(failed != 0)"] * plan.can_fail
@@ -377,7 +339,7 @@ def _step(plan: Plan) -> str:
         lines.append(f"const int off = {'(failed != 0) ? 0 : ' * plan.can_fail}{off};")
         bad.append("(off != 0)")
     if plan.untested:
-        bad.append(f"!result_finite({', '.join(passed)})")
+        bad.append(f"!result_finite({', '.join(with_results(plan, passed))})")
     if plan.ahead:
         bad.append(f"(whole && !ahead_finite(&{following}))")
     if bad:
@@ -389,7 +351,7 @@ def _step(plan: Plan) -> str:
     rest = [m for m in lay.states if m not in plan.ahead]
     lines += [*taken(plan, rest), "state->guard.refused = 0.0;"]
     if any(plan.ranged(m) for m in lay.outputs):
-        lines.append("status |= limit_outputs(used, state, &now);")
+        lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
     texts = prototypes(plan)
     if plan.rates:
@@ -406,11 +368,11 @@ def _step(plan: Plan) -> str:
 # ---- small text ---------------------------------------------------------------------------------
 
 
-_LOOP = "    int k;\n    for (k = 0; k < n; ++k) {\n        %s\n    }\n"
+_LOOP = "    for (int k = 0; k < n; ++k) {\n        %s\n    }\n"
 _ACCEPT = guard.text(
     guard.accept(),
     ["value", "*last", "*age", "lo", "hi", "change", "stale", "MEMORY_", "DBL_MAX"],
-    ["*last", "*age", "told"],
+    ["*last", "*age"],
 )
 _SMALL = {
     "accept_all": (
@@ -423,9 +385,7 @@ _SMALL = {
     "accept": (
         "unsigned int accept(double value, double lo, double hi, double change, double stale,\n"
         "                           double *last, double *age)",
-        "    double told = 0.0;\n"
-        + "".join(f"    {line}\n" for line in _ACCEPT)
-        + "    return (unsigned int)(int)told;\n",
+        "".join(f"    {line}\n" for line in _ACCEPT) + "    return (unsigned int)(int)bits;\n",
     ),
     "all_can_follow": (
         "bool all_can_follow(const double *x, int n, const double *last, double change)",
@@ -434,7 +394,7 @@ _SMALL = {
     ),
     "can_follow": (
         "bool can_follow(double x, double last, double change)",
-        "    return fabs(x - last) <= change; /* from one tick to the next */\n",
+        "    return fabs(x - last) <= change;\n",
     ),
     "zero_of": (
         "double zero_of(const double *x, int n)",
@@ -453,7 +413,7 @@ _SMALL = {
     ),
     "within": (
         "bool within(double x, double lo, double hi)",
-        "    return (x >= lo) && (x <= hi); /* false for NaN */\n",
+        "    return (x >= lo) && (x <= hi);\n",
     ),
     "limit_all": (
         "unsigned int limit_all(double *x, int n, double lo, double hi)",

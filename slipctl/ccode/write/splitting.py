@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.expressions import number
@@ -29,6 +29,14 @@ def in_place(plan: Plan, lines: list[str]) -> list[str]:
     return text.split("\n")
 
 
+def equations_call(plan: Plan, seen: str) -> str:
+    """Call of the equations on the inputs that they see."""
+    lay, following = plan.layout, "&state->next" if plan.next_in_state else "&next"
+    given = [seen, "used", *["&state->derived"] * bool(lay.derived)]
+    given += ["&state->kept", following] * bool(lay.states) + ["&now"]
+    return f"equations({', '.join([*given, *['&state->work'] * plan.work_in_state])})"
+
+
 def due(plan: Plan) -> str:
     """Condition that the equations prepare, not only go on from what is prepared."""
     split = plan.block.split
@@ -37,12 +45,14 @@ def due(plan: Plan) -> str:
     return f"(state->{only} > 0.0) || !(state->{prepared} > 0.0)"
 
 
-def taken(plan: Plan, members: Iterable[Member]) -> list[str]:
-    """Statements that take the next state."""
+def taken(plan: Plan, members: Sequence[Member]) -> list[str]:
+    """Statements that take the next state, or some of it."""
     following = "state->next" if plan.next_in_state else "next"
+    if len(members) == len(plan.layout.states):
+        return [f"state->kept = {following};"] * bool(members)
     return [
-        f"state->{m.c} = {following}.{m.c};" if m.scalar
-        else f"copy(state->{m.c}, {following}.{m.c}, {m.size});"
+        f"state->kept.{m.c} = {following}.{m.c};" if m.scalar
+        else f"copy(state->kept.{m.c}, {following}.{m.c}, {m.size});"
         for m in members
     ]  # fmt: skip
 
@@ -57,22 +67,24 @@ def prepare(plan: Plan) -> str:
     ends, good = early_good(plan)
     refused = f"(int){big}_REFUSED"
     lines = ["(void)param; /* those in force are used */"]
-    lines += [f"{n}_out now;"] + [f"struct {n}_next next;"] * (not plan.next_in_state)
+    lines += [f"{n}_out now;"] + [f"struct {n}_kept next;"] * (not plan.next_in_state)
     lines.append(f"const {n}_param *const used = &state->in_force;")
     lines.append(
         if_([f"!(state->guard.mark == {number(guard.MARK)})"],
             f"return (int){big}_NO_INIT | {refused};")
     )  # fmt: skip
-    lines += [line.replace("param->", "used->") for line in ends]
+    lines += [
+        line.replace("param->", "used->").replace("derived->", "state->derived.") for line in ends
+    ]
     if good:
-        good = good.replace("param->", "used->")
+        good = good.replace("param->", "used->").replace("derived->", "state->derived.")
         lines.append(if_([f"!({good})"], f"return (int){big}_OFF_RANGE | {refused};"))
-    call = f"equations(in, used, state, &{following}, &now);"
+    call = f"{equations_call(plan, 'in')};"
     tests = ["(failed != 0)"] * plan.can_fail + [f"!result_finite(&{following}, &now)"]
     lines += [
-        f"state->{only} = 1.0;",
+        f"state->kept.{only} = 1.0;",
         f"const int failed = {call}" if plan.can_fail else call,
-        f"state->{only} = 0.0;",
+        f"state->kept.{only} = 0.0;",
         if_([" || ".join([*tests, f"!ahead_finite(&{following})"])],
             f"return (int){big}_BAD_RESULT | {refused};"),
         *taken(plan, plan.layout.states),

@@ -20,14 +20,57 @@ def if_(condition: list[str], *statements: str) -> str:
     return f"if ({condition[0]}) {{\n{body}\n    }}"
 
 
-def conjunction(tests: list[str]) -> str:
-    """Join conditions with && over as many lines as it takes."""
-    text, width = "", 0
+def short(text: str) -> str:
+    """C text in which a function or a loop of one statement is one line, if there is room."""
+
+    def joined(found: re.Match[str]) -> str:
+        line = f"{found['signature']} {{ {found['body']} }}"
+        return line if len(line) <= WIDTH else found[0]
+
+    whole = re.compile(r"^(?P<signature>static [^\n;=]*\))\n\{\n    (?P<body>[^\n]*;)\n\}$", re.M)
+    text = whole.sub(joined, text)
+    text = _TURNS.sub(_one_line, text)
+    text = _DECLARED.sub(_together, text)
+    return re.sub(r"(?<=^static )([^\n]* \}\n)\n(?=static [^\n]* \}$)", r"\1", text, flags=re.M)
+
+
+_TURNS = re.compile(
+    r"^(?P<for> *for \([^\n]*\) \{)\n +(?P<body>[^\n{}]*;)(?P<told>  /\*[^\n]*\*/)?\n *\}$", re.M
+)
+
+
+def _one_line(found: re.Match[str]) -> str:
+    line = f"{found['for']} {found['body']} }}{found['told'] or ''}"
+    return line if len(line) <= WIDTH else found[0]
+
+
+_DECLARED = re.compile(r"(?:^ +(double|float) \w+(?:\[\d+\])?;\n){2,}", re.M)
+
+
+def _together(found: re.Match[str]) -> str:
+    """Declarations of numbers without values as one, over as many lines as it takes."""
+    lines = found[0].splitlines()
+    indent = " " * _indent(lines[0])
+    if any(_indent(line) != len(indent) for line in lines):
+        return found[0]
+    rows, row = [], ""
+    for name in re.findall(r"(\S+);", found[0]):
+        if row and len(row) + len(name) + 3 > WIDTH:
+            rows.append(f"{row};")
+            row = ""
+        row = f"{row}, {name}" if row else f"{indent}{found[1]} {name}"
+    return "\n".join([*rows, f"{row};"]) + "\n"
+
+
+def conjunction(tests: list[str], opening: str = "if (!(", sign: str = "&&") -> str:
+    """Join conditions over as many lines as it takes, behind the opening of a statement."""
+    text, width = "", 4 + len(opening)
     for k, t in enumerate(tests):
-        if k and width + len(t) > 80:
-            text, width = f"{text}\n          && {t}", len(t) + 13
+        sep = f"{sign} " if k else ""
+        if k and width + len(sep) + len(t) + len(" )) {") > WIDTH:
+            text, width = f"{text}\n        {sep}{t}", 8 + len(sep) + len(t)
         else:
-            text, width = f"{text}{' && ' if k else ''}{t}", width + len(t) + 4
+            text, width = f"{text}{' ' * (k > 0)}{sep}{t}", width + len(sep) + (k > 0) + len(t)
     return text
 
 
@@ -67,19 +110,62 @@ def broken(text: str) -> str:
         if found := ORIGIN.match(whole):
             line, behind = found["code"], whole[found.end("code") :]
         plain = line.lstrip()
-        if len(line) <= WIDTH or plain.startswith(("#", "*", "/*", '"')) or "/*" in line:
+        if len(line) <= WIDTH or plain.startswith(("#", "* ", "*/", "/*", '"')) or "/*" in line:
             lines += _with([line], behind)
             continue
         statement: list[str] = []
         indent = " " * (len(line) - len(plain) + 4)
         while len(line) > WIDTH:
             at = max(line.rfind(mark, len(indent) + 8, WIDTH) for mark in _BREAKS)
-            if at < 0:
+            if at < 0:  # behind a comma, before what the call is given next
+                at = line.rfind(", ", len(indent) + 8, WIDTH) + 1
+            if at <= 0:
                 break
             statement.append(line[:at].rstrip())
             line = indent + line[at:].lstrip()
         lines += _with([*statement, line], behind)
     return "\n".join(lines)
+
+
+_LOCAL = re.compile(r"(?P<indent> *)const double (?P<name>\w+) = ")
+_TOLD = re.compile(r"  /\*[^*]*\*/$")
+
+
+def placed(lines: Sequence[str]) -> list[str]:
+    """Statements in which a local that a member is given is that member, where this is shorter.
+
+    Of a local that several members are given it is the first.
+    """
+    now = list(lines)
+    for line in lines:
+        found = _LOCAL.match(line)
+        if found is None or line not in now:
+            continue
+        at, name = now.index(line), found["name"]
+        given = re.compile(rf"{found['indent']}((?:next|now)->\w+) = {name};")
+        to = next((k for k in range(at + 1, len(now)) if given.match(now[k])), None)
+        if to is None or any(_indent(r) < len(found["indent"]) for r in now[at:to]):
+            continue
+        member = re.match(r"\s*((?:next|now)->\w+)", now[to])
+        assert member is not None
+        told = _TOLD.search(now[to])
+        behind = told[0] if told and not _TOLD.search(line) else ""
+        use = re.compile(rf"(?<![\w>.]){name}\b")
+        rest = [use.sub(member[1], r) for k, r in enumerate(now[at + 1 :], at + 1) if k != to]
+        first = f"{found['indent']}{member[1]} = {line[found.end() :]}{behind}"
+        tried = [*now[:at], first, *rest]
+        if _length(tried) < _length(now):
+            now = tried
+    return now
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
+
+
+def _length(lines: Sequence[str]) -> int:
+    """Lines that statements take."""
+    return broken("\n".join(f"    {line}" for line in lines)).count("\n")
 
 
 _MOVED = re.compile(r"(?P<to>\w+->\w+)\[(?P<at>\d+)\] = (?P<source>\w+->\w+)\[(?P<begin>\d+)\];")
