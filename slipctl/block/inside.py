@@ -6,8 +6,8 @@ are remembered here, so that C written from it has the law's own names.
 
 from __future__ import annotations
 
+import re
 import sys
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
@@ -18,12 +18,12 @@ import casadi as ca
 
 P = ParamSpec("P")
 
-MOST, LATEST, LARGEST = 400, 4000, 64
-"""Calls that are looked at for one Function, Functions that are remembered, and elements of a
-vector that have names."""
+MOST, LARGEST = 400, 64
+"""Calls that are looked at for one Function, and elements of a vector that have names."""
 
 _NOT_OURS = ("casadi", "numpy", "slipctl.block.", "contextlib", "functools", "abc")
-_known: OrderedDict[int, tuple[ca.Function, tuple[str, ...], ca.Function]] = OrderedDict()
+_INSIDE = "inside"
+"""Name of the Function in the cache of another that gives what is inside that one."""
 
 Found = list[tuple[str, Any]]
 """Names and what they stand for."""
@@ -80,25 +80,30 @@ def _elements(name: str, value: Any) -> Found:
     ]  # fmt: skip
 
 
-def remember(f: ca.Function, arguments: Sequence[Any], found: Found) -> None:
-    """Keep what is inside a Function.
+def told(f: ca.Function, found: Found) -> ca.Function:
+    """The Function of scalar expressions that knows what is inside it, as long as it lives.
 
     Args:
         f: the Function.
-        arguments: its symbols.
         found: (name, expression); those of other symbols are left out. The first name counts.
     """
-    inner: dict[int, tuple[str, Any]] = {}
+    arguments = f.sx_in()
     own = {s.element_hash() for a in arguments for s in ca.symvar(a)}
+    inner: dict[int, tuple[str, Any]] = {}
     for name, value in found:
         if {s.element_hash() for s in ca.symvar(value)} <= own:
-            inner.setdefault(value.element_hash(), (name, value))
-    if inner:
-        names, values = zip(*inner.values(), strict=True)
-        told = ca.Function("inside", list(arguments), list(values), {"cse": True})
-        _known[f.__hash__()] = f, names, told
-        while len(_known) > LATEST:
-            _known.popitem(last=False)
+            inner.setdefault(value.element_hash(), (re.sub("_+", "_", name).rstrip("_"), value))
+    if not inner:
+        return f
+    names, values = zip(*inner.values(), strict=True)
+    inside = ca.Function(
+        _INSIDE, arguments, values, f.name_in(), names,
+        {"cse": True, "allow_duplicate_io_names": True},
+    )  # fmt: skip
+    return ca.Function(
+        f.name(), arguments, f.call(arguments), f.name_in(), f.name_out(),
+        {"cse": True, "cache": {_INSIDE: inside}},
+    )  # fmt: skip
 
 
 def remembered(make: Callable[P, ca.Function]) -> Callable[P, ca.Function]:
@@ -108,14 +113,11 @@ def remembered(make: Callable[P, ca.Function]) -> Callable[P, ca.Function]:
     def made(*args: P.args, **kwargs: P.kwargs) -> ca.Function:
         with watched() as found:
             f = make(*args, **kwargs)
-        if f.class_name() == "SXFunction":
-            remember(f, f.sx_in(), found)
-        return f
+        return told(f, found) if f.class_name() == "SXFunction" else f
 
     return made
 
 
-def named_inside(f: ca.Function) -> tuple[tuple[str, ...], ca.Function] | None:
-    """Names and a Function of the same arguments that gives what they stand for, if known."""
-    found = _known.get(f.__hash__())
-    return found[1:] if found else None
+def named_inside(f: ca.Function) -> ca.Function | None:
+    """Function of the same arguments that gives what is inside, under its names, if known."""
+    return f.cache().get(_INSIDE)

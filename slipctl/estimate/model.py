@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
-from slipctl.block.inside import remember, watched
+from slipctl.block.inside import told, watched
 from slipctl.block.signals import Output, Param, Signal, State, evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
@@ -210,9 +210,7 @@ def output_function(law: Block, measured: str, unknown: Sequence[str]) -> ca.Fun
         f"{law.name}_of", [values, inputs, constants], results,
         ["values", "inputs", "constants"], ["output", "row"], {"cse": True},
     )  # fmt: skip
-    if law.sx:
-        remember(made, [values, inputs, constants], found)
-    return made
+    return told(made, found) if law.sx else made
 
 
 def stacked(columns: Iterable[Any]) -> Any:

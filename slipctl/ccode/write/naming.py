@@ -65,15 +65,15 @@ def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict
     Returns:
         The Function, and the name of each further result by (number, 0).
     """
-    known = named_inside(f)
-    if known is None:
+    inside = named_inside(f)
+    if inside is None:
         return f, {}
     arguments, used = f.sx_in(), set(taken)
     names: dict[Any, str] = {}
-    for k, name in enumerate(known[0]):
+    for k, name in enumerate(inside.name_out()):
         own = names[f.n_out() + k, 0] = unused(name, used)
         used.add(own)
-    results = [*f.call(arguments), *known[1].call(arguments)]
+    results = [*f.call(arguments), *inside.call(arguments)]
     return ca.Function(f.name(), arguments, results, {"cse": True}), names
 
 
