@@ -52,7 +52,9 @@ def test_a_matrix_has_its_columns_first() -> None:
     """ASAP2: x counts columns, y rows; COLUMN_DIR lays down column by column, y running first."""
     text = a2l.a2l(Plan(matrices, "m"))
     blocks = re.findall(
-        r"/begin [A-Z]+ m_(?:in|param|state|out)(?:\.kept)?\.(\w+) \"(.*?)/end", text, flags=re.DOTALL
+        r"/begin [A-Z]+ m_(?:in|param|state|out)(?:\.kept)?\.(\w+) \"(.*?)/end",
+        text,
+        flags=re.DOTALL,
     )
     found = {n: re.findall(r"MATRIX_DIM ([\d ]+)\n", body) for n, body in blocks}
     matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
