@@ -177,6 +177,9 @@ def _state(plan: Plan) -> str:
         for m in lay.states:
             lines += [member_comment(m), f"    {m.declared()}"]
         lines += ["};", ""]
+    if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
+        members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        lines += [f"struct {n}_work {{ {' '.join(members)} }};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
         f"typedef struct {n}_state {{",
@@ -191,8 +194,7 @@ def _state(plan: Plan) -> str:
     if plan.next_in_state:
         lines.append(f"    struct {n}_kept next; /* scratch of step */")
     if plan.work_in_state:
-        members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
-        lines.append(f"    struct {n}_work {{ {' '.join(members)} }} work; /* scratch of step */")
+        lines.append(f"    struct {n}_work work; /* scratch of step */")
     lines += rates.tick_struct(plan) if plan.rates else []
     return "\n".join([*lines, f"}} {n}_state;"])
 
