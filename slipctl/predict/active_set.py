@@ -12,6 +12,9 @@ Statuses that change all at once may come back to where they were, which is foun
 happened. From there, from the last pass, and where a hard row is exceeded,
 :mod:`slipctl.predict.interior` goes on.
 
+Where scenarios share their controls, rates and ties of the next stage follow those of the first
+scenario: one row below the bounds of a stage tells whether each has its own.
+
 No loop depends on data but that over the passes, there is no heap, and memory is linear in the
 number of stages.
 """
@@ -82,6 +85,7 @@ class ActiveSet:
         self.h, self.stage, self.end = horizon, stage, end
         self.tied, self.rates, self.passes, self.rescue = tied, rates, passes, rescue
         self.memory = rates or any(tied)
+        self.branches = self.memory and horizon.shared > 0
         self.nz = horizon.nx + (horizon.nu if self.memory else 0)
         self.upper = ca.Sparsity.upper(self.nz)
         self._backward, self._gains = self._make_backward()
@@ -125,13 +129,33 @@ class ActiveSet:
             bounds: (lo, hi, rate) of the controls, scaled, one column per stage.
             dx: measured state less the guess of it.
         """
-        data = (D, E, U, before, bounds, dx)
+        data = (D, E, U, before, self._marked(bounds), dx)
         none = ca.MX.ones(self.statuses) * NONE
         z = ca.vertcat(ca.MX.zeros(self.sizes[0] + self.sizes[1]), S, none, 1, 0, 0, 0)
         z = self.passed(z, self.passes, data)
         if self.rescue:
             z = Interior(self).solve(z, data)
         return Found(*self.split(z))
+
+    def _marked(self, bounds: Any) -> Any:
+        """Bounds, and below those of a plan that branches whether scenarios have their own."""
+        if not self.branches:
+            return bounds
+        both = self.h.shared, self.h.stages - self.h.shared
+        return ca.vertcat(bounds, ca.DM([[0.0] * both[0] + [1.0] * both[1]]))
+
+    def earlier(self, before: Any, u: Any) -> Any:
+        """Controls before each stage: where the scenarios shared them, those of the first."""
+        if not self.branches:
+            return ca.horzcat(before, u[:, :-1])
+        first, k = self.h.leaders, self.h.shared
+        return ca.horzcat(before[first], u[first, :k], u[:, k:-1])
+
+    def kept(self, dv: Any, bounds: Any) -> Any:
+        """Steps of the controls of a stage that the next one follows."""
+        if not self.branches:
+            return dv
+        return ca.if_else(bounds[-1] > 0, dv, dv[self.h.leaders])
 
     @property
     def sizes(self) -> list[int]:
@@ -168,7 +192,7 @@ class ActiveSet:
         s: Any = ca.reshape(S[: m * N], m, N)
         last = S[m * N :] if nc else ca.MX(0, 1)
         u: Any = ca.reshape(U, nu, N)
-        stages = (D, s, u, ca.horzcat(before, u[:, :-1]), bounds)
+        stages = (D, s, u, self.earlier(before, u), bounds)
         P, p = self._start(E, last)
         _, _, gains = scan(self._backward, N, 2, backward=True)(P, p, *stages)
         step = ca.vertcat(dx, ca.MX.zeros(self.nz - nx))
@@ -197,7 +221,8 @@ class ActiveSet:
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         return (
             ca.MX.sym("D", self.stage.size, N), ca.MX.sym("E", self.end.size),
-            ca.MX.sym("U", nu * N), ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu, N),
+            ca.MX.sym("U", nu * N), ca.MX.sym("before", nu),
+            ca.MX.sym("bounds", 3 * nu + self.branches, N),
             ca.MX.sym("dx", nx),
         )  # fmt: skip
 
@@ -211,7 +236,7 @@ class ActiveSet:
         nu = self.h.nu
         return (
             ca.SX.sym("d", self.stage.size), ca.SX.sym("s", nu + self.h.nc), ca.SX.sym("u", nu),
-            ca.SX.sym("earlier", nu), ca.SX.sym("bounds", 3 * nu),
+            ca.SX.sym("earlier", nu), ca.SX.sym("bounds", 3 * nu + self.branches),
         )  # fmt: skip
 
     def _held(self, s: Any, u: Any, earlier: Any, bounds: Any) -> tuple[Any, Any]:
@@ -261,21 +286,23 @@ class ActiveSet:
         size = ca.fabs(ca.reshape(g, slope.shape))
         return counts, _most(slope / (1 + size)), over
 
-    def _quadratic(self, P: Any, p: Any, t: Stage) -> tuple[Any, ...]:
+    def _quadratic(self, P: Any, p: Any, t: Stage, bounds: Any) -> tuple[Any, ...]:
         """Cost to go over (z, v) of a stage: Qzz, Qvz, Qvv, qz, qv."""
         n = self.nz
-        A, B, b, H, g = self.augmented(t)
+        A, B, b, H, g = self.augmented(t, bounds)
         PA, PB, pb = P @ A, P @ B, P @ b + p
         Qzz, Qvz, qz = H[:n, :n] + A.T @ PA, H[n:, :n] + B.T @ PA, g[:n] + A.T @ pb
         return Qzz, Qvz, H[n:, n:] + B.T @ PB, qz, g[n:] + B.T @ pb
 
-    def augmented(self, t: Stage) -> tuple[Any, ...]:
+    def augmented(self, t: Stage, bounds: Any) -> tuple[Any, ...]:
         """A, B, b, H, g over (z, v): with the controls of the stage before, where they matter."""
         nx, nu, n = self.h.nx, self.h.nu, self.nz
         A, B, b = ca.SX(n, n), ca.SX(n, nu), ca.SX(n, 1)
         A[:nx, :nx], B[:nx, :], b[:nx] = t.A, t.B, t.b
         if self.memory:
             B[nx:, :] = ca.SX.eye(nu)
+        if self.branches:
+            B[nx:, :] = ca.if_else(bounds[-1] > 0, B[nx:, :], ca.SX.eye(nu)[self.h.leaders, :])
         H, g = ca.SX(n + nu, n + nu), ca.SX(n + nu, 1)
         both = [*range(nx), *range(n, n + nu)]
         H[both, both], g[both] = t.H, t.g
@@ -292,7 +319,7 @@ class ActiveSet:
         H = t.H + t.C.T @ ca.diag(sigma) @ t.C
         g = t.g + t.C.T @ (sigma * t.c)
         P = ca.triu2symm(ca.SX(self.upper, triangle))
-        Qzz, Qvz, Qvv, qz, qv = self._quadratic(P, p, t._replace(H=H, g=g))
+        Qzz, Qvz, Qvv, qz, qv = self._quadratic(P, p, t._replace(H=H, g=g), bounds)
         a, E = self._held(s, u, earlier, bounds)
         free = s[:nu] == FREE
         F, held = ca.diag(free), ca.diag(1 - free)
@@ -363,7 +390,7 @@ class ActiveSet:
         x = t.A @ z[:nx] + t.B @ dv + t.b
         zv = ca.vertcat(z[:nx], dv)
         counts, flipped, over = self._count(t.c + t.C @ zv, t.C, s[nu:], t.g)
-        after = ca.vertcat(x, dv) if self.memory else x
+        after = ca.vertcat(x, self.kept(dv, bounds)) if self.memory else x
         return ca.Function(
             "qp_forward", [z, G, column, s, u, earlier, bounds],
             [

@@ -407,6 +407,7 @@ class Controller:
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages
         lo, hi = bounds[:nu, 0], bounds[nu : 2 * nu, 0]
         before = ca.if_else(begun > 0, applied, start)
+        before = before[self.h.leaders] if self.h.shared else before
         plan = V[:nu]
         bounds, contradict = self.reachable(bounds, before)
         open_, made, over = ca.MX(0), ca.MX(0), ca.MX(0)

@@ -200,6 +200,11 @@ class Horizon:
         return self.controls[: self.nu // len(self.factors)] if self.shared else self.controls
 
     @property
+    def leaders(self) -> list[int]:
+        """For each control the one of the first scenario, which all share in a shared stage."""
+        return [*range(self.nu // len(self.factors))] * len(self.factors)
+
+    @property
     def nd(self) -> int:
         """Number of held inputs."""
         return len(self.held)

@@ -134,7 +134,7 @@ class Interior:
         P = ca.triu2symm(ca.SX(of.upper, triangle))
         e, R = self._rows(t, u, earlier, bounds)
         _, t0, W, f = self._eliminated(self.kinds, t.w, pieces, target)
-        _, Qvz, Qvv, _, qv = of._quadratic(P, p, t)
+        _, Qvz, Qvv, _, qv = of._quadratic(P, p, t, bounds)
         Rz, Rv = R[:, :nz], R[:, nz:]
         Qvz, Qvv = Qvz + Rv.T @ ca.diag(W) @ Rz, Qvv + Rv.T @ ca.diag(W) @ Rv
         qv += Rv.T @ (W * (e - t0) + f)
@@ -148,7 +148,7 @@ class Interior:
         else:
             K, k = -ca.solve(Qvv, Qvz), -ca.solve(Qvv, qv)
         # W grows without bound: only sums of squares keep their digits
-        A, B, b, H, g = of.augmented(t)
+        A, B, b, H, g = of.augmented(t, bounds)
         closed, on = A + B @ K, ca.vertcat(ca.SX.eye(nz), K)
         G, still = Rz + Rv @ K, ca.vertcat(ca.SX.zeros(nz), k)
         following = closed.T @ P @ closed + on.T @ H @ on + G.T @ ca.diag(W) @ G
@@ -172,7 +172,7 @@ class Interior:
         e, R = self._rows(t, u, earlier, bounds)
         r = e + R @ ca.vertcat(z, dv)
         x = t.A @ z[:nx] + t.B @ dv + t.b
-        after = ca.vertcat(x, dv) if of.memory else x
+        after = ca.vertcat(x, of.kept(dv, bounds)) if of.memory else x
         return ca.Function(
             "ip_forward", [z, G, column, u, earlier, bounds, a, target],
             [
@@ -232,7 +232,7 @@ class Interior:
         target = ca.MX.sym("target")
         a, last = self._by_stage(pieces)
         u: Any = ca.reshape(U, nu, N)
-        earlier = ca.horzcat(before, u[:, :-1])
+        earlier = of.earlier(before, u)
         tied = ca.MX(ca.DM([[float(t) for t in of.tied]]))
         P, p = self._start(E, last, target)
         _, _, gains = scan(self._backward, N, 2, 1, backward=True)(
@@ -376,8 +376,8 @@ class Interior:
         z: Any = ca.reshape(X[: nx * N], nx, N)
         mean = ca.fmax(mean, ca.mmax(self._make_excess().map(N)(z, v, D)))
         if of.memory:
-            z = ca.vertcat(z, ca.horzcat(ca.MX.zeros(nu), v[:, :-1]))
-        earlier = ca.horzcat(before, u[:, :-1])
+            z = ca.vertcat(z, of.earlier(ca.MX.zeros(nu), v))
+        earlier = of.earlier(before, u)
         each = ca.repmat(mean, 1, N)
         last = self._make_begin(self.last_kinds, False)(X[nx * N :], E, mean)
         now = self._together(begin.map(N)(z, v, D, u, earlier, bounds, each), last)

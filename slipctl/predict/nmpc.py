@@ -131,7 +131,8 @@ def nmpc(
             plan is made for all of them, at equal shares of the cost and within the limits of each
             (:mod:`slipctl.predict.scenarios`).
         shared: stages whose controls the scenarios share; behind them each has its own, because by
-            then it is known which one is true. By default they share all.
+            then it is known which one is true. By default they share all. Rates hold along each
+            branch.
         method, substeps: integration over a stage, as of :func:`sampled`.
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
@@ -199,8 +200,6 @@ def nmpc(
             raise BadInput(
                 f"{where}: shared = {shared} stages of {horizon} leave none; leave it out"
             )
-        if rate:
-            raise BadInput(f"{where}: a plan that branches (shared=) goes without rates=")
     if economic is not None and not (terminal is None or own or names is not None):
         raise BadInput(f"{where}: economic= goes without 'lqr' and a matrix, which know no prices")
     long = lengths(where, grow, int(horizon))

@@ -119,11 +119,12 @@ class Sparse(ActiveSet):
             if nc:
                 kept = [i for i in self.h.hard if firm and (k or stage.C[i, nx:].nnz())]
                 rows.append((_at(n, z, stage.C) + _at(n, t[k], _excess(nc, kept)), -inf, -stage.c))
-            earlier = U[nu * (k - 1) : nu * k] if k else before
+            lead = self.h.leaders if 0 < k <= self.h.shared else [*range(nu)]
+            earlier = U[nu * (k - 1) : nu * k][lead] if k else before
             now, rate = U[nu * k : nu * (k + 1)], bounds[2 * nu :, k]
             if self.rates or self.tied[k]:
                 A = _at(n, v[k], ca.SX.eye(nu))
-                A += _at(n, v[k - 1], -ca.SX.eye(nu)) if k else 0
+                A += _at(n, v[k - 1], -ca.SX.eye(nu)[lead, :]) if k else 0
                 room = ca.SX.zeros(nu) if self.tied[k] else rate
                 rows.append((A, earlier - now - room, earlier - now + room))
         Hx, gx, c, C, w = self.end.unpack(E)
@@ -201,7 +202,8 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
             equal += [True] * nx
             room.append(ca.MX.zeros(nx))
         if rates or tied[k]:
-            g.append(V[k] - (V[k - 1] if k else before))
+            lead = problem.leaders if 0 < k <= problem.shared else [*range(nu)]
+            g.append(V[k] - (V[k - 1][lead] if k else before))
             equal += [False] * nu
             room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k])
         low += [-v for v in room[len(low) :]]

@@ -8,7 +8,7 @@ will be true: that the next tick measures more, it does not count on.
 Or the plan branches: after some stages each scenario has controls of its own, because by then it
 will have been measured which one is true. That is multi-stage predictive control (Lucia, Finkler,
 Engell, Journal of Process Control 23, 2013). The controls of the first scenario are those that all
-share before.
+share before. Rates and held moves follow them into each branch.
 
 Every state and output of the plant, and every output of a law, is a column of the scenarios.
 """

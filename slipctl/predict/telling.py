@@ -83,7 +83,7 @@ def controller(
     counts = [
         (problem.nx, "state"), (problem.nu, "control"), (free, "number"),
         (problem.nx * N, "equation"), (2 * free, "bound"),
-        (2 * len(moves) * len(rates), "rate"), (hard, "hard row"),
+        (2 * len(moves) * len(rates) * (problem.nu // len(named)), "rate"), (hard, "hard row"),
         (2 * len(every) * (N + 1) - hard, "soft row"),
     ]  # fmt: skip
     sizes = [f"{n} {word}{'s' * (n > 1)}" for n, word in counts if n]

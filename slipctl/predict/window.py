@@ -86,6 +86,8 @@ class Window:
         """Whether the excess of a capped row is squared too."""
         return (False,) * len(self.hard)
 
+    shared = 0
+
     # ---- equations ----------------------------------------------------------------------------
 
     def equations(self) -> ca.Function:

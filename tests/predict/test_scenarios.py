@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from slipctl import (
     BadInput,
@@ -19,6 +20,7 @@ from slipctl import (
     sampled,
     simulate,
 )
+from slipctl.ccode import codegen
 from slipctl.draw import show
 from slipctl.predict.trials import Driver
 from slipctl.studies.bench.peers.slip_nmpc import axle
@@ -91,6 +93,91 @@ def test_a_plan_that_branches_is_one_least_squares_problem(solver, shared):
     text = " ".join(show.text(block, False).split())
     stages = f"one plan for {shared} of the stages, then one for each, the mean of their costs"
     assert stages in text
+
+
+RATE = 20.0
+"""Largest rate of the force in N/s: 2 N from stage to stage."""
+
+
+def branched(v, before, shared, moves):
+    """First force of two carts within the rate, N = 6: bounded least squares in its steps.
+
+    A stage that is shared, or held as one that is, has one step for both.
+    """
+    N, held = 6, [k > 0 for m in moves for k in range(m)]
+    names, steps = {}, []
+    for i in (0, 1):
+        rows = []
+        for k in range(N):
+            row = rows[-1].copy() if rows else np.zeros(2 * N)
+            if not held[k]:
+                row[names.setdefault((k, i * (k >= shared)), len(names))] = 1
+            rows.append(row)
+        steps.append(np.array(rows)[:, : 2 * N])
+    A, b = [], []
+    for F, (mass, load) in zip(steps, ((2.0, 1.0), (1.0, 2.0)), strict=True):
+        for k in range(N + 1):
+            A.append(3 * H / mass * F[:k].sum(axis=0))
+            b.append(3 * (1.0 - v + k * H * load / mass - k * H / mass * before))
+        A += list(0.03 * F)
+        b += [-0.03 * before] * N
+    A = np.array(A)[:, : len(names)]
+    found = lsq_linear(A, b, (-RATE * H, RATE * H), method="bvls", tol=1e-14)
+    return before + found.x[0], abs(abs(found.x) - RATE * H) < 1e-9
+
+
+@pytest.mark.parametrize("solver", ["riccati", "osqp", "ipopt"])
+@pytest.mark.parametrize(("shared", "moves"), [(1, [1] * 6), (3, [1] * 6), (1, [2, 2, 2])],
+                         ids=str)  # fmt: skip
+def test_a_plan_that_branches_keeps_rates(solver, shared, moves):
+    """A branch begins at the control that was shared: tick after tick, as by steps on a tree."""
+    block = make(
+        scenarios=[{}, {"m": 0.5, "load": 2.0}], shared=shared, solver=solver, moves=moves,
+        rates={"F": RATE}, weights={"f": 0.03},
+    )  # fmt: skip
+    tick, before, most = Driver(block, compile=False), 0.0, 0
+    for v in (0.2, 0.5, 1.1, 1.3, 0.9):
+        force, tight = branched(v, before, shared, moves)
+        out = dict(zip(block.outputs, tick(v, 1.0, 1.0), strict=True))
+        assert out["status"] == 0
+        assert out["F"] == pytest.approx(force, abs=1e-6)
+        before, most = out["F"], max(most, tight.sum())
+    assert most > 2  # rates hold in several stages
+
+
+def test_a_branch_of_the_axle_behind_a_rate_is_ipopts():
+    """Over a change of rail; 1e-5: IPOPT's end, 1e-8 of its slopes; the rate is kept."""
+    given = {"horizon": 8, "scenarios": [{"mu_p": 0.6}, {}], "shared": 1, "rates": {"u": 20.0}}
+    ours, theirs, one_plan = (
+        Driver(slip(**given | k), compile=False)
+        for k in ({"iterations": 6}, {"solver": "ipopt"}, {"iterations": 6, "shared": None})
+    )  # fmt: skip
+    plant, p = sampled(axle, 0.02, "rk4", 4).f, axle.pack("param", axle.param_values())
+    x, before, bolder = np.array([10, 10.05, 1.0, 0.0]), 1.0, 0.0
+    for k in range(24):
+        seen = (*x, 0.3 if k < 12 else 0.12, 0.02)
+        u, status = ours(*seen)[:2]
+        assert status == 0
+        assert u == pytest.approx(theirs(*seen)[0], abs=1e-5)
+        assert abs(u - before) <= 0.4 * (1 + 1e-12)
+        before, bolder = u, max(bolder, u - one_plan(*seen)[0])
+        x = np.array(plant(x, [u, *seen[4:]], p)[0]).ravel()
+    assert bolder > 0.05
+
+
+@pytest.mark.usefixtures("needs_compiler")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_generated_c_branches_behind_a_rate(real, tmp_path):
+    n = 12
+    given = {"v": np.linspace(0.2, 1.3, n), "load": np.ones(n), "w": np.ones(n)}
+    block = make(
+        scenarios=[{}, {"m": 0.5, "load": 2.0}], shared=2, rates={"F": RATE}, horizon=4, passes=6,
+        rescue=0,
+    )  # fmt: skip
+    report = codegen.check(block, given, tmp_path, real=real)
+    assert report["passed"]
+    if real == "double":
+        assert all(d["relative"] == 0 for d in report["signals"].values())
 
 
 def test_a_plan_that_branches_is_less_careful_and_keeps_the_limits_of_each():
@@ -232,7 +319,6 @@ BAD = [
     (lambda: make(shared=1), "shared= is of scenarios="),
     (lambda: make(scenarios=[{}, {}], shared=6), "shared = 6 stages of 6 leave none"),
     (lambda: make(scenarios=[{}, {}], shared=0), "shared = 0 must be a whole number >= 1"),
-    (lambda: make(scenarios=[{}, {}], shared=1, rates={"F": 1.0}), "goes without rates="),
     (lambda: make(scenarios=[{}, {}], terminal="lqr"), "goes without offset_free="),
     (lambda: make(economic=energy, terminal="lqr"), "economic= goes without 'lqr'"),
     (lambda: make(economic=cart), "the price cart is a flow; give a law of prices"),

@@ -24,8 +24,12 @@ def closed_loop(options, prepares):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"rates": {"u": 20.0}, "iterations": 2}, {"soft": {"s": (-0.1, 0.018, 300.0)}}]
-)
+    "options",
+    [
+        {}, {"rates": {"u": 20.0}, "iterations": 2}, {"soft": {"s": (-0.1, 0.018, 300.0)}},
+        {"scenarios": [{"mu_p": 0.6}, {}], "shared": 1, "rates": {"u": 20.0}},
+    ],
+)  # fmt: skip
 def test_prepare_and_the_rest_give_the_bits_of_the_whole_tick(options):
     """Once, twice or not at all prepared, or in a block that is not split."""
     whole = closed_loop(options, 0)
