@@ -1,28 +1,34 @@
-"""Generated C of predictive control and estimation: time of a tick, compile time, bytes of text.
+"""Generated C of predictive control and estimation: time of a tick, compile time, boards.
 
 ``python -m slipctl.studies.bench.predictive --out predictive_c.json`` writes the C of the reference
-problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of four axles side by
-side and of a window of 30 samples. Each is compiled with gcc at -O2, and the time of a tick is
-taken on the host, the programs in turn, so that ratios are of one run. ``--against FOLDER`` is the
-folder of the reference problem's C as another version of slipctl wrote it.
+problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of its other forms, of
+four axles side by side and of a window of 30 samples. Each is compiled with gcc at -O2. CPU time of
+a tick is taken on the host, the programs in turn, so that ratios are of one run; the same C of a
+Cortex-M4 and a Cortex-M7 is counted in instructions on emulated boards, beside Python.
+``--against COMMIT`` is an earlier version of slipctl, whose C of the reference problem runs in turn
+with today's.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import statistics
 import subprocess
+import sys
+import tarfile
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipctl import Block, c_module, connect, nmpc, sampled
 from slipctl.ccode import codegen
+from slipctl.errors import BadInput, RunFailed
 from slipctl.predict.trials import Driver
 from slipctl.run import store
 from slipctl.studies.bench.peers.slip_nmpc import PEAKS, WEIGHTS, axle, cost, make, recorded
@@ -65,7 +71,9 @@ int main(void)
 """
 """Time of a tick in s: the least of the repeats over the recorded inputs."""
 
-ARM = ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+BOARDS = ("cortex-m4", "cortex-m7")
+ON_BOARD = slice(20, 80)
+"""Ticks that run on the boards; a change of rail is among them."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +82,13 @@ class Program:
 
     Attributes:
         path: the program. rows: its inputs.
-        text: bytes of text of the module, on the host and on a Cortex-M4.
+        text: bytes of text of the module on the host.
         compile: CPU time of gcc in s.
     """
 
     path: Path
     rows: str
-    text: dict[str, int]
+    text: int
     compile: float
 
     def tick(self) -> float:
@@ -113,22 +121,10 @@ def built(
     subprocess.run(
         ["gcc", *flags, str(scratch / "times.c"), str(module), "-lm", "-o", str(path)], check=True
     )
-    text = {"host": _text("size", module)}
-    other = scratch / "arm.o"
-    try:
-        subprocess.run(
-            [*ARM, *flags[2:], "-c", str(folder / f"{name}.c"), "-o", str(other)], check=True
-        )
-        text["m4"] = _text("arm-none-eabi-size", other)
-    except FileNotFoundError:
-        pass  # no such compiler here
+    said = subprocess.run(["size", str(module)], capture_output=True, text=True, check=True).stdout
+    text = int(said.splitlines()[1].split()[0])
     lines = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in rows)
     return Program(path, lines, text, after.children_user - before.children_user)
-
-
-def _text(tool: str, target: Path) -> int:
-    said = subprocess.run([tool, str(target)], capture_output=True, text=True, check=True).stdout
-    return int(said.splitlines()[1].split()[0])
 
 
 def four_axles(**options: Any) -> Block:
@@ -173,30 +169,70 @@ def _with_rows(block: Block) -> tuple[Block, np.ndarray]:
     return block, four_rows(block)
 
 
+TWO = {"scenarios": [{"mu_p": 0.6}, {}], "shared": 1, "rates": {"u": 20.0}}
+"""Two scenarios behind a rate, in a plan that branches after a stage."""
+
 PROBLEMS: dict[str, Callable[[], tuple[Block, np.ndarray]]] = {
     "reference": lambda: (make(), recorded(make())),
     "80 stages": lambda: (make(horizon=80), recorded(make())),
     "160 stages": lambda: (make(horizon=160), recorded(make())),
     "two parts": lambda: (make(split=True), recorded(make())),
     "deadline": lambda: (make(passes=4, deadline=True), recorded(make())),
+    "exact Hessian": lambda: (make(hessian="exact"), recorded(make())),
+    "branching": lambda: (make(**TWO), recorded(make())),
     "four axles": lambda: _with_rows(four_axles()),
     "window": window,
 }
 """Blocks by name, and the inputs on which each is timed."""
 
 
-def on_board(block: Block, rows: np.ndarray, real: str) -> dict[str, Any]:
-    """Instructions of a tick on a Cortex-M4, mean and most, over a change of rail."""
-    given = dict(zip(block.inputs, rows[40:80].T, strict=True))
+def on_boards(block: Block, rows: np.ndarray, real: str) -> dict[str, Any]:
+    """Bytes, stack and instructions of a tick on each board, and whether Python says the same."""
+    given = dict(zip(block.inputs, rows[ON_BOARD].T, strict=True))
     with tempfile.TemporaryDirectory() as folder:
-        report = codegen.check(block, given, folder, real=real, target="cortex-m4")
-    return dict(report["targets"][0]["instructions"])
+        report = codegen.check(block, given, folder, real=real, target=",".join(BOARDS))
+    return {"passed": report["passed"]} | {
+        t["target"]: {
+            "text": t["bytes"]["text"], "stack": t["stack_used"], **t["instructions"],
+            "double_helpers": len(t["double_helpers"]),
+        }
+        for t in report["targets"]
+    }  # fmt: skip
 
 
-def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str, Any]:
-    """Times, bytes and ratios."""
+WRITE = """import runpy, sys
+tree, problem, out = sys.argv[1:]
+sys.path.insert(0, tree)
+import slipctl
+assert slipctl.__file__.startswith(tree), slipctl.__file__
+make = runpy.run_path(problem)["make"]
+for real in ("double", "float"):
+    slipctl.c_module(make(), f"{out}/{real}", real=real)
+"""
+"""Write the C of the reference problem by the slipctl of a tree."""
+
+
+def written_by(commit: str, folder: Path) -> Path:
+    """Write the C of the reference problem as slipctl at a commit did: folders double and float.
+
+    Raises:
+        BadInput: no such commit, as where this is no clone.
+    """
+    top, tree = Path(__file__).resolve().parents[2], folder / "tree"
+    done = subprocess.run(["git", "-C", str(top), "archive", commit], capture_output=True)
+    if done.returncode:
+        raise BadInput(f"--against {commit}: no commit of {top}; leave it out, or name another one")
+    with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+        archive.extractall(tree, filter="data")
+    (problem,) = tree.glob("studies/**/slip_nmpc.py")
+    subprocess.run([sys.executable, "-c", WRITE, str(tree), str(problem), str(folder)], check=True)
+    return folder
+
+
+def measured(names: Sequence[str], pairs: int, against: str | None) -> dict[str, Any]:
+    """Times, bytes, instructions and ratios."""
     programs: dict[str, Program] = {}
-    counts: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as made:
         work = Path(made)
         for name in names:
@@ -204,62 +240,112 @@ def measured(names: Sequence[str], pairs: int, against: Path | None) -> dict[str
             for real in ("double", "float"):
                 folder = work / f"{name} {real}".replace(" ", "_")
                 module = c_module(block, folder, real=real)
-                programs[f"{name}, {real}"] = built(
-                    folder, module.name, real, rows, folder / "built"
-                )
-                if name == "deadline":
-                    counts[f"instructions with a deadline, {real}"] = on_board(block, rows, real)
-                if block.split:
-                    for k in (1, 2):
-                        programs[f"{name} prepared {k}, {real}"] = built(
-                            folder, module.name, real, rows, folder / f"built_{k}", k
-                        )
+                for k in (0, 1, 2) if block.split else (0,):
+                    word = f" prepared {k}" if k else ""
+                    programs[f"{name}{word}, {real}"] = built(
+                        folder, module.name, real, rows, folder / f"built_{k}", k
+                    )
+                found[f"{name}, {real}"] = on_boards(block, rows, real)
         if against is not None:
-            rows = PROBLEMS["reference"]()[1]
+            rows, earlier = recorded(make()), written_by(against, work / "against")
             for real in ("double", "float"):
-                folder = against / real
                 programs[f"against, {real}"] = built(
-                    folder, "nmpc", real, rows, work / f"against_{real}"
+                    earlier / real, "nmpc", real, rows, work / f"against_{real}"
                 )
         times: dict[str, list[float]] = {n: [] for n in programs}
         for _ in range(pairs):
             for n, program in programs.items():
                 times[n].append(program.tick())
-    found: dict[str, Any] = counts | {
-        n: {"tick_s": statistics.median(times[n]), "text": p.text, "compile_s": p.compile}
-        for n, p in programs.items()
-    }
+    for n, p in programs.items():
+        host = {"tick_s": min(times[n]), "text": p.text, "compile_s": p.compile}
+        found[n] = found.get(n, {}) | {"host": host}
+    return found | ratios({n: np.array(t) for n, t in times.items()})
+
+
+def ratios(times: dict[str, np.ndarray]) -> dict[str, float]:
+    """Medians over the turns."""
+    found = {}
     for real in ("double", "float"):
-        if f"two parts, {real}" in times:
-            step, once, twice = (
-                np.array(times[f"two parts{p}, {real}"]) for p in ("", " prepared 1", " prepared 2")
-            )
-            found[f"feedback over step, {real}"] = float(np.median((2 * once - twice) / step))
-        ratios = {"160 over 80 stages": ("160 stages", "80 stages")}
-        if against is not None:
-            ratios["reference over against"] = ("reference", "against")
-        for word, (a, b) in ratios.items():
-            if not {f"{a}, {real}", f"{b}, {real}"} <= set(times):
-                continue
-            each = zip(times[f"{a}, {real}"], times[f"{b}, {real}"], strict=True)
-            found[f"{word}, {real}"] = statistics.median(x / y for x, y in each)
-    return found
+        t = {n.removesuffix(f", {real}"): v for n, v in times.items() if n.endswith(f", {real}")}
+        if "two parts" in t:  # a part more of preparing, taken off, leaves the feedback
+            feedback = 2 * t["two parts prepared 1"] - t["two parts prepared 2"]
+            found[f"feedback over step, {real}"] = statistics.median(feedback / t["two parts"])
+        for word, a, b in (
+            ("160 over 80 stages", "160 stages", "80 stages"),
+            ("reference over against", "reference", "against"),
+        ):
+            if {a, b} <= set(t):
+                found[f"{word}, {real}"] = statistics.median(t[a] / t[b])
+    return {n: float(v) for n, v in found.items()}
 
 
-def main() -> None:
-    """Measure, print and write."""
+class Goal(NamedTuple):
+    """A number that shall be at most so large, in double and in float.
+
+    Attributes:
+        name: as the page has it.
+        row: of what is measured. place: in that row; the row is a number where it is empty.
+        most: the largest value. unit: of both.
+        reals: where it is asked.
+    """
+
+    name: str
+    row: str
+    place: tuple[str, ...]
+    most: float
+    unit: str
+    reals: tuple[str, ...] = ("double", "float")
+
+
+GOALS = (
+    Goal("step over that of commit 3fc3fbf", "reference over against", (), 0.78, "1"),
+    Goal("160 stages over 80", "160 over 80 stages", (), 2.1, "1"),
+    Goal("feedback over the whole step", "feedback over step", (), 0.25, "1"),
+    Goal("four axles", "four axles", ("host", "tick_s"), 1.5e-3, "s"),
+    Goal("window of 30 samples", "window", ("host", "tick_s"), 100e-6, "s"),
+    Goal("gcc -O2, reference", "reference", ("host", "compile_s"), 10.0, "s"),
+    Goal("text on a Cortex-M4", "reference", ("cortex-m4", "text"), 35e3, "bytes", ("float",)),
+)
+
+
+def judged(found: dict[str, Any]) -> list[tuple[Goal, str, float]]:
+    """Each goal of which there is a number: with float or double, and the number."""
+    rows = []
+    for goal in GOALS:
+        for real in goal.reals:
+            value = found.get(f"{goal.row}, {real}")
+            for key in goal.place:
+                value = value.get(key) if value is not None else None
+            if value is not None:
+                rows.append((goal, real, float(value)))
+    return rows
+
+
+def main() -> int:
+    """Measure, print, judge and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PROBLEMS)}; all if left out")
     parser.add_argument("--pairs", type=int, default=9, help="times of each program, in turn")
-    parser.add_argument("--against", type=Path, help="folder with folders double and float")
+    parser.add_argument("--against", metavar="COMMIT", help="an earlier slipctl, as 3fc3fbf")
     parser.add_argument("--out", default="predictive_c.json")
     asked = parser.parse_args()
-    found = measured(asked.names or list(PROBLEMS), asked.pairs, asked.against)
+    try:
+        if unknown := [n for n in asked.names if n not in PROBLEMS]:
+            raise BadInput(f"no problem {unknown[0]!r}; there are {', '.join(PROBLEMS)}")
+        found = measured(asked.names or list(PROBLEMS), asked.pairs, asked.against)
+    except (BadInput, RunFailed) as error:
+        print(f"slipctl: {error}", file=sys.stderr)
+        return 2
     for name, row in found.items():
         print(name, row)
-    data = {"format": 1, "versions": machine(), "numbers": found}
-    store.write_json(Path(asked.out), data)
+    missed = [name for name, row in found.items() if isinstance(row, dict)
+              and not row.get("passed", True)]  # fmt: skip
+    for goal, real, value in judged(found):
+        print(f"{goal.name}, {real}: {value:.4g} {goal.unit}, at most {goal.most:g}")
+        missed += [goal.name] * (value > goal.most)
+    store.write_json(Path(asked.out), {"format": 1, "versions": machine(), "numbers": found})
+    return 1 if missed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
