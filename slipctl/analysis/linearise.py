@@ -76,6 +76,24 @@ def linear(
     """
     import control
 
+    A, B, C, D, columns, rows = matrices(block, at, inputs, outputs)
+    return control.StateSpace(
+        A, B, C, D, _sampling(block), name=block.name,
+        states=_plain(_elements(block, "state").values()),
+        inputs=_plain(columns), outputs=_plain(rows),
+    )  # fmt: skip
+
+
+def matrices(
+    block: Block,
+    at: At = None,
+    inputs: Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[str], list[str]]:
+    """A, B, C and D of a block, as :func:`linear` gives them, with names of inputs and outputs.
+
+    python-control, which takes most of a second to load, is not needed.
+    """
     columns = _chosen(block, inputs or block.inputs, "input", "param")
     rows = _chosen(block, outputs or block.outputs or block.states, "output", "state")
     if not columns or not rows:
@@ -94,10 +112,7 @@ def linear(
         [n + ("'" if block.kind == "flow" else "+") for n in states.values()] + [*rows.values()],
         [*states.values(), *columns.values()],
     )
-    return control.StateSpace(
-        A, B, C, D, _sampling(block), name=block.name, states=_plain(states.values()),
-        inputs=_plain(columns.values()), outputs=_plain(rows.values()),
-    )  # fmt: skip
+    return A, B, C, D, [*columns.values()], [*rows.values()]
 
 
 def _slopes(block: Block) -> ca.Function:

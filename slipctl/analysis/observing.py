@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.linearise import linear
+from slipctl.analysis.linearise import matrices
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, State
 from slipctl.block.units import unit
@@ -131,16 +131,14 @@ def _refuse_nonlinear(where: str, block: Block, seen: list[str]) -> None:
 def _matrices(block: Block, seen: list[str]) -> tuple[np.ndarray, np.ndarray]:
     zero = dict.fromkeys((*block.states, *block.inputs), 0.0)
     inputs = list(block.inputs) or [next(iter(block.params))]
-    found = linear(block, zero, inputs=inputs, outputs=seen)
-    return np.asarray(found.A), np.asarray(found.C)
+    A, _, C, *_ = matrices(block, zero, inputs, seen)
+    return A, C
 
 
 def _placed(
     where: str, block: Block, A: np.ndarray, C: np.ndarray, poles: list[complex]
 ) -> np.ndarray:  # fmt: skip
     """Gains for the poles: Ackermann's formula for one measured signal, else ``control.place``."""
-    import control
-
     if len(poles) != len(A):
         raise BadInput(
             f"{where}: {len(poles)} poles for {len(A)} states ({', '.join(block.states)});"
@@ -149,18 +147,41 @@ def _placed(
     wanted = np.array(poles, dtype=complex)
     if not np.allclose(np.sort_complex(wanted), np.sort_complex(wanted.conj())):
         raise BadInput(f"{where}: complex poles must come in conjugate pairs")
-    if np.linalg.matrix_rank(control.obsv(A, C)) < len(A):
+    seen = _observability(A, C)
+    if np.linalg.matrix_rank(seen) < len(A):
         raise BadInput(
             f"{where}: the measured signals do not show all of {', '.join(block.states)}"
         )
     real = wanted.real if not wanted.imag.any() else wanted
+    if len(C) == 1:
+        return _ackermann(A, seen, real)
+    import control
+
     try:
-        found = (control.acker if len(C) == 1 else control.place)(A.T, C.T, real)
+        found = control.place(A.T, C.T, real)
     except ValueError as error:
         raise BadInput(
             f"{where}: these poles cannot be placed ({error}); make them differ"
         ) from None
     return np.atleast_2d(np.asarray(found)).T
+
+
+def _observability(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """C, C A, C A^2 and so on, one below the other."""
+    rows = [C]
+    for _ in range(1, len(A)):
+        rows.append(rows[-1] @ A)
+    return np.vstack(rows)
+
+
+def _ackermann(A: np.ndarray, seen: np.ndarray, poles: np.ndarray) -> np.ndarray:
+    """Gains by Ackermann's formula, p(A) times the last column of the inverse of ``seen``.
+
+    The operations are those of ``control.acker``, which takes most of a second to load.
+    """
+    p = np.real(np.poly(poles))
+    wanted = sum(c * np.linalg.matrix_power(A.T, k) for k, c in enumerate(p[::-1]))
+    return np.linalg.solve(seen.T, wanted)[-1:, :].T
 
 
 def _given(where: str, names: list[list[str]], gains: Mapping[str, float]) -> np.ndarray:

@@ -19,6 +19,7 @@ from slipctl import (
     sampled,
     simulate,
 )
+from slipctl.analysis import observing
 
 
 @flow(w=Output("rad/s", "speed"), h=Output("N m", "load"))
@@ -120,3 +121,13 @@ def test_python_control_places_the_same():
     L = control.place(A.T, C.T, [-30, -50]).T
     found = luenberger(shaft, [-30, -50], measured="w").param_values()
     assert [float(found["L_omega"]), float(found["L_T_L"])] == pytest.approx(L.ravel())
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_gains_of_one_measured_signal_are_those_of_python_control_to_the_bit(n: int) -> None:
+    """Ackermann's formula is written here, so that no loop waits for python-control to load."""
+    rng = np.random.default_rng(n)
+    A, C = rng.normal(size=(n, n)), rng.normal(size=(1, n))
+    poles = -rng.uniform(1, 400, n)
+    found = observing._placed("here", shaft, A, C, list(poles))
+    assert np.array_equal(found, np.atleast_2d(control.acker(A.T, C.T, poles)).T)

@@ -33,6 +33,19 @@ static inline double rounding_random()
     return (double)(rounding_state >> 11) * 0x1p-53;
 }
 
+// nextafterf of a finite number, without the call
+static inline float rounding_next(float f, bool up)
+{
+    int32_t bits;
+    if (f == 0.0f) {
+        return up ? 0x1p-149f : -0x1p-149f;
+    }
+    memcpy(&bits, &f, sizeof(bits));
+    bits += ((f > 0.0f) == up) ? 1 : -1;
+    memcpy(&f, &bits, sizeof(f));
+    return f;
+}
+
 static inline float rounding_of(double x)
 {
     const float f = (float)x;
@@ -40,7 +53,7 @@ static inline float rounding_of(double x)
     if ((double)f == x || !(fabs(x) < (double)FLT_MAX)) {
         return f;
     }
-    const float g = nextafterf(f, ((double)f < x) ? INFINITY : -INFINITY);
+    const float g = rounding_next(f, (double)f < x);
     const float lo = (f < g) ? f : g;
     const float hi = (f < g) ? g : f;
     switch (rounding_mode) {

@@ -144,7 +144,7 @@ def compiler() -> str:
     )
 
 
-ENOUGH, AT_LEAST, SOME = 6e7, 1000, 64
+ENOUGH, AT_LEAST, SOME = 4e7, 1000, 64
 """Operations of a run after which a folder that is written in a hurry has enough ticks, ticks that
 it has anyhow, and ticks by which operations are counted."""
 
