@@ -10,7 +10,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import analysis, back_to_back, coverage, expected, fuzz, load, proof
+from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, proof, search
 from slipctl.ccode.check import rounding as rounding
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
 from slipctl.ccode.check.logged import logged_inputs as logged_inputs
@@ -31,8 +30,9 @@ from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
+from slipctl.ccode.report import Report as Report
 from slipctl.ccode.ship import a2l, autosar, bus, fmu, manual, sections, xcp
-from slipctl.ccode.ship.readable import readable, vectors_said
+from slipctl.ccode.ship.readable import readable
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
@@ -51,102 +51,6 @@ SIGNIFICANT = 29
 31 characters, and ``_default``, ``_init``, ``_step`` and ``_tune`` differ in their second."""
 
 READABLE = "report.md"
-
-
-@dataclass(frozen=True)
-class Report:
-    """What was written and how it compares; ``print(report)`` says it in a few lines.
-
-    Attributes:
-        folder: where the files are.
-        data: content of ``report.json``.
-        module: the module, to be compiled and called from Python.
-    """
-
-    folder: Path
-    data: dict[str, Any]
-    module: CModule
-
-    @property
-    def passed(self) -> bool:
-        """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        proven = bool(self.data.get("proof", {}).get("passed", True))
-        return self._right and self._in_time and proven
-
-    @property
-    def only_load(self) -> bool:
-        """Whether a step takes longer than its tick, and nothing else is wrong."""
-        return self._right and not self._in_time
-
-    @property
-    def only_unproven(self) -> bool:
-        """Whether a proof was asked for and did not come about, and nothing else is wrong."""
-        return self._right and self._in_time and not self.passed
-
-    @property
-    def _targets(self) -> list[dict[str, Any]]:
-        return list(self.data["targets"])
-
-    @property
-    def _right(self) -> bool:
-        parts = [*self._targets, self.data.get("analysis", {}), self.data.get("fuzz", {})]
-        return all(p.get("passed", True) for p in (self.data, *parts))
-
-    @property
-    def _in_time(self) -> bool:
-        return all(t.get("load", {}).get("passed", True) for t in self._targets)
-
-    def __str__(self) -> str:
-        d = self.data
-        lines = [
-            f"{d['name']} in {d['real']}: {len(d['files']) + 1} files in {self.folder},"
-            f" content {d['content']}"
-        ]
-        lines += [f"  {said}" for said in [vectors_said(d)] if said]
-        for c in d["compiled"]:
-            size = c["bytes"] or {}
-            said = "".join(f", {k} {v}" for k, v in size.items())
-            lines.append(f"  {c['compiler']}: no warning{said} bytes")
-        if d["compiled"]:
-            lines.append(f"  one instance: {d['memory_bytes']['state']} bytes of state")
-            worst = max(d["signals"], key=lambda n: d["signals"][n]["relative"])
-            lines.append(
-                f"  {d['ticks']} ticks replayed, largest difference from Python"
-                f" {d['largest_relative']:.3g} of the largest value ({worst}):"
-                f" {'passed' if self._right else 'FAILED'}"
-            )
-            lines.append(f"  {coverage.summary(d['coverage'])}")
-        for t in d["targets"]:
-            size_, stack = t["bytes"] or {}, t["stack"] or {}
-            said = "".join(f", {k} {v}" for k, v in size_.items())
-            lines.append(
-                f"  {t['target']}: no warning{said} bytes, stack {stack.get('worst', '?')},"
-                f" functions of double linked: {len(t['double_helpers'])}"
-            )
-            if "instructions" in t:
-                count = t["instructions"]
-                lines.append(
-                    f"  {t['target']}: {count['mean']:.0f} instructions per step, at most"
-                    f" {count['most']}, {t['stack_used']} bytes of stack used, {t['ticks']} ticks:"
-                    f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
-                )
-            if t.get("load"):
-                lines.append(f"  {t['target']}: {load.said(t['load'])}")
-        if "analysis" in d:
-            lines.append(f"  {analysis.summary(d['analysis'])}")
-        if "fuzz" in d:
-            f = d["fuzz"]
-            lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
-        if "proof" in d:
-            lines.append(f"  {proof.summary(d['proof'])}")
-        if not self._right:
-            lines += [
-                f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
-                f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"
-                for c in d["compiled"]
-            ]
-            lines += [f"  {k.replace('_', ' ')}: {v}" for k, v in d.get("isolation", {}).items()]
-        return "\n".join(lines)
 
 
 def c_module(
@@ -234,6 +138,7 @@ def export(
     with_xcp: bool = False,
     with_autosar: bool = False,
     rates: bool = False,
+    search_seconds: int = 0,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -265,6 +170,8 @@ def export(
         with_xcp: write an XCP slave, and a program for the emulated board that has it.
         with_autosar: write a software component of AUTOSAR Classic around the module.
         rates: write a step function for each rate of its parts, beside the one step.
+        search_seconds: look so long for inputs that reach what the test does not, and go on with
+            them behind the run (:mod:`slipctl.ccode.check.search`).
 
     Returns:
         What was written; printable.
@@ -277,7 +184,7 @@ def export(
         real=real, target=target, misra=misra, fmus=fmus,
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
         places=(const_section, calibration_section), with_xcp=with_xcp,
-        with_autosar=with_autosar, rates=rates,
+        with_autosar=with_autosar, rates=rates, search_seconds=search_seconds,
     )  # fmt: skip
 
 
@@ -306,6 +213,7 @@ def _produce(
     with_xcp: bool = False,
     with_autosar: bool = False,
     rates: bool = False,
+    search_seconds: int = 0,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -348,6 +256,9 @@ def _produce(
             raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
         rows = rounded(rows if replay else rows[:KEPT], real)  # all are replayed, few are written
         run = expected_run(plan, rows, used_params)
+    found: dict[str, Any] | None = None
+    if search_seconds:
+        run, found = search.gone_on(plan, made, run, used_params, search_seconds, KEPT)
     rows = run.rows
     if replay and not len(rows):
         raise BadInput(
@@ -358,7 +269,7 @@ def _produce(
     tried_too = real == "float" and rounding.there() and len(rows) > 0
     trials = None
     if tried_too or (replay and boards):
-        trials = _trials(plan, made, rows, used_params, hurry=not replay)
+        trials = _trials(plan, made, rows, used_params, hurry=not (replay or found))
     first, tried = expected.kept(run, trials, KEPT)
     first = expected.with_limits(plan, first, used_params, tried)
     content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
@@ -366,6 +277,7 @@ def _produce(
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
     ticks = len(rows) if replay else len(first.rows)
     data = _facts(plan, content, made, values, ticks) | {"made_up": width}
+    data |= {"search": found} if found else {}
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:

@@ -301,8 +301,9 @@ def parser() -> Parser:
     )
 
     p.add_argument(
-        "--vectors", metavar="FILE.csv",
-        help="test it with these inputs, a row for each tick, in the place of those of a run",
+        "--vectors", metavar="FILE.csv|search[:SECONDS]",
+        help="test it with these inputs, a row for each tick, in the place of those of a run; or"
+        " search for what else reaches branches that its test does not",
     )  # fmt: skip
     p.add_argument(
         "--fuzz", metavar="SECONDS", type=int,

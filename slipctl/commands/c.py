@@ -7,7 +7,7 @@ import logging
 from pathlib import Path
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check import load
+from slipctl.ccode.check import load, search
 from slipctl.ccode.check.given import given
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
@@ -33,6 +33,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
     is_loop = (
         colon and not doors.is_written(name) and (not left.endswith(".py") or doors.has_study(left))
     )
+    seconds = search.effort(options.vectors) if options.vectors else None
+    vectors = options.vectors if seconds is None else None
+    if seconds and build.compiler() is None:
+        raise BadInput("--vectors search needs a C compiler; install gcc or clang")
     block = None if is_loop else doors.load_block(name)
     if block is not None and options.settings:
         raise BadInput(f"{name} is no loop and has no --set; write its numbers into the file")
@@ -54,10 +58,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "fuzz_seconds": options.fuzz or 0, "prove": options.prove, "scaled": options.scaled,
         "const_section": options.const_section, "calibration_section": options.calibration_section,
         "with_xcp": options.xcp, "with_autosar": options.autosar,
-        "rates": options.rates,
+        "rates": options.rates, "search_seconds": seconds or 0,
     }  # fmt: skip
     if block is not None:
-        inputs = given(options.vectors, block) if options.vectors else None
+        inputs = given(vectors, block) if vectors else None
         report = codegen.export(block, out, options.module, inputs, **wanted)
     else:
         study = doors.load_study(left)
@@ -69,8 +73,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         except BadInput as error:
             what = "part" if options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
-        if options.vectors:
-            inputs = given(options.vectors, control)
+        if vectors:
+            inputs = given(vectors, control)
             _, params = codegen.recorded(loop, part, case.scenario, 1)
         else:
             log.info("running %s for its inputs", name)

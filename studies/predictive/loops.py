@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 from casadi import fmax, fmin
 
-from slipctl import Block, Case, Input, Output, Param, Scenario, State, connect, sampled, step
+from slipctl import (
+    Block,
+    Case,
+    Input,
+    Output,
+    Param,
+    Scenario,
+    State,
+    connect,
+    ranged,
+    sampled,
+    step,
+)
 from slipctl.run.results import Loops
 from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, make
 from slipctl.studies.predictive.problems import (
@@ -23,20 +35,73 @@ from slipctl.studies.predictive.problems import (
 GAINS = {"axle": (480.0, 160.0), "car": (7600.0, 1e6)}
 """K_p and K_i of the PI laws in kN m or N m, and that per second: the best nearly."""
 
+FASTEST, STICKIEST = 60.0, 0.6
+"""Largest speed in m/s and largest peak of the adhesion that the controllers are made for."""
+
+PLAN = {
+    "X": (-1e4, 1e4, "states of the plan, far beyond any that it can have"),
+    "U": (-1e4, 1e4, "torques of the plan, far beyond the largest"),
+    "applied": (-1e4, 1e4, "as those of the plan"),
+    "S": (-10, 10, "statuses are whole numbers"),
+    "planned": (0, 1, "no or yes"),
+}
+
+WHEEL = {
+    "v": (0, FASTEST, "216 km/h", 0.2),
+    "q": (0, FASTEST, "as the speed", 2.0),
+    "xi": (-10, 10, "a slip of 1 for ten seconds"),
+    "s_ref": (0, 0.3, "beyond the peak of any rail"),
+    "plant.g": (1, 30, "gravity"),
+}
+"""Changes per tick: a train gains less than 1 g, and torque and friction together give the rim of
+the axle less than 80 m/s^2 and that of the car less than 600 m/s^2."""
+
+RANGES: Mapping[str, Mapping[str, Any]] = {
+    "axle": PLAN | WHEEL | {
+        "T": (0, 8, "as the command", 3.0),
+        "mu_p": (0, STICKIEST, "steel on steel"),
+        "plant.r": (0.2, 1, "rail wheels"), "plant.J": (1, 5e3, "axles"),
+        "plant.m_q": (500, 4e4, "axle loads"), "plant.tau": (1e-3, 1, "motors"),
+    },
+    "car": PLAN | WHEEL | {
+        "grip": (0, 1.2, "dry ground is 1"),
+        "plant.m": (50, 2e3, "quarters of cars"), "plant.R": (0.1, 1, "tyres"),
+        "plant.J": (0.1, 100, "wheels"), "plant.gear": (0.1, 20, "motor to wheel"),
+        "plant.D": (0.1, 3, "tyres"), "plant.C": (1, 2, "tyres"), "plant.B": (1, 50, "tyres"),
+    },
+}  # fmt: skip
+"""Ranges of all that a predictive controller is fed, holds and is tuned to, by problem and name."""
+
+
+def held(problem: str, ctl: Block) -> Block:
+    """A predictive controller with the ranges of its problem."""
+    own = {s.name for s in ctl.signals}
+    return ranged(ctl, table={n: row for n, row in RANGES[problem].items() if n in own})
+
 
 def pi(plant: Block, h: float, gains: tuple[float, float]) -> Block:
     """PI law of the slip for a plant's first input, its integral part within the input's range."""
     name, control = next(iter(plant.inputs.items()))
 
-    @step(**{name: Output(control.unit, "torque command")}, period=h, name="pi")
+    @step(**{name: Output(control.unit, "torque command", lo=0, hi="T_max")}, period=h, name="pi")
     def law(
         part=State("1", 0.1, "integral part over the largest torque", lo=0, hi=1),
-        s=Input("1", "slip", **TRACTION),
-        s_ref=Input("1", "slip reference", **TRACTION),
-        K_p=Param("1", gains[0] / control.hi, "gain over the largest torque", lo=0),
-        K_i=Param("1/s", gains[1] / control.hi, "integral gain over it", lo=0),
-        T_max=Param(control.unit, control.hi, "largest torque", lo=0),
-        T=Param("s", h, "period", lo=0),
+        s=Input(
+            "1",
+            "slip",
+            source="a rim of 60 m/s about to start, which gains less than 2 m/s",
+            lo=-2 * FASTEST,
+            hi=2 * FASTEST,
+            change=4,
+            **TRACTION,
+        ),  # fmt: skip
+        s_ref=Input(
+            "1", "slip reference", source="beyond the peak of any rail", lo=0, hi=0.3, **TRACTION
+        ),
+        K_p=Param("1", gains[0] / control.hi, "gain over the largest torque", lo=0, hi=1e3),
+        K_i=Param("1/s", gains[1] / control.hi, "integral gain over it", lo=0, hi=1e5),
+        T_max=Param(control.unit, control.hi, "largest torque", lo=0, hi=control.hi),
+        T=Param("s", h, "period", lo=1e-4, hi=1),
     ):
         """Torque T_max clip(K_p e + i) of the slip error e, i' = K_i e within 0 and 1."""
         e = s_ref - s
@@ -74,16 +139,16 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     )  # fmt: skip
     axles = {
         "pid": lambda: loop(axle, AXLE_H, pi(axle, AXLE_H, GAINS["axle"])),
-        "nmpc": lambda: loop(axle, AXLE_H, make()),
+        "nmpc": lambda: loop(axle, AXLE_H, held("axle", make())),
         "nmpc_told_dry": lambda: loop(
-            axle, AXLE_H, make(name="nmpc_told_dry"), {"mu_p": "mu_told"}
+            axle, AXLE_H, held("axle", make(name="nmpc_told_dry")), {"mu_p": "mu_told"}
         ),
     }
     cars = {
         "pid": lambda: loop(car, CAR_H, pi(car, CAR_H, GAINS["car"])),
-        "nmpc": lambda: loop(car, CAR_H, car_controller()),
+        "nmpc": lambda: loop(car, CAR_H, held("car", car_controller())),
         "nmpc_told_dry": lambda: loop(
-            car, CAR_H, car_controller(name="nmpc_told_dry"), {"grip": "told"}
+            car, CAR_H, held("car", car_controller(name="nmpc_told_dry")), {"grip": "told"}
         ),
     }
     return [Case(base, Loops(axles)), Case(road, Loops(cars))]

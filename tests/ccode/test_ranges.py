@@ -20,11 +20,7 @@ except BadInput:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 
-PROBLEMS = {"predictive"}
-"""Studies whose loops are problems as their sources print them, to compare solvers on."""
-
-
-@pytest.mark.parametrize("name", [n for n in doors.studies() if n not in PROBLEMS])
+@pytest.mark.parametrize("name", doors.studies())
 def test_every_signal_of_a_controller_has_a_range(name):
     """Both ends, numbers or expressions; and each input and each output says why it is so."""
     study = doors.load_study(name)

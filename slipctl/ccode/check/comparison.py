@@ -132,8 +132,9 @@ def expected_run(
     if not good.any():
         raise BadInput(f"{plan.block.name}: no tick has all its inputs in their declared ranges")
     outputs, states = reference(plan, seen[good], params, whole)
-    if len(outputs) < np.count_nonzero(good):  # made-up ones, none of them refused
-        rows, told = rows[: len(outputs)], told[: len(outputs)]
+    if len(outputs) < np.count_nonzero(good):
+        end = np.flatnonzero(good)[len(outputs)]
+        rows, told = rows[:end], told[:end]
     return guarded(plan, rows, told, outputs, states, params)
 
 

@@ -243,22 +243,28 @@ def misuse(plan: Plan) -> str:
         for m in lay.params for _ in range(m.size)
     ]  # fmt: skip
     last = "kept->guard.last" if plan.n_in else "{0}"
+    ranges = _rows(wandered(plan, 0.1)) if plan.n_in else ""
     return _TRIALS.format(
         n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
         shaken=WALK, most=BETWEEN, places=_rows(map(str, places or [0])),
         ends=_rows(ends or ["{0.0, 0.0}"]),
-        walk=_WALK.format(n=n, ticks=WALK, wandered=_rows(_wandered(plan))) if plan.n_in else "",
+        walk=_WALK.format(n=n, ticks=WALK, wandered=ranges) if plan.n_in else "",
         wander=_WANDER if plan.n_in else "",
         last=f"    const {n}_in in = {last};\n",
     )  # fmt: skip
 
 
-def _wandered(plan: Plan) -> list[str]:
-    """Ends of each input element and its largest change, with the defaults of the parameters."""
+def wandered(plan: Plan, most: float) -> list[str]:
+    """Ends of each input element and its largest change, with the defaults of the parameters.
+
+    Args:
+        plan: the module.
+        most: largest change over the width of the range, where none is declared or a larger one.
+    """
     lows, highs, changes = plan.ends(plan.layout.inputs, plan.block.param_values())
     rows = []
     for lo, hi, change in zip(lows.clip(-FAR, FAR), highs.clip(-FAR, FAR), changes, strict=True):
-        found = (lo, hi, min(change, 0.1 * (hi - lo)))
+        found = (lo, hi, min(change, most * (hi - lo)))
         rows.append("{" + ", ".join(number(float(v)) for v in found) + "}")
     return rows
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from slipctl.ccode.check import analysis, coverage, load, proof
+from slipctl.ccode.check import analysis, coverage, load, proof, search
 
 _COMPARED = {
     "every tick": "every tick",
@@ -36,6 +36,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         "## Ranges",
         _unranged(data["without_range"]),
         *[said for said in [vectors_said(data)] if said],
+        *[f"{search.summary(found).capitalize()}." for found in [data.get("search")] if found],
         *_compiled(data),
         *_replayed(data, layout),
         *_covered(data),
