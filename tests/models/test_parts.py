@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import csv
 import sys
-import zlib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).parents[1])]
+
+from recorded import HEAD, close, leaves, signals, told
 
 from slipctl import Block
 from slipctl.models.vehicle import parts as trip_parts
@@ -24,10 +26,6 @@ from slipctl.models.vehicle.trip import case
 from slipctl.study import doors, trip_files
 
 FOLDER = Path(__file__).parent / "parts"
-HEAD = ["part", "signal", "role", "unit", "value", "lo", "hi", "positive", "meaning", "first",
-        "second"]  # fmt: skip
-NEAR = 1e-7
-"""Searches and fits of other versions of NumPy and CasADi end this close, as a share."""
 
 VEHICLES = {
     "braked": """
@@ -106,20 +104,6 @@ def loops(name: str) -> Iterator[Block]:
         yield from (each.loops[k] for k in each.loops)
 
 
-def leaves(block: Block) -> Iterator[Block]:
-    """Parts that have none of their own."""
-    if not block.parts:
-        yield block
-    for part in block.parts.values():
-        yield from leaves(part)
-
-
-def told(block: Block) -> str:
-    """Name and options of a part."""
-    chosen = ", ".join(f"{k} = {v}" for k, v in block.choices.items())
-    return f"{block.name} ({chosen})" if chosen else block.name
-
-
 @cache
 def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
     """Signals of the parts of a study's loops, each part once."""
@@ -136,68 +120,6 @@ def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
             for row in signals(part):
                 found[title, row[0], row[1]] = [title, *row]
     return found
-
-
-def signals(part: Block) -> list[list[str]]:
-    """Declarations of a part's signals, and what it gives for each at two points."""
-    values = [answers(part, k) for k in (0, 1)]
-    return [
-        [n, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "",
-         "told" if s.doc else "", *(v.get((s.role, n), "") for v in values)]
-        for group in (part.states, part.inputs, part.params, part.outputs)
-        for n, s in group.items()
-    ]  # fmt: skip
-
-
-def answers(part: Block, number: int) -> dict[tuple[str, str], str]:
-    """Next states (or derivatives) and outputs at a point that follows from the part's name."""
-    rng = np.random.default_rng(zlib.crc32(f"{part.name} {number}".encode()))
-    f = part.function()
-    names = [n.partition("_")[2] for n in f.name_in()]
-    own = {s.name.replace(".", "_"): s for s in part.signals if s.role != "output"}
-    now = {**part.start(), **{n: s.value for n, s in part.inputs.items()}, **part.param_values()}
-    given = [place(own[n], now.get(own[n].name), f.size_in(k), rng) for k, n in enumerate(names)]
-    result = f(*given)
-    result = result if isinstance(result, tuple) else (result,)
-    roles = {s.name.replace(".", "_"): s.name for s in part.signals}
-    found = {}
-    for n, value in zip(f.name_out(), result, strict=True):
-        kind, _, short = n.partition("_")
-        role = "output" if kind == "y" else "state"
-        flat = np.array(value, dtype=float).ravel()
-        weights = np.cos(np.arange(len(flat)))  # of a vector one number, no entry without weight
-        found[role, roles.get(short, short)] = f"{float(weights @ flat):.12g}"
-    return found
-
-
-def place(signal: Any, own: Any, size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """A value of a signal: near its own where it has one, else near 1, and in its range."""
-    base = np.ones(size)
-    if own is not None:
-        base = base * np.reshape(own, size if np.size(own) > 1 else (1, 1))
-    value = base * (1 + 0.1 * rng.uniform(-1, 1, size)) + np.where(base == 0, rng.random(size), 0)
-    if signal.role == "param" and np.all(base == np.round(base)) and np.any(base):
-        value = base  # counts and switches stay what they are
-    low, high = (e if isinstance(e, int | float) else np.inf * d for e, d in
-                 ((signal.lo, -1), (signal.hi, 1)))  # fmt: skip
-    return np.clip(value, low, high)
-
-
-def said(number: object) -> str:
-    """Numbers to twelve digits: the last ones are those of a system's ``exp``."""
-    if isinstance(number, int | float):
-        return f"{number:.12g}"
-    return " ".join(str(number).split())
-
-
-def close(have: str, wanted: str) -> bool:
-    """Whether two entries are the same, as numbers where they are numbers."""
-    if have == wanted:
-        return True
-    try:
-        return bool(np.isclose(float(have), float(wanted), rtol=NEAR, atol=1e-9))
-    except ValueError:
-        return False
 
 
 NAMES = [s for s in doors.studies() if s not in ("all_rails", "gain_bounds")] + [*VEHICLES]
