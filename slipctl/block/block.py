@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import portable, sharing
+from slipctl.block.inside import checked, watched
 from slipctl.block.sharing import ALONE, Sharing
 from slipctl.block.signals import Signal, Split, evaluate, names_in, packed_numbers, total_size
 from slipctl.block.units import read_unit
@@ -741,12 +742,12 @@ class Block:
             sym(letter, total_size(self._signals[role].values()))
             for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
         )
-        n, y = self.expr(self.unpack("state", x), self.unpack("input", u), self.unpack("param", p))
+        groups = self.unpack("state", x), self.unpack("input", u), self.unpack("param", p)
+        with watched() as found:
+            n, y = self.expr(*groups)
         out = [self.pack("state", n), self.pack("output", y)]
         f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
-        if self.sx and not self.parts:
-            _refuse_nan(self.name, f)
-        return f
+        return checked(f, self.name, found) if self.sx and not self.parts else f
 
     def _c_name(self) -> str:
         return re.sub(r"_+", "_", self.name).strip("_")
@@ -778,14 +779,13 @@ class Block:
         ``n_<state>`` (step) and ``y_<output>``; dots of composite names become underscores.
         """
         args, names, groups = self._named_symbols()
-        n, y = self.expr(*groups)
+        with watched() as found:
+            n, y = self.expr(*groups)
         letter = "d" if self.kind == "flow" else "n"
         results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
         out = self._io_names("state", letter) + self._io_names("output", "y")
         f = ca.Function(self._c_name(), args, results, names, out)
-        if self.sx and not self.parts:
-            _refuse_nan(self.name, f)
-        return f
+        return checked(f, self.name, found) if self.sx and not self.parts else f
 
     def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
         """Exact Jacobian of an output or of a state's equation, as a named Function.
@@ -983,16 +983,6 @@ def make_block(
         **options: as of :class:`Block` (``period``, ``sx``, ``parts``, ``rebuild``, ...).
     """
     return Block(name, kind, body, [*states, *inputs, *params, *outputs], **options)
-
-
-def _refuse_nan(name: str, f: ca.Function) -> None:
-    """Refuse equations that hold a NaN, which ``math.exp`` and ``float`` make of a symbol."""
-    for k in range(f.n_instructions()):
-        if f.instruction_id(k) == ca.OP_CONST and math.isnan(f.instruction_constant(k)):
-            raise BadInput(
-                f"{name} gives NaN whatever the numbers; float(x) and math.exp(x) cannot read a"
-                " symbol: from casadi import exp, and so for every function of math"
-            )
 
 
 def _columns(values: Exprs) -> Exprs:

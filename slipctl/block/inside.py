@@ -6,6 +6,7 @@ are remembered here, so that C written from it has the law's own names.
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -13,8 +14,11 @@ from contextlib import contextmanager
 from functools import wraps
 from types import FrameType
 from typing import Any, ParamSpec
+from weakref import WeakSet
 
 import casadi as ca
+
+from slipctl.errors import BadInput
 
 P = ParamSpec("P")
 
@@ -29,6 +33,19 @@ Found = list[tuple[str, Any]]
 """Names and what they stand for."""
 
 
+def mark(watch: Any) -> None:
+    """Mark what watches Python functions as one of ours, which may give way for a while."""
+    _OURS.add(watch)
+
+
+def ours(watch: Any) -> bool:
+    """Whether what watches Python functions is one of ours."""
+    return watch in _OURS
+
+
+_OURS: WeakSet[Any] = WeakSet()
+
+
 @contextmanager
 def watched() -> Iterator[Found]:
     """Collect the local variables, of scalar expressions, of the functions that return meanwhile.
@@ -40,22 +57,24 @@ def watched() -> Iterator[Found]:
     seen: list[tuple[int, Found]] = []
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
-        ours = not frame.f_globals.get("__name__", "").startswith(_NOT_OURS)
-        if event == "return" and ours and len(seen) < MOST:
+        own = not frame.f_globals.get("__name__", "").startswith(_NOT_OURS)
+        if event == "return" and own and len(seen) < MOST:
             depth, outer = 0, frame.f_back
             while outer is not None:
                 depth, outer = depth + 1, outer.f_back
             given = frame.f_locals.items()
             seen.append((depth, [x for n, v in given if n[0] != "_" for x in _elements(n, v)]))
 
-    free = sys.getprofile() is None  # a profiler at work goes first
+    before = sys.getprofile()
+    free = before is None or ours(before)  # a profiler at work goes first
     if free:
+        mark(watch)
         sys.setprofile(watch)
     try:
         yield found
     finally:
         if free:
-            sys.setprofile(None)
+            sys.setprofile(before)
         for _, rows in sorted(seen, key=lambda x: x[0]):
             found.extend(rows)
 
@@ -104,6 +123,24 @@ def told(f: ca.Function, found: Found) -> ca.Function:
         f.name(), arguments, f.call(arguments), f.name_in(), f.name_out(),
         {"cse": True, "cache": {_INSIDE: inside}},
     )  # fmt: skip
+
+
+def checked(f: ca.Function, name: str, found: Found) -> ca.Function:
+    """Equations of a block, which know what is inside them.
+
+    Args:
+        f: the equations. name: of the block. found: as :func:`watched` gives it.
+
+    Raises:
+        BadInput: they hold a NaN, which ``math.exp`` and ``float`` make of a symbol.
+    """
+    for k in range(f.n_instructions()):
+        if f.instruction_id(k) == ca.OP_CONST and math.isnan(f.instruction_constant(k)):
+            raise BadInput(
+                f"{name} gives NaN whatever the numbers; float(x) and math.exp(x) cannot read a"
+                " symbol: from casadi import exp, and so for every function of math"
+            )
+    return told(f, found)
 
 
 def remembered(make: Callable[P, ca.Function]) -> Callable[P, ca.Function]:

@@ -14,6 +14,7 @@ from slipctl import Block, Input, Output, Param, State, connect, step
 from slipctl.block.inside import remembered
 from slipctl.ccode import codegen
 from slipctl.ccode.check.reading import equations, reading
+from slipctl.ccode.write.comments import WIDTH
 from slipctl.ccode.write.functions import Functions
 from slipctl.ccode.write.naming import named
 from slipctl.ccode.write.plan import Plan
@@ -123,7 +124,7 @@ def test_each_equation_has_its_line_in_the_model_and_the_paper_s_number() -> Non
 def test_a_comment_that_has_no_room_behind_its_statement_stands_above() -> None:
     full = "    x = " + " + ".join(["a_long_name"] * 6)
     made = broken(f"{full};  /* model.py:12 */\n{full} + {full[8:47]};  /* model.py:13 */")
-    assert all(len(row) <= 98 for row in made.splitlines())
+    assert all(len(row) <= WIDTH for row in made.splitlines())
     assert made.splitlines()[:2] == ["    /* model.py:12 */", f"{full};"]
     assert made.splitlines()[-1].endswith("a_long_name;  /* model.py:13 */")
 

@@ -39,6 +39,7 @@ from slipctl.ccode.write.graph import (
     steps,
     unused,
 )
+from slipctl.ccode.write.summing import Total
 
 AT = "@"
 """Stands for the index of the element in the text of a vector."""
@@ -95,17 +96,10 @@ def loop(n: int, line: str) -> list[str]:
 
 
 def listed(declared: str, texts: Sequence[str]) -> list[str]:
-    """Declaration of an array with its elements."""
+    """Declaration of an array or a struct with its elements; the lines are broken later."""
     if len(line := f"{declared} = {{{', '.join(texts)}}};") <= WIDTH - 12:
         return [line]
-    rows, row = [], ""
-    for k, text in enumerate(texts):
-        piece = text + ", " * (k < len(texts) - 1)
-        if row and len(row) + len(piece) > WIDTH - 12:
-            rows.append(row.rstrip())
-            row = ""
-        row += piece
-    return [f"{declared} = {{", *(f"    {r}" for r in [*rows, row]), "};"]
+    return [f"{declared} = {{", f"    {', '.join(texts)}", "};"]
 
 
 class Arrays(Writer):
@@ -168,6 +162,9 @@ class Arrays(Writer):
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
         nodes, self.outputs = steps(f)
         return nodes, []
+
+    def _totals(self) -> dict[int, Total]:
+        return {}
 
     # ---- writing --------------------------------------------------------------------------------
 

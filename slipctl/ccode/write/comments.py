@@ -7,7 +7,7 @@ import textwrap
 import unicodedata
 from collections.abc import Mapping, Sequence
 
-WIDTH = 98
+WIDTH = 100
 
 
 def comment(text: str, indent: str = "") -> str:

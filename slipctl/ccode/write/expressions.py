@@ -17,9 +17,13 @@ import casadi as ca
 
 from slipctl.ccode.write import pieces
 from slipctl.ccode.write.helpers import HELPERS
+from slipctl.ccode.write.summing import Total, totals
 
 WIDTH = 200
 """Characters of an expression above which its longest part gets a line of its own."""
+
+LONG = 80
+"""Characters of what is used once from which on its own name is worth a line."""
 
 ATOM, _UNARY, _PRODUCT, _SUM, _RELATION, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
 
@@ -240,14 +244,20 @@ class Writer:
         self.signed = self._signed()
         self.chosen = chains(self.nodes)
         self.can_be = self._can_be(can_be)
+        self.totals = self._totals()
+        self.within = {a for t in self.totals.values() for a in t.partial}
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
         return read(f)
 
+    def _totals(self) -> dict[int, Total]:
+        """Sums of terms that are alike, by the node of the last addition."""
+        return totals(self.nodes, self.uses, {**self.offered, **self.names})
+
     def run(self) -> Self:
         """Write the statements."""
         for k in range(len(self.nodes)):
-            if self.uses[k]:
+            if self.uses[k] and k not in self.within:
                 self._write(k)
         return self
 
@@ -316,6 +326,9 @@ class Writer:
             return
         if node.op == pieces.PIECES:
             self._row(node)
+        if k in self.totals:
+            self._total(k, self.totals[k])
+            return
         called = set(self.helpers)
         made = self._compose(node, self.signed[k])
         while len(made.text) > WIDTH:
@@ -326,8 +339,17 @@ class Writer:
             self.helpers = set(called)  # without those of the text thrown away
             made = self._compose(node, self.signed[k])
         self.texts[k] = made
-        if k in self.names or self.uses[k] > 1 or k in self.chosen:
+        named = k in self.names or (k in self.offered and len(made.text) > LONG)
+        if named or self.uses[k] > 1 or k in self.chosen:
             self._line(k)
+
+    def _total(self, k: int, total: Total) -> None:
+        """Statements that add the terms of a sum one by one, in its order: a loop, rolled up."""
+        texts = [self._operand(a, _SUM) for a in total.terms]
+        name = self.names.get(k) or self.offered.get(k) or f"a{next(self.count)}"
+        self.lines.append(f"{self.real} {name} = {texts[0]};")
+        self.lines += [f"{name} += {text};" for text in texts[1:]]
+        self.texts[k] = Text(name, ATOM)
 
     def _row(self, node: Node) -> None:
         """Statements that find the piece of a table, once."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.ccode.write.arrays import AT, Arrays, loop, reached
-from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.comments import WIDTH, comment
 from slipctl.ccode.write.expressions import ANY, Unsupported, Writer
 from slipctl.ccode.write.graph import (
     argument_names,
@@ -233,7 +233,7 @@ class Functions:
                 lines.append(f"*{name} = 0.0;")
             else:
                 lines += [f"for (int j = 0; j < {size}; ++j) {{", f"    {name}[j] = 0.0;", "}"]
-        body += called(f"{self.name(inner)}(", [*arguments, *results])
+        body.append(called(f"{self.name(inner)}(", [*arguments, *results]))
         for k, name in enumerate(outputs):
             size, one = f.nnz_out(k), results[k].removeprefix("&")
             if size == 1:
@@ -339,7 +339,7 @@ class Functions:
             elif declare and size == 1:
                 at.lines.append(f"double {r};")
             passed.append(r if size > 1 else f"&{r}")
-        at.lines += called(f"{name}(", [*given, *passed])
+        at.lines.append(called(f"{name}(", [*given, *passed]))
 
 
 def returned(f: ca.Function) -> bool:
@@ -352,7 +352,7 @@ def _signature(opening: str, declared: Sequence[str]) -> str:
     indent = " " * len(line)
     for k, text in enumerate(declared):
         piece = text + (")" if k == len(declared) - 1 else ", ")
-        if len(line) + len(piece) > 98:
+        if len(line) + len(piece) > WIDTH:
             lines.append(line.rstrip())
             line = indent
         line += piece

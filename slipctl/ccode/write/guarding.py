@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from slipctl.ccode.write import guard
-from slipctl.ccode.write.comments import WIDTH, comment
+from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import prototype
 from slipctl.ccode.write.layout import Member
@@ -40,11 +40,12 @@ def check_inputs(plan: Plan) -> str:
         ]
         if m.size > 1 and len(set(each)) == 1:
             last = f"{m.address('guard->last.')}, &guard->age[{at}]"
-            lines += _call("told |= accept_all(", [m.address("in->"), str(m.size), each[0], last])
+            given = ", ".join([m.address("in->"), str(m.size), each[0], last])
+            lines.append(f"told |= accept_all({given});")
         else:
             for k, given in enumerate(each):
                 last = f"&{m.at('guard->last.', k)}, &guard->age[{at + k}]"
-                lines += _call("told |= accept(", [m.at("in->", k), given, last])
+                lines.append(f"told |= accept({m.at('in->', k)}, {given}, {last});")
         at += m.size
     lines.append("guard->fresh = (told == 0U) ? 1.0 : 0.0;")
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
@@ -69,14 +70,6 @@ def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
             if change != "DBL_MAX":
                 found.append(f"{many}can_follow({value}, {last}, {change})")
     return found
-
-
-def _call(start: str, arguments: list[str]) -> list[str]:
-    """Statement of a call, on two lines if it is long."""
-    line = f"{start}{', '.join(arguments)});"
-    if len(line) <= WIDTH - 4:
-        return [line]
-    return [f"{start}{', '.join(arguments[:-1])},", f"        {arguments[-1]});"]
 
 
 def early_good(plan: Plan) -> tuple[list[str], str]:

@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi as ca
 
+from slipctl.block.inside import mark
 from slipctl.ccode.write.origins import of_local, of_result
 
 MOST = 400
@@ -108,6 +109,7 @@ def letters(
 
     before = sys.getprofile()
     if before is None:  # a profiler at work goes first
+        mark(watch)
         sys.setprofile(watch)
     try:
         yield told

@@ -18,6 +18,8 @@ from slipctl.ccode.write.graph import unused
 LONGEST, WORDS = 28, 5
 """Characters and words of a name."""
 
+_SUM = re.compile(r"\s*double (?P<name>a\d+) = (?P<text>.*);")
+_ARRAY = re.compile(r"(?:\w+->)?([A-Za-z_]\w*)\[\w+\]")
 _DECLARED = re.compile(r"\s*const (?:double|bool) (?P<name>a\d+) = (?P<text>.*);")
 _TOKEN = re.compile(
     r"\d[\w.]*(?:(?<=e)-\d+)?|\w+(?:(?:->|\.)[A-Za-z_]\w*)*(?:\[\w+\])?|[-+*/<>=!&|?:]+|[(),]|\S"
@@ -45,10 +47,13 @@ def named(lines: Sequence[str], part: str, taken: Iterable[str]) -> list[str]:
     used = {*taken, *re.findall(r"[A-Za-z_]\w*", " ".join(lines))}
     names: dict[str, str] = {}
     for line in lines:
-        found = _DECLARED.match(line)
+        found = _DECLARED.match(line) or _SUM.match(line)
         if found is None or sum(_is_declared(found["name"], other) for other in lines) != 1:
             continue
-        words = _said(_renamed(found["text"], names), part, names.values())
+        text = _renamed(found["text"], names)
+        words = _said(text, part, names.values())
+        if _SUM.match(line):
+            words = _summed(text, part)
         if words and words not in used:
             names[found["name"]] = words
             used.add(words)
@@ -96,9 +101,21 @@ def _said(text: str, part: str, derived: Collection[str]) -> str:
         if not word or token in derived:
             return ""
         words.append(word)
+    if len(words) == 3 and words[1] == "times" and words[0][:1].isdigit():
+        words.reverse()
     said = "_".join(words)
     good = 1 < len(words) <= WORDS and len(said) <= LONGEST and not said[0].isdigit()
     return said if good else ""
+
+
+def _summed(text: str, part: str) -> str:
+    """Words for a sum, by one of its terms: what is summed, and the condition that it is with."""
+    arrays = [name.removeprefix(f"{part}_") for name in _ARRAY.findall(text)]
+    if not arrays or any(_ANONYMOUS.fullmatch(name) for name in arrays):
+        return ""
+    *others, last = dict.fromkeys(arrays)
+    last = f"square_{last}" if "square(" in text else last
+    return "_".join([last, *others]) if "?" in text and others else f"sum_{last}"
 
 
 def _word(token: str, part: str) -> str:

@@ -309,7 +309,8 @@ def _equations_of(
             found |= {local[i, k]: told for k in range(m.size) if (i, k) in local}
     for (i, _), c in local.items():
         if i in page.names and page.origins[i]:
-            found.setdefault(c, (page.names[i], page.origins[i]))
+            for c_or_array in (c, page.names[i]):
+                found.setdefault(c_or_array, (page.names[i], page.origins[i]))
     return found
 
 

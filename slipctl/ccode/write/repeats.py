@@ -163,7 +163,7 @@ def _written(
                 ahead.append(f"double {whole}{f' = {start[k]}' if k in start else ''};")
             given[k] = f"{'&' * (sizes[k] == 1)}{names[k]}"
     loop = [f"for (int i = 0; i < {len(calls)}; ++i) {{"]
-    loop += [f"    {line}" for line in [*body, *called(f"{first.name}(", given), *behind]]
+    loop += [f"    {line}" for line in [*body, called(f"{first.name}(", given), *behind]]
     loop.append("}")
     renamed = {last.given(k): names[k] for k in outs if last.given(k)}
     for k in outs:

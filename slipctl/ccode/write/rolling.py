@@ -8,16 +8,23 @@ is computed in another order, so the bits stay.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-LONGEST, LEAST, SAVED = 40, 4, 3
-"""Lines of a block at most, blocks at least, lines that a loop must save."""
+from slipctl.ccode.write.fusing import fused
+from slipctl.ccode.write.statements import printed
+
+LONGEST, LEAST, SAVED, MUCH = 40, 3, 2, 5
+"""Lines of a block at most, blocks at least, lines that a loop must save where they are printed; of
+the fewest blocks it must save more."""
 
 _LINE = re.compile(
-    r"(?:const (?P<kind>double|bool) (?P<name>\w+)|(?P<to>[\w>.*-]+\[\d+\])) = (.*);$"
+    r"(?:const (?P<kind>double|bool) (?P<name>\w+) =|(?P<to>[\w>.*-]+\[\d+\]) ="
+    r"|(?P<sum>\w+) \+=) (.*);$"
 )
 _TOKEN = re.compile(r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+|(?<=\[)\d+(?=\])|[A-Za-z_]\w*|.")
+_OPERAND = r"[A-Za-z_]\w*(?:->\w+)?(?:\[\d+\])?|\d[\w.]*"
 _WHOLE = re.compile(r"\d+(?:\.0)?")
 
 
@@ -30,19 +37,87 @@ def rolled(lines: Sequence[str], taken: set[str]) -> list[str]:
     """
     if "i" in taken:
         return list(lines)
-    now, at = list(lines), 0
+    now, results = _with_locals(lines, taken)
+    at = 0
     while at < len(now):
-        best = max(_runs(now, at), key=lambda r: r.saved, default=None)
-        if best is None or best.saved < SAVED:
+        best = _best(now, at)
+        moved, begin = _hoisted(now, at)
+        other = _best(moved, begin) if begin > at else None
+        if other is not None and (best is None or other.saved > best.saved):
+            now, at, best = moved, begin, other
+        if best is None:
             at += 1
             continue
         made, later = best.written(now)
+        whole = now[at : at + best.period * best.count]
+        wanted = 0 if " += " in whole[0] else SAVED if best.count > LEAST else MUCH
+        if printed(whole) - printed(made) < wanted:
+            at += 1
+            continue
         now[at : at + best.period * best.count] = made
         rest = at + len(made)
         for old, new in later.items():
             now[rest:] = [re.sub(rf"\b{old}\b", new, line) for line in now[rest:]]
         at = rest
-    return now
+    return fused(_without_locals(now, results))
+
+
+def _best(lines: Sequence[str], at: int) -> _Run | None:
+    """The run at a line that saves most."""
+    return max(_runs(lines, at), key=lambda r: r.saved, default=None)
+
+
+def _hoisted(lines: Sequence[str], at: int) -> tuple[list[str], int]:
+    """Lines in which what stands between the first like ones, and needs none of them, is before.
+
+    It is what all blocks use and CasADi works out when the first one needs it.
+    """
+    here = list(lines[at : at + LONGEST])
+    if not _declared(lines[at]):
+        return list(lines), at
+    shapes = Counter(_shape(line) for line in lines)
+    names = {n for line in here if (n := _declared(line))}
+    ahead = [
+        line for line in here[1:]
+        if _declared(line) and shapes[_shape(line)] < LEAST
+        and not names & {t for t in _tokens(line) if t != _declared(line)}
+    ]  # fmt: skip
+    rest = [line for line in here if line not in ahead]
+    return [*lines[:at], *ahead, *rest, *lines[at + LONGEST :]], at + len(ahead)
+
+
+_RESULT = re.compile(r"(?P<to>\*(?P<name>\w+)|\w+->(?P<member>\w+)) = (?P<value>.*);")
+
+
+def _with_locals(lines: Sequence[str], taken: set[str]) -> tuple[list[str], dict[str, str]]:
+    """Lines in which a result that is worked out as several locals are is a local first; which."""
+    made, results = list(lines), dict[str, str]()
+    shapes = Counter(_shape(line.partition(" = ")[2]) for line in lines if _declared(line))
+    words = {*taken, *re.findall(r"\w+", " ".join(lines))}
+    for line in lines:
+        found = _RESULT.fullmatch(line)
+        if found is None or shapes[_shape(f"{found['value']};")] < LEAST:
+            continue
+        name = f"{found['name'] or found['member']}_now"
+        used = [k for k, x in enumerate(made) if _declared(x) in _tokens(line) and _declared(x)]
+        if name in words or not used:
+            continue
+        made[made.index(line)] = f"{found['to']} = {name};"
+        made.insert(max(used) + 1, f"const double {name} = {found['value']};")
+        results[name] = found["to"]
+    return made, results
+
+
+def _without_locals(lines: Sequence[str], results: Mapping[str, str]) -> list[str]:
+    """Lines in which a local that is in no loop is the result that it is given to."""
+    made = list(lines)
+    for name, to in results.items():
+        start = f"const double {name} = "
+        own = next((line for line in made if line.startswith(start)), None)
+        if own is not None:
+            made.remove(own)
+            made[made.index(f"{to} = {name};")] = f"{to} = {own.removeprefix(start)}"
+    return made
 
 
 @dataclass
@@ -56,6 +131,7 @@ class _Run:
         before: by (line, token) line of the block before whose local is meant.
         own: by (line, token) line of the same block whose local is meant.
         first: by line of a block that the next one reads, what the first block has in its place.
+        begin: first value of the variable of the loop.
     """
 
     start: int
@@ -66,6 +142,7 @@ class _Run:
     before: dict[tuple[int, int], int] = field(default_factory=dict)
     own: dict[tuple[int, int], int] = field(default_factory=dict)
     first: dict[int, str] = field(default_factory=dict)
+    begin: int = 0
 
     @property
     def saved(self) -> int:
@@ -98,6 +175,7 @@ class _Run:
             n if n and local.count(n) == 1 and n not in others else names[0][q]
             for q, n in enumerate(local)
         ]
+        self.begin = self._begin(bool(arrays))
         made: list[str] = []
         later: dict[str, str] = {}
         for q in arrays:
@@ -128,9 +206,15 @@ class _Run:
             body.append(f"{to} = {value}")
             if q in carried:
                 behind.append(f"{carried[q]} = {local[q]}{'[i]' * (q in arrays)};")
-        loop = [f"for (int i = 0; i < {self.count}; ++i) {{"]
+        begin = self.begin
+        loop = [f"for (int i = {begin}; i < {self.count + begin}; ++i) {{"]
         loop += [f"    {line}" for line in [*body, *behind]] + ["}"]
         return [*made, *loop], later
+
+    def _begin(self, arrays: bool) -> int:
+        """Where the variable of the loop begins: with the first index, if all begin there."""
+        firsts = list(set(self.steps.values()))
+        return firsts[0][0] if not arrays and len(firsts) == 1 and firsts[0][1] == 1 else 0
 
     def _read_before(self, q: int) -> bool:
         """Whether nothing reads what the block before left after line q, which gives it anew."""
@@ -142,6 +226,7 @@ class _Run:
     ) -> str:  # fmt: skip
         if (q, k) in self.steps:
             value, step = self.steps[q, k]
+            value -= self.begin
             if k > 0 and self.tokens[q][k - 1] == "[":
                 index = "i" if step == 1 else f"{step} * i"
                 return f"{index} + {value}" if value else index
@@ -164,7 +249,7 @@ def _runs(lines: Sequence[str], at: int) -> Iterator[_Run]:
             return
         if not _LINE.match(lines[at + period - 1]):
             return
-        if _shape(lines[at]) != _shape(lines[at + period]):
+        if _outline(lines[at]) != _outline(lines[at + period]):
             continue
         run = _run(lines, at, period)
         if run.count >= LEAST:
@@ -182,14 +267,15 @@ def _run(lines: Sequence[str], at: int, period: int) -> _Run:
     own = {n: q for q, n in enumerate(names) if n}
     own2 = {n: q for q, n in enumerate(names2) if n}
     for q, (a, b) in enumerate(zip(first, second, strict=True)):
-        if len(a) != len(b):
+        aligned = _aligned(a, b, own)
+        if aligned is None:
             return run
-        for k, (x, y) in enumerate(zip(a, b, strict=True)):
+        for k, x, y in aligned:
             if y in own2 and own2[y] <= q and own.get(x) == own2[y]:
                 run.own[q, k] = own2[y]
             elif y in own and (x not in own):
                 run.before[q, k] = own[y]
-                if run.first.setdefault(own[y], x) != x or not re.fullmatch(r"[\w.]+", x):
+                if run.first.setdefault(own[y], x) != x or not re.fullmatch(_OPERAND, x):
                     return run
             elif x == y and x not in own:
                 continue
@@ -208,6 +294,33 @@ def _run(lines: Sequence[str], at: int, period: int) -> _Run:
     if kinds <= {"double"}:
         run.count = count
     return run
+
+
+def _aligned(
+    a: Sequence[str], b: Sequence[str], own: Mapping[str, int]
+) -> list[tuple[int, str, str]] | None:
+    """Tokens of a line of the second block, by number, with what the first has in their place.
+
+    What the block before has left may be an element or a member in the first block, which are
+    several tokens. And ``step`` there is ``1.0 * step``.
+    """
+    found: list[tuple[int, str, str]] = []
+    i = 0
+    for k, y in enumerate(b):
+        if i >= len(a):
+            return None
+        x = a[i]
+        if y == "2.0" and x != y and b[k + 1 : k + 5] == [" ", "*", " ", x]:
+            found.append((k, "1.0", y))
+            a = [*a[:i], y, " ", "*", " ", *a[i:]]
+        elif y in own and x not in own and (whole := re.match(_OPERAND, "".join(a[i:]))):
+            n = next(n for n in range(1, len(a)) if len("".join(a[i : i + n])) >= whole.end())
+            found.append((k, whole[0], y))
+            i += n - 1
+        else:
+            found.append((k, x, y))
+        i += 1
+    return found if i == len(a) else None
 
 
 def _fits(lines: Sequence[str], run: _Run, names: Sequence[str], block: int) -> bool:
@@ -238,8 +351,13 @@ def _tokens(line: str) -> list[str]:
     return _TOKEN.findall(line)
 
 
+def _outline(line: str) -> str:
+    """A line without operands, to tell quickly that two are not alike."""
+    return re.sub(r"\w+->|\[\w+\]|[\w.]+| \* ", "", line)
+
+
 def _shape(line: str) -> str:
-    """A line without names and numbers, to tell quickly that two are not alike."""
+    """A line without names and numbers."""
     return re.sub(r"[\w.]+", "", line)
 
 

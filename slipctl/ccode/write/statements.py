@@ -21,19 +21,27 @@ def if_(condition: list[str], *statements: str) -> str:
 
 
 def short(text: str) -> str:
-    """C text in which a function or a loop of one statement is one line, if there is room."""
+    """C text in which a function, a loop or a branch of one statement is one line, if it fits."""
 
     def joined(found: re.Match[str]) -> str:
-        line = f"{found['signature']} {{ {found['body']} }}"
+        line = f"{found['signature']} {{ {found['body']} }}{found['told'] or ''}"
         return line if len(line) <= WIDTH else found[0]
 
-    whole = re.compile(r"^(?P<signature>static [^\n;=]*\))\n\{\n    (?P<body>[^\n]*;)\n\}$", re.M)
+    whole = re.compile(
+        r"^(?P<signature>static [^\n;=]*\))\n\{\n"
+        r"    (?P<body>[^\n]*;)(?P<told> /\*[^\n]*\*/)?\n\}$",
+        re.M,
+    )
     text = whole.sub(joined, text)
     text = _TURNS.sub(_one_line, text)
+    text = _BRANCH.sub(_one_branch, text)
     text = _DECLARED.sub(_together, text)
-    return re.sub(r"(?<=^static )([^\n]* \}\n)\n(?=static [^\n]* \}$)", r"\1", text, flags=re.M)
+    return _NEXT.sub(r"\1", text)
 
 
+_NEXT = re.compile(
+    r"(?<=^static )([^\n]* \}(?: /\*[^\n]*\*/)?\n)\n(?=static [^\n]* \}(?: /\*[^\n]*\*/)?$)", re.M
+)
 _TURNS = re.compile(
     r"^(?P<for> *for \([^\n]*\) \{)\n +(?P<body>[^\n{}]*;)(?P<told>  /\*[^\n]*\*/)?\n *\}$", re.M
 )
@@ -42,6 +50,16 @@ _TURNS = re.compile(
 def _one_line(found: re.Match[str]) -> str:
     line = f"{found['for']} {found['body']} }}{found['told'] or ''}"
     return line if len(line) <= WIDTH else found[0]
+
+
+_BRANCH = re.compile(
+    r"^(?P<if> *if \([^{}]*\) \{)(?P<told> /\*[^\n]*\*/)?\n +(?P<body>[^\n{}]*;)\n *\}$", re.M
+)
+
+
+def _one_branch(found: re.Match[str]) -> str:
+    text = f"{found['if']} {found['body']} }}{found['told'] or ''}"
+    return text if len(text.rpartition("\n")[2]) <= WIDTH else found[0]
 
 
 _DECLARED = re.compile(r"(?:^ +(double|float) \w+(?:\[\d+\])?;\n){2,}", re.M)
@@ -90,16 +108,9 @@ def wrapped(result: str, function: str, *arguments: str) -> str:
     return "\n".join([*lines, line.rstrip()])
 
 
-def called(opening: str, texts: Sequence[str]) -> list[str]:
-    """Statement of a call, on as many lines as it takes."""
-    lines, line = [], opening
-    for k, text in enumerate(texts):
-        piece = text + (");" if k == len(texts) - 1 else ", ")
-        if len(line) + len(piece) > 84:
-            lines.append(line.rstrip())
-            line = "    "
-        line += piece
-    return [*lines, line]
+def called(opening: str, texts: Sequence[str]) -> str:
+    """Statement of a call."""
+    return f"{opening}{', '.join(texts)});"
 
 
 def broken(text: str) -> str:
@@ -114,10 +125,12 @@ def broken(text: str) -> str:
             lines += _with([line], behind)
             continue
         statement: list[str] = []
-        indent = " " * (len(line) - len(plain) + 4)
+        listed = bool(lines) and lines[-1].endswith("= {")  # elements: the others begin alike
+        indent = " " * (len(line) - len(plain) + (0 if listed else 4))
+        by_comma = listed or _CALL.fullmatch(plain) is not None
         while len(line) > WIDTH:
             at = max(line.rfind(mark, len(indent) + 8, WIDTH) for mark in _BREAKS)
-            if at < 0:  # behind a comma, before what the call is given next
+            if at < 0 or by_comma:  # behind a comma, before what the call is given next
                 at = line.rfind(", ", len(indent) + 8, WIDTH) + 1
             if at <= 0:
                 break
@@ -126,6 +139,8 @@ def broken(text: str) -> str:
         lines += _with([*statement, line], behind)
     return "\n".join(lines)
 
+
+_CALL = re.compile(r"\w+\(.*\);")
 
 _LOCAL = re.compile(r"(?P<indent> *)const double (?P<name>\w+) = ")
 _TOLD = re.compile(r"  /\*[^*]*\*/$")
@@ -166,6 +181,12 @@ def _indent(line: str) -> int:
 def _length(lines: Sequence[str]) -> int:
     """Lines that statements take."""
     return broken("\n".join(f"    {line}" for line in lines)).count("\n")
+
+
+def printed(lines: Sequence[str]) -> int:
+    """Lines that statements take, in which a loop of one statement may be one."""
+    text = short("".join(f"    {line}\n" for line in lines))
+    return broken(text).count("\n")
 
 
 _MOVED = re.compile(r"(?P<to>\w+->\w+)\[(?P<at>\d+)\] = (?P<source>\w+->\w+)\[(?P<begin>\d+)\];")
