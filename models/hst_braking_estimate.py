@@ -6,6 +6,7 @@ Signs as in the paper: T_b <= 0 and F_a <= 0 when braking.
 from casadi import (
     fabs,
     fmax,
+    fmin,
     logic_or,
 )
 
@@ -170,17 +171,18 @@ def speed_fusion(
     The paper presumes such a fusion (its reference 36) and does not give it. Kalman filter of speed
     and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). A braked
     one turns slower than the train, so it is a lower bound: the speed is corrected where the rim
-    is faster than the estimate. A gradient cannot be told from a bias.
+    is faster than the estimate. A gradient cannot be told from a bias. Speed and bias stay in their
+    ranges, whatever was read.
     """
     rim = r * omega
     S = P_vv + (r * sigma_w) ** 2 + sigma_c**2
     usable = logic_or(fabs(F_a) < F_roll, rim > v_h)
     K_v, K_b = usable * P_vv / S, usable * P_vb / S
     innovation = rim - v_h
-    v, b = v_h + K_v * innovation, b_h + K_b * innovation
+    v, b = v_h + K_v * innovation, fmax(-2, fmin(2, b_h + K_b * innovation))
     A_vv, A_vb, A_bb = (1 - K_v) * P_vv, (1 - K_v) * P_vb, P_bb - K_b * P_vb
     nxt = dict(
-        v_h=v + T * (a_m - b),
+        v_h=fmax(-1, fmin(120, v + T * (a_m - b))),
         b_h=b,
         P_vv=A_vv - 2 * T * A_vb + T**2 * A_bb + (T * sigma_a) ** 2,
         P_vb=A_vb - T * A_bb,

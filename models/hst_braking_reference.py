@@ -186,7 +186,7 @@ def gradient_search(form: str = "consistent") -> Block:
         the peak; it waits until the slip has followed.
         """
         if form == "printed-40":
-            following = best_h - h_1 * sign(chi)
+            following = fmax(-5, fmin(5, best_h - h_1 * sign(chi)))  # as far as it is declared
             return dict(best_h=following), dict(best=following)
         steep = fmax(-1, fmin(1, chi / chi_0))
         followed = logic_and(fabs(lam - best_h) < near, fresh)
@@ -309,7 +309,7 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         ),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
         T_most=Param(
-            "N m", 1e5, "torque on the wheel that cannot be", "thrice brake and rail", lo=1, hi=1e9
+            "N m", 3e4, "torque on the wheel that cannot be", "more than brake and rail", lo=1, hi=1e9
         ),
     ):
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.

@@ -20,6 +20,9 @@ samples, and alone below n + 2. With r the largest (t_1 + ... + t_k)^2/k over k 
 tells a change (twice the log-likelihood ratio of Student's t; gate^2 = r for many nu). So a shift D
 is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`smallest_shift`.
 
+What residuals show is taken for noise up to ``coarsest``. Samples that the law cannot fit, such as
+wrong ones, would show so much of it that no change is found any more.
+
 With ``echo`` the noise of a sample comes back with the opposite sign in the next, and sigma is that
 of one of the two. Residuals and regressors are then innovations
 (:mod:`slipctl.estimate.whitening`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
@@ -91,11 +94,12 @@ def windowed(
         # a change: the residual is beyond the prediction interval of the regression
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
         doubt = ca.fmax(row.T @ x["P"] @ row, 0)  # a variance; in float P may not be definite
+        noise = ca.fmin(x["scatter"], p["coarsest"] ** 2)
         if memory == 1:
-            interval = x["scatter"] * (1 + doubt / declared)
+            interval = noise * (1 + doubt / declared)
             changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * interval)
         else:
-            shift = new / ca.sqrt(x["scatter"] + doubt)
+            shift = new / ca.sqrt(noise + doubt)
             shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
             ratios = shift_ratios(shifts, memory, echo)
             freedom = BELIEF + ca.fmax(0, x["count"] - n)
@@ -184,6 +188,9 @@ def windowed(
                   hi=1e12).named(
                 "gate"
             ),
+            Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
+                  " samples that the law cannot fit would hide the next change", lo=1e-12,
+                  hi=1e12).named("coarsest"),
             Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
                   " after; the newest replaces them", lo=0, hi=1000).named("settling"),
             Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"

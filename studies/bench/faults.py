@@ -11,7 +11,7 @@ import argparse
 import math
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -66,11 +66,22 @@ def controllers(wanted: Sequence[str]) -> Iterator[tuple[str, Block, str, Scenar
                 yield f"{left}:{one}", loop, study.controller, case.scenario
 
 
-def settling(block: Block) -> float:
+LED = {
+    "u_sw": "super-twisting's integral moves by k2 per second",
+    "limited": "the shaped reference of hst_braking moves by up per second",
+    "best_h": "the gradient search moves by rate per second",
+}
+"""States that move at a limited rate: what a fault has led astray needs as long to come back."""
+
+
+def settling(block: Block) -> Callable[[float], float]:
     """Time in s after which a fault that was heard has left what a controller remembers.
 
-    100 ms for filters and laws. A window of least squares adds its length; one that forgets adds
-    the time until a sample counts for 2 %; a seeker adds four time constants of its slowest filter.
+    Returns:
+        Function of the time in s that the fault lasted. 100 ms for filters and laws. A window of
+        least squares adds its length; one that forgets adds the time until a sample counts for
+        2 %; a seeker adds four time constants of its slowest filter. A state of ``LED`` adds the
+        time that the fault lasted.
     """
     found = [0.0]
     own = block.param_values()
@@ -82,7 +93,8 @@ def settling(block: Block) -> float:
         if 0 < float(own.get(f"{at}forgetting", 1.0)) < 1:
             found.append(math.log(NEAR) / math.log(float(own[f"{at}forgetting"])) * period)
         found += [4 / float(own[f"{at}{c}"]) for c in ("w_l", "w_h") if f"{at}{c}" in own]
-    return SETTLED + max(found)
+    again = any(n.rpartition(".")[2] in LED for n in block.states)
+    return lambda lasted: SETTLED + max(found) + lasted * again
 
 
 def table(name: str) -> list[Fault]:

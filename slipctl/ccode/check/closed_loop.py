@@ -39,13 +39,15 @@ void closed_loop(const whole *sizes, plant_function plant, step_function step, d
                  double *u, const double *p, double *y, double *next, const double **arg,
                  double **res, whole *iw, double *w, const whole *seen, const whole *given,
                  double times, double value, REAL *in, const REAL *param, void *state,
-                 REAL *out, double *read, double *outputs, int *status, double *kept, char *before);
+                 REAL *out, double *read, double *truth, double *outputs, int *status, double *kept,
+                 char *before);
 
 void closed_loop(const whole *sizes, plant_function plant, step_function step, double *x,
                  double *u, const double *p, double *y, double *next, const double **arg,
                  double **res, whole *iw, double *w, const whole *seen, const whole *given,
                  double times, double value, REAL *in, const REAL *param, void *state,
-                 REAL *out, double *read, double *outputs, int *status, double *kept, char *before)
+                 REAL *out, double *read, double *truth, double *outputs, int *status, double *kept,
+                 char *before)
 {
     const whole nx = sizes[1];
     const whole n_in = sizes[4];
@@ -66,6 +68,7 @@ void closed_loop(const whole *sizes, plant_function plant, step_function step, d
             memcpy(state, before, (size_t)sizes[8]);
             for (i = 0; i < n_in; ++i) {
                 double u_i = y[seen[i]];
+                truth[k * n_in + i] = u_i;
                 if ((k < sizes[6]) && (i == sizes[7])) {
                     u_i = (times == 0.0) ? value : times * u_i;
                 }
@@ -102,9 +105,10 @@ class Wrong(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """Ticks of a run, one row each: inputs as read, outputs, status, state of the rest."""
+    """Ticks of a run, one row each: inputs as read and as they are, outputs, status, state of the rest."""
 
     read: np.ndarray
+    truth: np.ndarray
     outputs: np.ndarray
     status: np.ndarray
     rest: np.ndarray
@@ -176,6 +180,7 @@ class ClosedLoop:
         arg, res, iw, w = self._plant._work
         u = np.ascontiguousarray(self.u[at:end])
         read, outputs = np.empty((n, self.seen.size)), np.empty((n, self.given.size))
+        truth = np.empty_like(read)
         status, kept = np.empty(n, np.int32), np.empty((n, self.x.size))
         sizes = [n, self.x.size, u.shape[1], f.size1_out(1), self.seen.size, self.given.size,
                  wrong.ticks, wrong.element, m._state.nbytes, self.passes]  # fmt: skip
@@ -191,10 +196,17 @@ class ClosedLoop:
             of(self.x), of(u), of(p), of(y), of(following), (ctypes.c_void_p * arg)(),
             (ctypes.c_void_p * res)(), (ctypes.c_longlong * iw)(), of(scratch), of(seen),
             of(given), ctypes.c_double(wrong.times), ctypes.c_double(wrong.value), of(m._in),
-            of(m._param), of(m._state), of(m._out), of(read), of(outputs), of(status), of(kept),
-            of(before),
+            of(m._param), of(m._state), of(m._out), of(read), of(truth), of(outputs), of(status),
+            of(kept), of(before),
         )  # fmt: skip
-        return read, outputs, status.astype(int), kept
+        return read, truth, outputs, status.astype(int), kept
+
+    def watch(self, truth: np.ndarray) -> None:
+        """Let the module read rows of inputs; what it answers reaches nobody."""
+        m = self.module
+        for row in truth:
+            m._in[: row.size] = row
+            m._call("step", m._in, m._param, m._state, m._out)
 
     def keep(self) -> tuple[int, np.ndarray, np.ndarray]:
         """Where the run is now."""

@@ -14,7 +14,7 @@ agree to half of the tolerance; if there is none, how far it swings is compared.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -123,7 +123,7 @@ def faults(
     kinds: Iterable[str] = tuple(KINDS),
     lengths: Iterable[int] = LENGTHS,
     signals: Iterable[str] | None = None,
-    settling: float = SETTLED,
+    settling: Callable[[float], float] = lambda _: SETTLED,
     real: str = "double",
 ) -> list[Fault]:
     """Put each fault on each input of a part, in closed loop.
@@ -135,8 +135,8 @@ def faults(
         wheel: state of the plant that is the wheel's speed; at 0 it is locked.
         kinds, lengths: which faults.
         signals: inputs, by default each of the part.
-        settling: time in s after a fault in which all has to be as without it; an estimator may
-            state a longer one.
+        settling: from the time that a fault lasted to the time after it in which all has to be as
+            without it, both in s; an estimator may state a longer one.
         real: double or float.
     """
     from slipctl.ccode.check.logged import recorded
@@ -165,13 +165,13 @@ class _Instant:
 
     def __init__(
         self, whole: ClosedLoop, params: Mapping[str, Any], wheel: str, at: float,
-        last_good: np.ndarray, lengths: list[int], settling: float,
+        last_good: np.ndarray, lengths: list[int], settling: Callable[[float], float],
     ) -> None:  # fmt: skip
         self.whole, self.at, self.last, self.lengths = whole, at, last_good, lengths
-        self.settling, self.kept = settling, whole.keep()
+        self.kept = whole.keep()
+        self.allowed = {ticks: settling(ticks * whole.period) for ticks in lengths}
         left = whole.ticks - whole.tick - max(lengths)
-        self.after = min(round((AFTER + settling - SETTLED) / whole.period), left)
-        self.late = round(settling / whole.period)
+        self.after = min(round((AFTER + max(self.allowed.values())) / whole.period), left)
         self.plain = whole.run(max(lengths) + self.after)
         block, lay = whole.plan.block, whole.plan.layout
         self.ends = whole.plan.ends(lay.inputs, block.param_values(**params))
@@ -179,11 +179,6 @@ class _Instant:
         self.names = [m.name for m in lay.outputs for _ in range(m.size)]
         self.wheel = whole.places(wheel)
         self.windows = self._windows()
-        self.clean = {}
-        for ticks in lengths:
-            whole.go_back(self.kept)
-            whole.run(ticks)
-            self.clean[ticks] = whole.keep()
 
     def faults(self, k: int, name: str, kinds: list[str]) -> list[Fault]:
         """Each of some faults on input k."""
@@ -203,11 +198,11 @@ class _Instant:
                 without = _from(self.plain, ticks, ticks + self.after)
                 share, settled, worst = self._back(got, ticks, without)
                 own = settled
-                if settled > self.settling:
-                    own = self._back(got, ticks, self._unseen(got, ticks))[1]
+                if settled > self.allowed[ticks]:
+                    own = self._own(got, ticks)
                 found.append(Fault(
                     name, kind, ticks, self.at, int(told.sum()), int(false.sum()),
-                    int((false & ~told).sum()), share, settled, own, self.settling, worst,
+                    int((false & ~told).sum()), share, settled, own, self.allowed[ticks], worst,
                     self._locks(got) and not self._locks(held) and not self._locks(self.plain),
                 ))  # fmt: skip
         return found
@@ -251,15 +246,31 @@ class _Instant:
         """
         off = self._off(got.outputs[ticks:], than.outputs)
         well = (got.status[ticks:] == than.status) & ~off.any(axis=1)
-        worst = off[self.late :].sum(axis=0)
+        late = self._late(ticks)
+        worst = off[late:].sum(axis=0)
         name = self.names[int(np.argmax(worst))] if worst.any() else ""
-        return float(well[self.late :].mean()), _settled(well) * self.whole.period, name
+        return float(well[late:].mean()), _settled(well) * self.whole.period, name
 
-    def _unseen(self, got: Course, ticks: int) -> Course:
-        """Run from where a fault left the plant, with a controller that never saw it."""
-        tick, _, module = self.clean[ticks]
-        self.whole.go_back((tick, got.rest[ticks - 1], module))
-        return self.whole.run(self.after)
+    def _own(self, got: Course, ticks: int) -> float:
+        """Time in s after a fault from which on the module is one that read true samples.
+
+        The other run begins where the plant is when the time allowed is over. Its controller has
+        watched the plant on the way there, and read no wrong sample; it is in charge from then on.
+        """
+        late = self._late(ticks)
+        at = ticks + late
+        self.whole.go_back(self.kept)
+        self.whole.watch(got.truth[:at])
+        tick, _, module = self.whole.keep()
+        self.whole.go_back((tick + at, got.rest[at - 1], module))
+        than = self.whole.run(self.after - late)
+        off = self._off(got.outputs[at:], than.outputs)
+        well = (got.status[at:] == than.status) & ~off.any(axis=1)
+        return (late + _settled(well)) * self.whole.period
+
+    def _late(self, ticks: int) -> int:
+        """Ticks after a fault in which all has to be as without it."""
+        return round(self.allowed[ticks] / self.whole.period)
 
 
 def _from(course: Course, first: int, last: int) -> Course:
