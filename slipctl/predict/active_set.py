@@ -132,7 +132,7 @@ class ActiveSet:
         data = (D, E, U, before, self._marked(bounds), dx)
         none = ca.MX.ones(self.statuses) * NONE
         z = ca.vertcat(ca.MX.zeros(self.sizes[0] + self.sizes[1]), S, none, 1, 0, 0, 0)
-        z = self.passed(z, self.passes, data)
+        z = self.passed(z, self.passes, data, begun=True)
         if self.rescue:
             z = Interior(self).solve(z, data)
         return Found(*self.split(z))
@@ -168,14 +168,14 @@ class ActiveSet:
         edges = [sum(self.sizes[:k]) for k in range(len(self.sizes) + 1)]
         return [z[a:b] for a, b in pairwise(edges)]
 
-    def passed(self, z: Any, passes: int, data: tuple[Any, ...]) -> Any:
-        """Make at most so many passes from a column of :class:`Found`."""
+    def passed(self, z: Any, passes: int, data: tuple[Any, ...], begun: bool = False) -> Any:
+        """Make at most so many passes from a column of :class:`Found`, open if ``begun``."""
         if self.exactly:
             once = self._one_pass()
             for _ in range(passes):
                 z = once(z, *data)
             return z
-        return self._passing(passes, z, *data)
+        return self._passing(passes, z, *data, begun=begun)
 
     @cached_property
     def _passing(self) -> Repeated:

@@ -388,7 +388,8 @@ class Interior:
         of, data = self.of, self.of.data()
         z = ca.MX.sym("z", sum(of.sizes))
         X0, V0, S0, M0, _, residual0, _, passes0 = of.split(z)
-        state = Repeated(self._step(), -3)(of.rescue, self._begun(X0, V0, data), *data)
+        first = self._begun(X0, V0, data)
+        state = Repeated(self._step(), -3)(of.rescue, first, *data, begun=True)
         sizes = [*of.sizes[:2], *self._lengths, 1, 1, 1, 1]
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
         X, V, l, s, t, n, _, open_, residual, steps = (state[i:j] for i, j in pairwise(edges))

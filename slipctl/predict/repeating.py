@@ -108,29 +108,42 @@ def only_if(
 class Repeated:
     """Apply a Function (z, constants...) -> z again and again, as long as z[going] is above 0.
 
-    Two times it, four times it and so on are Functions of their own, each skipped where nothing is
-    left to do.
+    Two times it, four times it and so on are Functions of their own, each called only where
+    something is left to do.
     """
 
     def __init__(self, once: ca.Function, going: int) -> None:
         self.name, self.going = once.name(), going
         self.given = [ca.MX.sym(f"i{i}", once.sparsity_in(i)) for i in range(once.n_in())]
         self.stay = ca.Function(f"{self.name}_done", self.given, [self.given[0]])
-        self.powers = [self._maybe(once)]
+        self.powers = [once]
+        self.maybe = [self._maybe(once)]
 
     def _maybe(self, f: ca.Function) -> ca.Function:
         return ca.Function.if_else(f"{f.name()}_maybe", f, self.stay)
 
-    def __call__(self, most: int, z: Any, *constants: Any) -> Any:
-        """Result of at most so many times, a power of two after the other."""
+    def __call__(self, most: int, z: Any, *constants: Any, begun: bool = False) -> Any:
+        """Result of at most so many times, a power of two after the other.
+
+        Args:
+            most: how often at most.
+            z: what is begun with.
+            constants: the other arguments.
+            begun: z[going] is above 0 whatever the numbers are.
+        """
         while 2 ** len(self.powers) <= most:
-            y = self._go(self.powers[-1], self._go(self.powers[-1], *self.given), *self.given[1:])
+            y = self._go(-1, self._once(-1, *self.given), *self.given[1:])
             name = f"{self.name}_{2 ** len(self.powers)}"
-            self.powers.append(self._maybe(ca.Function(name, self.given, [y])))
+            self.powers.append(ca.Function(name, self.given, [y]))
+            self.maybe.append(self._maybe(self.powers[-1]))
         for k in reversed(range(len(self.powers))):
             if most & 2**k:
-                z = self._go(self.powers[k], z, *constants)
+                z = (self._once if begun else self._go)(k, z, *constants)
+                begun = False
         return z
 
-    def _go(self, f: ca.Function, z: Any, *constants: Any) -> Any:
-        return f(z[self.going] > 0, z, *constants)
+    def _once(self, k: int, *given: Any) -> Any:
+        return self.powers[k].call(list(given), False, True)[0]  # a call, not its text again
+
+    def _go(self, k: int, z: Any, *constants: Any) -> Any:
+        return self.maybe[k](z[self.going] > 0, z, *constants)

@@ -72,6 +72,11 @@ RANGES: Mapping[str, Mapping[str, Any]] = {
 }  # fmt: skip
 """Ranges of all that a predictive controller is fed, holds and is tuned to, by problem and name."""
 
+SLIP: Mapping[str, Any] = {
+    "source": "a rim of 60 m/s about to start, which gains less than 2 m/s",
+    "lo": -2 * FASTEST, "hi": 2 * FASTEST, "change": 4,
+}  # fmt: skip
+
 
 def held(problem: str, ctl: Block) -> Block:
     """A predictive controller with the ranges of its problem."""
@@ -86,15 +91,7 @@ def pi(plant: Block, h: float, gains: tuple[float, float]) -> Block:
     @step(**{name: Output(control.unit, "torque command", lo=0, hi="T_max")}, period=h, name="pi")
     def law(
         part=State("1", 0.1, "integral part over the largest torque", lo=0, hi=1),
-        s=Input(
-            "1",
-            "slip",
-            source="a rim of 60 m/s about to start, which gains less than 2 m/s",
-            lo=-2 * FASTEST,
-            hi=2 * FASTEST,
-            change=4,
-            **TRACTION,
-        ),  # fmt: skip
+        s=Input("1", "slip", **SLIP, **TRACTION),
         s_ref=Input(
             "1", "slip reference", source="beyond the peak of any rail", lo=0, hi=0.3, **TRACTION
         ),

@@ -34,6 +34,9 @@ _ASKED = re.compile(
 )
 _PASSED_ON = re.compile(r"^if \(\w+\(arg.*\)\) return 1;$")
 
+_FAILED = re.compile(r"\bfailed\b|\(arg, res, .*\) != 0\) \{$")
+"""The same behind CasADi's text: what is done where it failed."""
+
 _WATCHED = ("--coverage", "-O0")
 
 
@@ -120,10 +123,10 @@ def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
 
 
 def _by_call(lines: Iterable[Mapping[str, Any]], text: list[str]) -> set[int]:
-    """Numbers of lines in CasADi's text with a way that no call of the module asks for.
+    """Numbers of lines with a way that no call of the module asks for, in CasADi's text mostly.
 
     Such a line was reached, and one of its ways was not; or it stands in a template of CasADi
-    behind such a condition.
+    behind such a condition; or it says what is done where that text failed, and it cannot fail.
     """
     marks = [k for k, line in enumerate(text, start=1) if any(m in line for m in KERNEL)]
     if len(marks) != 2:
@@ -133,9 +136,11 @@ def _by_call(lines: Iterable[Mapping[str, Any]], text: list[str]) -> set[int]:
     found = set()
     for line in lines:
         number = line["line_number"]
-        if not first < number < last:
-            continue
         said = text[number - 1].strip()
+        if not first < number < last:
+            if not fails and _FAILED.search(said):
+                found.add(number)
+            continue
         template = line.get("function_name", "").startswith("casadi_")
         if line["count"] == 0:
             asked = template

@@ -141,23 +141,26 @@ static double value_of(int k, double at)
     }}
 }}
 
-/* A piece of the run, or what it ends with, changed in some inputs for some ticks. */
+/* A piece of the run, its end, or what it ends with, changed in some inputs for some ticks: often
+ * from the last one of the run on, behind what was found before. */
 static int made_up(void)
 {{
     const int length = 1 << (1 + below({bits}));
-    const int from = below(ticks);
-    const bool copy = below(2) == 0;
+    const int kind = below(3);
+    int from = (kind == 0) ? below(ticks) : ((kind == 1) ? ticks - 1 - below(length) : ticks - 1);
     int changes = 1 + below(3);
     int t;
     int k;
+    from = (from > 0) ? from : 0;
     for (t = 0; t < length; ++t) {{
-        const int at = copy ? (from + t) % ticks : ticks - 1;
+        const int at = (from + t < ticks) ? from + t : ticks - 1;
         copied(piece[t], run[at], sizeof(piece[t]));
     }}
     for (; changes > 0; --changes) {{
         const int which = below(N_IN);
-        const int begin = below(length);
-        const int end = begin + 1 + below(length - begin);
+        const bool last = (ticks - 1 - from < length) && (below(2) == 0);
+        const int begin = last ? ticks - 1 - from : below(length);
+        const int end = begin + 1 + below(below(2) == 0 ? length - begin : 1);
         const double to = value_of(which, (double)piece[begin][which]);
         const double by = to - (double)piece[begin][which];
         const int how = below(3);
@@ -358,12 +361,16 @@ def searched(
         ``ways`` that the own test takes, and ``new`` ones.
 
     Raises:
-        BadInput: there is nothing to vary.
+        BadInput: no inputs, or no tick to begin with.
         RunFailed: no compiler here knows how to watch a module.
     """
     n = plan.name
-    if not plan.n_in or not len(rows):
+    if not plan.n_in:
         raise BadInput(f"{plan.block.name} has no inputs to search; leave --vectors search out")
+    if not len(rows):
+        raise BadInput(
+            f"{plan.block.name} gives NaN or infinity on made-up inputs; search from those of a run"
+        )
     values = plan.block.param_values(**params)
     given = [float(v) for m in plan.layout.params for v in packed(m, values[m.name])]
     text = _DRIVER.format(
