@@ -390,30 +390,75 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k. There is no
     search and no index, so it differentiates and runs in C, in float too.
 
+    A table over two axes is ``interpolated((x, z), (xs, zs), ys)``, with a row of ``ys`` for each
+    place of x and a column for each of z: straight lines along z in each row, then along x.
+
     Args:
-        x: number or expression. xs: places, which rise. ys: heights over them, as many. Both are
-            numbers, or parameters of a shape.
+        x: number or expression, or two of them.
+        xs: places, which rise, or those of both axes.
+        ys: heights over them, as many, or a matrix. All are numbers, or parameters of a shape.
 
     Raises:
         BadInput: places that do not rise, or heights of another number.
     """
     import casadi as ca
 
-    def points(given: Any) -> list[Any]:
-        if isinstance(given, (ca.SX, ca.MX, ca.DM)):
-            return ca.vertsplit(given)
-        if isinstance(given, str) or not isinstance(given, Iterable):
-            raise BadInput(f"interpolated: {given!r:.40} is no list of numbers")
-        return list(given)
-
-    xs, ys = points(xs), points(ys)
-    if len(xs) != len(ys) or not xs:
+    if isinstance(x, tuple | list):
+        return _over_two(x, xs, ys)
+    xs, ys = _places(xs), _points(ys)
+    if len(xs) != len(ys):
         raise BadInput(f"interpolated: {len(xs)} places and {len(ys)} values; give as many of both")
-    for a, b in pairwise(xs):
-        if isinstance(a, int | float) and isinstance(b, int | float) and not b > a:
-            raise BadInput(f"interpolated: the place {b:g} comes after {a:g}; give them rising")
     found = ys[0]
     for k in range(len(xs) - 1):
         wide = xs[k + 1] - xs[k]
         found = found + (ys[k + 1] - ys[k]) / wide * ca.fmin(ca.fmax(x - xs[k], 0.0), wide)
     return found
+
+
+def _over_two(x: Any, xs: Any, ys: Any) -> Any:
+    """Heights over two axes: the ramps of each axis, from 0 to 1, are the same for all rows."""
+    import casadi as ca
+
+    if len(x) != 2 or not isinstance(xs, tuple | list) or len(xs) != 2:
+        raise BadInput("interpolated: give one number and its places, or two and those of both")
+    axes = [_places(places) for places in xs]
+    if isinstance(ys, ca.SX | ca.MX | ca.DM):
+        rows = [ca.horzsplit(row) for row in ca.vertsplit(ys)]
+    else:
+        rows = [_points(row) for row in _points(ys)]
+    if [len(rows), *{len(row) for row in rows}] != [len(places) for places in axes]:
+        raise BadInput(
+            f"interpolated: {len(rows)} rows of {', '.join(sorted({str(len(r)) for r in rows}))}"
+            f" values over {len(axes[0])} and {len(axes[1])} places; give a row for each of the"
+            " first and a value in it for each of the second"
+        )
+    first, second = (
+        [ca.fmin(ca.fmax(at - a, 0.0), b - a) / (b - a) for a, b in pairwise(places)]
+        for at, places in zip(x, axes, strict=True)
+    )
+
+    def line(heights: list[Any], shares: list[Any]) -> Any:
+        rises = [(b - a) * s for (a, b), s in zip(pairwise(heights), shares, strict=True)]
+        return sum(rises, heights[0])
+
+    return line([line(row, second) for row in rows], first)
+
+
+def _points(given: Any) -> list[Any]:
+    import casadi as ca
+
+    if isinstance(given, ca.SX | ca.MX | ca.DM):
+        return ca.vertsplit(given)
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise BadInput(f"interpolated: {given!r:.40} is no list of numbers")
+    return list(given)
+
+
+def _places(given: Any) -> list[Any]:
+    places = _points(given)
+    if not places:
+        raise BadInput("interpolated: no places; give at least one")
+    for a, b in pairwise(places):
+        if isinstance(a, int | float) and isinstance(b, int | float) and not b > a:
+            raise BadInput(f"interpolated: the place {b:g} comes after {a:g}; give them rising")
+    return places

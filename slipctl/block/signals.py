@@ -80,7 +80,8 @@ class Signal:
         values: what 0, 1, 2, ... mean, ``("apply", "hold", "release")``; of a signal that is true
             or not ``("no", "yes")``.
         rising: each element of a parameter is above the one before: places of a table.
-        over: parameter of these places, of one that holds the heights of a table there.
+        over: parameter of these places, of one that holds the heights of a table there; of a
+            matrix two, of its rows and of its columns.
     """
 
     role: str
@@ -105,7 +106,7 @@ class Signal:
     whole: bool = False
     values: tuple[str, ...] = ()
     rising: bool = False
-    over: str = ""
+    over: str | tuple[str, ...] = ""
 
     def __post_init__(self) -> None:
         if self.unit in KINDS:
@@ -357,7 +358,7 @@ def Param(
     per: str | None = None,
     values: tuple[str, ...] = (),
     rising: bool = False,
-    over: str = "",
+    over: str | tuple[str, ...] = "",
 ) -> Any:
     """Declare a parameter; an expression as ``value`` makes it derived, not settable itself."""
     return Signal("param", unit, value, doc, source, lo, hi, shape, positive, per, values=values,

@@ -8,8 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from controllers import REPRESENTATIVE
+from scipy.interpolate import RegularGridInterpolator
 from test_codegen import BLOCKS, matrices
 
 from slipctl import Input, Output, Param, connect, interpolated, step
@@ -82,6 +84,71 @@ def test_a_table_is_a_curve_over_its_places(part: str, tmp_path: Path) -> None:
     assert re.search(rf"/begin AXIS_PTS ctl_param\.{c}v_at .*\n .* 3 0\.0 200\.0\n", text)
     kind = rf"/begin CHARACTERISTIC ctl_param\.{c}F_at .*\n  CURVE 0x18 RL_VALUE .*\n"
     assert re.search(rf"{kind}.*COM_AXIS(?s:.)*AXIS_PTS_REF ctl_param\.{c}v_at\n", text)
+
+
+@step(period=0.01, F=Output("N", "force", lo=-1e6, hi=1e6))
+def field(
+    v=Input("m/s", "speed", lo=-100, hi=100),
+    m=Input("kg", "load", lo=0, hi=1e5),
+    v_at=Param("m/s", [0, 5, 20], "speeds", shape=(3,), lo=0, hi=200, rising=True),
+    m_at=Param("kg", [1e4, 3e4], "loads", shape=(2,), lo=0, hi=1e5, rising=True),
+    F_at=Param("N", [[9e3, 2e4], [8e3, 1.7e4], [2e3, 5e3]], "force there", shape=(3, 2), lo=0,
+               hi=1e6, over=("v_at", "m_at")),
+):  # fmt: skip
+    """A force by points over speed and load."""
+    return {}, dict(F=interpolated((v, m), (v_at, m_at), F_at))
+
+
+def test_a_table_over_two_axes_is_a_map(tmp_path: Path) -> None:
+    """x are the columns, the loads, y the rows, the speeds: as the matrix is laid down."""
+    codegen.c_module(field, tmp_path, "ctl")
+    assert "No problems found" in checked("--strict", "--check", str(tmp_path / "ctl.a2l"))
+    text = (tmp_path / "ctl.a2l").read_text()
+    kind = r"/begin CHARACTERISTIC ctl_param\.F_at .*\n  MAP 0x28 RL_VALUE .*\n"
+    axes = re.search(rf"{kind}((?s:.)*?)/end CHARACTERISTIC", text)
+    assert axes
+    assert re.findall(r"AXIS_PTS_REF ctl_param\.(\w+)", axes[1]) == ["m_at", "v_at"]
+    assert re.findall(r"CM_\d+ (\d) ", axes[1]) == ["2", "3"]
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_such_a_table_in_python_and_c_is_that_of_scipy(real: str, tmp_path: Path) -> None:
+    """Inside and beyond its ends, which hold; and with other points than it was written with."""
+    rng = np.random.default_rng(3)
+    module = codegen.c_module(field, tmp_path, "ctl", real=real).compile().load()
+    for points in ({}, {"F_at": rng.uniform(0, 1e5, (3, 2)), "v_at": [1.0, 2.0, 90.0]}):
+        values = field.param_values(**points)
+        places = [values["v_at"], values["m_at"]]
+        peer = RegularGridInterpolator(places, values["F_at"].reshape(3, 2))
+        v, m = rng.uniform(-20, 100, 200), rng.uniform(0, 5e4, 200)
+        inside = [np.clip(x, p[0], p[-1]) for x, p in zip((v, m), places, strict=True)]
+        wanted = peer(np.column_stack(inside))
+        ours = [field(v=a, m=b, **points)[1]["F"] for a, b in zip(v, m, strict=True)]
+        assert ours == pytest.approx(wanted, rel=1e-12)
+        got = module.reset(**points).replay({"v": v, "m": m})["F"]
+        assert got == pytest.approx(wanted, rel=1e-12 if real == "double" else 1e-4)
+
+
+def test_a_table_over_two_axes_needs_both(tmp_path: Path) -> None:
+    """One name for a matrix, places of another number, rows of another length: one line."""
+    v_at = Param("m/s", [0, 5, 6], shape=(3,), rising=True)
+    for over, said in (("v_at", "over 1 axes; name 2"), (("v_at", "v_at"), "over 'v_at'")):
+
+        @step(F=Output("N"))
+        def other(
+            v=Input("m/s"), v_at=v_at,
+            F_at=Param("N", [[1, 2], [3, 4], [5, 6]], shape=(3, 2), over=over),
+        ):  # fmt: skip
+            return {}, dict(F=v_at[0] * F_at[0])
+
+        with pytest.raises(BadInput, match=re.escape(said)):
+            codegen.c_module(other, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+    with pytest.raises(BadInput, match="2 rows of 2, 3 values over 2 and 2 places"):
+        interpolated((0, 0), ([0, 1], [0, 1]), [[1, 2], [1, 2, 3]])
+    with pytest.raises(BadInput, match="give one number and its places, or two"):
+        interpolated((0, 0, 0), ([0, 1], [0, 1]), [[1, 2], [3, 4]])
 
 
 def test_a_table_needs_its_places(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """A2L (ASAM MCD-2 MC, ASAP2 1.71): parameters and measurements for a calibration tool.
 
 One CHARACTERISTIC per parameter, one MEASUREMENT per input, state and output, each with unit,
-limits, and a COMPU_METHOD per unit or enumeration. A table is a CURVE
-over AXIS_PTS. Derived parameters, the status with its bits,
+limits, and a COMPU_METHOD per unit or enumeration. A table is a CURVE, or a
+MAP, over AXIS_PTS. Derived parameters, the status with its bits,
 and how long inputs have been bad are measured too. Its place (SYMBOL_LINK: name and offset) is one
 in an instance of the module's structs. The firmware names that ``ctl_param_instance``,
 ``ctl_in_instance`` and so on, and keeps what the step returns in ``ctl_status_instance``.
@@ -232,16 +232,23 @@ def _characteristic(plan: Plan, m: Member, offset: int, methods: Methods) -> str
         )
     kind, dims = "VALUE" if m.scalar else "VAL_BLK", _dims(m)
     if there := places_of(plan.block.params, m.name):
-        places = next(p for p in plan.layout.params if p.name == there)
-        kind, dims = "CURVE", (
-            f"\n  /begin AXIS_DESCR COM_AXIS NO_INPUT_QUANTITY {_method(places, methods)} {m.size}"
-            f" {_limits(plan, places)}\n    AXIS_PTS_REF {_name(plan, 'param', places)}\n"
-            "    MONOTONY STRICT_INCREASE\n  /end AXIS_DESCR"
-        )  # fmt: skip
+        found = {p.name: p for p in plan.layout.params}
+        # the columns of a matrix are x, its rows y
+        axes = [_axis(plan, found[n], methods) for n in reversed(there)]
+        kind, dims = "CURVE" if len(there) == 1 else "MAP", "".join(axes)
     return (
         f"/begin CHARACTERISTIC {name} {_about(m)}\n"
         f"  {kind} 0x{offset:X} RL_VALUE 0 {_method(m, methods)} {_limits(plan, m)}"
         f"{dims}{link}\n/end CHARACTERISTIC"
+    )
+
+
+def _axis(plan: Plan, places: Member, methods: Methods) -> str:
+    return (
+        f"\n  /begin AXIS_DESCR COM_AXIS NO_INPUT_QUANTITY {_method(places, methods)}"
+        f" {places.size} {_limits(plan, places)}\n"
+        f"    AXIS_PTS_REF {_name(plan, 'param', places)}\n"
+        "    MONOTONY STRICT_INCREASE\n  /end AXIS_DESCR"
     )
 
 
