@@ -123,11 +123,11 @@ def said(number: object) -> str:
     return " ".join(str(number).split())
 
 
-def close(have: str, wanted: str) -> bool:
+def close(have: str, wanted: str, near: float = NEAR) -> bool:
     """Whether two entries are the same, as numbers where they are numbers."""
     if have == wanted:
         return True
     try:
-        return bool(np.isclose(float(have), float(wanted), rtol=NEAR, atol=1e-9))
+        return bool(np.isclose(float(have), float(wanted), rtol=near, atol=near / 100))
     except ValueError:
         return False
