@@ -32,6 +32,9 @@ from written_blocks import ASKED, FOLDERS, MADE
 
 from slipctl import Block, __version__
 from slipctl.ccode import codegen
+from slipctl.ccode.check import fuzz, proof, rounding
+from slipctl.ccode.check.comparison import trial_rows
+from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.ship.fmu import fmus
 from slipctl.ccode.write.plan import Plan
 
@@ -112,6 +115,26 @@ def folder(what: str) -> Iterator[list[str]]:
     yield from (row(f"folder of {what}", n, t) for n, t in texts.items())
 
 
+def checked(what: str) -> Iterator[list[str]]:
+    """What tools are given to run a module: harnesses, options, texts made for them."""
+    name, planned, _ = ASKED[what]
+    plan = Plan(block(name), **planned)
+    text = codegen.texts(plan)[f"{plan.name}.c"]
+    made = {
+        "harness.c": proof.harness(plan), "options": " ".join(proof._options(plan, text)),
+        "written out": proof.written_out(text), "any": proof.any_results(plan, text),
+        "claims": str(proof._claims(proof.harness(plan))), "fuzz.c": fuzz.harness(plan),
+        "binding": CModule(Path("."), plan).binding, "inexact": str(rounding.inexact(text)),
+        "rows": vectors(trial_rows(plan)), "narrow": vectors(trial_rows(plan, 1e-2)),
+    }  # fmt: skip
+    yield from (row(f"tools for {what}", n, t) for n, t in made.items())
+
+
+def vectors(rows: np.ndarray) -> str:
+    """Numbers that are made up by sums and products alone."""
+    return " ".join(float(v).hex() for v in rows.ravel())
+
+
 def representative(name: str) -> Iterator[list[str]]:
     """The source of a shipped controller, without the words of its models."""
     plan = Plan(block(name))
@@ -119,9 +142,12 @@ def representative(name: str) -> Iterator[list[str]]:
     yield [*made[:3], "", made[4]]
 
 
+TOOLS = ("part", "bounded", "careful in float", "sums", "tables", "repeating", "another name",
+         "derived", "long_names in float", "alone")  # fmt: skip
 WHAT: dict[str, Any] = {
     **{w: (module, w) for w in ASKED},
     **{f"folder of {w}": (folder, w) for w in FOLDERS},
+    **{f"tools for {w}": (checked, w) for w in TOOLS},
     **{f"controller of {n}": (representative, n) for n in REPRESENTATIVE},
 }
 

@@ -37,11 +37,11 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
 
     signal.signal(signal.SIGPROF, too_long)
     signal.setitimer(signal.ITIMER_PROF, LONG)
-    sys.setprofile(note)
+    sys.settrace(note)  # no profiler: what names results of equations gives way to one
     try:
         result = yield
     finally:
-        sys.setprofile(None)
+        sys.settrace(None)
         signal.setitimer(signal.ITIMER_PROF, 0)
     own = [c for c in codes.values() if "slipctl" in c.co_filename]
     seen = sorted({f"{c.co_filename}:{c.co_qualname.replace('.<locals>', '')}" for c in own})
