@@ -7,6 +7,8 @@ from casadi import (
     fabs,
     fmax,
     fmin,
+    if_else,
+    logic_and,
     logic_or,
 )
 
@@ -146,6 +148,9 @@ def speed_fusion(
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed", "(10 m/s)^2", lo=0, hi=100),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias", "of both ends", lo=-20, hi=20),
     P_bb=State("m^2/s^4", 4e-4, "variance of the bias", "(2 m/s^2)^2", lo=0, hi=4),
+    rolled=State(
+        "1", "calm", "ticks that the wheel has rolled", "as many as are asked for", lo=0, hi=1000
+    ),
     omega=Input("rad/s", "measured wheel speed"),
     a_m=Input(
         "m/s^2",
@@ -163,20 +168,41 @@ def speed_fusion(
     sigma_w=Param("rad/s", 1e-3, "noise of the wheel speed per sample", lo=1e-9, hi=1),
     sigma_c=Param("m/s", 0.02, "creep of a rolling wheel", GUESS, lo=0, hi=100),
     F_roll=Param("N", 300.0, "adhesion force up to which a wheel rolls", GUESS, lo=0, hi=1e6),
+    far=Param(
+        "m/s",
+        1.0,
+        "rim and estimate are no further apart while a wheel rolls",
+        "added; twice the largest of the runs",
+        lo=0,
+        hi=100,
+    ),
+    calm=Param(
+        "1",
+        20.0,
+        "ticks of a small force after which the wheel rolls; four time constants"
+        " of the adhesion filter",
+        "added",
+        lo=0,
+        hi=1000,
+    ),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
     T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
 ):
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
 
     The paper presumes such a fusion (its reference 36) and does not give it. Kalman filter of speed
-    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). A braked
+    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). After wrong
+    samples a force may change its sign, and is small for a moment while the wheel slides. So where
+    the rim is further off, the force has to be small for ``calm`` ticks. A braked
     one turns slower than the train, so it is a lower bound: the speed is corrected where the rim
-    is faster than the estimate. A gradient cannot be told from a bias. Speed and bias stay in their
-    ranges, whatever was read.
+    is faster than the estimate. A gradient cannot be told from a bias. Speed, bias and slip
+    ratio stay in their ranges, whatever was read.
     """
     rim = r * omega
     S = P_vv + (r * sigma_w) ** 2 + sigma_c**2
-    usable = logic_or(fabs(F_a) < F_roll, rim > v_h)
+    small = fabs(F_a) < F_roll
+    rolls = logic_and(small, logic_or(fabs(rim - v_h) < far, rolled >= calm))
+    usable = logic_or(rolls, rim > v_h)
     K_v, K_b = usable * P_vv / S, usable * P_vb / S
     innovation = rim - v_h
     v, b = v_h + K_v * innovation, fmax(-2, fmin(2, b_h + K_b * innovation))
@@ -187,8 +213,9 @@ def speed_fusion(
         P_vv=A_vv - 2 * T * A_vb + T**2 * A_bb + (T * sigma_a) ** 2,
         P_vb=A_vb - T * A_bb,
         P_bb=A_bb + T * sigma_b**2,
+        rolled=if_else(small, fmin(calm, rolled + 1), 0),
     )
     floor = fmax(v, v_0)
-    lam = (v - rim) / floor
+    lam = fmax(-1.5, fmin(1.5, (v - rim) / floor))
     variance_lam = ((1 - lam) / floor) ** 2 * A_vv + (r * sigma_w / floor) ** 2
     return nxt, dict(v=v, lam=lam, variance_v=A_vv, variance_lam=variance_lam)
