@@ -309,7 +309,12 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         ),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
         T_most=Param(
-            "N m", 3e4, "torque on the wheel that cannot be", "more than brake and rail", lo=1, hi=1e9
+            "N m",
+            3e4,
+            "torque on the wheel that cannot be",
+            "more than brake and rail",
+            lo=1,
+            hi=1e9,
         ),
     ):
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
@@ -344,6 +349,13 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
     return meter
 
 
+AHEAD = -0.1
+"""Least slip ratio of a braked wheel: it does not run ahead of the train, but for noise."""
+
+MOST = 2.0
+"""Twice the largest adhesion."""
+
+
 def averaged(adhesion: Block) -> Block:
     """Make the law of the mean adhesion over a window in which the slip has a spread.
 
@@ -351,6 +363,9 @@ def averaged(adhesion: Block) -> Block:
         adhesion: law from ``lam`` to ``mu``.
 
     Mean mu = mu(lam) + lam_var/2 d2mu/dlam2 at the mean slip, from the exact second derivative.
+    Exponentials of a slip below ``AHEAD`` are no adhesion, nor is two orders of a series in a spread
+    that is large. So the slip counts as ``AHEAD`` there, and the mean is ``MOST`` at most: such a
+    sample tells nothing.
     """
     lam = adhesion.inputs["lam"]
     names = [n for n, s in adhesion.params.items() if not s.derived]
@@ -359,7 +374,8 @@ def averaged(adhesion: Block) -> Block:
         at = SX.sym("lam")
         mu = adhesion.expr({}, {"lam": at}, adhesion.derive({n: p[n] for n in names}))[1]["mu"]
         bend = jacobian(jacobian(mu, at), at)
-        mean = substitute(mu + u["lam_var"] / 2 * bend, at, u["lam"])
+        mean = substitute(mu + u["lam_var"] / 2 * bend, at, fmax(u["lam"], AHEAD))
+        mean = fmax(-MOST, fmin(MOST, mean))
         return {}, {"mu": mean}
 
     return make_block(

@@ -125,13 +125,13 @@ def tracking(
     x=Input(
         "m",
         "position",
-        source="a thousand km; twice the distance of a tick at 430 km/h",
+        source="a thousand km; a quarter more than the way of a tick at 430 km/h",
         lo=-1000,
         hi=1e6,
-        change=0.25,
+        change=0.15,
     ),
     v=Input(
-        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.2
+        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.15
     ),
     x_d=Input(
         "m",
@@ -139,10 +139,15 @@ def tracking(
         source="a thousand km; that of the position",
         lo=-1000,
         hi=1e6,
-        change=0.25,
+        change=0.15,
     ),
     v_d=Input(
-        "m/s", "target speed", source="430 km/h; that of the speed", lo=-1, hi=120, change=0.2
+        "m/s",
+        "target speed",
+        source="430 km/h; twice the largest target acceleration",
+        lo=-1,
+        hi=120,
+        change=0.01,
     ),
     a_d=Input(
         "m/s^2",

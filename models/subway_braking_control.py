@@ -393,6 +393,8 @@ def estimating_controller(
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
     probing = form == "window"
     estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1, echo=echo)
+    if probing:  # noise of the adhesion is 0.01; five times as much is none
+        estimator = estimator.with_params(coarsest=0.05)
     estimator = fit_ranged(estimator, adhesion)
     inner = controller(slip_law, "slip")
     wires = {
@@ -421,4 +423,10 @@ def estimating_controller(
     parts |= {"curve": opened(adhesion), "slip": inner}
     for n in unknown:
         wires |= {f"{b}.{n}": f"estimator.{n}" for b in fed}
-    return connect(name, wires, share=SHARED, **parts)
+    block = connect(name, wires, share=SHARED, **parts)
+    noise = "below 0 noise alone: a braked wheel is pushed forwards and does not run ahead"
+    return ranged(
+        block,
+        mu_m=Input("1", source=noise, lo=-0.25, hi=1),
+        v_s_m=Input("m/s", source=noise, lo=-0.5, hi=120, change=0.5),
+    )
