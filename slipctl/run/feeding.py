@@ -151,6 +151,19 @@ def _asked(where: str, feed: Any, times: np.ndarray) -> Any:
         ) from error
 
 
+def _spread(
+    where: str, values: np.ndarray, wanted: tuple[int, ...], each: tuple[int, ...] = ()
+) -> np.ndarray:
+    """Values in a shape, repeated where that is longer."""
+    try:
+        return np.broadcast_to(values, wanted)
+    except ValueError:
+        a_tick = f" or, for all ticks, {each}" if each else ""
+        raise BadInput(
+            f"{where}: its feed gives an array {values.shape}, wanted is {wanted}{a_tick}"
+        ) from None
+
+
 def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float) -> np.ndarray:
     """Values of one input over all ticks, in range and element by element as the loop packs it."""
     wanted = (ticks, *s.shape)
@@ -167,10 +180,10 @@ def _values(where: str, s: Signal, feed: Feed | np.ndarray, ticks: int, h: float
                     f"{where}: its feed starts at {starts[0]:g} s; say what it is from 0 s on"
                 )
             at = np.searchsorted(first_tick(starts, h), np.arange(ticks), side="right") - 1
-            steps = [np.broadcast_to(real_array(v), s.shape) for _, v in feed]
+            steps = [_spread(where, real_array(v), s.shape) for _, v in feed]
             values = np.array(steps)[np.maximum(at, 0)]
         else:
-            values = np.broadcast_to(real_array(feed), wanted)
+            values = _spread(where, real_array(feed), wanted, s.shape)
     except BadInput:
         raise
     except (TypeError, ValueError) as error:

@@ -75,6 +75,12 @@ BOARDS = ("cortex-m4", "cortex-m7")
 ON_BOARD = slice(20, 80)
 """Ticks that run on the boards; a change of rail is among them."""
 
+TOO_LARGE = (("160 stages", "double"),)
+"""What a board with 4 MB has no memory for: its test has three instances, of 1.4 MB each."""
+
+MOST_STATES = 30_000
+"""Numbers of states over these ticks that a board has memory for; more states, fewer ticks."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -188,7 +194,10 @@ PROBLEMS: dict[str, Callable[[], tuple[Block, np.ndarray]]] = {
 
 def on_boards(block: Block, rows: np.ndarray, real: str) -> dict[str, Any]:
     """Bytes, stack and instructions of a tick on each board, and whether Python says the same."""
-    given = dict(zip(block.inputs, rows[ON_BOARD].T, strict=True))
+    ticks = min(len(rows[ON_BOARD]), MOST_STATES // sum(s.size for s in block.states.values()))
+    middle = (ON_BOARD.start + ON_BOARD.stop) // 2
+    some = rows[middle - ticks // 2 : middle - ticks // 2 + ticks]
+    given = dict(zip(block.inputs, some.T, strict=True))
     with tempfile.TemporaryDirectory() as folder:
         report = codegen.check(block, given, folder, real=real, target=",".join(BOARDS))
     return {"passed": report["passed"]} | {
@@ -245,7 +254,8 @@ def measured(names: Sequence[str], pairs: int, against: str | None) -> dict[str,
                     programs[f"{name}{word}, {real}"] = built(
                         folder, module.name, real, rows, folder / f"built_{k}", k
                     )
-                found[f"{name}, {real}"] = on_boards(block, rows, real)
+                if (name, real) not in TOO_LARGE:
+                    found[f"{name}, {real}"] = on_boards(block, rows, real)
         if against is not None:
             rows, earlier = recorded(make()), written_by(against, work / "against")
             for real in ("double", "float"):

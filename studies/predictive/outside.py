@@ -22,7 +22,7 @@ def do_mpc(p: Problem) -> dict[str, Any]:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of features that are not asked for
-        controller, template = _controller(p)
+        controller, template = as_user_writes(p)
     left: list[float] = []
 
     def command(*given: float) -> tuple[float, ...]:
@@ -44,7 +44,7 @@ def do_mpc(p: Problem) -> dict[str, Any]:
                 slip=max(slip(x) for x in found.x[1:]))  # fmt: skip
 
 
-def _controller(p: Problem) -> tuple[Any, Any]:
+def as_user_writes(p: Problem) -> tuple[Any, Any]:
     """The problem as a user of do-mpc writes it, and the template of what is known."""
     import do_mpc
 

@@ -220,6 +220,18 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
         tick(10, 10.05, 1, 0, 0.3, 0.02)
 
 
+@pytest.mark.usefixtures("needs_compiler")
+@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+def test_a_solver_that_calls_compiled_c_gives_the_bits_of_the_interpreted(solver):
+    """For measuring times; a block that is made afterwards is interpreted again."""
+    given = (10, 10.1, 2, 0, 0.3, 0.02)
+    with reference.compiled():
+        quick = Driver(make(horizon=3, substeps=2, solver=solver), compile=False)
+    assert "jit" not in reference.QUIET
+    slow = Driver(make(horizon=3, substeps=2, solver=solver), compile=False)
+    assert (quick(*given) == slow(*given)).all()
+
+
 def test_rates_and_soft_limits_per_axle_are_ipopts():
     """Two axles that lose their rail one after the other; 1e-5: IPOPT's end, 1e-8 of its slopes."""
     axles = ("a0", "a1")

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from slipctl import BadInput, Input, Output, State, flow, law, nmpc, one
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Scenario,
+    State,
+    connect,
+    flow,
+    law,
+    nmpc,
+    one,
+    sampled,
+    simulate,
+)
 from slipctl.ccode import codegen
 from slipctl.predict.trials import Driver
 
@@ -34,7 +47,6 @@ def place(x=Input("m", "position"), to=Input("m", "wanted", value=0.0), F=Input(
 
 def test_an_input_of_a_connected_plant_goes_by_its_short_name():
     """Where two end alike, both go by their whole names."""
-    from slipctl import connect
     from slipctl.predict.joining import joined
 
     apart = connect("one", {}, a=cart)
@@ -261,6 +273,20 @@ def test_bad_input_is_one_line(options, text):
     with pytest.raises(BadInput, match=text) as error:
         make(**({"cost": speed} | options))
     assert "\n" not in str(error.value)
+
+
+def test_a_preview_that_is_too_short_is_told_before_a_run():
+    """As the feed of a scenario: both shapes that would pass are named."""
+    block = nmpc(cart, speed, "F", h=H, horizon=5, preview=["w"])
+    loop = connect(
+        "loop",
+        {"ctl.x": "cart.x", "ctl.v": "cart.v", "cart.F": "ctl.F"},
+        ctl=block,
+        cart=sampled(cart, H),
+    )
+    short = Scenario("short", 1.0, inputs={"ctl.w": np.ones(4)})
+    with pytest.raises(BadInput, match=r"gives an array \(4,\), wanted is \(10, 6\) or, for all"):
+        simulate(loop, short, compile=False)
 
 
 def test_a_preview_that_is_too_short_is_told():
