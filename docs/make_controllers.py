@@ -15,6 +15,7 @@ from made import made
 
 from slipctl.ccode.ship.readable import table
 from slipctl.studies.bench.c_targets import passed
+from slipctl.studies.bench.predictive import Goal, judged
 from slipctl.study.processor import METRIC
 
 HERE = Path(__file__).parent
@@ -56,6 +57,23 @@ of the same block. *Wanted* is ten times fewer where functions such as `exp` and
 and five elsewhere.
 """
 
+FORMS = """\
+## Forms of predictive control, and the window
+
+The slip problem of [the study](predictive.md) in the forms of [predictive control](nmpc.md), four
+of its axles in one controller, and the window of 30 samples on the wheel of `hst_braking`.
+*Deadline* makes four passes in each tick. *Branching* has two scenarios, a shared stage and rates.
+Counted on both boards over a change of rail, beside Python
+([evidence](evidence/predictive_c.json)); 160 stages in double do not fit on them. Bytes of text,
+stack and instructions of a step; the M4 computes double in software.
+"""
+
+GOALS_HEAD = """\
+What was wanted of them. Times are CPU time on the machine of the evidence, the least of the
+repeats; ratios are of programs that ran in turn.
+`python -m slipctl.studies.bench.predictive --against 3fc3fbf` measures it again.
+"""
+
 IN_LOOP = """\
 ## In the loop
 
@@ -72,10 +90,11 @@ OPEN = """\
 
 def page() -> str:
     """Text of the page."""
-    evidence, in_loop = (
+    evidence, in_loop, forms = (
         json.loads((EVIDENCE / f"{n}.json").read_text(encoding="utf-8"))
-        for n in ("c_targets", "pil")
+        for n in ("c_targets", "pil", "predictive_c")
     )
+    found: dict[str, Any] = forms["numbers"]["predictive_c"]["numbers"]
     rows: dict[str, Any] = evidence["numbers"]["c_targets"]["rows"]
     least = [n for n, r in rows.items() if "times_ours" in r["casadi_float"]]
     few = [n for n in least if _times(rows[n]) < rows[n]["casadi_float"]["wanted"]]
@@ -93,7 +112,13 @@ def page() -> str:
     parts = [
         HEAD, f"Measured {evidence['date']}. {summary}", HOLDS,
         table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
-        table(costs, (_costs(n, r) for n, r in rows.items())), OPEN,
+        table(costs, (_costs(n, r) for n, r in rows.items())),
+        FORMS, f"Measured {forms['date']}.", table(
+            ["form", "real", "holds", "M4 text", "M4 stack", "M4 mean", "M4 most", "M7 text",
+             "M7 mean", "M7 most"],
+            (_form(n, r) for n, r in found.items() if isinstance(r, dict) and "passed" in r),
+        ), GOALS_HEAD, table(["what", "real", "measured", "at most", "unit", "reached"],
+                             map(_goal, judged(found))), OPEN,
         "\n".join(line for n, r in rows.items() for line in _open(n, r)),
         IN_LOOP, table(["loop", "real", "ticks", "plant", "beyond 1 %", "passed"],
                        map(_in_loop, in_loop["numbers"].values())),
@@ -145,6 +170,21 @@ def _costs(name: str, row: Mapping[str, Any]) -> list[str]:
         f"{m4['instructions_mean']:.0f}", str(m4["instructions_most"]), *beside,
         f"{m7['instructions_mean']:.0f}",
     ]  # fmt: skip
+
+
+def _form(name: str, row: Mapping[str, Any]) -> list[str]:
+    form, real = name.rsplit(", ", 1)
+    m4, m7 = row["cortex-m4"], row["cortex-m7"]
+    counts = [m4["text"], m4["stack"], round(m4["mean"]), m4["most"], m7["text"],
+              round(m7["mean"]), m7["most"]]  # fmt: skip
+    return [form, real, "yes" if row["passed"] else "no", *map(str, counts)]
+
+
+def _goal(one: tuple[Goal, str, float]) -> list[str]:
+    goal, real, value = one
+    unit, told = "" if goal.unit == "1" else goal.unit, f"{value:.3g}"
+    told = told if value < 1e3 else f"{value:.0f}"
+    return [goal.name, real, told, f"{goal.most:g}", unit, "yes" if value <= goal.most else "no"]
 
 
 def _open(name: str, row: Mapping[str, Any]) -> list[str]:

@@ -4,7 +4,7 @@ The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDE
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
 ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
-``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``; ``attacked``.
+``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``; ``attacked``; ``solver_times``.
 """
 
 from __future__ import annotations
@@ -207,10 +207,29 @@ def searches(results: Path, words: list[str]) -> str:
     return rows_to_text(head, rows)
 
 
+def solver_times(results: Path, words: list[str]) -> str:
+    """A row per problem and solver: time of a tick, how often ours, how it ran, bytes of C."""
+    file = DOCS / "evidence" / "predictive_c.json"
+    found = json.loads(file.read_text(encoding="utf-8"))["numbers"]["predictive_solvers"]["rows"]
+    ours = {r["problem"]: r["tick_s"] for r in found if r["solver"] == "one iteration"}
+    rows = []
+    for r in found:
+        took = r["tick_s"]
+        text = [f"{r[f'text, {real}'] / 1e3:.1f}" if f"text, {real}" in r else "–"
+                for real in ("double", "float")]  # fmt: skip
+        took_text = ["–", "–"]
+        if took is not None:
+            took_text = [f"{1e6 * took:.3g}", f"{took / ours[r['problem']]:.3g}"]
+        rows.append([r["problem"], r["solver"], *took_text, r["how"], *text])
+    head = ["problem", "solver", "a tick [us]", "times ours", "how it ran", "C [kB], double",
+            "C [kB], float"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
           "adversary": adversary_cases, "enclosures": enclosures,
           "ends": ends, "gradients": gradients, "attacked": attacked,
-          "searches": searches}  # fmt: skip
+          "searches": searches, "solver_times": solver_times}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):

@@ -11,7 +11,7 @@ from slipctl.models.hst_braking_estimate import adhesion_filter, wheel_model
 from slipctl.predict.trials import Driver
 from slipctl.study.doors import build_cases, load_study
 
-DRIFTS = {1e-3: 1e6, 1e-2: 1e8, 5e-2: 1e8}
+DRIFTS = {1e-3: 1e6, 1e-2: 1e8, 5e-2: 3e8}
 """Drift of the adhesion force in N^2/s by the standard deviation of the measured wheel speed in
 rad/s: about as quick after a change of the rail as the filter of the paper."""
 
