@@ -15,7 +15,7 @@ t n = m with n = w + q t - l, Newton's linear equations, those of one recursion:
 
 so that a row adds R' W R and R' (W (e - t0) + (s l + m)/(s + d l)), W = l/(s + d l), to the cost.
 Two solutions a step, after Mehrotra (1992): one for m = 0, whose success chooses m, one with its
-product of steps taken off. Nothing can cycle: m falls. At the end the statuses are read off and the
+product of steps taken off, of a short step a part of it. Nothing can cycle: m falls. At the end the statuses are read off and the
 active set makes its passes from them, which gives the solution to the last digits.
 """
 
@@ -45,6 +45,10 @@ ENOUGH = 1e-13
 
 NEARLY = 0.5
 """Mark of a state that is near enough, from which steps may still lead nearer."""
+
+SHORT = 0.3
+"""Share of a whole step below which its product of steps counts less; else it may go on for ever
+(Salahi, Peng, Terlaky, SIAM Journal on Optimization 18, 2007)."""
 
 WIDE = 1e3
 """Distance, in sizes of a control, at which a bound is none."""
@@ -262,7 +266,8 @@ class Interior:
         reach = _reach(now, ahead, 1.0)
         tried = _mean([v + reach * d for v, d in zip(now, ahead, strict=True)])
         target = mean * (tried / mean) ** 3
-        turn = [ahead[0] * ahead[1], ahead[2] * ahead[3]]
+        share = ca.fmin(1, reach / SHORT)
+        turn = [share * ahead[0] * ahead[1], share * ahead[2] * ahead[3]]
         found = solve(*now, *turn, target, *data)
         ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
         part = _reach(now, ahead, 0.995)
