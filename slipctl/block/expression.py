@@ -391,7 +391,7 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     search and no index, so it differentiates and runs in C, in float too.
 
     A table over two axes is ``interpolated((x, z), (xs, zs), ys)``, with a row of ``ys`` for each
-    place of x and a column for each of z: straight lines along z in each row, then along x.
+    place of x and a column for each of z. Lines go along z in each row, then along x.
 
     Args:
         x: number or expression, or two of them.
