@@ -82,6 +82,28 @@ def test_inputs_stay_in_their_ranges_and_the_same_search_finds_the_same() -> Non
     assert not np.array_equal(found(2, seed=2)[1], rows)
 
 
+@step(y=Output("1", "number", lo=-10, hi=10), period=0.01)
+def gears(
+    v=Input("m/s", "speed", lo=0, hi=9, value=0.0),
+    gear=Input("enum", "gear", values=("none", "first", "second"), value="none"),
+    count=Input("int", "teeth", lo=1, hi=7, value=3),
+):
+    """Choices and whole numbers beside a speed."""
+    return {}, dict(y=if_else(gear > 1.5, if_else(count > 6.5, if_else(v > 8.9, 2, 1), 0), -1))
+
+
+def test_choices_and_whole_numbers_stay_what_they_are() -> None:
+    """A gear and a number of teeth have no fraction; a speed has."""
+    plan = Plan(gears)
+    rows = np.array([[0.0, 0.0, 3.0]])
+    found, told = search.searched(plan, codegen.texts(plan), rows, {}, 2)
+    v, gear, count = np.vstack([rows, found]).T
+    assert set(gear) <= {0.0, 1.0, 2.0}
+    assert set(count) <= set(range(1, 8))
+    assert told["pieces"] > 0
+    assert np.all((v >= 0) & (v <= 9))
+
+
 def test_it_is_asked_for_in_words(tmp_path: Path) -> None:
     """``search`` and ``search:SECONDS``; all else names a file."""
     assert search.effort("search") == search.SECONDS

@@ -121,6 +121,7 @@ static int below(int n)
 
 /* least and greatest value of each input, and what it may change by in a tick */
 static const double range[N_IN][3] = {{{ranges}}};
+static const bool whole[N_IN] = {{{whole}}}; /* numbers without a fraction, and choices */
 static real (*run)[N_IN]; /* recorded inputs, then those found */
 static int ticks;
 static real piece[LONGEST][N_IN];
@@ -176,7 +177,8 @@ static int made_up(void)
             const double last = (double)((t > 0) ? piece[t - 1][k] : run[ticks - 1][k]);
             const double most = 0.999 * range[k][2];
             const double near = fmin(fmax((double)piece[t][k], last - most), last + most);
-            piece[t][k] = (real)fmin(fmax(near, range[k][0]), range[k][1]);
+            const double wanted = whole[k] ? floor(near + 0.5) : near;
+            piece[t][k] = (real)fmin(fmax(wanted, range[k][0]), range[k][1]);
         }}
     }}
     return length;
@@ -373,9 +375,11 @@ def searched(
         )
     values = plan.block.param_values(**params)
     given = [float(v) for m in plan.layout.params for v in packed(m, values[m.name])]
+    whole = [str(m.signal.whole).lower() for m in plan.layout.inputs for _ in range(m.size)]
     text = _DRIVER.format(
         n=n, big=plan.layout.big, most=MOST, longest=LONGEST, bits=LONGEST.bit_length() - 1,
-        ranges=", ".join(wandered(plan, 1.0)), params=", ".join(map(repr, given or [0.0])),
+        ranges=", ".join(wandered(plan, 1.0)), whole=", ".join(whole),
+        params=", ".join(map(repr, given or [0.0])),
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
