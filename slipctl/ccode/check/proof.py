@@ -36,7 +36,7 @@ _WRITTEN_OUT = {
     "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
     "((at > -1.0) &&": "((at == at) && (at > -1.0) &&",
     "((at > -1.0f) &&": "((at == at) && (at > -1.0f) &&",
-    "if (!(*x >= lo)) {": "if (!((*x == *x) && (*x >= lo))) {",
+    "if ((*x >= lo) && (*x <= hi)) {": "if ((*x == *x) && (*x >= lo) && (*x <= hi)) {",
 }
 """A comparison with NaN is false. Eva 25 does not know that, so it is written out for it."""
 

@@ -423,10 +423,9 @@ _SMALL = {
     ),
     "limit": (
         "unsigned int limit(double *x, double lo, double hi)",
-        "    if (!(*x >= lo)) { /* NaN too */\n"
-        "        *x = lo;\n        return LIMITED_BITU;\n    }\n"
-        "    if (*x > hi) {\n        *x = hi;\n        return LIMITED_BITU;\n    }\n"
-        "    return 0U;\n".replace("LIMITED_BIT", str(guard.LIMITED)),
+        "    if ((*x >= lo) && (*x <= hi)) {\n        return 0U;\n    }\n"
+        "    *x = (*x > hi) ? hi : lo; /* NaN: lo */\n"
+        f"    return {guard.LIMITED}U;\n",
     ),
     "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
     "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),
