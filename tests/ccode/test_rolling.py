@@ -12,6 +12,7 @@ import pytest
 from slipctl import BadInput, Input, Output, Param, State, make_block
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.write.fusing import fused
 from slipctl.ccode.write.rolling import rolled
 
 TAPS, POINTS = 100, 32
@@ -116,3 +117,88 @@ def test_a_model_may_call_its_numbers_as_counted_locals_are_called(tmp_path):
         outputs=[Output("1").named("y")],
     )  # fmt: skip
     assert codegen.export(block, tmp_path / "c", check=HAS_COMPILER).passed
+
+
+def test_the_first_and_the_last_step_are_in_the_loop() -> None:
+    """The first reads an element or 1 * step, what all need is before; the last is a result."""
+    lines = ["const double s_2 = x[0] * (lo + step);", "const double twice = 2.0 * lo;"]
+    lines += ["const double y_2 = s_2 + twice;"]
+    for k in range(3, 8):
+        lines.append(f"const double s_{k} = y_{k - 1} * (lo + {k - 1}.0 * step);")
+        lines.append(f"const double y_{k} = s_{k} + twice;")
+    lines += ["const double s_8 = y_7 * (lo + 7.0 * step);", "*y = s_8 + twice;"]
+    assert rolled(lines, {"x", "lo", "step", "y"}) == [
+        "const double twice = 2.0 * lo;", "double y_now = x[0];",
+        "for (int i = 1; i < 8; ++i) {", "    const double s = y_now * (lo + (double)i * step);",
+        "    y_now = s + twice;", "}", "*y = y_now;",
+    ]  # fmt: skip
+
+
+def test_a_result_that_is_in_no_loop_stays_as_it_was() -> None:
+    lines = [f"const double s{k} = x[{k * k}] + {k}.0 * u;" for k in range(5)]
+    lines.append("*y = s4 + 9.0 * u;")
+    assert rolled(lines, {"y"}) == lines
+
+
+FILLED = ["double a[4];", "for (int i = 0; i < 4; ++i) {", "    a[i] = x[i] * 2.0;", "}"]
+
+
+def test_loops_over_the_same_elements_are_one_and_need_no_array() -> None:
+    lines = [*FILLED, "const double u = v + 1.0;", "double s = v;"]
+    lines += ["for (int i = 0; i < 4; ++i) {", "    s = s + a[i];", "}", "*y = s * u;"]
+    assert fused(lines) == [
+        "double s = v;", "for (int i = 0; i < 4; ++i) {", "    const double a = x[i] * 2.0;",
+        "    s = s + a;", "}", "const double u = v + 1.0;", "*y = s * u;",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("between", "body", "after"),
+    [
+        ("double s = a[3];", "    s = s + a[i];", "*y = s;"),  # begins with what the first gave
+        ("double s = v;", "    s = s + a[3 - i];", "*y = s;"),  # reads what is not there yet
+        ("double s = v;", "    s = s + a[i + 1];", "*y = s;"),
+        ("x[0] = a[2];", "    b[i] = x[i] + a[i];", ""),  # reads what is written between
+        ("b[1] = v;", "    b[i] = a[i];", ""),  # writes what is written between
+        ("double s = v;", "    x[i] = a[i];", ""),  # writes what the first reads
+    ],
+)
+def test_loops_of_which_one_needs_the_other_stay_two(between: str, body: str, after: str) -> None:
+    lines = [*FILLED, between, "for (int i = 0; i < 4; ++i) {", body, "}", *[after] * bool(after)]
+    assert fused(lines) == lines
+
+
+def test_an_array_that_is_read_later_stays_one() -> None:
+    lines = [*FILLED, "*y = a[2];"]
+    assert fused(lines) == lines
+
+
+@pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
+def test_sums_over_a_window_and_slopes_at_a_corner_have_the_bits_of_python(tmp_path: Path) -> None:
+    """A mask, a sum and squares; and the slope of a clipped value, on its corner too."""
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        inside = ca.vertcat(*[k >= 5 - u["n"] for k in range(5)])
+        mean = ca.dot(inside, x["window"]) / u["n"]
+        spread = ca.dot(inside, (x["window"] - mean) ** 2) / u["n"]
+        clipped = ca.fmax(ca.fmin(u["u"], 1.0), -1.0)
+        slope = ca.jacobian(clipped**2, u["u"])
+        window = ca.vertcat(x["window"][1:], u["u"])
+        return {"window": window}, {"mean": mean, "spread": spread, "slope": slope}
+
+    block = make_block(
+        "windowed", "step", body, period=1e-3,
+        states=[State("1", 0.0, shape=(5,), lo=-10, hi=10).named("window")],
+        inputs=[Input("1", lo=-10, hi=10).named("u"), Input("1", lo=1, hi=5).named("n")],
+        outputs=[Output("1", lo=-1e9, hi=1e9).named(n) for n in ("mean", "spread", "slope")],
+    )  # fmt: skip
+    rng = np.random.default_rng(4)
+    u = rng.choice([-2.0, -1.0, -0.5, 0.0, 1.0, 1.5, 0.1], size=400)
+    inputs = {"u": u, "n": rng.integers(1, 6, size=400).astype(float)}
+    report = codegen.export(block, tmp_path / "c", inputs=inputs, check=True)
+    assert report.passed, str(report)
+    assert report.data["largest_relative"] == 0
+    text = (tmp_path / "c/windowed.c").read_text(encoding="utf-8")
+    assert text.count("slope_of_lesser(") == 3  # what it is, and twice
+    assert "for (int i = 1; i < 5; ++i)" in text
+    assert "sum_" not in text  # all are called by their mask

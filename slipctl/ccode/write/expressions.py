@@ -84,6 +84,7 @@ _KNOWN = {
 }  # fmt: skip
 
 _SELECT = -1  # our own operation: (condition, if true, if false)
+_SLOPE = -3  # our own operation: derivative of the smaller of two values by the first
 
 
 class Unsupported(Exception):
@@ -155,7 +156,7 @@ def read(f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]
         else:
             raise Unsupported(f"operation {op} of {f.name()}")
         held[o[0]] = len(nodes)
-        nodes.append(choice(nodes, node))
+        nodes.append(slope(nodes, choice(nodes, node)))
     return nodes, results
 
 
@@ -171,6 +172,20 @@ def choice(nodes: Sequence[Node], node: Node) -> Node:
     if _negates(nodes[a.args[0]], b.args[0]):
         return Node(_SELECT, (b.args[0], b.args[1], a.args[1]))
     return node
+
+
+def slope(nodes: Sequence[Node], node: Node) -> Node:
+    """Read (x <= y)/((y <= x) + (x <= y)), the derivative of fmin(x, y) by x, as one operation."""
+    if node.op != ca.OP_DIV:
+        return node
+    above, below = (nodes[k] for k in node.args)
+    if above.op != ca.OP_LE or below.op != ca.OP_ADD or node.args[0] not in below.args:
+        return node
+    a, b = below.args
+    other = nodes[a if b == node.args[0] else b]
+    if other.op != ca.OP_LE or other.args != above.args[::-1]:
+        return node
+    return Node(_SLOPE, above.args)
 
 
 def chains(nodes: Sequence[Node]) -> set[int]:
@@ -294,7 +309,7 @@ class Writer:
             if node.op in _TAKES_SIGN:
                 for i in _TAKES_SIGN[node.op]:
                     signed[node.args[i]] = True
-            if signed[k] and node.op not in _FORGETS_SIGN:
+            if signed[k] and node.op not in _FORGETS_SIGN and node.op != _SLOPE:
                 for a in node.args[1:] if node.op == _SELECT else node.args:
                     signed[a] = True
         return signed
@@ -414,6 +429,9 @@ class Writer:
             return Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
         if op == ca.OP_TWICE:
             return Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
+        if op == _SLOPE:
+            self.helpers.add("slope_of_lesser")
+            return Text(f"slope_of_lesser({', '.join(self._real(self.texts[k]) for k in a)})", ATOM)
         if op == ca.OP_NOT:
             return self._not(a[0])
         if op in (ca.OP_AND, ca.OP_OR):

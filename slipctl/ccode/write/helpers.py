@@ -32,6 +32,12 @@ HELPERS = {
         "static double at_least(double x, double bound)\n{\n"
         "    return (x >= bound) ? x : bound;\n}\n"
     ),
+    "slope_of_lesser": (
+        "/* derivative of the smaller of x and y by x: 1 or 0, and half where they are equal */\n"
+        "static double slope_of_lesser(double x, double y)\n{\n"
+        "    return ((x <= y) ? 1.0 : 0.0) / (((y <= x) ? 1.0 : 0.0) + ((x <= y) ? 1.0 : 0.0));\n"
+        "}\n"
+    ),
     "element": (
         "/* the element that a number names by its whole part; NaN beyond the ends */\n"
         "static double element(const double *x, int n, double at)\n{\n"
