@@ -191,12 +191,12 @@ def speed_fusion(
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
 
     The paper presumes such a fusion (its reference 36) and does not give it. Kalman filter of speed
-    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). After wrong
-    samples a force may change its sign, and is small for a moment while the wheel slides. So where
-    the rim is further off, the force has to be small for ``calm`` ticks. A braked
-    one turns slower than the train, so it is a lower bound: the speed is corrected where the rim
-    is faster than the estimate. A gradient cannot be told from a bias. Speed, bias and slip
-    ratio stay in their ranges, whatever was read.
+    and bias: v' = a_m - b. A wheel tells the speed only while it rolls (|F_a| < F_roll). After
+    wrong samples a force may change its sign, and is small for a moment while the wheel slides. So
+    where the rim is further off, the force has to be small for ``calm`` ticks. A braked wheel turns
+    slower than the train, so it is a lower bound: the speed is corrected where the rim is faster
+    than the estimate. A gradient cannot be told from a bias. Speed, bias and slip ratio stay in
+    their ranges, whatever was read.
     """
     rim = r * omega
     S = P_vv + (r * sigma_w) ** 2 + sigma_c**2

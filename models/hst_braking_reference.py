@@ -364,8 +364,8 @@ def averaged(adhesion: Block) -> Block:
         adhesion: law from ``lam`` to ``mu``.
 
     Mean mu = mu(lam) + lam_var/2 d2mu/dlam2 at the mean slip, from the exact second derivative.
-    Exponentials of a slip below ``AHEAD`` are no adhesion, nor is two orders of a series in a spread
-    that is large. So the slip counts as ``AHEAD`` there, and the mean is ``MOST`` at most: such a
+    Exponentials of a slip below ``AHEAD`` are no adhesion, nor are two orders of a series where the
+    spread is large. So the slip counts as ``AHEAD`` there, and the mean is ``MOST`` at most: such a
     sample tells nothing.
     """
     lam = adhesion.inputs["lam"]

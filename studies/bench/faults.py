@@ -11,7 +11,7 @@ import argparse
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -80,8 +80,10 @@ def settling(block: Block) -> Callable[[float], float]:
     Returns:
         Function of the time in s that the fault lasted. 100 ms for filters and laws. A window of
         least squares adds its length; one that forgets adds the time until a sample counts for
-        2 %; a seeker adds four time constants of its slowest filter. A state of ``LED`` adds the
-        time that the fault lasted.
+        2 %; a seeker adds four time constants of its slowest filter, and one that slides adds a
+        cycle. One that locks opens on a wrong sample, as it cannot know it from a change of the
+        rail. It waits, slides through ``planes`` cells and one more, and its dither dies out to
+        2 % with exp(-q t). A state of ``LED`` adds the time that the fault lasted.
     """
     found = [0.0]
     own = block.param_values()
@@ -93,8 +95,25 @@ def settling(block: Block) -> Callable[[float], float]:
         if 0 < float(own.get(f"{at}forgetting", 1.0)) < 1:
             found.append(math.log(NEAR) / math.log(float(own[f"{at}forgetting"])) * period)
         found += [4 / float(own[f"{at}{c}"]) for c in ("w_l", "w_h") if f"{at}{c}" in own]
+        if f"{at}planes" in own:
+            wait, planes, q = (float(own[f"{at}{c}"]) for c in ("wait", "planes", "q"))
+            found.append(wait + (planes + 1) * _cell(own, at) - math.log(NEAR) / q)
+        elif f"{at}rho" in own and f"{at}beta" in own:
+            found.append(2 * _cell(own, at))
     again = any(n.rpartition(".")[2] in LED for n in block.states)
     return lambda lasted: SETTLED + max(found) + lasted * again
+
+
+def cycle(block: Block) -> float:
+    """Time in s of the cycle that a sliding seeker walks for ever: two cells; 0 for none."""
+    own = block.param_values()
+    slides = [n[:-3] for n in own if n.rpartition(".")[2] == "rho" and f"{n[:-3]}beta" in own]
+    return max((2 * _cell(own, at) for at in slides), default=0.0)
+
+
+def _cell(own: Mapping[str, Any], at: str) -> float:
+    """Time in s that the target of a sliding seeker takes through a cell."""
+    return float(own[f"{at}beta"]) / float(own[f"{at}rho"])
 
 
 def table(name: str) -> list[Fault]:
@@ -104,7 +123,7 @@ def table(name: str) -> list[Fault]:
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         return faults(
             loop, part, scenario, Path(scratch), where.at, where.wheel,
-            settling=settling(loop[part]),
+            settling=settling(loop[part]), cycle=cycle(loop[part]),
         )  # fmt: skip
 
 

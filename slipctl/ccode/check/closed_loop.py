@@ -105,7 +105,7 @@ class Wrong(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """Ticks of a run, one row each: inputs as read and as they are, outputs, status, state of the rest."""
+    """Ticks of a run, a row each: inputs as read and as they are, outputs, status, rest's state."""
 
     read: np.ndarray
     truth: np.ndarray

@@ -9,7 +9,9 @@ ticks are held at the last good sample.
 The run without faults is compared with itself, begun a tick later or with an input read 1e-9 wrong
 in one tick. An output that does not keep to that chatters, or its course hangs on last digits. Of
 such an output means over 50, 200 or 500 ms are compared. It is the shortest over which these runs
-agree to half of the tolerance; if there is none, how far it swings is compared.
+agree to half of the tolerance; if there is none, how far it swings is compared. So it is where a
+seeker walks up and down for ever: a fault shifts its cycle, and a quarter of it later is another
+such run.
 """
 
 from __future__ import annotations
@@ -124,6 +126,7 @@ def faults(
     lengths: Iterable[int] = LENGTHS,
     signals: Iterable[str] | None = None,
     settling: Callable[[float], float] = lambda _: SETTLED,
+    cycle: float = 0.0,
     real: str = "double",
 ) -> list[Fault]:
     """Put each fault on each input of a part, in closed loop.
@@ -137,6 +140,7 @@ def faults(
         signals: inputs, by default each of the part.
         settling: from the time that a fault lasted to the time after it in which all has to be as
             without it, both in s; an estimator may state a longer one.
+        cycle: time in s of a cycle that a seeker walks for ever, 0 for none.
         real: double or float.
     """
     from slipctl.ccode.check.logged import recorded
@@ -152,7 +156,8 @@ def faults(
     found = []
     for when in at:
         good = whole.run(round(when / whole.period) - whole.tick)
-        one = _Instant(whole, params, wheel, when, good.read[-1], list(lengths), settling)
+        one = _Instant(whole, params, wheel, when, good.read[-1], list(lengths), settling,
+                       cycle)  # fmt: skip
         for k, name in enumerate(names):
             if name in wanted:
                 found += one.faults(k, name, list(kinds))
@@ -166,6 +171,7 @@ class _Instant:
     def __init__(
         self, whole: ClosedLoop, params: Mapping[str, Any], wheel: str, at: float,
         last_good: np.ndarray, lengths: list[int], settling: Callable[[float], float],
+        cycle: float,
     ) -> None:  # fmt: skip
         self.whole, self.at, self.last, self.lengths = whole, at, last_good, lengths
         self.kept = whole.keep()
@@ -178,7 +184,7 @@ class _Instant:
         self.swing = _ranges(whole.plan, params, self.plain.outputs)
         self.names = [m.name for m in lay.outputs for _ in range(m.size)]
         self.wheel = whole.places(wheel)
-        self.windows = self._windows()
+        self.windows = self._windows(round(cycle / whole.period))
 
     def faults(self, k: int, name: str, kinds: list[str]) -> list[Fault]:
         """Each of some faults on input k."""
@@ -214,15 +220,18 @@ class _Instant:
     def _locks(self, course: Course) -> bool:
         return bool((course.rest[:, self.wheel] <= 0).any())
 
-    def _windows(self) -> np.ndarray:
+    def _windows(self, cycle: int) -> np.ndarray:
         """Ticks over which each output is averaged; 0 where only its swing can be compared."""
         plain = self.plain.outputs
         twins = [(plain[1:], plain[:-1])]
         for k in range(len(self.last)):
             one = self._run(Wrong(k, 1, BARELY, 0.0), max(self.lengths)).outputs
             twins.append((one[: len(plain)], plain[: len(one)]))
+        if cycle:  # a fault shifts it
+            twins.append((plain[cycle // 4 :], plain[: -(cycle // 4)]))
         windows = np.zeros(plain.shape[1], dtype=int)
-        for w in reversed([max(1, round(t / self.whole.period)) for t in WINDOWS]):
+        lengths = {max(1, round(t / self.whole.period)) for t in WINDOWS} | {max(1, cycle)}
+        for w in sorted(lengths, reverse=True):
             agree = [(np.abs(_means(a, w) - _means(b, w)) <= NEAR / 2 * self.swing).mean(axis=0)
                      for a, b in twins]  # fmt: skip
             windows[np.min(agree, axis=0) >= SHARE] = w
