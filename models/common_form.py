@@ -182,7 +182,7 @@ LAW = {
     "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
     "v_s": (-0.5, 120, "a locked wheel; noise alone slips the other way", 0.5),
     "v_best": (-20, 20, "twice the range that is searched"),
-    "D": (-1e5, 1e5, "adhesion of 2 on the least inertia"),
+    "D": ("-20 - 1e6 * r**2 / J", "20 + 1e6 * r**2 / J", "adhesion of 2 under 50 t"),
     "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),
     "T": (-1e6, 1e6, "fifty brakes"),
     **dict.fromkeys(("a", "b", "c", "a0", "a1", "a2"), (-1e6, 1e6, "parameters of the curve")),
