@@ -2,7 +2,8 @@
 
 ``python -m slipctl.studies.bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`slipctl.ccode.check.faults` at two instants of a run of each, and prints a line for
-each that does harm; exit code 1 where one does.
+each that does harm; exit code 1 where one does. Each row is written when it is there, so
+``--missing`` goes on where a run has ended.
 """
 
 from __future__ import annotations
@@ -141,10 +142,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("loops", nargs="*")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out")
+    parser.add_argument("--out", help="file to write; what it has of other controllers stays")
+    parser.add_argument("--missing", action="store_true", help="only those that --out lacks")
     options = parser.parse_args(arguments)
-    names = [name for name, *_ in controllers(options.loops)]
     found: dict[str, dict[str, Any]] = {}
+    if options.out and Path(options.out).exists():
+        found = store.read_json(Path(options.out))["controllers"]
+    names = [name for name, *_ in controllers(options.loops)
+             if not (options.missing and name in found)]  # fmt: skip
     harmed = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for name, rows in zip(names, pool.map(table, names), strict=True):
@@ -157,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             harmed += len(harm)
             found[name] = {"faults": len(rows), "slow": [asdict(f) for f in slow]}
             if options.out:
-                store.write_json(Path(options.out), {"format": 2, "controllers": found})
+                store.write_json(Path(options.out), {"format": 3, "controllers": found})
     return 1 if harmed else 0
 
 
