@@ -1,32 +1,23 @@
 """Single calls of a room's functions, and what they give: a net under its numbers.
 
-``python tests/recorded_calls.py slipctl/certify`` draws the calls anew: it runs the room's tests,
-looks at the arguments with which its functions are called, and keeps of each function the smallest
-few that take all of its branches. ``--again`` keeps the calls of the table and computes anew what
-they give. Both say what changed; a number that changed belongs into CHANGELOG.
-
-The net says that nothing changed, not that it is right: the adversary, closed forms and the checker
-hold what is promised. What a result may be off by is measured: calls are repeated with other
-kernels of BLAS and with elementary functions that are one unit off in the last place.
+``python tests/draw_calls.py slipctl/certify --again`` computes anew what the calls of the table give
+and says what changed; a number that changed belongs into CHANGELOG. The net says that nothing
+changed, not that it is right: the adversary, closed forms and the checker hold what is promised.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import inspect
 import json
 import lzma
 import math
-import os
-import subprocess
 import sys
-import time
 import types
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from fractions import Fraction
 from functools import cached_property, lru_cache, partial
@@ -35,26 +26,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = {
-    "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
-                        "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
-    "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
-}  # fmt: skip
-LARGEST, LONGEST = 6000, 0.25
-"""Letters of the arguments that are kept, and s of CPU of a call."""
-LOOKED_AT = 6
-"""Calls of a function that are looked at in each test."""
-MORE = 3
-"""Calls that are kept beside those that are needed for all branches."""
 SHOWN = 16
 """Numbers of a result that are kept one by one; the others are summed."""
 STEPS = 64
 """Values of a generator that are looked at."""
-EXACT, LOOSE = 1e-14, 1e-6
-"""Shares by which a float may be off, at least; where it may be off by more, it is not kept."""
 
 
 class Unwritten(Exception):
@@ -206,13 +183,14 @@ def called(place: str, arguments: Any) -> Any:
     writer = Writer()
     before = writer.text(first)
     try:
-        found = function(*first, **more)
-        if isinstance(found, Iterator):
-            found = list(islice(found, STEPS))
+        with np.errstate(all="ignore"):
+            found = function(*first, **more)
+            if isinstance(found, Iterator):
+                found = list(islice(found, STEPS))
         text = writer.text(found)
     except Unwritten:
         raise
-    except Exception as refused:  # noqa: BLE001  # whatever it is, it is what the call gives
+    except Exception as refused:  # whatever it is, it is what the call gives
         text = {"refused": type(refused).__name__}
     after = writer.text(first)
     return text if after == before else [text, after]
@@ -261,213 +239,3 @@ def changed(room: str, module: str = "") -> list[str]:
                     f"{place} of {json.dumps(arguments)[:200]}: {got[:5]}, not {wanted[:5]}"
                 )
     return found
-
-
-# ---- drawing calls -------------------------------------------------------------------------------
-
-
-@dataclass
-class Seen:
-    """Calls of one function that were looked at."""
-
-    place: str
-    branches: set[tuple[int, int]] = field(default_factory=set)
-    kept: dict[str, set[tuple[int, int]]] = field(default_factory=dict)
-    test: int = -1
-    left: int = 0
-    calls: int = 0
-
-
-class Watch:
-    """Looks at the calls of the functions of a room while its tests run."""
-
-    def __init__(self, room: str) -> None:
-        self.prefix, self.room = str(ROOT / room) + os.sep, room.replace("/", ".")
-        self.known: dict[int, Seen | None] = {}
-        self.codes: list[types.CodeType] = []
-        self.test = 0
-        self.writer: Writer | None = None
-
-    def of(self, frame: types.FrameType) -> Seen | None:
-        code = frame.f_code
-        self.codes.append(code)  # lives, so that its id is its own
-        if not code.co_filename.startswith(self.prefix) or "<" in code.co_qualname:
-            return None
-        return Seen(f"{frame.f_globals['__name__']}:{code.co_qualname}")
-
-    def arguments(self, frame: types.FrameType) -> str | None:
-        """Text of the arguments, None if they have none or a long one."""
-        code, local = frame.f_code, frame.f_locals
-        number, only = code.co_argcount, code.co_kwonlyargcount
-        names = code.co_varnames[:number]
-        try:
-            if code.co_flags & inspect.CO_GENERATOR and len(local) > number + only:
-                return None  # it goes on
-            if code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
-                return None
-            assert self.writer
-            first = [self.writer.text(local[k]) for k in names]
-            more = {k: self.writer.text(local[k])
-                    for k in code.co_varnames[number : number + only]}  # fmt: skip
-        except (Unwritten, KeyError, AttributeError, RecursionError):
-            return None
-        text = json.dumps([first, more])
-        return text if len(text) <= LARGEST else None
-
-    def __call__(self, frame: types.FrameType, event: str, arg: Any) -> Any:
-        key = id(frame.f_code)
-        if key not in self.known:
-            self.known[key] = self.of(frame)
-        seen = self.known[key]
-        if seen is None:
-            return None
-        seen.calls += 1
-        if seen.test != self.test:
-            seen.test, seen.left = self.test, LOOKED_AT
-        if seen.left <= 0 and seen.calls & (seen.calls - 1):
-            return None
-        seen.left -= 1
-        text = self.arguments(frame)
-        if text is None or text in seen.kept:
-            return None
-        before, taken = [frame.f_lineno], set[tuple[int, int]]()
-
-        def line(frame: types.FrameType, event: str, arg: Any) -> Any:
-            if event == "line":
-                taken.add((before[0], frame.f_lineno))
-                before[0] = frame.f_lineno
-            elif event == "return":
-                seen.kept[text] = taken
-            return line
-
-        return line
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[Any]:
-        self.test += 1
-        self.writer = Writer()
-        start = time.process_time()
-        sys.settrace(self)
-        try:
-            return (yield)
-        finally:
-            sys.settrace(None)
-            print(f"{time.process_time() - start:.1f} s {item.nodeid}", file=sys.stderr, flush=True)
-
-
-def numbers_in(text: str) -> int:
-    """How many different numbers there are in arguments."""
-    return len({v for v in leaves(json.loads(text)) if v not in (0.0, "0", "1", 1.0)})
-
-
-def chosen(seen: Seen) -> list[str]:
-    """Smallest calls that take all branches that were taken, and some that hold many numbers."""
-    found: list[str] = []
-    taken: set[tuple[int, int]] = set()
-    while True:
-        best = max(seen.kept, key=lambda t: (len(seen.kept[t] - taken), -len(t)), default=None)
-        if best is None or not (seen.kept[best] - taken or not found):
-            break
-        found.append(best)
-        taken |= seen.kept[best]
-    others = sorted(set(seen.kept) - set(found), key=lambda t: (-numbers_in(t), len(t), t))
-    return found + [t for t in others if len(t) < LARGEST / 4][:MORE]
-
-
-def drawn(room: str, tests: list[str]) -> dict[str, list[Any]]:
-    """Calls of a room's functions, of those that its tests make."""
-    watch = Watch(room)
-    pytest.main(["-n", "0", "-q", "-p", "no:cacheprovider", *tests], plugins=[watch])
-    seen = sorted((s for s in watch.known.values() if s and s.kept), key=lambda s: s.place)
-    return {s.place: [json.loads(t) for t in chosen(s)] for s in seen}
-
-
-VARIANTS: list[dict[str, str]] = [
-    {}, {"OPENBLAS_CORETYPE": "Prescott"}, {"OPENBLAS_CORETYPE": "Haswell"},
-    {"OPENBLAS_CORETYPE": "SkylakeX"}, {"NUDGED": "1"}, {"NUDGED": "-1"},
-]  # fmt: skip
-
-
-def nudge(side: int) -> None:
-    """Elementary functions that are one unit off in the last place, as on another machine."""
-
-    def other(function: Callable[..., Any]) -> Callable[..., Any]:
-        def moved(*given: Any, **more: Any) -> Any:
-            found = function(*given, **more)
-            return np.nextafter(found, side * np.inf) if isinstance(found, np.ndarray) else (
-                math.nextafter(found, side * math.inf))  # fmt: skip
-
-        return moved
-
-    for module in (math, np):
-        for name in ("sin", "cos", "tan", "exp", "log", "log1p", "expm1", "atan", "acos", "asin",
-                     "atan2", "log10", "sinh", "cosh", "tanh"):  # fmt: skip
-            if hasattr(module, name):
-                setattr(module, name, other(getattr(module, name)))
-
-
-def results(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
-    """What calls give, and s of CPU; None where a result has no text."""
-    found: dict[str, list[Any]] = {}
-    for place, every in calls.items():
-        own: list[Any] = []
-        for arguments in every:
-            start = time.process_time()
-            try:
-                got = told(called(place, arguments))
-            except (Unwritten, AttributeError, ImportError, TypeError):
-                got = None
-            own.append([got, time.process_time() - start])
-        found[place] = own
-    return found
-
-
-def measured(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
-    """Calls with what they give and what that may be off by; without those that wander or last."""
-    runs = []
-    for more in VARIANTS:
-        done = subprocess.run(
-            [sys.executable, __file__, "--results"], input=json.dumps(calls), text=True, check=True,
-            stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **more},
-        )  # fmt: skip
-        runs.append(json.loads(done.stdout))
-    kept: dict[str, list[Any]] = {}
-    for place, every in calls.items():
-        for i, arguments in enumerate(every):
-            (wanted, seconds), *others = [run[place][i] for run in runs]
-            if wanted is None or seconds > LONGEST or any(o[0] is None for o in others):
-                continue
-            near = max(EXACT, 100 * max(off(o[0], wanted) for o in others))
-            if near <= LOOSE:
-                kept.setdefault(place, []).append([arguments, wanted, near])
-    return kept
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("room", nargs="?", choices=ROOMS)
-    parser.add_argument("--again", action="store_true", help="keep the calls, not what they give")
-    parser.add_argument("--tests", nargs="+", help="draw from these tests only")
-    parser.add_argument("--results", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.results:
-        if "NUDGED" in os.environ:
-            nudge(int(os.environ["NUDGED"]))
-        print(json.dumps(results(json.load(sys.stdin))))
-        return 0
-    room, file = options.room, table(options.room)
-    if file.exists():
-        print("\n".join(changed(room)) or "nothing changed")
-    if options.again:
-        calls = {k: [c[0] for c in v] for k, v in read(room).items()}
-    else:
-        calls = drawn(room, options.tests or ROOMS[room])
-    found = measured(calls)
-    file.write_bytes(lzma.compress(json.dumps(found, indent=0).encode(), preset=9))
-    print(f"{room}: {sum(map(len, found.values()))} calls of {len(found)} functions, of"
-          f" {sum(map(len, calls.values()))} of {len(calls)}")  # fmt: skip
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

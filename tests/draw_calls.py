@@ -1,0 +1,430 @@
+"""Draw the calls of ``recorded_calls``: python tests/draw_calls.py slipctl/certify.
+
+It runs the room's tests, looks at the arguments with which its functions are called, and varies
+their numbers. Of each function it keeps few calls: those that take all of its branches, and those
+that tell small changes of its code apart (``mutation/sites.py``; half of them, drawn by name, so
+that the other half says how well the choice carries over). ``--again`` keeps the calls of the table
+and computes anew what they give. Both say what changed.
+
+What a result may be off by is measured: calls are repeated with other kernels of BLAS and with
+elementary functions that are one unit off in the last place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import gc
+import importlib
+import inspect
+import json
+import lzma
+import math
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+import types
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded_calls import (
+    ROOT,
+    Unwritten,
+    Writer,
+    called,
+    changed,
+    leaves,
+    off,
+    read,
+    table,
+    told,
+)
+
+sys.path.append(str(Path(__file__).parent / "mutation"))
+from sites import Site, sites
+
+ROOMS = {
+    "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
+                        "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
+    "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
+}  # fmt: skip
+LARGEST, LONGEST = 6000, 0.1
+"""Letters of the arguments that are kept, and s of CPU of a call."""
+LOOKED_AT = 8
+"""Calls of a function that are looked at in each test."""
+TRIED, VARIED = 20, 60
+"""Calls of a function of which some are chosen: as they were seen, and with other numbers."""
+PATIENCE = 1.0
+"""s of CPU that calls are tried for one change."""
+EXACT, LOOSE = 1e-14, 1e-6
+"""Shares by which a float may be off, at least; where it may be off by more, it is not kept."""
+
+
+# ---- drawing calls -------------------------------------------------------------------------------
+
+
+@dataclass
+class Seen:
+    """Calls of one function that were looked at."""
+
+    place: str
+    branches: set[tuple[int, int]] = field(default_factory=set)
+    kept: dict[str, set[tuple[int, int]]] = field(default_factory=dict)
+    test: int = -1
+    left: int = 0
+    calls: int = 0
+
+
+class Watch:
+    """Looks at the calls of the functions of a room while its tests run."""
+
+    def __init__(self, room: str) -> None:
+        self.prefix, self.room = str(ROOT / room) + os.sep, room.replace("/", ".")
+        self.known: dict[int, Seen | None] = {}
+        self.codes: list[types.CodeType] = []
+        self.test = 0
+        self.writer: Writer | None = None
+
+    def of(self, frame: types.FrameType) -> Seen | None:
+        code = frame.f_code
+        self.codes.append(code)  # lives, so that its id is its own
+        if not code.co_filename.startswith(self.prefix) or "<" in code.co_qualname:
+            return None
+        return Seen(f"{frame.f_globals['__name__']}:{code.co_qualname}")
+
+    def arguments(self, frame: types.FrameType) -> str | None:
+        """Text of the arguments, None if they have none or a long one."""
+        code, local = frame.f_code, frame.f_locals
+        number, only = code.co_argcount, code.co_kwonlyargcount
+        names = code.co_varnames[:number]
+        try:
+            if code.co_flags & inspect.CO_GENERATOR and len(local) > number + only:
+                return None  # it goes on
+            if code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
+                return None
+            assert self.writer
+            first = [self.writer.text(local[k]) for k in names]
+            more = {k: self.writer.text(local[k])
+                    for k in code.co_varnames[number : number + only]}  # fmt: skip
+        except (Unwritten, KeyError, AttributeError, RecursionError):
+            return None
+        text = json.dumps([first, more])
+        return text if len(text) <= LARGEST else None
+
+    def __call__(self, frame: types.FrameType, event: str, arg: Any) -> Any:
+        key = id(frame.f_code)
+        if key not in self.known:
+            self.known[key] = self.of(frame)
+        seen = self.known[key]
+        if seen is None:
+            return None
+        seen.calls += 1
+        if seen.test != self.test:
+            seen.test, seen.left = self.test, LOOKED_AT
+        if seen.left <= 0 and seen.calls & (seen.calls - 1):
+            return None
+        seen.left -= 1
+        text = self.arguments(frame)
+        if text is None or text in seen.kept:
+            return None
+        before, taken = [frame.f_lineno], set[tuple[int, int]]()
+
+        def line(frame: types.FrameType, event: str, arg: Any) -> Any:
+            if event == "line":
+                taken.add((before[0], frame.f_lineno))
+                before[0] = frame.f_lineno
+            elif event == "return":
+                seen.kept[text] = taken
+            return line
+
+        return line
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[Any]:
+        self.test += 1
+        self.writer = Writer()
+        start = time.process_time()
+        sys.settrace(self)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            print(f"{time.process_time() - start:.1f} s {item.nodeid}", file=sys.stderr, flush=True)
+
+
+def numbers_in(text: str) -> int:
+    """How many different numbers there are in arguments."""
+    return len({v for v in leaves(json.loads(text)) if v not in (0.0, "0", "1", 1.0)})
+
+
+def needed(seen: Seen) -> list[str]:
+    """Smallest calls that take all branches that were taken."""
+    found: list[str] = []
+    taken: set[tuple[int, int]] = set()
+    while True:
+        best = max(seen.kept, key=lambda t: (len(seen.kept[t] - taken), -len(t)), default=None)
+        if best is None or not (seen.kept[best] - taken or not found):
+            return found
+        found.append(best)
+        taken |= seen.kept[best]
+
+
+def candidates(room: str, tests: list[str]) -> dict[str, list[Any]]:
+    """Calls of a room's functions, of those that its tests make; the needed ones first."""
+    watch = Watch(room)
+    pytest.main(["-n", "0", "-q", "-p", "no:cacheprovider", *tests], plugins=[watch])
+    found = {}
+    for seen in sorted((s for s in watch.known.values() if s and s.kept), key=lambda s: s.place):
+        first = needed(seen)
+        others = sorted(set(seen.kept) - set(first), key=lambda t: (-numbers_in(t), len(t), t))
+        others = [t for t in others if len(t) < LARGEST / 4]
+        found[seen.place] = [len(first), *map(json.loads, first + others[:TRIED])]
+    return found
+
+
+# ---- choosing ------------------------------------------------------------------------------------
+
+
+def varied(text: Any, rng: random.Random, share: float) -> Any:
+    """The same arguments with some other numbers."""
+    if isinstance(text, bool) or not isinstance(text, int | float | list | dict):
+        return text
+    if isinstance(text, list):
+        return [varied(v, rng, share) for v in text]
+    if isinstance(text, dict):
+        ((kind, of),) = text.items()
+        if kind in ("q", "D"):
+            if rng.random() > share:
+                return text
+            number = Fraction(of) * Fraction(rng.choice(("1/3", "7/8", "1.01", "5/3", "4", "-1")))
+            number += Fraction(rng.choice((0, 0, 0, "1/7", 1)))
+            return {kind: str(number) if kind == "q" else repr(float(number))}
+        if kind in ("x", "g", "p"):
+            return text
+        if kind in ("N", "O", "n"):
+            return {kind: [of[0], varied(of[1], rng, share) if kind != "O" else
+                           {k: varied(v, rng, share) for k, v in of[1].items()}]}  # fmt: skip
+        if kind == "a":
+            return {kind: [*of[:2], varied(of[2], rng, share)]}
+        if kind == "d":
+            return {kind: [[k, varied(v, rng, share)] for k, v in of]}
+        return {kind: varied(of, rng, share)}
+    if rng.random() > share:
+        return text
+    if isinstance(text, int):
+        return text + rng.choice((-2, -1, 1, 2, 5))
+    return text * rng.choice((0.0, 0.3, 0.875, 1.01, 1.7, 4.0, -1.0)) + rng.choice((0, 0, 0.1, 1))
+
+
+class Late(BaseException):
+    """A call that takes too long."""
+
+
+def given(place: str, arguments: Any, patience: float = LONGEST) -> list[Any] | None:
+    """What is told of a call; None of one that takes long or has no text."""
+    signal.setitimer(signal.ITIMER_PROF, patience)
+    try:
+        return told(called(place, arguments))
+    except (Unwritten, AttributeError, ImportError, Late):
+        return None
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+
+
+def late(*_: Any) -> None:
+    raise Late
+
+
+def code_of(code: types.CodeType, name: str) -> types.CodeType | None:
+    """The code of a function within that of its file."""
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            found = inner if inner.co_qualname == name else code_of(inner, name)
+            if found:
+                return found
+    return None
+
+
+def bare(place: str) -> types.FunctionType:
+    """The function itself, under what is wrapped around it."""
+    module, _, name = place.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in name.split("."):
+        found = inspect.getattr_static(found, part)
+    for own in ("__func__", "fget", "func", "__wrapped__"):
+        found = getattr(found, own, found)
+    assert isinstance(found, types.FunctionType)
+    return found
+
+
+def telling(task: tuple[str, list[Any]]) -> tuple[str, list[Any]]:
+    """Calls of a function that tell changes of it from what it is."""
+    place, (number, *calls) = task
+    signal.signal(signal.SIGPROF, late)
+    rng = random.Random(zlib.crc32(place.encode()))
+    calls = [
+        *calls,
+        *(varied(rng.choice(calls), rng, rng.choice((0.1, 0.3, 1))) for _ in range(VARIED)),
+    ]
+    known = []
+    for i, arguments in enumerate(calls):
+        start = time.process_time()
+        wanted = given(place, arguments, LONGEST if i < number else LONGEST / 3)
+        known.append((arguments, wanted, time.process_time() - start))
+    chosen = [i for i in range(number) if known[i][1]]
+    others = sorted(
+        (i for i in range(number, len(calls)) if known[i][1]), key=lambda i: known[i][2]
+    )
+    function = bare(place)
+    own = function.__code__
+    file = Path(own.co_filename)
+    text = file.read_text(encoding="utf-8")
+    caches = [c for c in gc.get_objects() if isinstance(c, functools._lru_cache_wrapper)]
+    inside = place.partition(":")[2]
+    for site in sites(file.relative_to(ROOT).as_posix(), text):
+        if (site.function == inside or site.function.startswith(f"{inside}.")) and guides(site):
+            try:
+                new = code_of(compile(site.applied(text), str(file), "exec"), inside)
+                function.__code__ = new or own
+            except (SyntaxError, ValueError):
+                continue
+            spent = 0.0
+            for i in [*chosen, *others]:
+                for c in caches:
+                    c.cache_clear()
+                arguments, wanted, seconds = known[i]
+                got = given(place, arguments, 0.1 + 5 * seconds)
+                if got is None or not off(got, wanted) <= 1e-13:
+                    if i not in chosen:
+                        chosen.append(i)
+                        others.remove(i)
+                    break
+                spent += seconds
+                if spent > PATIENCE:
+                    break
+            function.__code__ = own
+    return place, [known[i][0] for i in chosen]
+
+
+def guides(site: Site) -> bool:
+    """Whether a change is of the half by which calls are chosen."""
+    return zlib.crc32(site.name.encode()) % 2 == 0
+
+
+def drawn(seen: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
+    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=20) as pool:
+        found = pool.imap_unordered(telling, seen.items())
+        return dict(sorted(found))
+
+
+# ---- what a result may be off by -----------------------------------------------------------------
+
+
+VARIANTS: list[dict[str, str]] = [
+    {}, {"OPENBLAS_CORETYPE": "Prescott"}, {"OPENBLAS_CORETYPE": "Haswell"},
+    {"OPENBLAS_CORETYPE": "SkylakeX"}, {"NUDGED": "1"}, {"NUDGED": "-1"},
+]  # fmt: skip
+
+
+def nudge(side: int) -> None:
+    """Elementary functions that are one unit off in the last place, as on another machine."""
+
+    def other(function: Callable[..., Any]) -> Callable[..., Any]:
+        def moved(*given: Any, **more: Any) -> Any:
+            found = function(*given, **more)
+            return np.nextafter(found, side * np.inf) if isinstance(found, np.ndarray) else (
+                math.nextafter(found, side * math.inf))  # fmt: skip
+
+        return moved
+
+    for module in (math, np):
+        for name in ("sin", "cos", "tan", "exp", "log", "log1p", "expm1", "atan", "acos", "asin",
+                     "atan2", "log10", "sinh", "cosh", "tanh"):  # fmt: skip
+            if hasattr(module, name):
+                setattr(module, name, other(getattr(module, name)))
+
+
+def results(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
+    """What calls give, and s of CPU; None where a result has no text."""
+    found: dict[str, list[Any]] = {}
+    for place, every in calls.items():
+        own: list[Any] = []
+        for arguments in every:
+            start = time.process_time()
+            try:
+                got = told(called(place, arguments))
+            except (Unwritten, AttributeError, ImportError, TypeError):
+                got = None
+            own.append([got, time.process_time() - start])
+        found[place] = own
+    return found
+
+
+def measured(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
+    """Calls with what they give and what that may be off by; without those that wander or last."""
+    runs = []
+    for more in VARIANTS:
+        done = subprocess.run(
+            [sys.executable, __file__, "--results"], input=json.dumps(calls), text=True, check=True,
+            stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **more},
+        )  # fmt: skip
+        runs.append(json.loads(done.stdout))
+    kept: dict[str, list[Any]] = {}
+    for place, every in calls.items():
+        for i, arguments in enumerate(every):
+            (wanted, seconds), *others = [run[place][i] for run in runs]
+            if wanted is None or seconds > LONGEST or any(o[0] is None for o in others):
+                continue
+            near = max(EXACT, 100 * max(off(o[0], wanted) for o in others))
+            if near <= LOOSE:
+                kept.setdefault(place, []).append([arguments, wanted, near])
+    return kept
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("room", nargs="?", choices=ROOMS)
+    parser.add_argument("--again", action="store_true", help="keep the calls, not what they give")
+    parser.add_argument("--tests", nargs="+", help="draw from these tests only")
+    parser.add_argument("--seen", type=Path, help="file of what the tests call, made or taken")
+    parser.add_argument("--results", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.results:
+        if "NUDGED" in os.environ:
+            nudge(int(os.environ["NUDGED"]))
+        print(json.dumps(results(json.load(sys.stdin))))
+        return 0
+    room, file = options.room, table(options.room)
+    if file.exists():
+        print("\n".join(changed(room)) or "nothing changed")
+    if options.again:
+        calls = {k: [c[0] for c in v] for k, v in read(room).items()}
+    else:
+        if options.seen and options.seen.exists():
+            seen = json.loads(options.seen.read_text(encoding="utf-8"))
+        else:
+            seen = candidates(room, options.tests or ROOMS[room])
+        if options.seen:
+            options.seen.write_text(json.dumps(seen), encoding="utf-8")
+        calls = drawn(seen)
+    found = measured(calls)
+    file.write_bytes(lzma.compress(json.dumps(found, indent=0).encode(), preset=9))
+    print(f"{room}: {sum(map(len, found.values()))} calls of {len(found)} functions, of"
+          f" {sum(map(len, calls.values()))} of {len(calls)}")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
