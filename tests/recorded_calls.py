@@ -1,7 +1,7 @@
 """Single calls of a room's functions, and what they give: a net under its numbers.
 
-``python tests/draw_calls.py slipctl/certify --again`` computes anew what the calls of the table give
-and says what changed; a number that changed belongs into CHANGELOG. The net says that nothing
+``python tests/draw_calls.py slipctl/certify --again`` computes anew what the calls of the table
+give and says what changed; a number that changed belongs into CHANGELOG. The net says that nothing
 changed, not that it is right: the adversary, closed forms and the checker hold what is promised.
 """
 

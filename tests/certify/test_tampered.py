@@ -1,7 +1,7 @@
 """Certificates of which one entry was altered: refused in words, or what they say is proved anew.
 
-``python tests/certify/test_tampered.py`` writes anew which alteration ends how: where a check begins
-to refuse is then as it was. Cases are those of ``recorded.json``.
+``python tests/certify/test_tampered.py`` writes anew which alteration ends how. So a check begins
+to refuse where it did. Cases are those of ``recorded.json``.
 """
 
 from __future__ import annotations

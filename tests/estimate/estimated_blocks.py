@@ -32,6 +32,11 @@ TWO = dict(
 ONE = dict(prior=4e6, noise=1.0, drift=1e5, gamma=0.23)
 PLANE = dict(unknown=("p", "q"), coordinates=("p", "q"), spread=[1.0, 3.0])
 
+WAYS = (("sampled", "euler", 1), ("sampled", "rk4", 2), ("differential", "implicit_euler", 1),
+        ("differential", "sdirk2", 2))  # fmt: skip
+SHIFTS = ((1e-3, 20, 1, 3, 5.0, None, 0.0), (0.0, 9, 2, 2, 4.0, 2e-3, 0.5),
+          (1e-2, 4, 3, 3, 5.0, 1e-3, 1.0), (1e-2, 5, 3, 3, 5.0, 1e-3, 1.0))  # fmt: skip
+
 BLOCKS: dict[str, Callable[[], Block]] = {
     f"{kind.__name__} of a force, {form}, {per}": partial(
         kind, wheel, "omega", "F_a", form=form, per=per, **ONE)
@@ -42,8 +47,7 @@ BLOCKS: dict[str, Callable[[], Block]] = {
         floor=dict.fromkeys(THREE, 1e-9), cap=dict.fromkeys(THREE, 1e3), **SHAPE,
         noise={"omega": 1e-6, "a": 1e-2} if form == "sampled" else {"omega": 1e-2, "a": 1e2})
     for kind in (ctukf, ekf)
-    for form, method, substeps in (("sampled", "euler", 1), ("sampled", "rk4", 2),
-                                   ("differential", "implicit_euler", 1), ("differential", "sdirk2", 2))
+    for form, method, substeps in WAYS
 } | {
     "ctukf as printed": partial(ctukf, wheel, "omega", "F_a", form="printed-22", **ONE),
     "ctukf of an output": partial(
@@ -137,14 +141,13 @@ RESULTS: dict[str, Callable[[], Any]] = {
         double_exponential, "v_s", 1.1, {"v_s": np.linspace(0.1, 2, 20)}, 1e-3,
         spread={"a": 0.1})._asdict(),
     "smallest shift": lambda: [
-        window.smallest_shift(n, s, m, u, g, d, e)
-        for n, s, m, u, g, d, e in ((1e-3, 20, 1, 3, 5.0, None, 0.0), (0.0, 9, 2, 2, 4.0, 2e-3, 0.5),
-                                    (1e-2, 4, 3, 3, 5.0, 1e-3, 1.0), (1e-2, 5, 3, 3, 5.0, 1e-3, 1.0))],
+        window.smallest_shift(n, s, m, u, g, d, e) for n, s, m, u, g, d, e in SHIFTS],
     "rotation": lambda: of(misfit.rotation(3)), "solution": lambda: of(misfit.solution(3)),
     "sums": lambda: of(whitening.white_sums(MODEL(), 5)),
     "sums with an echo": lambda: [of(f) for f in whitening.echoing_sums(MODEL(), 5, 0.6)],
     "solver": lambda: [of(window._solver(3)), of(window._inverse(3))],
-    "peak gradient": lambda: of(peak.peak_gradient(double_exponential, "v_s", "mu", ("c", "a", "b"))),
+    "peak gradient": lambda: of(
+        peak.peak_gradient(double_exponential, "v_s", "mu", ("c", "a", "b"))),
     "observability": lambda: observability(
         car, "omega", THREE, scale={"omega": 1, "v": 1, "a_0": 0.1}, horizon=0.5, T_b=-2e3,
         omega=110.0),
