@@ -17,6 +17,11 @@ ROUND = 2.3e-16  # above half a unit in the last place, 2^-53, twice
 TINY = 1e-300
 GROW = 1 + 1e-14
 
+UP, DOWN = 1 + 1e-12, 1 - 1e-12
+"""Factors that take up some hundred roundings of a number outside of balls."""
+WELL_UP, WELL_DOWN = 1 + 1e-9, 1 - 1e-9
+"""The same for what is computed over many ticks."""
+
 
 @dataclass(frozen=True)
 class Ball:

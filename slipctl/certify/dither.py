@@ -49,7 +49,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipctl.certify.ball import Ball
+from slipctl.certify.ball import DOWN, UP, WELL_DOWN, WELL_UP, Ball
 
 NODES = 1024
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -112,7 +112,7 @@ class Found:
         """V at a start at x = start or -start, xi = 0, eta = y; None if it lies too far out."""
         worst = 0.0
         if self.before is not None:
-            worst = max(self.before, (abs(start) + self.swing) / self.spread * (1 + 1e-12))
+            worst = max(self.before, (abs(start) + self.swing) / self.spread * UP)
         at = Ball.of(self.proof.orbit).dot(
             Ball.of(basis_at(np.zeros(1), _degree(self.proof.orbit)))
         )
@@ -128,11 +128,11 @@ class Found:
     def reach(self, start: float) -> float | None:
         """Bound of |x| for all ticks from such a start."""
         V = self.from_start(start)
-        return None if V is None else (self.swing + self.spread * max(V, self.last)) * (1 + 1e-12)
+        return None if V is None else (self.swing + self.spread * max(V, self.last)) * UP
 
     def rest(self) -> float:
         """Bound of |x| in the end."""
-        return (self.swing + self.spread * self.last) * (1 + 1e-12)
+        return (self.swing + self.spread * self.last) * UP
 
     def at_least(self, loop: Loop, start: float, tick: int) -> float:
         """Number that |x| exceeds at a tick, from |x| <= start; below zero if it need not.
@@ -146,16 +146,16 @@ class Found:
         if V is None:
             return -1.0
         W = Ball.of(loop.W)
-        fall = self.mu - self.alpha * (V + self.last) * (1 + 1e-12)
-        slow = fall * float(W.low()) * tick * (1 - 1e-9)
+        fall = self.mu - self.alpha * (V + self.last) * UP
+        slow = fall * float(W.low()) * tick * WELL_DOWN
         late = math.inf if loop.late or loop.lag else max(slow, 0.0)
-        near = (self.last + V * math.exp(-late)) * (1 + 1e-9)
+        near = (self.last + V * math.exp(-late)) * WELL_UP
         degree = _degree(self.proof.orbit)
         angle = float(W.mid) * tick
         error = degree * (angle * 1e-15 + tick * float(W.rad) + 1e-14)
         basis = Ball.near(basis_at(np.array([angle]), degree), error)
         at = Ball.of(self.proof.orbit[:1]).dot(basis)
-        return float((abs(at.mid) - at.rad).min()) * (1 - 1e-12) - self.spread * near
+        return float((abs(at.mid) - at.rad).min()) * DOWN - self.spread * near
 
     def beyond(self, loop: Loop, start: float, limit: float) -> int | None:
         """Tick at which |x| certainly exceeds a limit, late on its orbit; None if there is none."""
@@ -172,7 +172,7 @@ class Found:
         row = np.asarray(self.proof.orbit[0])
         x = np.abs(row @ basis_at(np.remainder(ticks * W, 2 * np.pi), _degree(self.proof.orbit)))
         best = int(ticks[int(x.argmax())])
-        return best if self.at_least(loop, start, best) > limit * (1 + 1e-9) else None
+        return best if self.at_least(loop, start, best) > limit * WELL_UP else None
 
 
 # ---- what is heard ------------------------------------------------------------------------------
@@ -300,7 +300,7 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
         own = Ball.of(np.diag([square * (i == j) for j in range(3)]))
         most = float((roots[:, :, i] ** 2).sum(axis=1).max()) * square
         corners.append(_dominated(P, own, degree, most, (-1.0,)))
-    spreads = tuple(math.sqrt(v) * (1 + 1e-12) for v in corners if v is not None)
+    spreads = tuple(math.sqrt(v) * UP for v in corners if v is not None)
     if nu is None or len(spreads) < 3:
         return None
     alpha = nu * math.sqrt(_most(P[2][2], degree))
@@ -316,26 +316,26 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
         for i in range(3)
     )  # fmt: skip
     heard = [zero, l * S * Ball.of(1.0).over(units[1]), h * Ball.of(1.0).over(units[2]) + zero]
-    loud = heard_loud = math.sqrt(_most(_form(after, heard), degree + 2)) * (1 + 1e-12)
-    stiff = tuple(math.sqrt(_most(P[i][i], degree)) / proof.units[i] * (1 + 1e-9) for i in range(3))
+    loud = heard_loud = math.sqrt(_most(_form(after, heard), degree + 2)) * UP
+    stiff = tuple(math.sqrt(_most(P[i][i], degree)) / proof.units[i] * WELL_UP for i in range(3))
     rho += loud * float(noise.high())
-    rho, alpha, least = rho * (1 + 1e-12), alpha * (1 + 1e-12), proof.mu * (1 - 1e-12)
+    rho, alpha, least = rho * UP, alpha * UP, proof.mu * DOWN
     before = None
     old = loop.late + (float(loop.lag.high()) if loop.lag else 0.0)
     if old:
-        loud *= old * float((W * q).size()) * (1 + 1e-12)
+        loud *= old * float((W * q).size()) * UP
         a, b = _largest(z, degree), spreads[1]  # |z| <= a + b V, |x| + 1 <= c + d V
         c, d = _largest(x, degree) + 1, spreads[0]
-        before, alpha = a / b * (1 + 1e-12), (alpha + loud * b * d) * (1 + 1e-12)
-        least = (least - loud * (a * d + b * c) * (1 + 1e-12)) * (1 - 1e-12)
+        before, alpha = a / b * UP, (alpha + loud * b * d) * UP
+        least = (least - loud * (a * d + b * c) * UP) * DOWN
         if not least > 0:
             return None
     room = least * least - 4 * alpha * rho
     if not room > 0:
         return None
-    root = math.sqrt(room) * (1 - 1e-12)
-    farthest = (least + root) / (2 * alpha) * (1 - 1e-12)
-    last = 2 * rho / (least + root) * (1 + 1e-12)
+    root = math.sqrt(room) * DOWN
+    farthest = (least + root) / (2 * alpha) * DOWN
+    last = 2 * rho / (least + root) * UP
     return Found(farthest, last, spreads[0], _largest(x, degree), least,
                  alpha, rho, proof, before, heard_loud, stiff,
                  spreads)  # fmt: skip
@@ -409,7 +409,7 @@ def _form(A: Ball, d: Sequence[Ball]) -> Ball:
 
 def _between(degree: int) -> float:
     """How much larger than at the nodes a sum of this degree can be."""
-    return 1 / math.cos(math.pi * degree / NODES) * (1 + 1e-12)
+    return 1 / math.cos(math.pi * degree / NODES) * UP
 
 
 def _largest(values: Ball, degree: int) -> float:
@@ -419,7 +419,7 @@ def _largest(values: Ball, degree: int) -> float:
 def _most(values: Ball, degree: int) -> float:
     """Largest value of a sum, from its nodes."""
     high, low = float(values.high().max()), float(values.low().min())
-    return high + (high - low) / 2 * (_between(degree) - 1) * (1 + 1e-9)
+    return high + (high - low) / 2 * (_between(degree) - 1) * WELL_UP
 
 
 def _definite(F: Ball, least: float) -> bool:
@@ -440,7 +440,7 @@ def _positive(F: Ball, degree: int) -> bool:
     least = _least(F.mid) * (1 - 1e-6)
     most = max(float((F[i][0].size() + F[i][1].size() + F[i][2].size()).max()) for i in range(3))
     drop = (most - least) / 2 * (_between(degree) - 1)
-    return least - drop * (1 + 1e-9) > 0 and _definite(F, least)
+    return least - drop * WELL_UP > 0 and _definite(F, least)
 
 
 def _least(A: np.ndarray) -> float:

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from decimal import Context, Decimal
 from fractions import Fraction
 
+from slipctl.certify.ball import DOWN, WELL_UP
+
 DIGITS = 64
 
 OLDEST = 5000
@@ -82,7 +84,7 @@ def flight(
     s, co, e_s = 0, D, 0.0
     for _ in range(late + 1):  # back to the tick before the first that is heard
         s, co = (s * turn_c - co * turn_s) // D, (co * turn_c + s * turn_s) // D
-        e_s = e_s * (1 + 1e-30) + 8
+        e_s = e_s + 8
     E = _forgotten(n["T"] / n["lag"], D) if n.get("lag") else 0
     heard, e_heard = 0, 0.0
     if E:
@@ -93,7 +95,7 @@ def flight(
     line: deque[tuple[int, float]] = deque()
     for i in range(-late, ticks):
         s, co = (s * turn_c + co * turn_s) // D, (co * turn_c - s * turn_s) // D
-        e_s = e_s * (1 + 1e-30) + 8
+        e_s = e_s + 8
         v = th + a * s // D
         e_v = e_th + sizes[3] * e_s + 1 + one
         line.append((v * v // D, 2 * abs(v) / D * e_v + e_v * e_v / D + 1))
@@ -102,7 +104,7 @@ def flight(
         u, e_u = line.popleft()
         if E:
             e_heard = (1 - E / D) * e_u + E / D * e_heard + abs(u - heard) / D + 3
-            u, e_u = u + E * (heard - u) // D, e_heard * (1 + 1e-9)
+            u, e_u = u + E * (heard - u) // D, e_heard * WELL_UP
             heard, e_heard = u, e_u
         high = c * u // D - eta + (noise_units if (s > 0) == (sign > 0) else -noise_units)
         z = abs(high) / D
@@ -112,11 +114,11 @@ def flight(
         new_th = e_th + sizes[0] * e_xi + abs(xi) / D + 2
         new_xi = (1 + sizes[1]) * e_xi + sizes[1] * (e_high + z * e_s + 2) + z + abs(xi) / D + 4
         e_eta = e_eta + sizes[2] * e_high + z + 2
-        e_th, e_xi, th = new_th * (1 + 1e-9), new_xi * (1 + 1e-9), th_next
-        e_eta *= 1 + 1e-9
+        e_th, e_xi, th = new_th * WELL_UP, new_xi * WELL_UP, th_next
+        e_eta *= WELL_UP
         if not e_th < D:
             return None
-    return (abs(th) - math.ceil(e_th)) / D * (1 - 1e-12)
+    return (abs(th) - math.ceil(e_th)) / D * DOWN
 
 
 def _rest(

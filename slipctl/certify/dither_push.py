@@ -33,6 +33,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from slipctl.certify.ball import DOWN, WELL_DOWN, WELL_UP
 from slipctl.certify.dither import NODES, Found, Loop, basis_at, gain
 
 MISSED = 1e-10
@@ -81,7 +82,7 @@ def at_least(loop: Loop, noisy: Found, quiet: Found, push: Push) -> float:
         loop: of floats. noisy, quiet: what one proof says of it, and of it without noise.
     """
     q, l, h, W, noise, late, lag = loop
-    rate = (noisy.mu - 2 * noisy.alpha * noisy.last * (1 + 1e-9)) * (1 - 1e-9)
+    rate = (noisy.mu - 2 * noisy.alpha * noisy.last * WELL_UP) * WELL_DOWN
     if not (rate > 0 and LEAST < W < 3 and max(abs(q), l, h, noise) < LARGEST):
         return -1.0
     orbit = np.asarray(noisy.proof.orbit)
@@ -104,7 +105,7 @@ def at_least(loop: Loop, noisy: Found, quiet: Found, push: Push) -> float:
         if not max(abs(x), abs(z), abs(e)) < LARGEST:
             return -1.0
     off = max(quiet.last, (sum(noisy.stiff) + noisy.loud) * MISSED / rate)
-    return (abs(x) - noisy.spread * off) * (1 - 1e-9) - MISSED
+    return (abs(x) - noisy.spread * off) * WELL_DOWN - MISSED
 
 
 @lru_cache(maxsize=32)
@@ -115,7 +116,7 @@ def at_most(loop: Loop, found: Found, wanted: float = math.inf) -> float:
         loop: of floats. found: what is proven of it. wanted: it stops once it is above that.
     """
     q, l, h, W, noise = (abs(float(v)) for v in loop[:5])
-    mu, last = found.proof.mu * (1 - 1e-12), found.last * (1 + 1e-9)
+    mu, last = found.proof.mu * DOWN, found.last * WELL_UP
     if not (LEAST < W < 3 and max(q, l, h, noise) < LARGEST and mu * W < 1):
         return math.inf
     orbit = np.asarray(found.proof.orbit)
@@ -141,12 +142,12 @@ def at_most(loop: Loop, found: Found, wanted: float = math.inf) -> float:
         (h + q * bend_z) * dx + (q * bend_x + q * q * W * bend_z) * dz
     )
     rest = (found.proof.mu - found.mu) * last + found.alpha * last**2
-    rest += max(found.rho - found.loud * noise * (1 - 1e-9), 0.0)
+    rest += max(found.rho - found.loud * noise * WELL_DOWN, 0.0)
     V = (rest + away * jump) / mu
     blur = 1e-11 * ticks * most * (dx + dz + de + noise)
     slope = abs(_slope(orbit[0]) @ at).max() + away * degree * bend_x
     left = min(left, found.spread * last * math.exp(-mu * W * ticks))
-    return (there + away * float(slope) + found.spread * V + left) * (1 + 1e-9) + blur
+    return (there + away * float(slope) + found.spread * V + left) * WELL_UP + blur
 
 
 AT_ONCE = 64

@@ -10,6 +10,7 @@ from typing import Any
 
 from slipctl.certify import dither, dither_flight, dither_push, dither_search, sliding
 from slipctl.certify import extremum as bounds
+from slipctl.certify.ball import UP, WELL_UP
 from slipctl.certify.entries import DoesNotHold, rational, rows, whole
 from slipctl.certify.registry import register
 from slipctl.certify.seal import opened, sealed
@@ -152,7 +153,7 @@ def _check_return(n: Numbers, entries: Entries, target: str) -> None:
 
 def _first(n: Numbers) -> float:
     """Farthest start in amplitudes, rounded up."""
-    return float(_from(n) / n["a"]) * (1 + 1e-12)
+    return float(_from(n) / n["a"]) * UP
 
 
 def _bounds_of(n: Numbers, found: dither.Found, target: str) -> Fraction | None:
@@ -190,7 +191,7 @@ def _find_flight(n: Numbers, constants: float = LATER) -> Entries | None:
     """Run that leaves: from either end of the starts, with floats."""
     if n["w"] * n["T"] > 4 or _late(n) > dither_flight.OLDEST:
         return None
-    limit = float(_farthest(n)) * (1 + 1e-9)
+    limit = float(_farthest(n)) * WELL_UP
     plain = {k: float(v) for k, v in n.items()}
     poles = bounds.perturbation_poles(*(plain[k] for k in ("k", "w_l", "a", "curvature")))
     slowest = max(min(abs(p.real) for p in poles) * plain["T"], 1 / MOST_DITHER_TICKS)
@@ -260,7 +261,7 @@ def _replay_swings_on(n: Numbers, run: Entries) -> str:
     plain = _quiet(n)
     proof = opened(n, run, ("ticks", *PROOF), "run")
     tick = whole(proof["ticks"], "run.ticks", 1, 10**12)
-    start = float(plain["start"] / n["a"]) * (1 + 1e-12)
+    start = float(plain["start"] / n["a"]) * UP
     least = _read_return(plain, proof).at_least(_loop(plain), start, tick)
     if "rest" not in n or not Fraction(least) * n["a"] > n["rest"]:
         raise DoesNotHold("run: th does not swing that far")
