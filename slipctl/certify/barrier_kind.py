@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
@@ -24,6 +24,7 @@ from slipctl.certify import (
     smtlib,
 )
 from slipctl.certify.entries import DoesNotHold, mapping
+from slipctl.certify.outward import precise
 from slipctl.certify.registry import register
 from slipctl.certify.scalar_maps import CubicPull, Interval, Tick
 from slipctl.certify.systems import (
@@ -139,7 +140,7 @@ def _find(n: Numbers) -> Entries | None:
 
 
 def _proved(n: Numbers, z: Interval) -> bool:
-    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+    with holding.refused(), precise(scalar_maps.DIGITS):
         start = _start(n, scalar_maps.exactly)
         tick = _tick(n, scalar_maps.exactly)
         return (z.low <= start.low - scalar_maps.SLOP and start.high + scalar_maps.SLOP <= z.high
@@ -223,7 +224,7 @@ def _polygon(n: Numbers) -> Entries | None:
 
 
 def _decimal_laws(n: Numbers) -> tuple[lagged_maps.Lagged, lagged_maps.Lagged]:
-    with localcontext(Context(prec=scalar_maps.DIGITS)):
+    with precise(scalar_maps.DIGITS):
         law = _lagged(n, scalar_maps.exactly)
     return law, law
 
@@ -256,7 +257,7 @@ def _run(n: Numbers) -> Entries | None:
 def _replay(n: Numbers, given: Entries) -> str:
     if _behind(n):
         raise DoesNotHold("counterexample: this run has no lag")
-    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+    with holding.refused(), precise(scalar_maps.DIGITS):
         tick, start = _tick(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
         after = holding.replay(given, {"start": lambda i: tick}, {"start": start}, Decimal(0))
         return f"the error passes its barrier after {float(after * n['T']):.6g} s"
@@ -269,7 +270,7 @@ def _drift(n: Numbers) -> Entries | None:
 
 def _replay_drift(n: Numbers, given: Entries) -> str:
     with holding.refused():
-        with localcontext(Context(prec=scalar_maps.DIGITS)):
+        with precise(scalar_maps.DIGITS):
             tick = _tick(n, scalar_maps.exactly)
         holding.replay_drift(given, tick)
         return "the push is above the largest pull, and the error passes its barrier"
@@ -283,7 +284,7 @@ def _run_behind(n: Numbers) -> Entries | None:
     found = lagged_runs.outward(lambda i: law, _start(n, float))
     if found is None:
         return None
-    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+    with holding.refused(), precise(scalar_maps.DIGITS):
         exact = _lagged(n, scalar_maps.exactly)
         path = lagged_runs.exact(lambda i: exact, found, Decimal(0),
                                  _start(n, scalar_maps.exactly))  # fmt: skip
@@ -294,7 +295,7 @@ def _run_behind(n: Numbers) -> Entries | None:
 def _replay_behind(n: Numbers, given: Entries) -> str:
     if not _behind(n):
         raise DoesNotHold("counterexample: this run has a lag")
-    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+    with holding.refused(), precise(scalar_maps.DIGITS):
         law, start = _lagged(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
         after = holding.replay_path(given, {"start": lambda i: law}, {"start": start}, Decimal(0))
         return f"the error passes its barrier after {float(after * n['T']):.6g} s"

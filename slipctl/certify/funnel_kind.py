@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -13,6 +13,7 @@ from slipctl.certify import holding, lagged_maps, lagged_runs, outward, scalar_m
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify import sampled_funnel as funnel
 from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.outward import precise
 from slipctl.certify.registry import register
 from slipctl.certify.scalar_maps import AtanhPull, Interval
 from slipctl.certify.systems import (
@@ -206,7 +207,7 @@ def _polygon(n: Numbers) -> Entries | None:
 
 
 def _decimal_laws(n: Numbers) -> tuple[Any, Any]:
-    with localcontext(Context(prec=scalar_maps.DIGITS)):
+    with precise(scalar_maps.DIGITS):
         return _lagged(n, scalar_maps.exactly), _lagged(n, scalar_maps.exactly, True)
 
 
@@ -256,7 +257,7 @@ def _replay(n: Numbers, given: Entries) -> str:
     if _behind(n):
         raise DoesNotHold("counterexample: this run has no lag")
     with holding.refused():
-        with localcontext(Context(prec=scalar_maps.DIGITS)):
+        with precise(scalar_maps.DIGITS):
             law = funnel.decimals(_law(n))
             tick = law.standing()
             start, step = _start_and_step(n)
@@ -272,7 +273,7 @@ def _drift(n: Numbers) -> Entries | None:
 
 def _replay_drift(n: Numbers, given: Entries) -> str:
     with holding.refused():
-        with localcontext(Context(prec=scalar_maps.DIGITS)):
+        with precise(scalar_maps.DIGITS):
             tick = funnel.decimals(_law(n)).standing()
         holding.replay_drift(given, tick)
         return "the push is above the largest pull, and the error leaves its funnel"
@@ -290,7 +291,7 @@ def _run_behind(n: Numbers) -> Entries | None:
         found, start = lagged_runs.outward(lambda i: standing, Interval(0.0, 0.0), share), "middle"
     if found is None:
         return None
-    with holding.refused(), localcontext(Context(prec=scalar_maps.DIGITS)):
+    with holding.refused(), precise(scalar_maps.DIGITS):
         still = _lagged(n, scalar_maps.exactly, True)
         laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: still}
         begin, step = _start_and_step(n)
@@ -324,7 +325,7 @@ def _replay_behind(n: Numbers, given: Entries) -> str:
     if not _behind(n):
         raise DoesNotHold("counterexample: this run has a lag")
     with holding.refused():
-        with localcontext(Context(prec=scalar_maps.DIGITS)):
+        with precise(scalar_maps.DIGITS):
             standing = _lagged(n, scalar_maps.exactly, True)
             start, step = _start_and_step(n)
             laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: standing}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 from itertools import groupby
 from typing import Any
@@ -14,6 +14,7 @@ from slipctl.certify import lagged_maps, lagged_runs, scalar_maps, scalar_runs
 from slipctl.certify.bisection import bisect
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.lagged_maps import NORMALS, SIDES, Lagged
+from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import SLOP, Interval, Tick
 from slipctl.certify.scalar_runs import Move, Run
 from slipctl.certify.systems import Entries, Witness
@@ -136,7 +137,7 @@ def replay_drift(given: Entries, tick: Tick) -> None:
     entry = mapping(given, ("side", "place"), where, True)
     pull = tick.above if whole(entry["side"], f"{where}.side", -1, 1) >= 0 else tick.below
     place = decimal(entry["place"], f"{where}.place")
-    with localcontext(Context(prec=scalar_maps.DIGITS)):
+    with precise(scalar_maps.DIGITS):
         near, far = max(place - tick.noise, Decimal(0)), place + tick.noise
         if not (place >= 0 and far < pull.width):
             raise DoesNotHold(f"{where}.place lies outside the bounds")
@@ -272,7 +273,7 @@ def check_polygons(law: Lagged, still: Lagged, start: Interval, step: Any, given
     """
     entry = mapping(given, ("kept", "settled") if step else ("kept",), "evidence", True)
     kept, moved = _levels(entry["kept"], "evidence.kept")
-    with localcontext(Context(prec=scalar_maps.DIGITS)):
+    with precise(scalar_maps.DIGITS):
         size = [abs(n0) for n0, _ in NORMALS]
         wide = law.dead * law.push + SLOP
         least = [max(n0 * start.low, n0 * start.high) + abs(n0) * wide for n0, _ in NORMALS]

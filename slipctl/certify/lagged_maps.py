@@ -22,13 +22,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import DIGITS, SLOP, Interval, Pull
 
 SIDES = 64
@@ -232,7 +233,7 @@ def keeps(law: Lagged, levels: Levels, moved: Any) -> bool:
         law: decimals. levels: of the normals. moved: bound of the move of z in a tick, which a
             dead time needs.
     """
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         noise = law.noise + law.dead * moved
         low, high = -levels[SIDES // 2] / 10**6, levels[0] / 10**6
         if not (-law.below.width < low - noise and high + noise < law.above.width):
@@ -262,7 +263,7 @@ def keeps(law: Lagged, levels: Levels, moved: Any) -> bool:
 
 def _outermost(points: Any) -> list[tuple[int, int]]:
     """Corners of the hull of points, as multiples of 1e-20, and within 1e-20 of it."""
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         whole = sorted({(_units(x), _units(y)) for x, y in points})
     hull: list[tuple[int, int]] = []
     for way in (whole, whole[::-1]):

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_DOWN, Context, Decimal, localcontext
+from decimal import ROUND_DOWN, Decimal
 from typing import Any
 
 import numpy as np
 
 from slipctl.certify.lagged_maps import Lagged, signed_pull
+from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import DIGITS, LARGEST, SLOP, Interval
 
 MOST = 6000
@@ -110,7 +111,7 @@ def exact(law: Callable[[int], Lagged], chosen: Chosen, step: Any, start: Interv
         law, step: decimals. chosen: from ``outward``. start: the set of starts, in decimals; the
             end of it that floats have chosen may lie outside by their rounding.
     """
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         z = min(max(Decimal(chosen.start), start.low), start.high).quantize(QUANTUM, ROUND_DOWN)
         errors, alpha = [], Decimal(0)
         forward = -1 if chosen.step < 0 else 1
@@ -155,7 +156,7 @@ def leaves(law: Callable[[int], Lagged], path: Path) -> bool:
     radius. The push that a tick needs is then known up to that radius, and must be allowed. Where
     nothing pushes, the errors follow too, each with a radius that the slope of the pull carries on.
     """
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         alpha, loose, last = Decimal(0), Decimal(0), len(path.noise) - 1
         told = len(path.errors) == len(path.noise)
         errors, radii = list(path.errors), [Decimal(0)] * len(path.errors)

@@ -9,12 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from contextlib import AbstractContextManager
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
+
+
+def precise(digits: int) -> AbstractContextManager[Context]:
+    """Decimals of so many digits within a block of code."""
+    return localcontext(Context(prec=digits))
 
 
 @cache

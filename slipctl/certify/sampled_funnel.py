@@ -18,11 +18,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import scalar_maps as maps
+from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import AtanhPull, Interval, Tick
 
 H_BOUND = Fraction(4478, 10000)
@@ -191,7 +192,7 @@ def proved(
         numbers: of the Funnel. start: largest |z| at the start. step: of the reference.
         kept: sets, as decimals.
     """
-    with localcontext(Context(prec=maps.DIGITS)):
+    with precise(maps.DIGITS):
         law = decimals(numbers)
         tail = law.standing(law.share(kept.ticks) * (1 + maps.SLOP) if law.k else Decimal(0))
         for name, z in (("settled", kept.settled), ("kept", kept.kept)):

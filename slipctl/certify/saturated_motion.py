@@ -23,9 +23,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
+
+from slipctl.certify.outward import precise
 
 STEPS = 300
 """Steps of a half turn over the distance s."""
@@ -170,5 +172,5 @@ def largest_start(law: Saturated) -> float:
 
 def exactly(numbers: Sequence[Fraction]) -> list[Decimal]:
     """Decimals of DIGITS digits."""
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         return [Decimal(x.numerator) / Decimal(x.denominator) for x in numbers]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import ROUND_FLOOR, Context, Decimal, localcontext
+from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import saturated_motion as swing
 from slipctl.certify import smtlib
 from slipctl.certify.entries import DoesNotHold, mapping, whole
+from slipctl.certify.outward import precise
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -146,7 +147,7 @@ def _check(n: Numbers, given: Entries) -> None:
     steps = whole(mapping(given, ("steps",), "proofs.ladder", True)["steps"], "steps", 1, 10**6)
     if steps not in swing.FINER:
         raise DoesNotHold(f"proofs.ladder: steps must be one of {swing.FINER}")
-    with localcontext(Context(prec=swing.DIGITS)):
+    with precise(swing.DIGITS):
         law, start = _exact(n)
         if _spare(n) <= 0 or not (start == 0 or swing.dies_out(law, start, steps)):
             raise DoesNotHold("proofs.ladder: the swings are not shown to die out")
@@ -173,7 +174,7 @@ def _replay(n: Numbers, given: Entries) -> str:
         raise DoesNotHold(f"{where}: a start or a need that is not allowed")
     if _spare(n) <= 0:
         raise DoesNotHold(f"{where}: the need is out of reach; no swing is needed to see it")
-    with localcontext(Context(prec=swing.DIGITS)):
+    with precise(swing.DIGITS):
         law, start = _exact(n)
         own = law if side > 0 else law.turned()
         if not any(swing.comes_back(own, start, steps) for steps in swing.FINER):

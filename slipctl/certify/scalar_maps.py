@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from decimal import Context, Decimal, getcontext, localcontext
+from decimal import Context, Decimal, getcontext
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from slipctl.certify.bisection import bisect
+from slipctl.certify.outward import precise
 
 DIGITS = 50
 """Digits of a proof; a tick takes some tens of operations on numbers below LARGEST."""
@@ -306,7 +307,7 @@ def exactly(value: Fraction | float | int) -> Decimal:
 
 def proved(tick: Tick, z: Interval) -> bool:
     """Whether ``keeps`` holds with decimals; the tick and the interval must be made of them."""
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         numbers = (*z, tick.push, tick.noise, tick.q, tick.r, tick.shift)
         if any(abs(x) > LARGEST for x in numbers):
             return False

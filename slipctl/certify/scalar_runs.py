@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
+from decimal import Decimal
 from typing import Any
 
+from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import DIGITS, LARGEST, SLOP, Interval, Tick, image, turn
 
 MOST = 20_000
@@ -155,7 +156,7 @@ def replayed(ticks: Callable[[int], Tick], run: Run) -> Iterator[tuple[Decimal, 
     Proof note: the slope of the pull falls with the distance. So over [y - rho, y + rho] that of G,
     q - r pull', lies between its values at the nearest and at the furthest distance.
     """
-    with localcontext(Context(prec=DIGITS)):
+    with precise(DIGITS):
         z, radius = run.start, Decimal(0)
         for i, move in enumerate(run.moves):
             tick = ticks(i)

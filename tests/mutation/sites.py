@@ -67,9 +67,15 @@ def changed(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
         yield "constant", ast.Constant(other)
     elif isinstance(new, ast.Call) and (new.args or new.keywords):
         named = new.func.attr if isinstance(new.func, ast.Attribute) else ""
-        if (named or getattr(new.func, "id", "")) not in WORDS:
+        if (named or getattr(new.func, "id", "")) not in WORDS and not is_zero(new):
             (new.keywords or new.args).pop()
             yield "argument", new
+
+
+def is_zero(node: ast.Call) -> bool:
+    """Whether it is Decimal(0) or Fraction(0): the same without the 0."""
+    called = getattr(node.func, "id", "")
+    return called in ("Decimal", "Fraction") and [ast.unparse(a) for a in node.args] == ["0"]
 
 
 def is_number(node: ast.AST) -> bool:
