@@ -2,8 +2,8 @@
 
 It runs the room's tests, looks at the arguments with which its functions are called, and varies
 their numbers. Of each function it keeps few calls: those that take all of its branches, and those
-that tell small changes of its code apart (``mutation/sites.py``; half of them, drawn by name, so
-that the other half says how well the choice carries over). ``--again`` keeps the calls of the table
+that tell small changes of its code apart (``mutation/sites.py``; a quarter of them, drawn by name,
+so that the others say how well the choice carries over). ``--again`` keeps the calls of the table
 and computes anew what they give. Both say what changed.
 
 What a result may be off by is measured: calls are repeated with other kernels of BLAS and with
@@ -63,10 +63,10 @@ LARGEST, LONGEST = 6000, 0.1
 """Letters of the arguments that are kept, and s of CPU of a call."""
 LOOKED_AT = 8
 """Calls of a function that are looked at in each test."""
-TRIED, VARIED = 20, 60
+TRIED, VARIED = 16, 40
 """Calls of a function of which some are chosen: as they were seen, and with other numbers."""
-PATIENCE = 1.0
-"""s of CPU that calls are tried for one change."""
+PATIENCE, BUDGET = 0.2, 2.0
+"""s of CPU that calls are tried for one change, and for all changes of a function."""
 EXACT, LOOSE = 1e-14, 1e-6
 """Shares by which a float may be off, at least; where it may be off by more, it is not kept."""
 
@@ -273,10 +273,12 @@ def telling(task: tuple[str, list[Any]]) -> tuple[str, list[Any]]:
     place, (number, *calls) = task
     signal.signal(signal.SIGPROF, late)
     rng = random.Random(zlib.crc32(place.encode()))
-    calls = [
-        *calls,
-        *(varied(rng.choice(calls), rng, rng.choice((0.1, 0.3, 1))) for _ in range(VARIED)),
-    ]
+    for _ in range(VARIED):
+        first, more = rng.choice(calls[: number + TRIED])
+        share = rng.choice((0.1, 0.3, 1.0))
+        calls.append(
+            [varied(first, rng, share), {k: varied(v, rng, share) for k, v in more.items()}]
+        )
     known = []
     for i, arguments in enumerate(calls):
         start = time.process_time()
@@ -291,8 +293,10 @@ def telling(task: tuple[str, list[Any]]) -> tuple[str, list[Any]]:
     file = Path(own.co_filename)
     text = file.read_text(encoding="utf-8")
     caches = [c for c in gc.get_objects() if isinstance(c, functools._lru_cache_wrapper)]
-    inside = place.partition(":")[2]
-    for site in sites(file.relative_to(ROOT).as_posix(), text):
+    inside, began = place.partition(":")[2], time.process_time()
+    for site in changes(file):
+        if time.process_time() - began > BUDGET:
+            break
         if (site.function == inside or site.function.startswith(f"{inside}.")) and guides(site):
             try:
                 new = code_of(compile(site.applied(text), str(file), "exec"), inside)
@@ -317,14 +321,22 @@ def telling(task: tuple[str, list[Any]]) -> tuple[str, list[Any]]:
     return place, [known[i][0] for i in chosen]
 
 
+@functools.lru_cache
+def changes(file: Path) -> list[Site]:
+    """All changes of a file."""
+    return sites(file.relative_to(ROOT).as_posix(), file.read_text(encoding="utf-8"))
+
+
 def guides(site: Site) -> bool:
-    """Whether a change is of the half by which calls are chosen."""
-    return zlib.crc32(site.name.encode()) % 2 == 0
+    """Whether a change is of the quarter by which calls are chosen."""
+    return zlib.crc32(site.name.encode()) % 4 == 0
 
 
 def drawn(seen: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    for place in seen:  # once, not in each child
+        changes(Path(bare(place).__code__.co_filename))
     resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
-    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=20) as pool:
+    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=100) as pool:
         found = pool.imap_unordered(telling, seen.items())
         return dict(sorted(found))
 
