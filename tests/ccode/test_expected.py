@@ -231,3 +231,14 @@ def test_made_up_inputs_fill_their_ranges_and_follow_their_changes():
     near = comparison.trial_rows(Plan(wide), 0.01)
     assert np.abs(near[:, 2] - 5).max() <= 0.05 + 1e-9
     assert np.ptp(near[:, 2]) > 0.09
+
+
+def test_a_large_signal_that_hardly_moves_is_compared_in_every_tick():
+    """What it swings over is less than a rounding of it: no envelope, the size decides."""
+    plan = Plan(lag)
+    states = 1e9 + 1e-5 * np.arange(4.0)[:, None]
+    run = expected.Expected(np.zeros((4, 1)), states, states, np.zeros(4, int), {}, frozenset())
+    trials = Trials([np.hstack([states, states]) + 1e-4], np.zeros((1, 4), int))
+    given = expected.with_limits(plan, run, {}, trials)
+    assert given.envelope == frozenset()
+    assert given.limits["x"] == pytest.approx(16e-4 + 1e-12 * 1e9, rel=1e-3)

@@ -97,3 +97,12 @@ def test_odd_whole_and_with_units(law):
     assert (np.diff(up) >= -1e-12).all()
     assert up[-1] == pytest.approx(1.0, abs=1e-9)
     assert not law.check_units()
+
+
+@pytest.mark.parametrize("law", [carter, fastsim])
+@pytest.mark.parametrize("v_s", [1e-4, 2e-3, 0.02])
+def test_a_share_of_the_slope_is_a_share_of_the_creep(law, v_s):
+    """Without falling friction the creep comes with its stiffness alone, below any saturation."""
+    half = law(v_s=v_s, v=20.0, k=0.5, A=1.0)["mu"]
+    assert half == pytest.approx(law(v_s=v_s / 2, v=20.0, k=1.0, A=1.0)["mu"], rel=1e-12)
+    assert half < law(v_s=v_s, v=20.0, k=1.0, A=1.0)["mu"]

@@ -121,7 +121,8 @@ class Tree:
 def asked(site: Site, tests: dict[str, Any], longest: float) -> list[str]:
     """Tests that enter the function, then the file, then (no test of it: it ran before) all.
 
-    The quickest first; of all, those first whose file names the changed one.
+    The quickest first; of all, those first whose file names the changed one. A test that reads what
+    the room declares, defaults too, enters nothing of it, and is asked of every change.
     """
     inside, stem = site.file.removeprefix("slipctl/"), Path(site.file).stem
     naming = {f for f in {t.split("::")[0] for t in tests}
@@ -140,7 +141,8 @@ def asked(site: Site, tests: dict[str, Any], longest: float) -> list[str]:
         chosen = sorted((t for t in tests if near[t] < 2),
                         key=lambda t: (near[t], tests[t]["seconds"]))  # fmt: skip
     spent, inside_time = 0.0, []
-    for test in chosen:
+    declared = [t for t in tests if "/test_declared_" in t and t not in chosen]
+    for test in [*declared, *chosen]:
         spent += tests[test]["seconds"]
         if spent > longest and inside_time:
             break
