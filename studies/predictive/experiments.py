@@ -27,6 +27,7 @@ from slipctl.studies.predictive.problems import (
     run,
     slip,
 )  # fmt: skip
+from slipctl.studies.predictive.reference_speed import reference_speed
 
 FOUR = ("reference", "rates", "hard", "car")
 
@@ -322,4 +323,7 @@ EXPERIMENTS = {
     "pi_gains": Experiment("The best PI law on the same run", pi_gains),
     "horizons": Experiment("Operations over the horizon", horizons),
     "estimation": Experiment("The adhesion force by a window of samples", estimation),
+    "reference_speed": Experiment(
+        "The train's speed by a window that knows slip's sign", reference_speed
+    ),
 }

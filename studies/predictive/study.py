@@ -89,6 +89,12 @@ def where_worse(r: Results) -> str:
     return f"not on {', '.join(found)}; on the other {len(t['mhe']) - len(found)} it is"
 
 
+def speed_ratio(r: Results) -> float:
+    """Error of the train's speed by the window over that of the filter."""
+    t = r.table("reference_speed")
+    return float(t.where("rms error", estimator="mhe") / t.where("rms error", estimator="ekf"))
+
+
 def growth(r: Results) -> float:
     """Operations of 160 stages over those of 80, mean of the ticks."""
     t, column = r.table("horizons"), "operations, mean"
@@ -160,6 +166,16 @@ CLAIMS = (
           "distance of the window from the extended Kalman filter where no limit is near", "number",
           1e-5, lambda r: max(r.table("estimation", "limits")["mhe from ekf, away from the limit"]),
           "N", bound="at most", assumption="the wheel is linear in its speed and force"),
+    Claim("reference_speed", "extended Kalman filter",
+          "rms error of the train's speed by a window that knows the sign of slip, over that of the"
+          " filter", "number", 1.0, speed_ratio, bound="at most",
+          assumption="the filter trusts the rim as is best for it on this run"),
+    Claim("slip_sign", "extended Kalman filter",
+          "ticks in which the window tells a train slower than its braked rim, by more than five"
+          " standard deviations", "number", 0,
+          lambda r: r.table("reference_speed").where("ticks below the rim", estimator="mhe"),
+          bound="at most", why=lambda r: "of the filter "
+          f"{r.table('reference_speed').where('ticks below the rim', estimator='ekf')}"),
     Claim("growth", OURS, "operations of 160 stages over those of 80, mean of the ticks", "number",
           2.1, growth, bound="at most"),
 )  # fmt: skip

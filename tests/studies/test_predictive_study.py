@@ -1,6 +1,7 @@
 """The study ``predictive``: its helpers against code that shares nothing with them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from slipctl.studies.predictive.problems import (
     rolled,
     run,
 )  # fmt: skip
+from slipctl.studies.predictive.reference_speed import reference_speed
 
 
 def test_every_row_can_be_answered_without_full():
@@ -59,6 +61,15 @@ def test_osqp_keeps_a_hard_limit_and_prices_one_that_nobody_can_keep():
         assert theirs[0] == pytest.approx(ours[0], abs=1e-6)
         assert theirs[3] < reference.DEVIATION
     assert ours[1] == 3
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_window_with_the_sign_of_slip_is_solved_in_every_tick(seed):
+    """With seed 2 the interior point method stood still in one tick; the window is beyond it."""
+    table = reference_speed(SimpleNamespace(seed=seed, compile=True))
+    assert table["ticks not solved"] == [0, 0]
+    assert table["ticks below the rim"][1] == 0
+    assert table["rms error"][1] < 0.7 * table["rms error"][0]
 
 
 def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_path, capsys):
