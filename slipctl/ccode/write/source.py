@@ -213,10 +213,14 @@ def _start(plan: Plan) -> str:
         for m in members:
             if m.signal.derived:
                 body += plan.start_lines((m,), firsts[m.c], "state->")
+        if len(plan.parts) == 1:  # whichever part is meant, it is this one
+            lines += _distinct(body)
+            break
         made = if_([f"(part == 0) || (part == {k})"], *_distinct(body))
         lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
     text = "\n".join(lines)
     void = ["(void)param;"] * identifier_free(text, "param")
+    void += ["(void)part;"] * identifier_free(text, "part")
     told = "Put a part of the state to its start, by the order of the parts; 0 is all."
     computed = [within(plan, m, "state->") for m in plan.layout.states if m.signal.derived]
     if computed:
