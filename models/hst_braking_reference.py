@@ -245,8 +245,7 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
     ):
         """Curve of the family through three rails; only its height is unknown."""
         a1, share = shape(a0)
-        height = fmax(a0, 1e-4)  # below, where nothing grips, a fit would fall for ever
-        return -height * (1 - exp(-a1 * lam) - share * lam)
+        return -a0 * (1 - exp(-a1 * lam) - share * lam)
 
     return one_parameter
 

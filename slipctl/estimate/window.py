@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 
 import casadi as ca
+import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
@@ -142,6 +143,7 @@ def windowed(
         for _ in range(iterations):
             state = iterate(*state, *arithmetic, *data)
         theta, _, squares, H, _, damping = state
+        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean))
         P = invert(H, least)
         if memory == 1:
             scatter = declared + squares / count
@@ -191,6 +193,9 @@ def windowed(
             Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
                   " samples that the law cannot fit would hide the next change", lo=1e-12,
                   hi=1e12).named("coarsest"),
+            Param("1", 1e12, "how far a coordinate may go from its first guess; where nothing is"
+                  " to be measured, a logarithm would fall for ever", lo=1e-12,
+                  hi=1e12).named("farthest"),
             Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
                   " after; the newest replaces them", lo=0, hi=1000).named("settling"),
             Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"
@@ -202,6 +207,11 @@ def windowed(
         | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {}),
         doc=__doc__ or "",
     )  # fmt: skip
+
+
+def _near(theta: ca.MX, guess: np.ndarray, far: ca.MX) -> ca.MX:
+    """Coordinates that are no further than so much from the first guess."""
+    return ca.fmax(ca.DM(guess) - far, ca.fmin(ca.DM(guess) + far, theta))
 
 
 def smallest_shift(
