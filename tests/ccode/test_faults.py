@@ -125,6 +125,60 @@ def test_a_flipped_slip_is_seen_and_does_no_harm(tmp_path):
     assert [(f.told, f.passed) for f in found] == [(10, True), (100, True)]
 
 
+def test_a_controller_that_watches_reads_true_samples(tmp_path):
+    """What a fault is judged by: a module that read the truth while another one was in charge."""
+    _, loop, part, scenario = next(bench.controllers(["subway_braking:sta"]))
+    _, params = recorded(loop, part, scenario, 1)
+    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load()
+    whole = ClosedLoop(loop, part, scenario, module.reset(**params))
+    whole.run(1500)
+    begin = whole.keep()
+    k = list(loop[part].inputs).index("v_s")
+    course = whole.run(200, Wrong(k, 100, 2.0, 0.0))
+    assert (course.read[:100, k] == 2 * course.truth[:100, k]).all()
+    np.testing.assert_array_equal(course.read[100:], course.truth[100:])
+    whole.go_back(begin)
+    plain = whole.run(200)
+    state = whole.keep()[2]
+    whole.go_back(begin)
+    whole.watch(plain.truth)
+    np.testing.assert_array_equal(whole.keep()[2], state)
+
+
+def test_missing_wheel_speed_leaves_no_wrong_adhesion(tmp_path):
+    """100 ticks of NaN: what the wheel lost meanwhile was an acceleration; it took 0.6 s."""
+    _, loop, part, scenario = next(bench.controllers(["hst_braking:pid"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [1.5], bench.WHERE["hst_braking"].wheel, kinds=["NaN"],
+        lengths=(100,), signals=["omega"], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert [(f.told, f.passed) for f in found] == [(100, True)]
+
+
+@pytest.mark.parametrize("name", ["hst_braking:search_printed", "hst_braking:eppfc_estimated"])
+def test_constant_inputs_refuse_no_tick_for_ever(name, tmp_path):
+    """No train does that; a search, a bias and a fit ran to the ends of their ranges and stayed."""
+    _, loop, part, _ = next(bench.controllers([name]))
+    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load().reset()
+    module.replay({n: np.zeros(6000) for n in loop[part].inputs})
+    assert not (np.array(module.status)[2000:] & guard.REFUSED).any()
+
+
+def test_what_a_controller_remembers():
+    """By hand, from the parameters of the study."""
+    allowed = {}
+    for name in ("subway_braking:smc", "subway_braking:sta", "hst_braking:pid",
+                 "freight_traction:smes_robust", "freight_traction:improved_robust"):  # fmt: skip
+        _, loop, part, _ = next(bench.controllers([name]))
+        allowed[name.partition(":")[2]] = bench.settling(loop[part]), bench.cycle(loop[part])
+    law, turning, fit, slides, locks = (allowed[n][0] for n in allowed)
+    assert (law(0.1), turning(0.1)) == (pytest.approx(0.1), pytest.approx(0.2))
+    assert fit(0.01) == pytest.approx(0.1 + 24 * 0.005 + 0.01)
+    assert slides(0.1) == pytest.approx(0.1 + 2 * 0.1 / 1.0)
+    assert locks(0.1) == pytest.approx(0.1 + 0.05 + 4 * 0.02 / 0.1 + np.log(50) / 1.2)
+    assert [c for _, c in allowed.values()] == pytest.approx([0, 0, 0, 0.2, 0.4])
+
+
 def test_outputs_that_chatter_are_compared_by_means():
     """A square wave of two ticks and the same one tick later: as numbers they never agree."""
     k = np.arange(400)
