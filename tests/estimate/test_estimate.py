@@ -694,3 +694,36 @@ def test_the_covariance_is_of_the_noise_that_is_seen():
         found.append(y["covariance"][:, 0, -1])
     # the same draws, scaled; c, a and b, and so their slopes, differ by a few per cent
     assert np.allclose(found[1] / found[0], 0.09, rtol=0.15)
+
+
+# ---- samples that no curve fits ----------------------------------------------------------------
+
+
+@law(y=Output("1", "value"))
+def line(u=Input("1", "place"), c=Param("1", 1.0, "slope", lo=1e-9, hi=1e9)):
+    """Line with a positive slope."""
+    return c * u
+
+
+def test_samples_that_no_curve_fits_do_not_hide_the_next_change():
+    """A slope is positive: after 20 values below 0 the residuals were taken for noise for ever."""
+    value = np.ones(120)
+    value[40:60], value[60] = -0.5, 0.2  # wrong, then mixed, then the line again
+    inputs = np.vstack([np.ones(120), value])
+    settings = dict(form="window", window=24, iterations=4, noise=1e-3, farthest=9.0)
+    hidden, _ = run(rls(line, "y", **settings), inputs)
+    y, last = run(rls(line, "y", **settings, coarsest=0.01), inputs)
+    assert abs(hidden["c"][0, 75] - 1) > 0.3
+    assert y["c"][0, 75:] == pytest.approx(1.0, abs=1e-3)
+    assert last["theta"].min() >= -9
+
+
+def test_a_coordinate_goes_no_further_than_stated():
+    """Where the value is 0 its logarithm falls without end."""
+    inputs = np.vstack([np.ones(400), np.zeros(400)])
+    settings = dict(form="window", window=24, iterations=4, noise=1e-3)
+    free, there = run(rls(line, "y", **settings), inputs)
+    held, here = run(rls(line, "y", **settings, farthest=3.0), inputs)
+    assert there["theta"].min() < -4
+    assert here["theta"].min() == pytest.approx(-3.0) == here["mean"].min()
+    assert held["c"].min() == pytest.approx(np.exp(-3.0))
