@@ -1,10 +1,9 @@
 """Draw the calls of ``recorded_calls``: python tests/draw_calls.py slipctl/certify.
 
-It runs the room's tests, looks at the arguments with which its functions are called, and varies
-their numbers. Of each function it keeps few calls: those that take all of its branches, and those
-that tell small changes of its code apart (``mutation/sites.py``; a quarter of them, drawn by name,
-so that the others say how well the choice carries over). ``--again`` keeps the calls of the table
-and computes anew what they give. Both say what changed.
+It runs the room's tests, looks at the arguments with which its functions are called, and keeps few
+of each function: the smallest that take all of its branches, some with many numbers, and some with
+other numbers than were seen. ``--again`` keeps the calls of the table and computes anew what they
+give. Both say what changed.
 
 What a result may be off by is measured: calls are repeated with other kernels of BLAS and with
 elementary functions that are one unit off in the last place.
@@ -13,14 +12,10 @@ elementary functions that are one unit off in the last place.
 from __future__ import annotations
 
 import argparse
-import functools
-import gc
-import importlib
 import inspect
 import json
 import lzma
 import math
-import multiprocessing
 import os
 import random
 import resource
@@ -31,6 +26,7 @@ import time
 import types
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -51,9 +47,6 @@ from recorded_calls import (
     told,
 )
 
-sys.path.append(str(Path(__file__).parent / "mutation"))
-from sites import Site, sites
-
 ROOMS = {
     "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
                         "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
@@ -63,10 +56,8 @@ LARGEST, LONGEST = 6000, 0.1
 """Letters of the arguments that are kept, and s of CPU of a call."""
 LOOKED_AT = 8
 """Calls of a function that are looked at in each test."""
-TRIED, VARIED = 16, 40
-"""Calls of a function of which some are chosen: as they were seen, and with other numbers."""
-PATIENCE, BUDGET = 0.2, 2.0
-"""s of CPU that calls are tried for one change, and for all changes of a function."""
+MORE, VARIED = 2, 5
+"""Calls of a function with many numbers, and with other numbers than were seen."""
 EXACT, LOOSE = 1e-14, 1e-6
 """Shares by which a float may be off, at least; where it may be off by more, it is not kept."""
 
@@ -189,7 +180,7 @@ def candidates(room: str, tests: list[str]) -> dict[str, list[Any]]:
         first = needed(seen)
         others = sorted(set(seen.kept) - set(first), key=lambda t: (-numbers_in(t), len(t), t))
         others = [t for t in others if len(t) < LARGEST / 4]
-        found[seen.place] = [len(first), *map(json.loads, first + others[:TRIED])]
+        found[seen.place] = [len(first), *map(json.loads, first + others[:8])]
     return found
 
 
@@ -236,7 +227,7 @@ def given(place: str, arguments: Any, patience: float = LONGEST) -> list[Any] | 
     signal.setitimer(signal.ITIMER_PROF, patience)
     try:
         return told(called(place, arguments))
-    except (Unwritten, AttributeError, ImportError, Late):
+    except (Unwritten, AttributeError, ImportError, TypeError, ValueError, Late):
         return None
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
@@ -246,107 +237,28 @@ def late(*_: Any) -> None:
     raise Late
 
 
-def code_of(code: types.CodeType, name: str) -> types.CodeType | None:
-    """The code of a function within that of its file."""
-    for inner in code.co_consts:
-        if isinstance(inner, types.CodeType):
-            found = inner if inner.co_qualname == name else code_of(inner, name)
-            if found:
-                return found
-    return None
-
-
-def bare(place: str) -> types.FunctionType:
-    """The function itself, under what is wrapped around it."""
-    module, _, name = place.partition(":")
-    found: Any = importlib.import_module(module)
-    for part in name.split("."):
-        found = inspect.getattr_static(found, part)
-    for own in ("__func__", "fget", "func", "__wrapped__"):
-        found = getattr(found, own, found)
-    assert isinstance(found, types.FunctionType)
+def chosen(task: list[Any], rng: random.Random) -> list[Any]:
+    """Calls of a function that take all of its branches, some with many numbers, some varied."""
+    number, *calls = task
+    found = calls[: number + MORE]
+    small = [c for c in calls if len(json.dumps(c)) < LARGEST / 4]
+    for _ in range(VARIED if small else 0):
+        (first, more), share = rng.choice(small), rng.choice((0.1, 0.3, 1.0))
+        found.append(
+            [varied(first, rng, share), {k: varied(v, rng, share) for k, v in more.items()}]
+        )
     return found
 
 
-def telling(task: tuple[str, list[Any]]) -> tuple[str, list[Any]]:
-    """Calls of a function that tell changes of it from what it is."""
-    place, (number, *calls) = task
-    signal.signal(signal.SIGPROF, late)
-    rng = random.Random(zlib.crc32(place.encode()))
-    for _ in range(VARIED):
-        first, more = rng.choice(calls[: number + TRIED])
-        share = rng.choice((0.1, 0.3, 1.0))
-        calls.append(
-            [varied(first, rng, share), {k: varied(v, rng, share) for k, v in more.items()}]
-        )
-    known = []
-    for i, arguments in enumerate(calls):
-        start = time.process_time()
-        wanted = given(place, arguments, LONGEST if i < number else LONGEST / 3)
-        known.append((arguments, wanted, time.process_time() - start))
-    chosen = [i for i in range(number) if known[i][1]]
-    others = sorted(
-        (i for i in range(number, len(calls)) if known[i][1]), key=lambda i: known[i][2]
-    )
-    function = bare(place)
-    own = function.__code__
-    file = Path(own.co_filename)
-    text = file.read_text(encoding="utf-8")
-    caches = [c for c in gc.get_objects() if isinstance(c, functools._lru_cache_wrapper)]
-    inside, began = place.partition(":")[2], time.process_time()
-    for site in changes(file):
-        if time.process_time() - began > BUDGET:
-            break
-        if (site.function == inside or site.function.startswith(f"{inside}.")) and guides(site):
-            try:
-                new = code_of(compile(site.applied(text), str(file), "exec"), inside)
-                function.__code__ = new or own
-            except (SyntaxError, ValueError):
-                continue
-            spent = 0.0
-            for i in [*chosen, *others]:
-                for c in caches:
-                    c.cache_clear()
-                arguments, wanted, seconds = known[i]
-                got = given(place, arguments, 0.1 + 5 * seconds)
-                if got is None or not off(got, wanted) <= 1e-13:
-                    if i not in chosen:
-                        chosen.append(i)
-                        others.remove(i)
-                    break
-                spent += seconds
-                if spent > PATIENCE:
-                    break
-            function.__code__ = own
-    return place, [known[i][0] for i in chosen]
-
-
-@functools.lru_cache
-def changes(file: Path) -> list[Site]:
-    """All changes of a file."""
-    return sites(file.relative_to(ROOT).as_posix(), file.read_text(encoding="utf-8"))
-
-
-def guides(site: Site) -> bool:
-    """Whether a change is of the quarter by which calls are chosen."""
-    return zlib.crc32(site.name.encode()) % 4 == 0
-
-
-def drawn(seen: dict[str, list[Any]]) -> dict[str, list[Any]]:
-    for place in seen:  # once, not in each child
-        changes(Path(bare(place).__code__.co_filename))
-    resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
-    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=100) as pool:
-        found = pool.imap_unordered(telling, seen.items())
-        return dict(sorted(found))
+def drawn(seen: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
+    return {k: chosen(v, random.Random(zlib.crc32(k.encode()))) for k, v in seen.items()}
 
 
 # ---- what a result may be off by -----------------------------------------------------------------
 
 
 VARIANTS: list[dict[str, str]] = [
-    {}, {"OPENBLAS_CORETYPE": "Prescott"}, {"OPENBLAS_CORETYPE": "Haswell"},
-    {"OPENBLAS_CORETYPE": "SkylakeX"}, {"NUDGED": "1"}, {"NUDGED": "-1"},
+    {}, {"OPENBLAS_CORETYPE": "Prescott"}, {"NUDGED": "1"}, {"NUDGED": "-1"},
 ]  # fmt: skip
 
 
@@ -371,14 +283,13 @@ def nudge(side: int) -> None:
 def results(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
     """What calls give, and s of CPU; None where a result has no text."""
     found: dict[str, list[Any]] = {}
+    signal.signal(signal.SIGPROF, late)
+    resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
     for place, every in calls.items():
         own: list[Any] = []
         for arguments in every:
             start = time.process_time()
-            try:
-                got = told(called(place, arguments))
-            except (Unwritten, AttributeError, ImportError, TypeError):
-                got = None
+            got = given(place, arguments)
             own.append([got, time.process_time() - start])
         found[place] = own
     return found
@@ -386,13 +297,16 @@ def results(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
 
 def measured(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
     """Calls with what they give and what that may be off by; without those that wander or last."""
-    runs = []
-    for more in VARIANTS:
-        done = subprocess.run(
-            [sys.executable, __file__, "--results"], input=json.dumps(calls), text=True, check=True,
+    children = [
+        subprocess.Popen(
+            [sys.executable, __file__, "--results"], text=True, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **more},
-        )  # fmt: skip
-        runs.append(json.loads(done.stdout))
+        )
+        for more in VARIANTS
+    ]  # fmt: skip
+    with ThreadPoolExecutor() as pool:
+        said = pool.map(lambda child: child.communicate(json.dumps(calls))[0], children)
+        runs = [json.loads(text) for text in said]
     kept: dict[str, list[Any]] = {}
     for place, every in calls.items():
         for i, arguments in enumerate(every):
