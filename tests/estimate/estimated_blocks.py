@@ -14,7 +14,18 @@ from test_fitting import line, polach, synthetic
 from test_identification import data
 from test_over_time import coasted, stepped
 
-from slipctl import fit, fit_over_time, identify, linear_fit, misfit_search
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    fit,
+    fit_over_time,
+    identify,
+    law,
+    linear_fit,
+    misfit_search,
+)  # fmt: skip
 from slipctl.block.block import Block
 from slipctl.estimate import misfit, peak, whitening, window
 from slipctl.estimate.identification import swarm_fit
@@ -81,6 +92,44 @@ def of(f: ca.Function, seed: int = 1) -> list[Any]:
     ]
 
 
+def over_a_jump(block: Block, law: Block, other: dict[str, float]) -> Any:
+    """Last state and all outputs of an estimator over 30 samples; after 15 the law is another."""
+    rng = np.random.default_rng(4)
+    u = rng.uniform(0.2, 2.0, (len(law.inputs), 30))
+    inputs = [dict(zip(law.inputs, column, strict=True)) for column in u.T]
+    heights = [law(**at, **(other if k > 14 else {})) for k, at in enumerate(inputs)]
+    rows = [[float(h[y]) for h in heights] for y in law.outputs]
+    data = np.vstack([u, np.array(rows) + 1e-3 * rng.standard_normal(30)])
+    x, found = ca.DM(block.pack("state", block.start())), []
+    p = ca.DM(block.pack("param", block.param_values()))
+    for column in data.T:
+        x, y = block.f(x, column, p)
+        found.append(ca.DM(y))
+    return [ca.DM(x), *found]
+
+
+@law(y=Output("1", "output"))
+def odd(
+    x=Input("1"), p=Param("1", 2.0), q=Param("1", "2 * p"), many=Param("1", (1.0, 2.0), shape=(2,)),
+):  # fmt: skip
+    """One parameter that is free and a number."""
+    return p * x + q + 0 * many[0]
+
+
+def advice() -> Any:
+    """What is advised of short ranges, below and above zero and far from it."""
+    found = []
+    cases = ((5, 8, 0.02), (0, 1, 0.02), (10, 10.2, 0.5), (1, 1.0005, 0.02), (0, 0, 1))
+    for lo, hi, noise in cases:
+        try:
+            given = data(lo, hi, noise, N=200)
+            told = identify(specific_resistance, given, largest_condition=1e7)._asdict()
+        except BadInput as refused:
+            told = {"refused": str(refused)}
+        found.append(told)
+    return found
+
+
 def followed(rule: str) -> Any:
     """A brake that answers late, from a log with a gap."""
     t = np.arange(0, 4, 0.02)
@@ -142,6 +191,19 @@ RESULTS: dict[str, Callable[[], Any]] = {
         spread={"a": 0.1})._asdict(),
     "smallest shift": lambda: [
         window.smallest_shift(n, s, m, u, g, d, e) for n, s, m, u, g, d, e in SHIFTS],
+    "window over a jump": lambda: over_a_jump(
+        BLOCKS["window"](), double_exponential, {"c": 0.25}),
+    "window with memory over a jump": lambda: over_a_jump(
+        BLOCKS["window with memory"](), plane, {"p": 2.0}),
+    "window with an echo over a jump": lambda: over_a_jump(
+        BLOCKS["window with an echo"](), plane, {"p": 0.02}),
+    "recursive over a jump": lambda: over_a_jump(BLOCKS["recursive"](), plane, {"p": 2.0}),
+    "odd parameters": lambda: rls(odd), "advice": advice,
+    "deviation of a peak": lambda: [
+        peak._deviation(np.array(g), np.array(r)) for g, r in (
+            ([1.0, 2.0], [[1.0, 0.5], [0.0, 2.0]]), ([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]),
+            ([1.0, 0.0], [[1e-9, 0.0], [0.0, 0.0]]), ([1.0, 0.0], [[1.0, 0.0], [0.0, 0.0]]),
+            ([1.0, 1.0], [[0.0, 0.0], [0.0, 0.0]]))],
     "rotation": lambda: of(misfit.rotation(3)), "solution": lambda: of(misfit.solution(3)),
     "sums": lambda: of(whitening.white_sums(MODEL(), 5)),
     "sums with an echo": lambda: [of(f) for f in whitening.echoing_sums(MODEL(), 5, 0.6)],
