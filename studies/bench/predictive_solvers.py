@@ -14,6 +14,7 @@ import argparse
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
 from importlib.util import find_spec
 from io import StringIO
@@ -33,9 +34,8 @@ from slipctl.studies.predictive.experiments import DO_MPC, FOUR, WAYS
 from slipctl.studies.predictive.outside import as_user_writes
 from slipctl.studies.predictive.problems import Problem, problems, rolled
 
-OURS = "one iteration"
+OURS = ("one iteration", "three iterations")
 TO_THE_END = ("IPOPT", "FATROP")
-OTHERS = ("OSQP", "qrqp", *TO_THE_END)
 
 
 def closed_loop(p: Problem) -> np.ndarray:
@@ -50,12 +50,12 @@ def closed_loop(p: Problem) -> np.ndarray:
     return np.array(rows)
 
 
-def in_c(p: Problem, rows: np.ndarray, work: Path) -> tuple[dict[str, Any], Any]:
+def in_c(p: Problem, way: str, rows: np.ndarray, work: Path) -> tuple[dict[str, Any], Any]:
     """Bytes of text of our C, in double and float, and a call that gives the time of its tick."""
     bytes_, tick = {}, None
     for real in ("double", "float"):
         folder = work / real
-        module = c_module(p.make(), folder, real=real)
+        module = c_module(p.make(**WAYS[way]), folder, real=real)
         program = built(folder, module.name, real, rows, folder / "built")
         bytes_[f"text, {real}"] = program.text
         tick = tick or program.tick
@@ -118,13 +118,16 @@ def measured(names: tuple[str, ...] = FOUR, repeats: int = 3) -> list[dict[str, 
     found = []
     for name in names:
         p = problems()[name]
-        rows = closed_loop(p)
-        calls: dict[str, tuple[dict[str, Any], Any]] = {}
+        rows, calls = closed_loop(p), {}
         with tempfile.TemporaryDirectory() as work:
-            calls[OURS] = in_c(p, rows, Path(work))
-            for way in OTHERS:
-                if (name, way) != ("rates", "FATROP"):  # it takes none
-                    calls[way] = by_solver(p, way, rows)
+            for way in WAYS:
+                if (name, way) == ("rates", "FATROP"):  # it takes none
+                    continue
+                made: Callable[..., Any] = by_solver
+                given: list[Any] = [p, way, rows]
+                if way in OURS:
+                    made, given = in_c, [*given, Path(work) / way.replace(" ", "_")]
+                calls[way] = made(*given)
             if find_spec("do_mpc") and name in ("reference", "car"):
                 calls[DO_MPC] = by_do_mpc(p, rows)
             times: dict[str, list[float]] = {way: [] for way in calls}
