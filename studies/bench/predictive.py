@@ -75,9 +75,8 @@ BOARDS = ("cortex-m4", "cortex-m7")
 ON_BOARD = slice(20, 80)
 """Ticks that run on the boards; a change of rail is among them."""
 
-NOT_COUNTED = (("160 stages", "double"), ("window", "double"), ("window", "float"))
-"""What no board has run. 160 stages in double have no room in 4 MB: the test has three instances,
-of 1.4 MB each. The test of the window came to no end in 600 s; why is not known yet."""
+NOT_COUNTED = (("160 stages", "double"),)
+"""What no board has room for in 4 MB: its test has three instances, of 1.4 MB each."""
 
 MOST_STATES = 30_000
 """Numbers of states over these ticks that a board has memory for; more states, fewer ticks."""
@@ -168,7 +167,7 @@ def window() -> tuple[Block, np.ndarray]:
     block = filters(1e-2, 160.0)["mhe"]
     rng = np.random.default_rng(1)
     t = 1e-3 * np.arange(1000)
-    given = {"omega": 160 - 2 * t + 1e-2 * rng.standard_normal(t.size), "T_b": 5000 + 0 * t}
+    given = {"omega": 160 - 2 * t + 1e-2 * rng.standard_normal(t.size), "T_b": 0 * t - 5000}
     return block, np.array([given.get(n, np.ones(t.size)) for n in block.inputs]).T
 
 
