@@ -13,7 +13,7 @@ happened. From there, from the last pass, and where a hard row is exceeded,
 :mod:`slipctl.predict.interior` goes on.
 
 Where scenarios share their controls, rates and ties of the next stage follow those of the first
-scenario: one row below the bounds of a stage tells whether each has its own.
+scenario. One row below the bounds of a stage tells whether each has its own.
 
 No loop depends on data but that over the passes, there is no heap, and memory is linear in the
 number of stages.

@@ -3,7 +3,7 @@
 ``python -m slipctl.studies.bench.predictive --out predictive_c.json`` writes the C of the reference
 problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of its other forms, of
 four axles side by side and of a window of 30 samples. Each is compiled with gcc at -O2. CPU time of
-a tick is taken on the host, the programs in turn, so that ratios are of one run; the same C of a
+a tick is taken on the host, the programs in turn, so that ratios are of one run. The same C of a
 Cortex-M4 and a Cortex-M7 is counted in instructions on emulated boards, beside Python.
 ``--against COMMIT`` is an earlier version of slipctl, whose C of the reference problem runs in turn
 with today's.

@@ -1,7 +1,7 @@
 """The speed of a train whose braked wheel slides now and then, by a window that knows slip's sign.
 
 A rim is never faster than the train that it brakes. A Kalman filter takes the rim as a noisy train
-speed and is drawn down by each slide; where the wheel grips again, it stays below the rim, which
+speed and is drawn down by each slide. Where the wheel grips again, it stays below the rim, which
 cannot be. The window has the same noises and the limit.
 """
 
