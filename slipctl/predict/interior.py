@@ -15,8 +15,8 @@ t n = m with n = w + q t - l, Newton's linear equations, those of one recursion:
 
 so that a row adds R' W R and R' (W (e - t0) + (s l + m)/(s + d l)), W = l/(s + d l), to the cost.
 Two solutions a step, after Mehrotra (1992): one for m = 0, whose success chooses m, one with its
-product of steps taken off. Of a short step a part is taken off. Then m falls, and nothing cycles. At the
-end the statuses are read off and the active set makes its passes from them, which gives the
+product of steps taken off. Of a short step a part is taken off. Then m falls, and nothing cycles.
+At the end the statuses are read off and the active set makes its passes from them, which gives the
 solution to the last digits.
 """
 
