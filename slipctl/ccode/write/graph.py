@@ -68,8 +68,15 @@ def steps(f: ca.Function) -> tuple[list[Node], list[int]]:
     starts = _segments(f)
     calls = itertools.count()
 
+    known: dict[str, int] = {}
+
     def add(node: Step, slot: int) -> None:
-        held[slot] = len(nodes)
+        """Take an operation, or the one before that is the same."""
+        key = repr(node) if node.op not in (CALLED, ca.OP_INPUT) else ""
+        if key and key in known:
+            held[slot] = known[key]
+            return
+        held[slot] = known[key] = len(nodes)
         nodes.append(node)
 
     for k in range(f.n_instructions()):
