@@ -722,7 +722,7 @@ def test_a_coordinate_goes_no_further_than_stated():
     """Where the value is 0 its logarithm falls without end."""
     inputs = np.vstack([np.ones(400), np.zeros(400)])
     settings = dict(form="window", window=24, iterations=4, noise=1e-3)
-    free, there = run(rls(line, "y", **settings), inputs)
+    _, there = run(rls(line, "y", **settings), inputs)
     held, here = run(rls(line, "y", **settings, farthest=3.0), inputs)
     assert there["theta"].min() < -4
     assert here["theta"].min() == pytest.approx(-3.0) == here["mean"].min()
