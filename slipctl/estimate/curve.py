@@ -87,11 +87,9 @@ def quantity(law: Block, name: str, value: Any, where: str = "") -> float:
                        f"{nearest(name, signals)}")  # fmt: skip
     if name in law.params:
         law._settable(name)
-    s = signals[name]
-    number = (
-        parse_quantity(value, s.unit, f"{law.name}.{name}") if isinstance(value, str) else value
-    )
-    return float(s.check(f"{where}{law.name}.{name}", number))
+    s, where = signals[name], f"{where}{law.name}.{name}"
+    number = parse_quantity(value, s.unit, where) if isinstance(value, str) else value
+    return float(s.check(where, number))
 
 
 def points(
