@@ -31,6 +31,7 @@ of one of the two. Residuals and regressors are then innovations
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -149,7 +150,7 @@ def windowed(
             scatter = declared + squares / count
         else:
             scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - n))
-        nxt = {
+        nxt: dict[str, Any] = {
             "theta": theta, "P": P, "scatter": scatter, "mean": mean,
             "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
             "damping": damping,

@@ -1,6 +1,6 @@
 """What is written in C changes on purpose only: a checksum of each file, each function, each fact.
 
-``python tests/ccode/test_written.py`` writes the table anew; a failing test names what changed. The
+``python tests/ccode/test_written_text.py`` writes the table anew; a failing test names what changed. The
 table says that nothing changed, not that it is right: other tests compile what is written and
 compare it with Python, bit for bit. What is new is free until it is in the table.
 """
@@ -38,7 +38,7 @@ from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.ship.fmu import fmus
 from slipctl.ccode.write.plan import Plan
 
-TABLE = Path(__file__).parent / "written.csv"
+TABLE = Path(__file__).parent / "written_text.csv"
 HEAD = ["what", "file", "code", "with comments", "functions"]
 VERSIONS = f"CasADi {ca.CasadiMeta.version()} and NumPy {np.__version__}"
 """Others put operations in another order, and may draw other numbers."""
