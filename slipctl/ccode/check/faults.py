@@ -134,7 +134,8 @@ def faults(
     Args:
         loop, part, scenario: what runs.
         folder: where the C is written.
-        at: times in s of the first faulted tick, in order.
+        at: times in s of the first faulted tick, in order; one too near to the end of the run for
+            the time allowed is left out.
         wheel: state of the plant that is the wheel's speed; at 0 it is locked.
         kinds, lengths: which faults.
         signals: inputs, by default each of the part.
@@ -159,7 +160,7 @@ def faults(
         one = _Instant(whole, params, wheel, when, good.read[-1], list(lengths), settling,
                        cycle)  # fmt: skip
         for k, name in enumerate(names):
-            if name in wanted:
+            if name in wanted and one.judged:
                 found += one.faults(k, name, list(kinds))
         whole.go_back(one.kept)
     return found
@@ -185,6 +186,11 @@ class _Instant:
         self.names = [m.name for m in lay.outputs for _ in range(m.size)]
         self.wheel = whole.places(wheel)
         self.windows = self._windows(round(cycle / whole.period))
+
+    @property
+    def judged(self) -> bool:
+        """Whether the run goes on for long enough after the time allowed."""
+        return self.after >= 1.1 * max(self._late(ticks) for ticks in self.allowed)
 
     def faults(self, k: int, name: str, kinds: list[str]) -> list[Fault]:
         """Each of some faults on input k."""
