@@ -142,12 +142,7 @@ def tracking(
         change=0.15,
     ),
     v_d=Input(
-        "m/s",
-        "target speed",
-        source="430 km/h; twice the largest target acceleration",
-        lo=-1,
-        hi=120,
-        change=0.01,
+        "m/s", "target speed", source="430 km/h; 10 m/s^2 for 1 ms", lo=-1, hi=120, change=0.01
     ),
     a_d=Input(
         "m/s^2",

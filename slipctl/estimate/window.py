@@ -150,7 +150,7 @@ def windowed(
             scatter = declared + squares / count
         else:
             scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - n))
-        nxt: dict[str, Any] = {
+        nxt = {
             "theta": theta, "P": P, "scatter": scatter, "mean": mean,
             "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
             "damping": damping,
@@ -210,7 +210,7 @@ def windowed(
     )  # fmt: skip
 
 
-def _near(theta: ca.MX, guess: np.ndarray, far: ca.MX) -> ca.MX:
+def _near(theta: Any, guess: np.ndarray, far: ca.MX) -> Any:
     """Coordinates that are no further than so much from the first guess."""
     return ca.fmax(ca.DM(guess) - far, ca.fmin(ca.DM(guess) + far, theta))
 
