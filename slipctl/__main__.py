@@ -2,7 +2,7 @@
 
 import sys
 
-from slipctl.commands.cli import main
+from slipctl.commands.cli import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program())

@@ -13,6 +13,7 @@ import gc
 import io
 import logging
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -95,6 +96,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _explain(error, verbose)
 
 
+def program() -> int:
+    """Run the command of this process; from its answer on an interrupt changes nothing any more.
+
+    Python ends threads and modules after that, and an interrupt there would be a traceback.
+    """
+    code = main()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return code
+
+
 def _explain(error: BaseException, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
     from slipctl.study.blaming import blame
@@ -155,4 +166,4 @@ def _written(arguments: Sequence[str]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program())

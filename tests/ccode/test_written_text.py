@@ -1,8 +1,8 @@
 """What is written in C changes on purpose only: a checksum of each file, each function, each fact.
 
 ``python tests/ccode/test_written_text.py`` writes the table anew; a failing test names what
-changed. The table says that nothing changed, not that it is right: other tests compile what is written and
-compare it with Python, bit for bit. What is new is free until it is in the table.
+changed. The table says that nothing changed, not that it is right: other tests compile what is
+written and compare it with Python, bit for bit. What is new is free until it is in the table.
 """
 
 from __future__ import annotations

@@ -40,6 +40,17 @@ def test_a_lag_far_above_the_tick_is_no_word_of_a_library(lag, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_an_interrupt_behind_the_answer_changes_nothing():
+    """While Python ends, where nobody could answer it, an interrupt is no traceback."""
+    late = (
+        "import atexit, os, signal, sys; sys.argv[1:] = ['--version'];"
+        "atexit.register(os.kill, os.getpid(), signal.SIGINT);"
+        "from slipctl.commands.cli import program; sys.exit(program())"
+    )
+    ended = subprocess.run([sys.executable, "-c", late], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 def command(*words: str, **options) -> subprocess.CompletedProcess:
     line = [sys.executable, "-m", "slipctl", *words]
     return subprocess.run(line, capture_output=True, text=True, **options)
