@@ -21,6 +21,7 @@ from slipctl import (
     State,
     flow,
     law,
+    one,
     ranged,
     step,
 )
@@ -205,10 +206,11 @@ def speed_fusion(
     usable = logic_or(rolls, rim > v_h)
     K_v, K_b = usable * P_vv / S, usable * P_vb / S
     innovation = rim - v_h
-    v, b = v_h + K_v * innovation, fmax(-2, fmin(2, b_h + K_b * innovation))
+    v = v_h + K_v * innovation
+    b = fmax(-2 * one("m/s^2"), fmin(2 * one("m/s^2"), b_h + K_b * innovation))
     A_vv, A_vb, A_bb = (1 - K_v) * P_vv, (1 - K_v) * P_vb, P_bb - K_b * P_vb
     nxt = dict(
-        v_h=fmax(-1, fmin(120, v + T * (a_m - b))),
+        v_h=fmax(-1 * one("m/s"), fmin(120 * one("m/s"), v + T * (a_m - b))),
         b_h=b,
         P_vv=A_vv - 2 * T * A_vb + T**2 * A_bb + (T * sigma_a) ** 2,
         P_vb=A_vb - T * A_bb,

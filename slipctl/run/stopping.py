@@ -25,12 +25,13 @@ class _State:
     """What was asked for, and how many files are being written."""
 
     listening = False
-    asked = False
+    asked = False  # and not heard yet
+    stopped = False  # at any time
     whole = 0
 
 
 def _ask(number: int, frame: FrameType | None) -> None:
-    _State.asked = True
+    _State.asked = _State.stopped = True
     if _State.listening and hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, AGAIN)
     if not _State.whole:
@@ -50,7 +51,7 @@ def listening() -> Iterator[None]:
     for n in numbers:
         if n not in ignored:
             signal.signal(n, _ask)
-    _State.listening, _State.asked = True, False
+    _State.listening, _State.asked, _State.stopped = True, False, False
     told, sys.unraisablehook = sys.unraisablehook, _unraisable
     try:
         yield
@@ -67,8 +68,11 @@ def listening() -> Iterator[None]:
 
 
 def _unraisable(what: sys.UnraisableHookArgs) -> None:
-    """Say what could not be raised where it happened, but for an interrupt: that comes again."""
-    if not issubclass(what.exc_type, KeyboardInterrupt):
+    """Say what could not be raised where it happened.
+
+    An interrupt is raised again, and what it left half made cannot end as it should.
+    """
+    if not _State.stopped and not issubclass(what.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(what)
 
 

@@ -1,6 +1,7 @@
 """Files that end the program, closed outputs, letters that a terminal lacks: told in one line."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from slipctl import BadInput
 from slipctl.block.units import parse_quantity, unit
 from slipctl.commands.cli import main
 from slipctl.estimate.tables import read_table
+from slipctl.run import stopping
 
 LAW = "from slipctl import law, Output, Input\n@law(mu=Output('1'))\ndef g(v=Input('1')):\n    "
 
@@ -49,6 +51,25 @@ def test_an_interrupt_behind_the_answer_changes_nothing():
     )
     ended = subprocess.run([sys.executable, "-c", late], capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_what_an_interrupt_left_half_made_is_not_told(capfd):
+    """A library's object whose end fails, because it was never whole, is no traceback."""
+
+    class Half:
+        def __init__(self):
+            signal.raise_signal(signal.SIGINT)
+            self.name = "whole"
+
+        def __del__(self):
+            print(self.name)
+
+    with stopping.listening():
+        try:
+            Half()
+        except KeyboardInterrupt:
+            stopping.heard()
+    assert capfd.readouterr() == ("", "")
 
 
 def command(*words: str, **options) -> subprocess.CompletedProcess:

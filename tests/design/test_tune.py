@@ -335,7 +335,7 @@ def test_gains_reach_every_door(tmp_path: Path, capsys: pytest.CaptureFixture[st
     log = simulate_attrs(tmp_path / "run" / "logs" / "base" / "sta.nc")
     assert json.loads(log["parameters"])["ctl.law.k1"]["value"] == number
     assert main(["c", "subway_braking:sta", "--set", str(file), "--out", str(tmp_path / "c")]) == 0
-    assert f"= {number!r};" in (tmp_path / "c" / "subway_braking_sta.c").read_text()
+    assert f".law_k1 = {number!r}," in (tmp_path / "c" / "subway_braking_sta.c").read_text()
     other = ["run", "subway_braking", "--loop", "smc", "--set", str(file), "--out", str(tmp_path)]
     assert main(other) == 2
     assert "no loop 'sta' runs" in capsys.readouterr().err

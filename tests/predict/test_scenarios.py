@@ -303,7 +303,7 @@ def test_a_hill_at_its_place_is_seen_before_it_comes():
 
 @pytest.mark.parametrize(
     ("xs", "ys", "said"),
-    [([0, 1], [1], "2 places and 1 values"), ([], [], "0 places"), ([1, 1], [0, 0], "rising")],
+    [([0, 1], [1], "2 places and 1 values"), ([], [], "no places"), ([1, 1], [0, 0], "rising")],
 )
 def test_a_table_that_is_none_is_refused(xs, ys, said):
     with pytest.raises(BadInput, match=said):

@@ -53,6 +53,7 @@ EMPTY = {
     "k_a": "adapted gain, begins at its smallest",
     "eta_h": "funnel, begins at its own parameter",
     "count": "counter",
+    "rolled": "ticks counted, begins at as many as are asked for",
     "before": "whether something happened before",
     "carried": "force carried above a speed, none yet",
     "lam_f": "slip of the last tick",

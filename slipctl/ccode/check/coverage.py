@@ -125,8 +125,8 @@ def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
 def _by_call(lines: Iterable[Mapping[str, Any]], text: list[str]) -> set[int]:
     """Numbers of lines with a way that no call of the module asks for, in CasADi's text mostly.
 
-    Such a line was reached, and one of its ways was not; or it stands in a template of CasADi
-    behind such a condition; or it says what is done where that text failed, and it cannot fail.
+    Such a line was reached, and one of its ways was not. Or it stands in a template of CasADi
+    behind such a condition, or says what is done where that text failed, and it cannot fail.
     """
     marks = [k for k, line in enumerate(text, start=1) if any(m in line for m in KERNEL)]
     if len(marks) != 2:
