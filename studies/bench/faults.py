@@ -80,11 +80,12 @@ def settling(block: Block) -> Callable[[float], float]:
 
     Returns:
         Function of the time in s that the fault lasted. 100 ms for filters and laws. A window of
-        least squares adds its length; one that forgets adds the time until a sample counts for
-        2 %; a seeker adds four time constants of its slowest filter, and one that slides adds a
-        cycle. One that locks opens on a wrong sample, as it cannot know it from a change of the
-        rail. It waits, slides through ``planes`` cells and one more, and its dither dies out to
-        2 % with exp(-q t). A state of ``LED`` adds the time that the fault lasted.
+        least squares adds its length; one that forgets, and a filter of the best slip, add the time
+        until a sample counts for 2 %. A seeker adds four time constants of its slowest filter, and
+        one that slides adds a cycle. One that locks opens on a wrong sample, as it cannot know it
+        from a change of the rail. It waits, slides through ``planes`` cells and one more, and its
+        dither dies out to 2 % with exp(-q t). A state of ``LED`` adds the time that the fault
+        lasted.
     """
     found = [0.0]
     own = block.param_values()
@@ -96,6 +97,8 @@ def settling(block: Block) -> Callable[[float], float]:
         if 0 < float(own.get(f"{at}forgetting", 1.0)) < 1:
             found.append(math.log(NEAR) / math.log(float(own[f"{at}forgetting"])) * period)
         found += [4 / float(own[f"{at}{c}"]) for c in ("w_l", "w_h") if f"{at}{c}" in own]
+        if f"{at}tau_s" in own:
+            found.append(-math.log(NEAR) * float(own[f"{at}tau_s"]))
         if f"{at}planes" in own:
             wait, planes, q = (float(own[f"{at}{c}"]) for c in ("wait", "planes", "q"))
             found.append(wait + (planes + 1) * _cell(own, at) - math.log(NEAR) / q)
@@ -131,7 +134,7 @@ def table(name: str) -> list[Fault]:
 def said(f: Fault) -> str:
     """A fault in one line."""
     back = "back" if f.passed else f"{100 * f.back:.1f} % back, after {f.settled:.3f} s, {f.worst}"
-    back += "" if f.passed else f", its own {f.own:.3f} s"
+    back += "" if f.passed else f", its own {f.own:.3f} s, alike {f.alike:.3f} s"
     locks = ", the wheel locks" if f.locks else ""
     missed = f", {f.missed} not told" if f.missed else ""
     return f"{f.signal} {f.kind}, {f.ticks} ticks at {f.at:g} s: {back}{missed}{locks}"
@@ -162,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             harmed += len(harm)
             found[name] = {"faults": len(rows), "slow": [asdict(f) for f in slow]}
             if options.out:
-                store.write_json(Path(options.out), {"format": 3, "controllers": found})
+                store.write_json(Path(options.out), {"format": 4, "controllers": found})
     return 1 if harmed else 0
 
 

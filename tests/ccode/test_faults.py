@@ -179,6 +179,41 @@ def test_what_a_controller_remembers():
     assert [c for _, c in allowed.values()] == pytest.approx([0, 0, 0, 0.2, 0.4])
 
 
+def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch):
+    """What is measured is the fault: of a run that reads the truth every tick is as without it."""
+    monkeypatch.setitem(faults.KINDS, "true", (1.0, 0.0))
+    for name in ("all_rails:nmpc", "all_rails:barrier"):
+        _, loop, part, scenario = next(bench.controllers([name]))
+        found = faults.faults(
+            loop, part, scenario, tmp_path, [1.5], bench.WHERE["all_rails"].wheel, kinds=["true"],
+            lengths=(1, 100),
+        )  # fmt: skip
+        assert len(found) == 2 * len(loop[part].inputs)
+        assert {(f.back, f.settled, f.own, f.alike) for f in found} == {(1.0, 0.0, 0.0, 0.0)}
+
+
+def test_a_fit_in_the_rest_of_the_loop_is_no_harm(tmp_path):
+    """One NaN: told, forgotten; the loop goes another way, as it does for 1e-9 of a slip.
+
+    A best slip of -20 m/s is inside its range. The filter remembers ten ticks of it for longer than
+    it may, and no comparison calls that forgotten.
+    """
+    _, loop, part, scenario = next(bench.controllers(["all_rails:nmpc"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [1.5], bench.WHERE["all_rails"].wheel,
+        kinds=["NaN", "lower end"], lengths=(1, 10), signals=["v_s", "v_best"],
+        settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    at = {(f.signal, f.kind, f.ticks): f for f in found}
+    nan, low = at["v_s", "NaN", 1], at["v_best", "lower end", 10]
+    assert nan.allowed == pytest.approx(0.1 + np.log(50) * 0.06, abs=1e-3)
+    assert nan.told == 1
+    assert nan.settled > nan.allowed
+    assert nan.forgotten
+    assert min(low.own, low.alike) > low.allowed
+    assert low.alike < 0.5
+
+
 def test_outputs_that_chatter_are_compared_by_means():
     """A square wave of two ticks and the same one tick later: as numbers they never agree."""
     k = np.arange(400)

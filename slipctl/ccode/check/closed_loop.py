@@ -201,12 +201,15 @@ class ClosedLoop:
         )  # fmt: skip
         return read, truth, outputs, status.astype(int), kept
 
-    def watch(self, truth: np.ndarray) -> None:
-        """Let the module read rows of inputs; what it answers reaches nobody."""
+    def watch(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Let the module read rows of inputs; its outputs and status, which reach nobody."""
         m = self.module
-        for row in truth:
+        outputs, status = np.empty((len(truth), self.given.size)), np.empty(len(truth), dtype=int)
+        for k, row in enumerate(truth):
             m._in[: row.size] = row
-            m._call("step", m._in, m._param, m._state, m._out)
+            status[k] = m._call("step", m._in, m._param, m._state, m._out)
+            outputs[k] = m._out[: self.given.size]
+        return outputs, status
 
     def keep(self) -> tuple[int, np.ndarray, np.ndarray]:
         """Where the run is now."""
