@@ -165,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             harmed += len(harm)
             found[name] = {"faults": len(rows), "slow": [asdict(f) for f in slow]}
             if options.out:
-                store.write_json(Path(options.out), {"format": 4, "controllers": found})
+                store.write_json(Path(options.out), {"controllers": found})
     return 1 if harmed else 0
 
 

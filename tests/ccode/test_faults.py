@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
 from slipctl.ccode.check.logged import recorded
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write import guard
+from slipctl.run import store
 from slipctl.studies.bench import faults as bench
 from slipctl.study import doors
 
@@ -182,7 +185,7 @@ def test_what_a_controller_remembers():
 def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch):
     """What is measured is the fault: of a run that reads the truth every tick is as without it."""
     monkeypatch.setitem(faults.KINDS, "true", (1.0, 0.0))
-    for name in ("all_rails:nmpc", "all_rails:barrier"):
+    for name in ("all_rails:nmpc", "all_rails:barrier", "all_rails:hosm", "all_rails:sta"):
         _, loop, part, scenario = next(bench.controllers([name]))
         found = faults.faults(
             loop, part, scenario, tmp_path, [1.5], bench.WHERE["all_rails"].wheel, kinds=["true"],
@@ -212,6 +215,29 @@ def test_a_fit_in_the_rest_of_the_loop_is_no_harm(tmp_path):
     assert nan.forgotten
     assert min(low.own, low.alike) > low.allowed
     assert low.alike < 0.5
+
+
+def test_a_file_that_was_begun_goes_on(tmp_path, monkeypatch, capsys):
+    """It had a format of its own, which nothing reads."""
+    monkeypatch.setattr(bench, "ProcessPoolExecutor", ThreadPoolExecutor)
+    monkeypatch.setattr(bench, "table", lambda name: [])
+    out = tmp_path / "found.json"
+    names = ["gain_bounds:sta", "gain_bounds:smc"]
+    assert bench.main([names[0], "--out", str(out)]) == 0
+    assert bench.main([*names, "--out", str(out), "--missing"]) == 0
+    assert [line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()] == names
+    assert list(store.read_json(out)["controllers"]) == names
+
+
+def test_an_integral_that_is_wound_up_is_harm(tmp_path):
+    """Same samples, another command: the difference is small in a range of 2e9 N m."""
+    _, loop, part, scenario = next(bench.controllers(["all_rails:sta"]))
+    (found,) = faults.faults(
+        loop, part, scenario, tmp_path, [1.5], bench.WHERE["all_rails"].wheel, kinds=["stuck"],
+        lengths=[100], signals=["v_s"], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert found.alike > found.allowed
+    assert not found.forgotten
 
 
 def test_outputs_that_chatter_are_compared_by_means():

@@ -195,7 +195,11 @@ class _Instant:
         self.swing = _ranges(whole.plan, params, self.plain.outputs)
         self.names = [m.name for m in lay.outputs for _ in range(m.size)]
         self.wheel = whole.places(wheel)
-        self.windows = self._windows(round(cycle / whole.period))
+        cycle = round(cycle / whole.period)
+        twins = self._twins(cycle)
+        self.windows = self._windows(twins, self.swing, cycle)
+        self.strict = np.minimum(self.swing, _swung(self.plain.outputs))
+        self.strictly = self._windows(twins, self.strict, cycle)
 
     @property
     def judged(self) -> bool:
@@ -236,8 +240,8 @@ class _Instant:
     def _locks(self, course: Course) -> bool:
         return bool((course.rest[:, self.wheel] <= 0).any())
 
-    def _windows(self, cycle: int) -> np.ndarray:
-        """Ticks over which each output is averaged; 0 where only its swing can be compared."""
+    def _twins(self, cycle: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Pairs of runs that are to count as the same."""
         plain = self.plain.outputs
         twins = [(plain[1:], plain[:-1])]
         for k in range(len(self.last)):
@@ -245,31 +249,26 @@ class _Instant:
             twins.append((one[: len(plain)], plain[: len(one)]))
         if cycle:  # a fault shifts it
             twins.append((plain[cycle // 4 :], plain[: -(cycle // 4)]))
-        windows = np.zeros(plain.shape[1], dtype=int)
+        return twins
+
+    def _windows(
+        self, twins: list[tuple[np.ndarray, np.ndarray]], swing: np.ndarray, cycle: int
+    ) -> np.ndarray:
+        """Ticks over which each output is averaged; 0 where only its swing can be compared."""
+        windows = np.zeros(swing.size, dtype=int)
         lengths = {max(1, round(t / self.whole.period)) for t in WINDOWS} | {max(1, cycle)}
         for w in sorted(lengths, reverse=True):
-            agree = [(np.abs(_means(a, w) - _means(b, w)) <= NEAR / 2 * self.swing).mean(axis=0)
+            agree = [(np.abs(_means(a, w) - _means(b, w)) <= NEAR / 2 * swing).mean(axis=0)
                      for a, b in twins]  # fmt: skip
             windows[np.min(agree, axis=0) >= SHARE] = w
         return windows
-
-    def _off(self, outputs: np.ndarray, plain: np.ndarray) -> np.ndarray:
-        """Where outputs are not as in another run; means are those of the ticks from here on."""
-        off = np.zeros(outputs.shape, dtype=bool)
-        for w in np.unique(self.windows[self.windows > 0]):
-            which = np.flatnonzero(self.windows == w)
-            far = np.abs(_means(outputs[:, which], w) - _means(plain[:, which], w))
-            off[: len(far), which] = far > NEAR * self.swing[which]
-        for k in np.flatnonzero(self.windows == 0):
-            off[:, k] = _beyond(outputs[:, k], plain[:, k], 2 * NEAR * self.swing[k])
-        return off
 
     def _back(self, got: Course, ticks: int, than: Course) -> tuple[float, float, str]:
         """How a fault ends: share of ticks that are as in another run, from when on, what is not.
 
         Both runs begin with the first tick after the fault.
         """
-        off = self._off(got.outputs[ticks:], than.outputs)
+        off = _off(got.outputs[ticks:], than.outputs, self.swing, self.windows)
         well = (got.status[ticks:] == than.status) & ~off.any(axis=1)
         late = self._late(ticks)
         worst = off[late:].sum(axis=0)
@@ -289,7 +288,7 @@ class _Instant:
         tick, _, module = self.whole.keep()
         self.whole.go_back((tick + at, got.rest[at - 1], module))
         than = self.whole.run(self.after - late)
-        off = self._off(got.outputs[at:], than.outputs)
+        off = _off(got.outputs[at:], than.outputs, self.swing, self.windows)
         well = (got.status[at:] == than.status) & ~off.any(axis=1)
         return (late + _settled(well)) * self.whole.period
 
@@ -299,12 +298,13 @@ class _Instant:
         The other one reads, from the first faulted tick on, what was true in this very run. Both
         read the same after the fault, so no plant and no fit in the rest of the loop is between
         them. In closed loop there is: where that fit takes another sample for a new rail, runs
-        that differ by 1e-9 end as far apart as any two.
+        that differ by 1e-9 end as far apart as any two. What an output swings over is its range
+        here where the declared one is wider: in that, an integral that is wound up would not show.
         """
         at = ticks + self._late(ticks)
         self.whole.go_back(self.kept)
         outputs, status = self.whole.watch(got.truth)
-        off = self._off(got.outputs[at:], outputs[at:])
+        off = _off(got.outputs[at:], outputs[at:], self.strict, self.strictly)
         well = (got.status[at:] == status[at:]) & ~off.any(axis=1)
         return (at - ticks + _settled(well)) * self.whole.period
 
@@ -316,6 +316,20 @@ class _Instant:
 def _from(course: Course, first: int, last: int) -> Course:
     """Ticks of a run."""
     return Course(*(getattr(course, f.name)[first:last] for f in fields(course)))
+
+
+def _off(
+    outputs: np.ndarray, plain: np.ndarray, swing: np.ndarray, windows: np.ndarray
+) -> np.ndarray:
+    """Where outputs are not as in another run; means are those of the ticks from here on."""
+    off = np.zeros(outputs.shape, dtype=bool)
+    for w in np.unique(windows[windows > 0]):
+        which = np.flatnonzero(windows == w)
+        far = np.abs(_means(outputs[:, which], w) - _means(plain[:, which], w))
+        off[: len(far), which] = far > NEAR * swing[which]
+    for k in np.flatnonzero(windows == 0):
+        off[:, k] = _beyond(outputs[:, k], plain[:, k], 2 * NEAR * swing[k])
+    return off
 
 
 def _beyond(values: np.ndarray, plain: np.ndarray, room: float) -> np.ndarray:
@@ -352,8 +366,13 @@ def _cannot_be(read: np.ndarray, last: float, lo: float, hi: float, change: floa
 def _ranges(plan: Plan, params: Mapping[str, Any], outputs: np.ndarray) -> np.ndarray:
     """Range of each output: as declared, else what the run without faults swings over."""
     lo, hi, _ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
-    own = np.ptp(outputs, axis=0)
-    own = np.where(own > 0, own, np.maximum(np.abs(outputs).max(axis=0), 1e-9))
+    own = _swung(outputs)
     with np.errstate(over="ignore"):
         width = hi - lo
     return np.where((np.abs(lo) < ENDLESS) & (np.abs(hi) < ENDLESS), width, own)
+
+
+def _swung(outputs: np.ndarray) -> np.ndarray:
+    """What each output swings over; of one that rests, how large it is."""
+    own = np.ptp(outputs, axis=0)
+    return np.where(own > 0, own, np.maximum(np.abs(outputs).max(axis=0), 1e-9))
