@@ -13,9 +13,9 @@ agree to half of the tolerance; if there is none, how far it swings is compared.
 seeker walks up and down for ever: a fault shifts its cycle, and a quarter of it later is another
 such run.
 
-What is not back in time is held against a controller that read no wrong sample: once in charge from
-where the fault left the plant, once reading the samples of this very run. A fault that one of the
-two does not tell apart is forgotten.
+What is not back in time is held against a controller that read no wrong sample. Once it is in
+charge from where the fault left the plant, once it reads the samples of this very run. A fault that
+one of the two does not tell apart is forgotten.
 """
 
 from __future__ import annotations
