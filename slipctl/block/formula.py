@@ -71,6 +71,8 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     """
     import casadi as ca
 
+    from slipctl.block.inside import mark
+
     found: dict[str, Any] = {}
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
@@ -89,6 +91,7 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     token = _told.set(found)
     profiled = sys.getprofile() is not None  # a profiler is at work; go without local variables
     if not profiled:
+        mark(watch)
         sys.setprofile(watch)
     try:
         yield found

@@ -6,6 +6,7 @@ are remembered here, so that C written from it has the law's own names.
 
 from __future__ import annotations
 
+import gc
 import math
 import re
 import sys
@@ -47,6 +48,18 @@ _OURS: WeakSet[Any] = WeakSet()
 
 
 @contextmanager
+def uncollected() -> Iterator[None]:
+    """Leave garbage where it is: what ends because it is collected would be seen to return."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+@contextmanager
 def watched() -> Iterator[Found]:
     """Collect the local variables, of scalar expressions, of the functions that return meanwhile.
 
@@ -71,7 +84,8 @@ def watched() -> Iterator[Found]:
         mark(watch)
         sys.setprofile(watch)
     try:
-        yield found
+        with uncollected():
+            yield found
     finally:
         if free:
             sys.setprofile(before)

@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.inside import mark
+from slipctl.block.inside import mark, uncollected
 from slipctl.ccode.write.origins import of_local, of_result
 
 MOST = 400
@@ -112,7 +112,8 @@ def letters(
         mark(watch)
         sys.setprofile(watch)
     try:
-        yield told
+        with uncollected():
+            yield told
     finally:
         if before is None:
             sys.setprofile(None)
