@@ -139,6 +139,10 @@ def _run_all(
     waiting = as_completed([sent(runs) for runs in islice(more, AHEAD * threads)], loop=client.loop)
     for future in waiting:
         runs = batches.pop(future.key)
+        if future.status in ("lost", "pending"):  # its worker died with it: it is rolled again
+            batches[future.key] = runs
+            waiting.add(future)
+            continue
         error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker) and given_up < LOST:
             given_up += 1

@@ -88,6 +88,31 @@ def test_a_lost_worker_loses_no_run(
     assert found.runs == swept(tmp_path / "here").runs
 
 
+def test_what_ended_and_was_lost_is_waited_for(
+    tmp_path: Path, workers: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The result of runs dies with its worker before it is fetched: no scheduler was lost.
+
+    The client hears of the loss and of the second end by messages; both are played here.
+    """
+    distributed = pytest.importorskip("distributed")
+    lost: list[str] = []
+
+    class Losing(distributed.as_completed):
+        def __next__(self) -> Any:
+            future = super().__next__()
+            if not lost:
+                lost.append(future.key)
+                future._state.lose()
+                self.loop.call_later(0.2, future._state.finish)
+            return future
+
+    monkeypatch.setattr(distributed, "as_completed", Losing)
+    found = swept(tmp_path / "there", scheduler=workers.scheduler_address)
+    assert lost
+    assert found.runs == swept(tmp_path / "here").runs
+
+
 def test_machines_are_not_mixed(
     tmp_path: Path, workers: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
