@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -71,7 +70,7 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     """
     import casadi as ca
 
-    from slipctl.block.inside import mark
+    from slipctl.block.inside import watching
 
     found: dict[str, Any] = {}
 
@@ -89,16 +88,11 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
                 found.setdefault(name, value)
 
     token = _told.set(found)
-    profiled = sys.getprofile() is not None  # a profiler is at work; go without local variables
-    if not profiled:
-        mark(watch)
-        sys.setprofile(watch)
     try:
-        yield found
+        with watching(watch):
+            yield found
     finally:
         _told.reset(token)
-        if not profiled:
-            sys.setprofile(None)
 
 
 _told: ContextVar[dict[str, Any] | None] = ContextVar("_told", default=None)

@@ -34,27 +34,31 @@ Found = list[tuple[str, Any]]
 """Names and what they stand for."""
 
 
-def mark(watch: Any) -> None:
-    """Mark what watches Python functions as one of ours, which may give way for a while."""
-    _OURS.add(watch)
-
-
-def ours(watch: Any) -> bool:
-    """Whether what watches Python functions is one of ours."""
-    return watch in _OURS
-
-
 _OURS: WeakSet[Any] = WeakSet()
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
-    """Leave garbage where it is: what ends because it is collected would be seen to return."""
+def watching(watch: Callable[[FrameType, str, Any], None], over: bool = False) -> Iterator[None]:
+    """Let a function see what Python calls and what returns; a person's profiler goes first.
+
+    Garbage is left where it is meanwhile: what ends because it is collected would be seen too.
+
+    Args:
+        watch: what :func:`sys.setprofile` wants.
+        over: in place of one of ours that is at work, which goes on afterwards.
+    """
+    before = sys.getprofile()
+    free = before is None or (over and before in _OURS)
     collecting = gc.isenabled()
     gc.disable()
+    if free:
+        _OURS.add(watch)
+        sys.setprofile(watch)
     try:
         yield
     finally:
+        if free:
+            sys.setprofile(before)
         if collecting:
             gc.enable()
 
@@ -78,17 +82,10 @@ def watched() -> Iterator[Found]:
             given = frame.f_locals.items()
             seen.append((depth, [x for n, v in given if n[0] != "_" for x in _elements(n, v)]))
 
-    before = sys.getprofile()
-    free = before is None or ours(before)  # a profiler at work goes first
-    if free:
-        mark(watch)
-        sys.setprofile(watch)
     try:
-        with uncollected():
+        with watching(watch, over=True):
             yield found
     finally:
-        if free:
-            sys.setprofile(before)
         for _, rows in sorted(seen, key=lambda x: x[0]):
             found.extend(rows)
 

@@ -6,7 +6,6 @@ They are read from the frames of the Python functions that make the expressions,
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.inside import mark, uncollected
+from slipctl.block.inside import watching
 from slipctl.ccode.write.origins import of_local, of_result
 
 MOST = 400
@@ -107,13 +106,5 @@ def letters(
             made.hidden.append(value)
         return made
 
-    before = sys.getprofile()
-    if before is None:  # a profiler at work goes first
-        mark(watch)
-        sys.setprofile(watch)
-    try:
-        with uncollected():
-            yield told
-    finally:
-        if before is None:
-            sys.setprofile(None)
+    with watching(watch):
+        yield told
