@@ -27,7 +27,17 @@ def proven(name: str, real: str, finite: bool) -> dict[str, Any]:
     loop, _ = doors.find_loop(declared, loop_name)
     plan = Plan(loop[declared.controller], "ctl", loop.period, real)
     said = proof.proved(plan, codegen.texts(plan), finite=finite)
-    kept = ("tool", "seconds", "ended", "of_guards", "alarms", "ranges", "non_finite", "passed")
+    kept = (
+        "tool",
+        "seconds",
+        "ended",
+        "of_guards",
+        "alarms",
+        "ranges",
+        "functions",
+        "non_finite",
+        "passed",
+    )
     return {k: said[k] for k in kept} | {"said": proof.summary(said)}
 
 

@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from slipctl.ccode.check import kernel_proof
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput, RunFailed
@@ -118,7 +119,8 @@ def proved(
         ``alarms``: line, function, kind and condition of each; ``ranges``: how many ends of ranges
         are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number of
         alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end or
-        was not tried;
+        was not tried, as of a module with CasADi's text; ``functions``: how many of that text's
+        come to their end and return 0, of how many, each by itself (:mod:`kernel_proof`);
         ``passed``: no alarm, and every range proven. A module that is not through in time is tried
         once more with :func:`any_results`: then ``alarms`` and ``ranges`` are of its guards alone,
         whatever the equations give, and ``of_guards`` is true; it has not passed.
@@ -133,23 +135,35 @@ def proved(
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
         (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
-        (folder / f"{n}.c").write_text(written_out(text), encoding="utf-8")
-        (folder / HARNESS).write_text(harness(plan), encoding="utf-8")
+        files, contracts = {f"{n}.c": written_out(text)}, 0
+        if kernel_proof.has_kernel(text):
+            work = plan.equations.work[2:]
+            files, contracts = kernel_proof.contracted(n, files[f"{n}.c"], plan.real, work)
+        for name, content in {**files, HARNESS: harness(plan)}.items():
+            (folder / name).write_text(content, encoding="utf-8")
         command = [frama_c, HARNESS, f"{n}.c", *options]
         rows, used = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
+        if contracts and rows is not None:
+            of_it = [frama_c, kernel_proof.PROOFS, *options, "-warn-special-float", "none"]
+            more, also = _analysed(folder, of_it, seconds)
+            rows, used = None if more is None else [*rows, *more], used + also
         of_guards = rows is None
         if of_guards:
             guards = any_results(plan, written_out(text))
             (folder / f"{n}.c").write_text(guards, encoding="utf-8")
             rows, _ = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
         strict = None
-        if finite and not of_guards and rows is not None:
+        if finite and not of_guards and not contracts:
             strict, _ = _analysed(folder, [*command, "-warn-special-float", "non-finite"], seconds)
     claims = _claims(harness(plan))
     good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
     open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
     of = len(set(claims.values()))
     alarms = _alarms(rows or [], n)
+    ended = sum(
+        r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
+        and r["status"] == "Valid" for r in rows or []
+    )  # fmt: skip
     said = subprocess.run([frama_c, "-version"], capture_output=True, text=True, check=False)
     return {
         "tool": f"Frama-C {said.stdout.strip()}, Eva",
@@ -160,8 +174,9 @@ def proved(
         "of_guards": of_guards and rows is not None,
         "alarms": alarms,
         "ranges": {"proven": of - len(open_), "of": of, "open": open_},
+        "functions": {"ended": ended, "of": contracts},
         "non_finite": None if strict is None else len(_alarms(strict, n)),
-        "passed": not of_guards and not alarms and not open_,
+        "passed": not of_guards and not alarms and not open_ and ended == contracts,
     }  # fmt: skip
 
 
@@ -214,6 +229,9 @@ def summary(data: Mapping[str, Any]) -> str:
         return said
     finite = data["non_finite"]
     strict = "no result" if finite is None else f"{finite} alarms"
+    functions = data.get("functions", {"of": 0})
+    if functions["of"]:
+        strict += f"; CasADi's text: {functions['ended']} of {functions['of']} functions end"
     return (
         f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven"
         f" (NaN and infinity as alarms: {strict}):"
@@ -312,5 +330,5 @@ def _alarms(rows: Sequence[Mapping[str, str]], name: str) -> list[dict[str, Any]
         {"line": int(r["line"]), "function": r["function"], "kind": r["property kind"],
          "condition": r["property"]}
         for r in rows
-        if r["file"] == f"{name}.c" and not _valid(r)
+        if r["file"] in (f"{name}.c", kernel_proof.CONTRACTS, kernel_proof.PROOFS) and not _valid(r)
     ]  # fmt: skip

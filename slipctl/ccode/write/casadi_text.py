@@ -222,7 +222,7 @@ def _own_sx(
         same = len({g.serialize() for g in candidates}) == 1
         if c.label and docs.get(c.label):
             c.text = re.sub(
-                r"^\s*/\*.*?\*/", comment(f"{c.label}: {docs[c.label]}").replace("\\", "/"),
+                r"^\s*/\*.*?\*/", comment(f"{c.signature}: {docs[c.label]}").replace("\\", "/"),
                 c.text, count=1, flags=re.DOTALL,
             )  # fmt: skip
         if not same or not candidates[0].is_a("SXFunction"):
