@@ -163,6 +163,24 @@ def test_a_branch_of_one_statement_is_a_line_if_it_fits() -> None:
         assert short("\n".join(kept)) == "\n".join(kept)
 
 
+def test_a_block_declares_at_one_place_what_calls_fill() -> None:
+    lines = [
+        "void f(void)", "{", "    double a[3];", "    g(a);", "    bool b;", "    double c;",
+        "    for (int i = 0; i < 3; ++i) {", "        double d, e;", "        g(&d);",
+        "        double n;", "        h(&n);", "    }", "    h(&c, &b);", "}", "", "void g(void)",
+        "{", "    double a;", "    g(&a);", "}",
+    ]  # fmt: skip
+    made = short("\n".join(lines)).splitlines()
+    assert made[2:5] == ["    double a[3], c;", "    g(a);", "    bool b;"]
+    assert "        double d, e;" in made
+    assert made[-3] == "    double a;"
+    many = [f"    double a_long_name_{k}[3];" for k in range(9)]
+    rows = short("\n".join(["{", *many, "}"])).splitlines()
+    assert len(rows) == 4
+    assert all(len(row) <= WIDTH for row in rows)
+    assert ", ".join(r.strip()[7:-1] for r in rows[1:3]).count("a_long_name_") == 9
+
+
 def test_a_long_call_goes_on_behind_a_comma() -> None:
     texts = [f"param->number_{k} * 2.0" for k in range(9)]
     rows = broken(f"    call({', '.join(texts)});").splitlines()

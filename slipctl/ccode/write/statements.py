@@ -35,8 +35,7 @@ def short(text: str) -> str:
     text = whole.sub(joined, text)
     text = _TURNS.sub(_one_line, text)
     text = _BRANCH.sub(_one_branch, text)
-    text = _DECLARED.sub(_together, text)
-    return _NEXT.sub(r"\1", text)
+    return _NEXT.sub(r"\1", _together(text))
 
 
 _NEXT = re.compile(
@@ -62,22 +61,39 @@ def _one_branch(found: re.Match[str]) -> str:
     return text if len(text.rpartition("\n")[2]) <= WIDTH else found[0]
 
 
-_DECLARED = re.compile(r"(?:^ +(double|float) \w+(?:\[\d+\])?;\n){2,}", re.M)
+_DECLARED = re.compile(r"(?P<indent> +)(?P<kind>double|float|bool) (?P<name>\w+(?:\[\d+\])?);")
 
 
-def _together(found: re.Match[str]) -> str:
-    """Declarations of numbers without values as one, over as many lines as it takes."""
-    lines = found[0].splitlines()
-    indent = " " * _indent(lines[0])
-    if any(_indent(line) != len(indent) for line in lines):
-        return found[0]
-    rows, row = [], ""
-    for name in re.findall(r"(\S+);", found[0]):
-        if row and len(row) + len(name) + 3 > WIDTH:
-            rows.append(f"{row};")
-            row = ""
-        row = f"{row}, {name}" if row else f"{indent}{found[1]} {name}"
-    return "\n".join([*rows, f"{row};"]) + "\n"
+def _together(text: str) -> str:
+    """C text in which a block declares what calls and loops fill at its first such place."""
+    rows: list[str] = []
+    blocks: list[dict[str, int]] = [{}]  # for each open block, the line of each kind
+    for line in text.split("\n"):
+        found = _DECLARED.fullmatch(line)
+        if found is None:
+            rows.append(line)
+            for _ in range(line.count("}") - line.count("{")):
+                blocks = blocks[:-1] or [{}]
+            blocks += [{} for _ in range(line.count("{") - line.count("}"))]
+        elif (first := blocks[-1].get(found["kind"])) is not None:
+            rows[first] = f"{rows[first][:-1]}, {found['name']};"
+        else:
+            blocks[-1][found["kind"]] = len(rows)
+            rows.append(line)
+    return "\n".join(row for line in rows for row in _declaration(line))
+
+
+def _declaration(line: str) -> list[str]:
+    """A declaration of several numbers, as often as it takes to be no longer than a line."""
+    found = re.fullmatch(r"( +(?:double|float|bool) )(\w[\w, \[\]]*);", line)
+    if found is None or len(line) <= WIDTH:
+        return [line]
+    rows = [""]
+    for name in found[2].split(", "):
+        if rows[-1] and len(found[1]) + len(rows[-1]) + len(name) + 3 > WIDTH:
+            rows.append("")
+        rows[-1] += f"{', ' if rows[-1] else ''}{name}"
+    return [f"{found[1]}{row};" for row in rows]
 
 
 def conjunction(tests: list[str], opening: str = "if (!(", sign: str = "&&") -> str:
