@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections.abc import Set
 from typing import Any
 
 import casadi as ca
@@ -175,13 +175,31 @@ def _check(
 def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     """Function (rng, given, lo, hi) -> (rng, members drawn over the range, their values)."""
     one = _one_member(value_of, worse)
-    many = one.mapaccum("members", n)
     r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
-    states, places, values = many(r, *(ca.repmat(v, 1, n) for v in (g, a, b)))
+    states, places, values = _each("members", one, n, {1, 2, 3}, True)(r, g, a, b)
     return ca.Function(
         "first", [r, g, a, b], [states[:, -1], places.T, values.T],
         one.name_in(), ["after", "members", "heights"],
     )  # fmt: skip
+
+
+def _each(name: str, f: ca.Function, n: int, shared: Set[int], goes_on: bool) -> ca.Function:
+    """Function that evaluates ``f`` n times, with columns of its arguments, or ``shared`` ones.
+
+    Args:
+        name: of the Function.
+        f: what is evaluated.
+        n: how often.
+        shared: arguments that are the same each time.
+        goes_on: whether the first result is the first argument of the next time.
+    """
+    one = f if n == 1 else f.mapaccum(n) if goes_on else f.map(n)
+    given = [
+        ca.MX.sym(f.name_in(k), f.size1_in(k), 1 if k in shared or (goes_on and not k) else n)
+        for k in range(f.n_in())
+    ]
+    columns = [ca.repmat(v, 1, n) if k in shared else v for k, v in enumerate(given)]
+    return ca.Function(name, given, one.call(columns), f.name_in(), f.name_out())
 
 
 @remembered
@@ -231,22 +249,21 @@ def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     ring = ca.vertcat(pop, pop)  # a partner's distance never has to be wrapped
 
     size = max(1, min(BLOCK, 2000 // max(value_of.n_instructions(), 1)))
-    blocks = -(-n // size)
-    edges = [round(n * k / blocks) for k in range(blocks + 1)]
-    sizes = [b - a for a, b in pairwise(edges)]
-    draw = {k: _draw(n, k) for k in set(sizes)}
-    select = {k: _select(value_of, k, worse) for k in set(sizes)}
-
-    drawn = []
-    for first, k in zip(edges, sizes, strict=False):
-        partners, trial, rng = draw[k](rng, first, probability * wh.MODULI[0], K)
-        drawn.append((ring[partners], trial))
-    places, values = [], []
-    members = zip(ca.vertsplit(pop, edges), ca.vertsplit(val, edges), drawn, sizes, strict=True)
-    for x, v, (mates, trial), k in members:
-        both_x, both_v, which = select[k](mates, trial, x, v, F, given, lo, hi)
-        places.append(both_x[which])
-        values.append(both_v[which])
+    places, values, first = [], [], 0
+    for blocks, k in ((n // size, size), (1, n % size)):
+        if not k * blocks:
+            continue
+        firsts = ca.DM(range(first, first + k * blocks, k)).T
+        draws = _each(f"draws_{k}", _draw(n, k), blocks, {2, 3}, True)
+        rngs, partners, trials = draws(rng, firsts, probability * wh.MODULI[0], K)
+        rng = rngs[:, -1]
+        x, v = (w[first : first + k * blocks].reshape((k, blocks)) for w in (pop, val))
+        mates = ring[partners].reshape(partners.shape)
+        choose = _each(f"choices_{k}", _choose(value_of, k, worse), blocks, {4, 5, 6, 7}, False)
+        chosen = choose(mates, trials, x, v, F, given, lo, hi)
+        places.append(ca.vec(chosen[0]))
+        values.append(ca.vec(chosen[1]))
+        first += k * blocks
     return ca.Function(
         "generation", [s, constants, K], [ca.vertcat(G + 1, rng, *places, *values)],
         ["s", "constants", "K"], ["after"],
@@ -286,8 +303,19 @@ def _draw(n: int, size: int) -> ca.Function:
         trials.append(trial)
     return ca.Function(
         f"draw_{size}", [rng, first, share, K],
-        [ca.vertcat(*partners), ca.vertcat(*trials), state],
-        ["rng", "first", "share", "K"], ["partners", "trials", "after"], {"cse": True},
+        [state, ca.vertcat(*partners), ca.vertcat(*trials)],
+        ["rng", "first", "share", "K"], ["after", "partners", "trials"], {"cse": True},
+    )  # fmt: skip
+
+
+def _choose(value_of: ca.Function, size: int, worse: float) -> ca.Function:
+    """Function (mates, trial, members, values, ...) -> (members, values) of the next generation."""
+    select = _select(value_of, size, worse)
+    given = [ca.MX.sym(select.name_in(k), select.size1_in(k)) for k in range(select.n_in())]
+    places, heights, which = select(*given)
+    return ca.Function(
+        f"choose_{size}", given, [places[which], heights[which]],
+        select.name_in(), ["place", "height"],
     )  # fmt: skip
 
 

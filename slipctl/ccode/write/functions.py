@@ -7,7 +7,7 @@ by address, or as what it returns if it has one number. A map and an accumulatio
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -22,7 +22,7 @@ from slipctl.ccode.write.graph import (
 )
 from slipctl.ccode.write.helpers import HELPERS
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
-from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, sums
+from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, shared, sums
 from slipctl.ccode.write.naming import named, with_inside
 from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
@@ -113,6 +113,10 @@ class Functions:
         summed = sums(f)
         if summed is not None:
             return self._sums(f, summed, inputs, outputs)
+        part = shared(f)
+        if part is not None:
+            kept = int(part.goes_on)
+            return self._loop(part.inner, part.count, inputs, outputs, kept, part.arguments)
         chain = chained(f)
         if chain is not None:
             return self._chain(f, *chain, inputs, outputs)
@@ -148,9 +152,13 @@ class Functions:
         return rolled(lines, {*inputs, *outputs})
 
     def _loop(
-        self, inner: ca.Function, n: int, inputs: Sequence[str], outputs: Sequence[str], kept: int
-    ) -> list[str]:
-        """N calls, each with its columns; with ``kept`` the first result goes on as argument."""
+        self, inner: ca.Function, n: int, inputs: Sequence[str], outputs: Sequence[str],
+        kept: int, whole: Set[int] = frozenset(),
+    ) -> list[str]:  # fmt: skip
+        """N calls, each with its columns; with ``kept`` the first result goes on as argument.
+
+        An argument that is in ``whole`` is the same in each of them.
+        """
         lines: list[str] = []
         arguments, results = [], []
         for i, name in enumerate(inputs):
@@ -160,6 +168,8 @@ class Functions:
             elif i < kept:
                 lines.append(f"const double *now = {'&' * (size == 1)}{name};")
                 arguments.append("*now" if size == 1 else "now")
+            elif i in whole:
+                arguments.append(name)
             else:
                 arguments.append(f"{name}[i]" if size == 1 else f"&{name}[{size} * i]")
         for i, name in enumerate(outputs):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from slipctl.ccode.write.expressions import Unsupported
+from slipctl.ccode.write.expressions import Node, Unsupported
 from slipctl.ccode.write.graph import CALLED, SPREAD, SUM_OF, Step, steps
 
 
@@ -55,15 +55,64 @@ def sums(f: ca.Function) -> Sums | None:
         node = nodes[a]
         if node.op == SPREAD:
             node = nodes[node.args[0]]
-            if getattr(node, "size", 0) != inner.nnz_in(i):
+            if _size(node) != inner.nnz_in(i):
                 return None
         if node.op != ca.OP_INPUT and g.nnz_in(i):
             return None
-        whole = f.nnz_in(node.place[0]) == getattr(node, "size", 0)
+        whole = f.nnz_in(node.place[0]) == _size(node)
         if g.nnz_in(i) and not whole:
             return None
         sources.append(node.place[0])
     return Sums(inner, count, tuple(sources))
+
+
+def _size(node: Node) -> int:
+    return int(getattr(node, "size", 0))
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A map, or an accumulation, of which some arguments are the same in each evaluation.
+
+    Attributes:
+        inner, count: what is evaluated, and how often.
+        goes_on: whether the first result is the first argument of the next one.
+        arguments: those that are the same.
+    """
+
+    inner: ca.Function
+    count: int
+    goes_on: bool
+    arguments: frozenset[int]
+
+
+def shared(f: ca.Function) -> Shared | None:
+    """What a Function evaluates with columns of its arguments, and with some as they are."""
+    try:
+        nodes, outputs = steps(f)
+    except Unsupported:
+        return None
+    called = [n for n in nodes if isinstance(n, Step) and n.op == CALLED]
+    if len({n.place[0] for n in called}) != 1:
+        return None
+    g = called[0].detail[0]
+    results = [nodes[n] for n in outputs if n >= 0]
+    if g.n_in() != f.n_in() or [(n.op, n.place[1]) for n in results] != [
+        (CALLED, k) for k in range(g.n_out())
+    ]:
+        return None
+    whole = set()
+    for i, a in enumerate(called[0].args):
+        node = nodes[a]
+        if node.op == SPREAD:
+            whole.add(i)
+            node = nodes[node.args[0]]
+        if (node.op, node.place) != (ca.OP_INPUT, (i, 0)) or _size(node) != f.nnz_in(i):
+            return None
+    again = (*mapped(g), False) if g.class_name() == "Map" else None
+    if again is None and (found := accumulated(g)) and g.nnz_out(0) != found[0].nnz_out(0):
+        again = (*found, True)
+    return Shared(*again, frozenset(whole)) if again and whole else None
 
 
 def chained(f: ca.Function) -> tuple[ca.Function, int] | None:
