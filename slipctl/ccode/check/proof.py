@@ -100,7 +100,7 @@ def harness(plan: Plan) -> str:
         *[widened] * bool(hints), "    while (more != 0) {",
         *(f"        {line}" for line in body), "    }", "    return 0;", "}", "",
     ]  # fmt: skip
-    return "\n".join(lines)
+    return lay.nested("\n".join(lines))
 
 
 def proved(
@@ -208,7 +208,7 @@ def any_results(plan: Plan, text: str) -> str:
         for m in members:
             body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")
     body += ["return 0;"] * (found[1] == "int")
-    lines = "".join(f"    {line}\n" for line in body)
+    lines = lay.nested("".join(f"    {line}\n" for line in body))
     declared = f"static volatile {plan.real} unknown;\nstatic volatile int undecided;\n"
     return (
         text[: found.start()] + declared + text[found.start() : found.start(2)] + lines

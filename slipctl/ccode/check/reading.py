@@ -19,10 +19,10 @@ _ALONE = re.compile(
     r"\s*/\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
 )
 _STARTS = re.compile(
-    r"(?:for \(.*\) \{ )?(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
-    r"(?:\[[^\]]*\])*(?: =|,)"
+    r"(?:for \(.*\) \{ )?(?:copy\(&?|(?:const )?(?:double|float|bool) )?"
+    r"(?P<target>\w+(?:->[\w.]+)?)(?:\[[^\]]*\])*(?: =|,)"
 )
-_RESULT = re.compile(r"(?:next|now)->\w+(?=(?:\[\w+\])? = )|(?<=copy\()(?:next|now)->\w+")
+_RESULT = re.compile(r"(?:next|now)->[\w.]+(?=(?:\[\w+\])? = )|(?<=copy\()(?:next|now)->[\w.]+")
 _FILE = re.compile(r"\s+(?:\* )?".join(FILE.split()) + r"\s+(?:\* )?([^ ,*]+\.py)\.")
 _FUNCTION = re.compile(r"static \w+ (\w+)\(")
 
@@ -66,7 +66,7 @@ def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
         the paper's numbers), ``compared``: states and outputs that the replay against Python
         compares in every tick, those of the function for a local.
     """
-    members = {f"next->{m.c}": m.name for m in plan.layout.states}
+    members = {f"next->{plan.layout.places[m.c]}": m.name for m in plan.layout.states}
     members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
     lines, function, file, begun = source.splitlines(), "", "", 0
     files = {source.count("\n", 0, m.end()): m[1] for m in _FILE.finditer(source)}

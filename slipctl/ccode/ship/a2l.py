@@ -182,7 +182,8 @@ def _grouped(plan: Plan, status: list[str]) -> list[str]:
 
 def _name(plan: Plan, struct: str, m: Member, within: str = "") -> str:
     """Identifier of ASAP2: the symbol and the member, with dots."""
-    return f"{plan.name}_{struct}.{within}{m.c}"
+    place = plan.layout.places[m.c] if within == "kept." else m.c
+    return f"{plan.name}_{struct}.{within}{place}"
 
 
 def _quoted(text: str) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -81,7 +80,10 @@ def core(plan: Plan, token: str, now: bool) -> str:
     )
     tests = checks(wrong)
     helpers += f"{tests}\n\n" if tests else ""
-    real = partial(in_precision, real=plan.real, where=plan.block.name)
+
+    def real(text: str) -> str:
+        return in_precision(lay.nested(text), plan.real, plan.block.name)
+
     filled = {
         "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
         "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",

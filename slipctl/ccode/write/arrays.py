@@ -95,11 +95,11 @@ def loop(n: int, line: str) -> list[str]:
     return [f"for (int i = 0; i < {n}; ++i) {{", f"    {reached(line, 'i')}", "}"]
 
 
-def listed(declared: str, texts: Sequence[str]) -> list[str]:
+def listed(declared: str, texts: Sequence[str], sign: str = " = ") -> list[str]:
     """Declaration of an array or a struct with its elements; the lines are broken later."""
-    if len(line := f"{declared} = {{{', '.join(texts)}}};") <= WIDTH - 12:
+    if len(line := f"{declared}{sign}{{{', '.join(texts)}}};") <= WIDTH - 12:
         return [line]
-    return [f"{declared} = {{", f"    {', '.join(texts)}", "};"]
+    return [f"{declared}{sign}{{", f"    {', '.join(texts)}", "};"]
 
 
 class Arrays(Writer):

@@ -11,7 +11,7 @@ import numpy as np
 from slipctl.ccode.write import guard, rates
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.layout import Member, change_text, range_text
+from slipctl.ccode.write.layout import Member, change_text, own_name, range_text
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision, size
 from slipctl.ccode.write.statements import wrapped
@@ -173,10 +173,7 @@ def _state(plan: Plan) -> str:
         "",
     ]
     if lay.states:
-        lines += [comment("What a good tick keeps for the next one."), f"struct {n}_kept {{"]
-        for m in lay.states:
-            lines += [member_comment(m), f"    {m.declared()}"]
-        lines += ["};", ""]
+        lines += _kept(plan)
     if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
         members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
         lines += [f"struct {n}_work {{ {' '.join(members)} }};", ""]
@@ -197,6 +194,27 @@ def _state(plan: Plan) -> str:
         lines.append(f"    struct {n}_work work; /* scratch of step */")
     lines += rates.tick_struct(plan) if plan.rates else []
     return "\n".join([*lines, f"}} {n}_state;"])
+
+
+def _kept(plan: Plan) -> list[str]:
+    """Structs of what a good tick keeps: one for each part, and the whole."""
+    lines: list[str] = []
+    whole: list[str] = []
+    for struct, own in plan.layout.kept.items():
+        members = [
+            line for m in own
+            for line in (member_comment(m), f"    {m.declared(own_name(m) if struct else m.c)}")
+        ]  # fmt: skip
+        if not struct:
+            whole += members
+            continue
+        path = own[0].name.rpartition(".")[0]
+        kind = f"struct {plan.name}_kept_{struct}"
+        lines += [comment(f"What {path} keeps for the next tick."), f"{kind} {{", *members]
+        lines += ["};", ""]
+        whole.append(f"    {kind} {struct};")
+    what = comment("What a good tick keeps for the next one.")
+    return [*lines, what, f"struct {plan.name}_kept {{", *whole, "};", ""]
 
 
 def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:

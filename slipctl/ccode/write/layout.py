@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 
 from slipctl.block.block import Block
 from slipctl.block.curves import places_of
@@ -80,9 +82,10 @@ class Member:
         """C expression of the address of its first element."""
         return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
 
-    def declared(self) -> str:
-        """Declaration inside a struct."""
-        return f"double {self.c};" if self.scalar else f"double {self.c}[{self.size}];"
+    def declared(self, name: str = "") -> str:
+        """Declaration inside a struct, by its C name or another."""
+        name = name or self.c
+        return f"double {name};" if self.scalar else f"double {name}[{self.size}];"
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,40 @@ class Layout:
     def big(self) -> str:
         """Name in capitals, for constants."""
         return self.name.upper()
+
+    @cached_property
+    def kept(self) -> dict[str, tuple[Member, ...]]:
+        """States by the struct of their part, as they lie in memory; those of "" are in none."""
+        groups = [
+            (c_name(path) if path else "", tuple(own))
+            for path, own in groupby(self.states, lambda m: m.name.rpartition(".")[0])
+        ]
+        names = [s for s, _ in groups]
+        taken = {m.c for s, own in groups for m in own if not s} | {"in_force"}
+        if len(set(names)) < len(names) or taken & {
+            *names,
+            *(m.c for m in self.states if "." in m.name),
+        }:
+            return {"": self.states}
+        return dict(groups)
+
+    @cached_property
+    def places(self) -> dict[str, str]:
+        """Where a state lies in the struct of all that is kept, by its C name."""
+        return {
+            m.c: f"{struct}.{own_name(m)}" if struct else m.c
+            for struct, own in self.kept.items() for m in own
+        }  # fmt: skip
+
+    def nested(self, text: str) -> str:
+        """C text in which a state of a part is a member of the struct of that part."""
+        moved = {c: place for c, place in self.places.items() if c != place}
+        if not moved:
+            return text
+        use = re.compile(
+            r"((?:\b(?:state|next|x)->|\b(?:kept|next)\.))(" + "|".join(moved) + r")\b"
+        )
+        return use.sub(lambda m: m[1] + moved[m[2]], text)
 
 
 def layout(block: Block, name: str) -> Layout:
@@ -141,6 +178,11 @@ def c_name(name: str) -> str:
     plain = re.sub(r"\W", lambda m: "_" if m[0] == "." else spelled(m[0]), name)
     plain = re.sub(r"[^\x00-\x7f]", lambda m: spelled(m[0]), plain)
     return plain + "_" if plain in KEYWORDS or not re.match("[A-Za-z_]", plain) else plain
+
+
+def own_name(m: Member) -> str:
+    """C name of a signal inside the struct of its part."""
+    return c_name(m.name.rpartition(".")[2])
 
 
 def _members(block: Block, signals: Iterable[Signal]) -> tuple[Member, ...]:

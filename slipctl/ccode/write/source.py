@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -31,7 +31,7 @@ from slipctl.ccode.write.header import (
     prototypes,
 )
 from slipctl.ccode.write.kernel import Kernel, definitions
-from slipctl.ccode.write.layout import Member
+from slipctl.ccode.write.layout import Member, own_name
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision
 from slipctl.ccode.write.shapes import constant
@@ -78,7 +78,7 @@ def source(plan: Plan) -> str:
         text = text.replace(
             "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
         )
-    return broken(short(in_precision(text, plan.real, plan.block.name)))
+    return broken(short(plan.layout.nested(in_precision(text, plan.real, plan.block.name))))
 
 
 # ---- equations ----------------------------------------------------------------------------------
@@ -205,19 +205,14 @@ def _start(plan: Plan) -> str:
         return ""
     lines: list[str] = []
     for k, (path, members) in enumerate(plan.parts.items(), start=1):
-        body: list[str] = []
-        for m in members:
-            if not m.signal.derived:
-                body += _constant(m, "state->", m.signal.value)
-        firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
-        for m in members:
-            if m.signal.derived:
-                body += plan.start_lines((m,), firsts[m.c], "state->")
+        body = _begun(plan, members)
         if len(plan.parts) == 1:  # whichever part is meant, it is this one
-            lines += _distinct(body)
+            lines += body
             break
-        made = if_([f"(part == 0) || (part == {k})"], *_distinct(body))
+        made = if_([f"all || (part == {k})"], *body)
         lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
+    if len(plan.parts) > 1:
+        lines.insert(0, "const bool all = part == 0;")
     text = "\n".join(lines)
     void = ["(void)param;"] * identifier_free(text, "param")
     void += ["(void)part;"] * identifier_free(text, "part")
@@ -229,6 +224,32 @@ def _start(plan: Plan) -> str:
     signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
                           plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
     return f"{comment(told)}\n" + define(signature, [*void, *lines])
+
+
+def _begun(plan: Plan, members: Sequence[Member]) -> list[str]:
+    """Statements that put the states of a part to their start: its struct, then its arrays."""
+    firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
+    made = [
+        (m, plan.start_lines((m,), firsts[m.c], "state->") if m.signal.derived
+         else _constant(m, "state->", m.signal.value))
+        for m in sorted(members, key=lambda m: m.signal.derived)
+    ]  # fmt: skip
+    struct = plan.layout.places[members[0].c].rpartition(".")[0]
+    zero = next((m for m in members if m.scalar), None)
+    if not struct or zero is None or len(members) == 1:
+        return _distinct([line for _, lines in made for line in lines])
+    before, given, behind = list[str](), list[str](), list[str]()
+    for m, lines in made:
+        values = [v for line in lines if (v := line.partition(f"state->{m.c}")[2])]
+        before += [line for line in lines if line.startswith("const ")]
+        if lines[-1].startswith("fill("):
+            behind += [lines[-1]] * (not lines[-1].endswith(" 0.0);"))
+        elif any(not v.endswith(" = 0.0;") for v in values):
+            text = ", ".join(v.partition(" = ")[2].removesuffix(";") for v in values)
+            given.append(f".{own_name(m)} = {text if m.scalar else f'{{{text}}}'}")
+    given = given or [f".{own_name(zero)} = 0.0"]  # what is left out is 0; C wants one
+    whole = listed(f"state->{struct} = (struct {plan.name}_kept_{struct})", given, "")
+    return [*_distinct(before), *whole, *behind]
 
 
 def _distinct(lines: list[str]) -> list[str]:

@@ -52,7 +52,7 @@ def _one_line(found: re.Match[str]) -> str:
 
 
 _BRANCH = re.compile(
-    r"^(?P<if> *if \([^{}]*\) \{)(?P<told> /\*[^\n]*\*/)?\n +(?P<body>[^\n{}]*;)\n *\}$", re.M
+    r"^(?P<if> *if \([^{}]*\) \{)(?P<told> /\*[^\n]*\*/)?\n +(?P<body>[^\n]*;)\n *\}$", re.M
 )
 
 
@@ -141,7 +141,9 @@ def broken(text: str) -> str:
             lines += _with([line], behind)
             continue
         statement: list[str] = []
-        listed = bool(lines) and lines[-1].endswith("= {")  # elements: the others begin alike
+        listed = bool(lines) and lines[-1].endswith(
+            ("= {", "){")
+        )  # elements: the others begin alike
         indent = " " * (len(line) - len(plain) + (0 if listed else 4))
         by_comma = listed or _CALL.fullmatch(plain) is not None
         while len(line) > WIDTH:
