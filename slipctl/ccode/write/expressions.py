@@ -219,6 +219,7 @@ class Writer:
         can_be: what (argument, element) can be; anything by default.
         shown: results from this one on only have names; nothing is written for them alone.
         modest: what is used once gets no line for its name's sake.
+        known: the last results, so many, are read as further arguments instead of worked out.
 
     Attributes:
         lines: statements, each a constant.
@@ -235,8 +236,13 @@ class Writer:
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
         shown: int | None = None,
         modest: bool = False,
+        known: int = 0,
     ) -> None:
         nodes, self.results = self._read(f)
+        begin = f.n_out() - known
+        for (i, k), node in self.results:
+            if i >= begin and nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
+                nodes[node] = Node(ca.OP_INPUT, place=(f.n_in() + i - begin, k))
         self.nodes, self.tables = pieces.found(nodes)
         self.pieces: dict[int, tuple[str, str]] = {}  # table -> row of C, ramp
         self.read_input, self.real = read_input, real

@@ -216,10 +216,16 @@ class Parts:
             *(wires.states[k] for k in block.states), *(wires.inputs[k] for k in block.inputs),
             *(wires.params[k] for k in block.params),
         ]  # fmt: skip
-        f = ca.Function("part", arguments, [*results, *page.hidden], {"cse": True})
         targets = [(place, name) for place, name, *_ in chosen]
-        write = self._scalar if block.sx else self._arrays
-        return write(f, places, targets, page)
+        known = [k for k in block.outputs if last and k not in outputs]  # given by a piece before
+        results += page.hidden
+        if not block.sx:
+            return self._arrays(
+                ca.Function("part", arguments, results, {"cse": True}), places, targets, page
+            )
+        results += [shaped(block, block.outputs[k], y[k]) for k in known]
+        f = ca.Function("part", arguments, results, {"cse": True})
+        return self._scalar(f, places, targets, page, [wires.outputs[k] for k in known])
 
     def _read(self, places: Sequence[Place | None], i: int, k: int) -> str:
         place = places[i]
@@ -227,9 +233,9 @@ class Parts:
 
     def _scalar(
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
-        page: Told,
+        page: Told, known: Sequence[Place],
     ) -> list[str]:  # fmt: skip
-        shown = len(targets)
+        shown, places = len(targets), [*places, *known]
         taken = self.functions.taken(f)
         local: dict[tuple[int, int], str] = {}
         for i, ((m, _), name) in enumerate(targets):
@@ -244,7 +250,7 @@ class Parts:
                 taken.add(own)
         writer = Writer(
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
-            can_be=lambda i, k: self._given(places, i, k), shown=shown,
+            can_be=lambda i, k: self._given(places, i, k), shown=shown, known=len(known),
         ).run()  # fmt: skip
         self.functions.helpers |= set(writer.helpers)
         lines = list(writer.lines)
