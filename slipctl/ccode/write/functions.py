@@ -22,7 +22,7 @@ from slipctl.ccode.write.graph import (
 )
 from slipctl.ccode.write.helpers import HELPERS
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
-from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, shared, sums
+from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, running, shared, sums
 from slipctl.ccode.write.naming import named, with_inside
 from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
@@ -309,7 +309,21 @@ class Functions:
     def _call(
         self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str]
     ) -> None:
-        """Write a call: a branch, or that of a function."""
+        """Write a call: a branch, a running sum, or that of a function."""
+        if running(g) and results[0]:
+            total = unused("total", at.taken)
+            at.taken.add(total)
+            given = arguments[1].removeprefix("&")
+            element = re.sub(r"\[(\d+)\]$", r"[\1 + i]", given)
+            element += "" if element != given else "[i]"
+            at.lines += [
+                f"double {total} = {arguments[0]};",
+                f"for (int i = 0; i < {g.nnz_out(0)}; ++i) {{",
+                f"    {total} += {element};",
+                f"    {results[0]}[i] = {total};",
+                "}",
+            ]
+            return
         chosen = self.branches(g)
         if chosen is None:
             self._plain(at, g, arguments, results, True)

@@ -201,3 +201,14 @@ def accumulated(f: ca.Function) -> tuple[ca.Function, int] | None:
         if not np.array_equal(np.hstack(pieces), v, equal_nan=True):
             return None
     return inner, int(n)
+
+
+def running(f: ca.Function) -> bool:
+    """Whether a Function gives the sums of the first elements of its second argument."""
+    if (f.n_in(), f.n_out()) != (2, 1) or f.class_name() != "MXFunction" or f.nnz_in(0) != 1:
+        return False
+    again = accumulated(f)
+    if again is None or again[0].n_instructions() != 4 or f.nnz_out(0) != again[1]:
+        return False
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    return bool(ca.is_equal(again[0](a, b), a + b, 1))
