@@ -87,7 +87,7 @@ def windowed(
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         theta, constants, declared = x["theta"], model.constants(p), p["noise"] ** 2
         least = p["spread"] ** -2
-        Lambda_0 = ca.diag(least)
+        Lambda_0 = ca.densify(ca.diag(least))
         inputs, measurement = model.sample(u)
         predicted, h = model.predict(theta, inputs, constants)
         e = measurement - predicted

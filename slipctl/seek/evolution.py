@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Callable, Set
 from typing import Any
 
 import casadi as ca
@@ -172,15 +172,15 @@ def _check(
         raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
 
 
-def _first(value_of: ca.Function, n: int, worse: float) -> ca.Function:
-    """Function (rng, given, lo, hi) -> (rng, members drawn over the range, their values)."""
-    one = _one_member(value_of, worse)
-    r, g, a, b = (ca.MX.sym("rgab"[k], one.size1_in(k)) for k in range(4))
-    states, places, values = _each("members", one, n, {1, 2, 3}, True)(r, g, a, b)
-    return ca.Function(
-        "first", [r, g, a, b], [states[:, -1], places.T, values.T],
-        one.name_in(), ["after", "members", "heights"],
-    )  # fmt: skip
+def _first(value_of: ca.Function, n: int, worse: float) -> Callable[..., tuple[Any, Any, Any]]:
+    """Gives (rng, members drawn over the range, their values) of (rng, given, lo, hi)."""
+    many = _each("members", _one_member(value_of, worse), n, {1, 2, 3}, True)
+
+    def drawn(rng: Any, given: Any, lo: Any, hi: Any) -> tuple[Any, Any, Any]:
+        states, places, values = many(rng, given, lo, hi)
+        return states[:, -1], places.T, values.T
+
+    return drawn
 
 
 def _each(name: str, f: ca.Function, n: int, shared: Set[int], goes_on: bool) -> ca.Function:
