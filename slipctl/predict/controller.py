@@ -18,8 +18,9 @@ from slipctl.predict.growing import STRETCH, later
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
 from slipctl.predict.offset import SHARE
+from slipctl.predict.parting import Tick, parted
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
-from slipctl.predict.repeating import apart, only_if
+from slipctl.predict.repeating import apart
 from slipctl.predict.scenarios import TOGETHER
 from slipctl.predict.search import Search
 from slipctl.predict.status import SMALL
@@ -315,25 +316,20 @@ class Controller:
         start = ca.fmin(hi, ca.fmax(lo, ca.vertcat(*[self._start(n) for n in self.h.controls])))
         plan = (xs["X"], xs["U"], xs["S"])
         given = (xs["planned"], start, x0, d, d_last, q)
-        measured = (xs["applied"], *given, bounds)
+        measured: tuple[Any, ...] = (xs["applied"], *given, bounds)
         learn = (x0, d[:, 0], q, p["offset_share"]) if self.unknown else ()
         if not self.split:
             nxt, out = self._named(*self._feedback(*self._prepare(*plan, *given), *measured))
             return self._learnt(xs, nxt, out, *learn)
-        only, prepared, kept = xs[PREPARE] > 0, xs["prepared"] > 0, [xs[n] for n in AHEAD]
-        due = ca.if_else(only, xs["planned"] > 0, ca.logic_not(prepared))
-        shift = ca.logic_not(prepared)
-        ahead = only_if("prepare", due, self._again, (0, 1, 2, 3, 4), *plan, *kept, shift, *given)
-        nothing = [ca.MX(0)] * 3
-        rest = only_if(
-            "feedback", ca.logic_not(only), self._feedback, (0, 1, 2, 5, 6, -4, -3, -2, -1),
-            *ahead, *measured, xs["applied"] * self.scale, *nothing,
-        )  # fmt: skip
+        only, kept = xs[PREPARE] > 0, tuple(xs[n] for n in AHEAD)
+        still = (xs["applied"], xs["planned"], xs["applied"] * self.scale, *[ca.MX(0)] * 3)
+        tick = Tick(only, xs["prepared"], plan, kept, given, measured, still)
+        rest, ahead = parted(self._prepare, self._feedback, tick)
         nxt, out = self._learnt(xs, *self._named(*rest), *learn)
         nxt |= {n: ca.if_else(only, xs[n], nxt[n]) for n in LEARNT if self.unknown}
         ready = ca.logic_and(only, xs["planned"] > 0)
         return nxt | {
-            **dict(zip(AHEAD, ahead[3:], strict=True)), "prepared": ready, PREPARE: ca.MX(0)
+            **dict(zip(AHEAD, ahead, strict=True)), "prepared": ready, PREPARE: ca.MX(0)
         }, out  # fmt: skip
 
     def _learnt(self, xs: Exprs, nxt: Exprs, out: Exprs, *given: Any) -> tuple[Exprs, Exprs]:
@@ -364,10 +360,6 @@ class Controller:
             nxt[f"answer_of_{self.solver}"], controls = good, controls * good
         values = zip(self.h.decided, ca.vertsplit(controls), strict=False)
         return nxt, dict(values) | {"status": status, "passes": passes, "residual": residual}
-
-    def _again(self, X: Any, V: Any, S: Any, D: Any, E: Any, shift: Any, *given: Any) -> Any:
-        """The same as :meth:`_prepare`, of a plan that is shifted already if not ``shift``."""
-        return self._prepare(*(X, V, S, *given, shift))
 
     def _prepare(
         self, X: Any, V: Any, S: Any, begun: Any, start: Any, x0: Any, d: Any, d_last: Any, q: Any,
@@ -401,7 +393,7 @@ class Controller:
 
     def _feedback(
         self, X: Any, V: Any, S: Any, D: Any, E: Any, applied: Any, begun: Any, start: Any, x0: Any,
-        d: Any, d_last: Any, q: Any, bounds: Any, *_: Any,
+        d: Any, d_last: Any, q: Any, bounds: Any,
     ) -> tuple[Any, ...]:  # fmt: skip
         """The rest: (X, V, S, applied, planned, controls, status, passes, residual)."""
         nx, nu, N = self.h.nx, self.h.nu, self.h.stages

@@ -91,17 +91,32 @@ def apart(
     return called
 
 
-def only_if(
-    name: str, condition: Any, f: Callable[..., Sequence[Any]], otherwise: Sequence[int],
+def called(name: str, f: Callable[..., Sequence[Any]]) -> Callable[..., list[Any]]:
+    """A function of matrices as one Function, called wherever it is used."""
+    made: list[ca.Function] = []
+
+    def call(*given: Any) -> list[Any]:
+        if not made:
+            symbols = [ca.MX.sym(f"i{k}", *ca.MX(v).shape) for k, v in enumerate(given)]
+            made.append(ca.Function(name, symbols, [ca.densify(v) for v in f(*symbols)]))
+        return list(made[0].call([ca.MX(v) for v in given], False, True))
+
+    return call
+
+
+def either(
+    name: str, condition: Any, f: Callable[..., Sequence[Any]], g: Callable[..., Sequence[Any]],
     *given: Any,
 ) -> list[Any]:  # fmt: skip
-    """Results of f(*given) where a condition holds, else of given the numbers ``otherwise``.
+    """Results of f(*given) where a condition holds, else of g(*given).
 
     What is not chosen is not computed.
     """
     symbols = [ca.MX.sym(f"i{k}", *ca.MX(v).shape) for k, v in enumerate(given)]
-    some = ca.Function(name, symbols, [ca.densify(v) for v in f(*symbols)])
-    none = ca.Function(f"{name}_not", symbols, [symbols[k] for k in otherwise])
+    some, none = (
+        ca.Function(n, symbols, [ca.densify(ca.MX(v)) for v in h(*symbols)])
+        for n, h in ((name, f), (f"{name}_not", g))
+    )
     return list(ca.Function.if_else(f"{name}_maybe", some, none).call([condition, *given]))
 
 
@@ -131,6 +146,10 @@ class Repeated:
             constants: the other arguments.
             begun: z[going] is above 0 whatever the numbers are.
         """
+        if begun:  # mostly it is all that is to do
+            z = self._once(0, z, *constants)
+            rest = ca.Function(f"{self.name}_more", self.given, [self(most - 1, *self.given)])
+            return self._maybe(rest)(z[self.going] > 0, z, *constants) if most > 1 else z
         while 2 ** len(self.powers) <= most:
             y = self._go(-1, self._once(-1, *self.given), *self.given[1:])
             name = f"{self.name}_{2 ** len(self.powers)}"
@@ -138,8 +157,7 @@ class Repeated:
             self.maybe.append(self._maybe(self.powers[-1]))
         for k in reversed(range(len(self.powers))):
             if most & 2**k:
-                z = (self._once if begun else self._go)(k, z, *constants)
-                begun = False
+                z = self._go(k, z, *constants)
         return z
 
     def _once(self, k: int, *given: Any) -> Any:

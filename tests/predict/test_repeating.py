@@ -35,13 +35,14 @@ def test_parts_have_fewest_calls():
         assert N // chunk(N) + N % chunk(N) + chunk(N) <= 2 * N**0.5 + 3
 
 
+@pytest.mark.parametrize("begun", [False, True])
 @pytest.mark.parametrize("most", [1, 2, 3, 4, 7, 20, 30])
-def test_what_is_repeated_stops_where_nothing_is_left_or_after_the_most(most):
+def test_what_is_repeated_stops_where_nothing_is_left_or_after_the_most(most, begun):
     """A counter down from five, and how often it was asked: never more than is left or allowed."""
     z, c = ca.MX.sym("z", 2), ca.MX.sym("c")
     once = ca.Function("down", [z, c], [ca.vertcat(z[0] - c, z[1] + 1)])
     again = Repeated(once, 0)
-    f = ca.Function("all", [z, c], [again(most, z, c)])
+    f = ca.Function("all", [z, c], [again(most, z, c, begun=begun)])
     left, made = np.array(f([5, 0], 1)).ravel()
     assert made == min(most, 5)
     assert left == 5 - made

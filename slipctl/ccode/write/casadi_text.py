@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.ccode.write.comments import comment
+from slipctl.ccode.write.direct import direct
 from slipctl.ccode.write.expressions import Unsupported, Writer
 from slipctl.ccode.write.helpers import HELPERS
 from slipctl.errors import BadInput
@@ -121,7 +122,7 @@ def static_text(
     helpers: set[str] = set()
     for c in kept:
         helpers |= c.helpers
-    body = "\n\n".join(_clean(c.text) for c in kept)
+    body = "\n\n".join(_clean(direct(c.text) if c.label else c.text) for c in kept)
     helpers |= {own for old, own in _OWN.items() if re.search(rf"\b{old}\b", body)} & set(HELPERS)
     for old, new in (names | _OWN).items():
         body = re.sub(rf"\b{old}\b", new, body)
