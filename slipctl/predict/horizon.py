@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import casadi as ca
 
@@ -112,6 +112,8 @@ class Horizon:
     prices: tuple[str, ...] = ()
     exact: bool = False
     shared: int = 0
+    bounded: ClassVar[bool] = True
+    """Whether controls have bounds."""
 
     @classmethod
     def of(

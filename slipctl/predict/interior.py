@@ -44,6 +44,9 @@ END = 1e-15
 ENOUGH = 1e-13
 """The same, where rounding brings no more digits or no step is left."""
 
+ROUNDED = 1e-8
+"""The same for controls without bounds, which may be so large that no step leads nearer."""
+
 NEARLY = 0.5
 """Mark of a state that is near enough, from which steps may still lead nearer."""
 
@@ -66,7 +69,8 @@ class Interior:
         h = self.h
         user = [CAPPED if i in h.capped else SOFT for i in range(h.nc)]
         self.rated = list(range(h.nu)) if of.rates else []
-        self.kinds = [FIRM] * (2 * h.nu + 2 * len(self.rated)) + user
+        self.bounded = list(range(h.nu)) if h.bounded else []
+        self.kinds = [FIRM] * (2 * len(self.bounded) + 2 * len(self.rated)) + user
         self.last_kinds = user
         self.m, self.mc = len(self.kinds), len(h.capped)
         self._backward, self._gains = self._make_backward()
@@ -79,7 +83,7 @@ class Interior:
         """(e, R) of the rows of a stage, over (z, v)."""
         h, nz = self.h, self.of.nz
         e, R = [], []
-        for i in range(h.nu):
+        for i in self.bounded:
             unit = ca.SX(1, nz + h.nu)
             unit[nz + i] = 1
             e += [ca.fmax(u[i] - bounds[h.nu + i], -WIDE), ca.fmax(bounds[i] - u[i], -WIDE)]
@@ -107,8 +111,11 @@ class Interior:
                 d[i] = t[at] / over
                 t0[i] = (t[at] * n[at] + target - c2[at] - t[at] * w[at]) / over
                 at += 1
-        below = s + d * l
-        return d, t0, l / below, (s * l + target - c1) / below
+        if self.bounded:
+            below = s + d * l
+            return d, t0, l / below, (s * l + target - c1) / below
+        below = s + (d + EASE) * l  # r - EASE (l+ - l) in place of r+
+        return d, t0, l / below, (s * l + target - c1 + EASE * l**2) / below
 
     def _symbols(self, m: int) -> tuple[Any, tuple[Any, ...]]:
         """Symbol of the packed (l, s, t, n, corrections), and its pieces."""
@@ -276,6 +283,8 @@ class Interior:
         Xn, Vn = X + part * (found[0] - X), V + part * (found[1] - V)
         left = _mean(nxt)
         moved = ca.mmax(ca.fabs(ca.vertcat(found[0] - X, found[1] - V)))
+        if not self.bounded:  # then no bound tells how large a control is
+            moved = moved / (1 + ca.mmax(ca.fabs(ca.vertcat(X, V))))
         sound = ca.sumsqr(ca.vertcat(*nxt, Xn, Vn)) < 1e30
         scale = 1 + ca.mmax(nxt[0])
         residual, short = left / scale, (1 - part) * moved
@@ -288,9 +297,13 @@ class Interior:
         good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, steps + 1)
         bad = ca.vertcat(state[:-3], -2, 1, steps + 1)
         after = ca.if_else(sound, good, bad)
-        worse = ca.logic_not(ca.logic_and(sound, ca.logic_and(open_ < 1, residual < before)))
+        nearer = ca.logic_and(sound, residual < before)
+        worse = ca.logic_and(was == NEARLY, ca.logic_not(ca.logic_and(nearer, open_ < 1)))
+        if not self.bounded:  # rounding of what is that large leaves no step
+            lost = ca.logic_or(ca.logic_not(nearer), part < SHORT)
+            worse = ca.logic_or(worse, ca.logic_and(before < ROUNDED, lost))
         kept = ca.vertcat(state[:-3], 0, before, steps + 1)
-        after = ca.if_else(ca.logic_and(was == NEARLY, worse), kept, after)
+        after = ca.if_else(worse, kept, after)
         return ca.Function("ip_step", [state, *data], [after])
 
     def _make_begin(self, kinds: list[str], stage: bool) -> ca.Function:
@@ -348,8 +361,8 @@ class Interior:
         a = ca.SX.sym("a", 2 * self.m + 2 * self.mc)
         l, s = a[: self.m], a[self.m : 2 * self.m]
         on = [ca.if_else(l[i] > s[i], l[i], 0) for i in range(self.m)]
-        nu, found = self.h.nu, []
-        for i in range(nu):
+        nu, found = self.h.nu, [ca.SX(FREE)] * (self.h.nu - len(self.bounded))
+        for i in self.bounded:
             high, low = on[2 * i], on[2 * i + 1]
             status = ca.if_else(high > low, HIGH, ca.if_else(low > 0, -HIGH, FREE))
             if self.rated:
@@ -431,6 +444,10 @@ class Interior:
         maybe = ca.Function.if_else("qp_rescue", self._rescue(), stay)
         return maybe(self.of.split(z)[4] != 0, z, *data)
 
+
+EASE = 1e-8
+"""Part of the change of a multiplier by which its row is eased for one step, where controls have no
+bounds: noises of several unknowns move a row together, and the largest W must leave them apart."""
 
 NEAR = 0.1
 """Smallest slack to begin with."""

@@ -58,8 +58,11 @@ def mhe(
             parameter is a random walk.
         start: first estimates; by default the declared values, or the number next to zero.
         limits: of an unknown or an output of the plant. (lo, hi), None for the declared one, is
-            kept wherever some motion keeps it; (lo, hi, weight) adds the square of the weighted
-            excess to the sum of squares.
+            hard; (lo, hi, weight) adds the square of the weighted excess to the sum of squares.
+            Where no motion keeps the hard ones, soft ones have given way already. Then the sum of
+            the excesses of hard ones over their sizes is the least, and ``status`` is 3. So it is
+            where to keep one would cost more than a million by its size. An unknown is told within
+            its own hard limits even then.
         late: measurements whose samples may come late, or out of order. Each has the input
             ``age_<measurement>``: the ticks since the sample was taken, 0 for now.
         samples: length of the window. A sample that is older counts as missing.

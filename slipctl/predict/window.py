@@ -86,7 +86,7 @@ class Window:
         """Whether the excess of a capped row is squared too."""
         return (False,) * len(self.hard)
 
-    shared = 0
+    shared, bounded = 0, False
 
     # ---- equations ----------------------------------------------------------------------------
 
@@ -196,7 +196,8 @@ class Window:
         """Layout of a column over n variables; the matrices are full but for noises and H."""
         nx, full = self.nx, ca.Sparsity.dense
         H = ca.Sparsity.upper(nx)
-        motion = [full(nx, nx), ca.Sparsity.lower(nx), full(nx, 1)] if moving else []
+        factor = self.factor().sparsity_out(0)
+        motion = [full(nx, nx), factor, full(nx, 1)] if moving else []
         C = full(self.nc, nx)
         if moving:
             H = ca.diagcat(H, ca.Sparsity.diag(nx))
@@ -235,20 +236,32 @@ class Window:
             [after + A @ (mean - x), triangle(P)], {"cse": True},
         )  # fmt: skip
 
+    @property
+    def order(self) -> list[int]:
+        """Unknowns in the order of the factor: those with limits first.
+
+        A limit of the first one is moved by one part of e alone, and so on.
+        """
+        names = [s.name for s in self.problem.unknown]
+        return sorted(range(self.nx), key=lambda i: names[i] not in self.limits)
+
     def factor(self) -> ca.Function:
         """Function P -> L with L L' = P; a pivot that rounding made negative is zero."""
-        n = self.nx
+        n, order = self.nx, self.order
         lower = ca.SX.sym("P", n * (n + 1) // 2)
-        P, L = symmetric(lower, n), ca.SX(n, n)
+        P, L = symmetric(lower, n)[order, order], ca.SX(n, n)
         for j in range(n):
             L[j, j] = ca.sqrt(ca.fmax(P[j, j] - ca.sumsqr(L[j, :j]), TINY))
             for i in range(j + 1, n):
                 L[i, j] = (P[i, j] - ca.dot(L[i, :j], L[j, :j])) / L[j, j]
-        return ca.Function("mhe_factor", [lower], [L], {"cse": True})
+        found = ca.SX(n, n)
+        found[order, order] = L
+        return ca.Function("mhe_factor", [lower], [found], {"cse": True})
 
     def solver(self, stage: Layout, end: Layout, passes: int, rescue: int) -> ActiveSet:
         """Active set of the window."""
         tied = [False] * self.stages
+        rescue = rescue if self.limits else 0
         return ActiveSet(self, stage, end, tied, False, passes, rescue)  # type: ignore[arg-type]
 
     def solve(self, qp: ActiveSet, D: Any, E: Any, S: Any) -> Found:

@@ -54,7 +54,8 @@ def problem(
     """Solver of a structure as a Function of its numbers, and the same as sparse matrices."""
     capped, square, hard = limits
     sizes: Any = SimpleNamespace(
-        nx=nx, nu=nu, nc=nc, stages=N, capped=capped, square=square, hard=hard, shared=0
+        nx=nx, nu=nu, nc=nc, stages=N, capped=capped, square=square, hard=hard, shared=0,
+        bounded=True,
     )  # fmt: skip
     n = nx + nu
     stage = dense((nx, nx), (nx, nu), (nx, 1), n, (n, 1), (nc, 1), (nc, n), (len(capped), 1))

@@ -37,7 +37,7 @@ def run(block, samples, forces, seen=None):
     return dict(zip(block.outputs, np.array(rows).T, strict=True))
 
 
-def at_once(samples, forces, seen, low=-np.inf):
+def at_once(samples, forces, seen, low=-np.inf, high=np.inf):
     """Last state of the best motion through all samples, by bounded least squares; its squares."""
     n = len(samples)
     A = np.array([[1, H, H * H / 2], [0, 1, H], [0, 0, 1]])
@@ -60,11 +60,11 @@ def at_once(samples, forces, seen, low=-np.inf):
             row[3 * k : 3 * k + 3] -= A[i] / s
             rows.append(row)
             right.append(B[i] * forces[k] / s)
-    lo = np.full(3 * n, -np.inf)
-    lo[2::3] = low
+    lo, hi = np.full(3 * n, -np.inf), np.full(3 * n, np.inf)
+    lo[2::3], hi[2::3] = low, high
     rows, right = np.array(rows), np.array(right)
     if np.isfinite(low):
-        z = scipy.optimize.lsq_linear(rows, right, (lo, np.inf), tol=1e-14, method="bvls").x
+        z = scipy.optimize.lsq_linear(rows, right, (lo, hi), tol=1e-14, method="bvls").x
     else:
         z = np.linalg.lstsq(rows, right, rcond=None)[0]
     return z[-3:], float(np.sum((rows @ z - right) ** 2))
