@@ -39,6 +39,7 @@ _SHIFTED = re.compile(r"\b((?:arg|res)\d+) ?= ?(arg|res)\+(\d+)")
 _COPIED = re.compile(r"i<(\d+); \+\+i\) ((?:arg|res)\d+)\[i\] ?= ?(arg|res)\[i\]$")
 _GIVEN = re.compile(r"^((?:arg|res)\d*)\[(\d+)\] ?= ?(.*)$")
 _ALIAS = re.compile(r"^(\w+) ?= ?(arg|res)\[(\d+)\]$")
+_OWN = re.compile(r"\(?(arg|res)\[(\d+)\](?: != 0\) \? \1\[\2\]\+\d+ : 0)?$")
 _FLAG = re.compile(r"casadi_to_int\(\*arg\[(\d+)\]\)")
 
 Pattern = tuple[tuple[bool, ...], tuple[bool, ...]]
@@ -145,7 +146,7 @@ def _follow(
             there[copied[2]] = {i: own[copied[3]].get(i, True) for i in range(int(copied[1]))}
         elif given := _GIVEN.match(statement):
             value = given[3]
-            from_own = re.match(r"(arg|res)\[(\d+)\]$", value)
+            from_own = _OWN.match(value)
             there.setdefault(given[1], {})[int(given[2])] = (
                 own[from_own[1]].get(int(from_own[2]), True) if from_own
                 else aliases.get(value, value not in ("0", "NULL"))
