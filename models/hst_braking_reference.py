@@ -120,7 +120,8 @@ def slope_identification(form: str = "consistent") -> Block:
 
         Added here: the slip ratio gets the lag of the adhesion filter; nothing is learnt while the
         slip stands still, because P grows as rho^-k there. P has a largest value and is reset when
-        the residual tells a change of the rail (the paper says so in words).
+        the residual tells a change of the rail (the paper says so in words). So is the slope, which
+        was that of another rail, or of wrong samples.
         """
         mean = (lam + lam_last) / 2  # as the filter sees the mean force of the last tick
         lam_now = lam if printed else lam_f + gain * (mean - lam_f)
@@ -139,7 +140,7 @@ def slope_identification(form: str = "consistent") -> Block:
             settled = now > settle
             moving = logic_and(fabs(dlam) > gate, settled)
             beta = P * dlam / (rho + P * dlam**2)
-            chi = if_else(moving, chi_h + beta * residual, chi_h)
+            chi = if_else(moving, chi_h + beta * residual, if_else(changed, 0, chi_h))
             P_now = if_else(moving, fmin(P_top, (1 - beta * dlam) * P / rho), P)
             nxt = dict(chi_h=chi, P=if_else(changed, P_top, P_now))
             fresh = moving

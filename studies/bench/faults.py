@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 from slipctl.block.block import Block
 from slipctl.ccode.check.faults import NEAR, SETTLED, Fault, faults
 from slipctl.errors import BadInput
+from slipctl.models import hst_braking
 from slipctl.run import store
 from slipctl.run.rail import Scenario
 from slipctl.study import doors
@@ -84,8 +85,9 @@ def settling(block: Block) -> Callable[[float], float]:
         until a sample counts for 2 %. A seeker adds four time constants of its slowest filter, and
         one that slides adds a cycle. One that locks opens on a wrong sample, as it cannot know it
         from a change of the rail. It waits, slides through ``planes`` cells and one more, and its
-        dither dies out to 2 % with exp(-q t). A state of ``LED`` adds the time that the fault
-        lasted.
+        dither dies out to 2 % with exp(-q t). The gradient search takes it for such a change too:
+        its filter settles, and it walks back, see ``_walk``. A state of ``LED`` adds the time that
+        the fault lasted.
     """
     found = [0.0]
     own = block.param_values()
@@ -99,6 +101,8 @@ def settling(block: Block) -> Callable[[float], float]:
         found += [4 / float(own[f"{at}{c}"]) for c in ("w_l", "w_h") if f"{at}{c}" in own]
         if f"{at}tau_s" in own:
             found.append(-math.log(NEAR) * float(own[f"{at}tau_s"]))
+        if f"{at}chi_0" in own:
+            found.append(_walk(own, at))
         if f"{at}planes" in own:
             wait, planes, q = (float(own[f"{at}{c}"]) for c in ("wait", "planes", "q"))
             found.append(wait + (planes + 1) * _cell(own, at) - math.log(NEAR) / q)
@@ -106,6 +110,22 @@ def settling(block: Block) -> Callable[[float], float]:
             found.append(2 * _cell(own, at))
     again = any(n.rpartition(".")[2] in LED for n in block.states)
     return lambda lasted: SETTLED + max(found) + lasted * again
+
+
+def _walk(own: Mapping[str, Any], at: str) -> float:
+    """Time in s in which the gradient search of hst_braking comes back from a slip ``near``.
+
+    About a peak the force is F - F'' (lam - lam*)^2/2 with F'' = a1 a2 F_z, by the paper's curve
+    and its slope of 0 there. So the search comes back with lam' = -rate F''/chi_0 (lam - lam*),
+    until it is slower than ``gate``, at which the slope is no longer learnt.
+    """
+    near, rate, chi_0 = (float(own[f"{at}{c}"]) for c in ("near", "rate", "chi_0"))
+    gate, settle = (float(v) for c in ("gate", "settle")
+                    for n, v in own.items() if n.rpartition(".")[2] == c)  # fmt: skip
+    F_z = hst_braking.M * hst_braking.G / hst_braking.N
+    bend = min(p["a1"] * p["a2"] for p in hst_braking.RAILS.values()) * F_z
+    tau = chi_0 / (rate * bend)
+    return settle + tau * max(0.0, math.log(near / (tau * gate)))
 
 
 def cycle(block: Block) -> float:

@@ -158,6 +158,20 @@ def test_missing_wheel_speed_leaves_no_wrong_adhesion(tmp_path):
     assert [(f.told, f.passed) for f in found] == [(100, True)]
 
 
+def test_a_slope_that_wrong_samples_taught_is_forgotten(tmp_path):
+    """A wheel speed held for ten ticks moves the force while the slip rests: a slope of -5e6 N.
+
+    Its end tells a change of the rail. The slope outlived that, until the slip moved again.
+    """
+    _, loop, part, scenario = next(bench.controllers(["hst_braking:eppfc_gradient"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [1.5], bench.WHERE["hst_braking"].wheel,
+        kinds=["NaN", "stuck", "times 2"], lengths=(10,), signals=["omega"],
+    )  # fmt: skip
+    assert [f.passed for f in found] == [True] * 3
+    assert [f.told for f in found] == [10, 0, 10]
+
+
 @pytest.mark.parametrize("name", ["hst_braking:search_printed", "hst_braking:eppfc_estimated"])
 def test_constant_inputs_refuse_no_tick_for_ever(name, tmp_path):
     """No train does that; a search, a bias and a fit ran to the ends of their ranges and stayed."""
@@ -180,6 +194,10 @@ def test_what_a_controller_remembers():
     assert slides(0.1) == pytest.approx(0.1 + 2 * 0.1 / 1.0)
     assert locks(0.1) == pytest.approx(0.1 + 0.05 + 4 * 0.02 / 0.1 + np.log(50) / 1.2)
     assert [c for _, c in allowed.values()] == pytest.approx([0, 0, 0, 0.2, 0.4])
+    _, loop, part, _ = next(bench.controllers(["hst_braking:eppfc_gradient"]))
+    tau = 3000 / (0.5 * 23.129 * 0.1246 * 13.8e3 * 9.81 / 4)  # about the peak of dry rail
+    walks = 0.02 + tau * np.log(0.01 / (0.01 * tau))
+    assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + walks + 0.01)
 
 
 def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch):
