@@ -181,12 +181,10 @@ def limits(
 LAW = {
     "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
     "v_s": (-0.5, 120, "a locked wheel; noise alone slips the other way", 0.5),
-    "v_best": (-20, 20, "twice the range that is searched"),
     "D": ("-20 - 1e6 * r**2 / J", "20 + 1e6 * r**2 / J", "adhesion of 2 under 50 t"),
     "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),
     "T": (-1e6, 1e6, "fifty brakes"),
     **dict.fromkeys(("a", "b", "c", "a0", "a1", "a2"), (-1e6, 1e6, "parameters of the curve")),
-    "T_wanted": (-1e9, 1e9, "the gains at the ends of their ranges"),
     **dict.fromkeys(
         ("ratio.y", "adh.lam"), (-125, 125, "locked at 1 m/s, below which none is formed")
     ),
@@ -194,7 +192,6 @@ LAW = {
     "force.y": (-1e6, 1e6, "that of the input"),
     "fall.y": (-1e5, 1e5, "that of the input"),
     "slip.y": (-120, 120, "that of the input"),
-    **dict.fromkeys(("torque.y", "mirror.y"), (-1e9, 1e9, "that of the law")),
     **dict.fromkeys(("adh.mu", "adh.grip"), (-1e3, 1e3, "parameters far from any rail")),
     **dict.fromkeys(("nmpc.X", "nmpc.U", "nmpc.applied"), (-1e6, 1e6, "a hundred thrusts")),
     "nmpc.S": (-10, 10, "statuses are whole numbers"),
@@ -202,11 +199,18 @@ LAW = {
 }
 """Ranges of a law in the common form: what it is fed, and what its adaptors and its plan hold."""
 
+SEARCHED = "what a search looks through; three times the typical one where that is more"
+WANTED = "250 times the largest torque; it is limited behind the law"
 
-def bounded(law_block: Block) -> Block:
-    """Declare the ranges of :data:`LAW` that the law has signals for."""
+
+def bounded(law_block: Block, w: Wheel) -> Block:
+    """Declare the ranges of a law that it has signals for: :data:`LAW`, and those of its wheel."""
+    best, most = max(6.0, 3 * w.v_best), 250 * w.T_max
+    rows = LAW | {"v_best": (0, best, SEARCHED)} | dict.fromkeys(
+        ("T_wanted", "torque.y", "torque.T", "mirror.y"), (-most, most, WANTED)
+    )  # fmt: skip
     own = {s.name for s in law_block.signals}
-    return ranged(law_block, table={n: row for n, row in LAW.items() if n in own})
+    return ranged(law_block, table={n: row for n, row in rows.items() if n in own})
 
 
 def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
@@ -226,7 +230,7 @@ def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
         return bounded(connect(
             "law", wires, share=SHARED, reference=huang.slip_reference,
             keeping=keeping.with_params(J=w.J, r=w.r), law=block,
-        ))  # fmt: skip
+        ), w)  # fmt: skip
 
     return make
 
@@ -269,7 +273,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
             "law", wires, share=shared, ratio=speed_to_ratio(), best=speed_to_ratio(),
             force=flip_sign("N", "traction"), reference=shape, law=block,
             torque=flip_sign("N m", "braking"),
-        ))  # fmt: skip
+        ), w)  # fmt: skip
 
     return make
 
@@ -305,7 +309,7 @@ def of_cheng(form: str = "robust", tick: float = T_S) -> Callable[[Wheel], Block
             "law", wires, share=SHARED, slip=mirror(*speed), best=mirror("m/s", "traction"),
             fall=mirror("m/s^2", "traction"), reference=reference, barrier=block,
             torque=mirror("N m", "braking"),
-        ))  # fmt: skip
+        ), w)  # fmt: skip
 
     return make
 
@@ -349,7 +353,7 @@ def of_wang(control_law: Block, tick: float = T_S) -> Callable[[Wheel], Block]:
             scale=force_limits.with_params(m=scale, J=w.J, r=w.r, T_max=w.T_max),
             law=block, torque=torque_of.with_params(m=scale, J=w.J, r=w.r),
             mirror=mirror("N m", "braking"),
-        ))  # fmt: skip
+        ), w)  # fmt: skip
 
     return make
 

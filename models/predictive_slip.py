@@ -249,6 +249,6 @@ def predictive(
         share = SHARED | {
             "m_axle": "*.m_axle", "T_s": "*.T_s", "T_max": "nmpc.T_cmd_hi",
         }  # fmt: skip
-        return bounded(connect("law", wires, share=share, **parts))
+        return bounded(connect("law", wires, share=share, **parts), w)
 
     return make

@@ -172,6 +172,19 @@ def test_a_slope_that_wrong_samples_taught_is_forgotten(tmp_path):
     assert [f.told for f in found] == [10, 0, 10]
 
 
+@pytest.mark.parametrize("name", ["all_rails:pid", "all_rails:sta", "all_rails:hosm"])
+def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
+    """No search looks there; the range was -20 to 20 m/s."""
+    _, loop, part, scenario = next(bench.controllers([name]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [1.5], bench.WHERE["all_rails"].wheel,
+        kinds=["flipped", "times 100"], lengths=(1, 10), signals=["v_best"],
+        settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert [f.told for f in found] == [1, 1, 10, 10]
+    assert all(f.forgotten for f in found)
+
+
 @pytest.mark.parametrize("name", ["hst_braking:search_printed", "hst_braking:eppfc_estimated"])
 def test_constant_inputs_refuse_no_tick_for_ever(name, tmp_path):
     """No train does that; a search, a bias and a fit ran to the ends of their ranges and stayed."""
