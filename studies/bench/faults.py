@@ -46,6 +46,7 @@ WHERE = {
     "hst_traction": Where("plant.train.omega", (12.0, 25.0)),
     "all_rails": Where("world.plant.wheel.omega", (1.5, 3.2)),
     "gain_bounds": Where("plant.wheel.omega", (0.3, 0.6)),
+    "predictive": Where("plant.q", (0.6, 2.0)),
 }
 """In each study: within the first rail and after a change of it."""
 

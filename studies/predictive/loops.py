@@ -44,11 +44,12 @@ PLAN = {
     "applied": (-1e4, 1e4, "as those of the plan"),
     "S": (-10, 10, "statuses are whole numbers"),
     "planned": (0, 1, "no or yes"),
+    "residual": (0, 1, "over one and the size of the gradient: at 1 nothing is solved"),
 }
 
 WHEEL = {
     "v": (0, FASTEST, "216 km/h", 0.2),
-    "q": (0, FASTEST, "as the speed", 2.0),
+    "q": (0, 400, "a rim that spins free", 2.0),
     "xi": (-10, 10, "a slip of 1 for ten seconds"),
     "s_ref": (0, 0.3, "beyond the peak of any rail"),
     "plant.g": (1, 30, "gravity"),

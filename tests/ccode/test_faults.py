@@ -185,6 +185,19 @@ def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
     assert all(f.forgotten for f in found)
 
 
+@pytest.mark.parametrize("name", ["pid", "nmpc", "nmpc_told_dry"])
+def test_missing_samples_do_no_harm_to_predictive_control(name, tmp_path):
+    """What is left of its conditions of optimality is rounding, and judged by what it may be."""
+    _, loop, part, scenario = next(bench.controllers([f"predictive:{name}"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [2.0], bench.WHERE["predictive"].wheel,
+        kinds=MISSING, lengths=(1, 10),
+    )  # fmt: skip
+    assert len(found) == 4 * len(loop[part].inputs)
+    assert all(f.forgotten for f in found)
+    assert all(f.told == f.ticks for f in found)
+
+
 @pytest.mark.parametrize("name", ["hst_braking:search_printed", "hst_braking:eppfc_estimated"])
 def test_constant_inputs_refuse_no_tick_for_ever(name, tmp_path):
     """No train does that; a search, a bias and a fit ran to the ends of their ranges and stayed."""
