@@ -172,6 +172,24 @@ def test_a_slope_that_wrong_samples_taught_is_forgotten(tmp_path):
     assert [f.told for f in found] == [10, 0, 10]
 
 
+def test_a_law_that_restarts_for_ever_walks_in_a_cycle(tmp_path):
+    """Points as printed give no force, so the funnel restarts every 90 to 190 ms without a fault.
+
+    A fault shifts that cycle; its means are the same.
+    """
+    _, loop, part, scenario = next(bench.controllers(["hst_braking:points_printed"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [3.2], bench.WHERE["hst_braking"].wheel,
+        kinds=["times 1.1"], lengths=(1, 10), signals=["lam"], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert [f.passed for f in found] == [True] * 2
+    counts = np.cumsum(np.arange(1000) % 90 == 0).astype(float)
+    rest = np.zeros(1000)
+    assert faults._counting(np.column_stack([rest, counts]), 500) == 90
+    assert faults._counting(np.column_stack([rest, counts]), 80) == 0
+    assert faults._counting(np.column_stack([rest, -counts, np.sin(counts)]), 500) == 0
+
+
 @pytest.mark.parametrize("name", ["all_rails:pid", "all_rails:sta", "all_rails:hosm"])
 def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
     """No search looks there; the range was -20 to 20 m/s."""

@@ -11,7 +11,8 @@ in one tick. An output that does not keep to that chatters, or its course hangs 
 such an output means over 50, 200 or 500 ms are compared. It is the shortest over which these runs
 agree to half of the tolerance; if there is none, how far it swings is compared. So it is where a
 seeker walks up and down for ever: a fault shifts its cycle, and a quarter of it later is another
-such run.
+such run. A law that counts its restarts, and has no end of them without a fault, has such a cycle
+too: the longest time between two.
 
 What is not back in time is held against a controller that read no wrong sample. Once it is in
 charge from where the fault left the plant, once it reads the samples of this very run. A fault that
@@ -65,6 +66,9 @@ NEAR, SHARE = 0.02, 0.99
 
 WINDOWS = (0.0, 0.05, 0.2, 0.5)
 """Times in s over which an output is averaged, the shortest that serves; 0 is a tick."""
+
+CYCLES = 5
+"""Cycles that an output has counted when its loop is said to walk in one for ever."""
 
 BARELY = 1 + 1e-9
 """What an input is multiplied with, for one tick, in a run that should stay the same."""
@@ -195,7 +199,8 @@ class _Instant:
         self.swing = _ranges(whole.plan, params, self.plain.outputs)
         self.names = [m.name for m in lay.outputs for _ in range(m.size)]
         self.wheel = whole.places(wheel)
-        cycle = round(cycle / whole.period)
+        cycle = max(round(cycle / whole.period),
+                    _counting(self.plain.outputs, round(max(WINDOWS) / whole.period)))  # fmt: skip
         twins = self._twins(cycle)
         self.windows = self._windows(twins, self.swing, cycle)
         self.strict = np.minimum(self.swing, _swung(self.plain.outputs))
@@ -335,6 +340,17 @@ def _off(
 def _beyond(values: np.ndarray, plain: np.ndarray, room: float) -> np.ndarray:
     """Which values are beyond all that the run without faults has."""
     return (values > plain.max() + room) | (values < plain.min() - room)
+
+
+def _counting(outputs: np.ndarray, most: int) -> int:
+    """Ticks of a cycle that an output counts, the longest; 0 where none comes within ``most``."""
+    longest = 0
+    for column in outputs.T:
+        steps = np.diff(column)
+        at = np.flatnonzero(steps)
+        if len(at) >= CYCLES and (steps >= 0).all() and (column % 1 == 0).all():
+            longest = max(longest, int(np.diff(at).max()))
+    return longest if longest <= most else 0
 
 
 def _means(values: np.ndarray, window: int) -> np.ndarray:
