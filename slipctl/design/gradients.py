@@ -8,13 +8,13 @@ With x+ = n(x, u, p), y = g(x, u, p) at every tick and a metric M of the logged 
 from CasADi's derivatives of the loop, at the cost of a few runs however many numbers there are
 (A. Griewank, A. Walther, Evaluating Derivatives, 2008, chapter 3). A loop is refused, with the
 reason, where a free number reaches something that jumps along the run: a quantiser, a sign, a seed
-that switches. There the slope is that of one step of a staircase.
+that switches. There the slope is that of one step of a staircase. Beside predictive control any
+part that may jump is refused, and the slope goes through its active set.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -23,6 +23,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.sharing import number_at
 from slipctl.certify.enclosure import Interval, enclose
+from slipctl.design.backward import Backward, edges
 from slipctl.errors import BadInput
 from slipctl.predict.sensitivity import by_numbers
 from slipctl.run.ensemble import Draw, World
@@ -45,10 +46,6 @@ AGREES = 1e-6
 
 LONGEST = 400_000
 """Operations of a tick from which on no slopes are asked for."""
-
-RUNS = 70
-"""Runs in C that a sweep back through predictive control takes as long as, measured on its
-reference problem: differences are cheaper for less than 35 numbers."""
 
 AT_ONCE = 1000
 """Ticks of which the jumps are looked at together."""
@@ -129,20 +126,21 @@ class Slopes:
         sizes = [(s.size, not s.derived) for s in self.loop.params.values()]
         self._settable = np.repeat([free for _, free in sizes], [many for many, _ in sizes])
         self._given = by_numbers(self.loop, self.names)
-        solving = [path for path, b in self.loop.leaves() if b.solves is not None]
-        if solving:
-            raise BadInput(
-                f"{solving[0]} solves a problem each tick: its slopes (slipctl.run_slopes) cost"
-                f" {RUNS} runs, differences two for each number"
-            )
-        whole = world.measured.prepared.whole({})
+        prepared = world.measured.prepared
+        whole = prepared.whole({})
+        if any(b.solves is not None for _, b in self.loop.leaves()):
+            for path, b in self.loop.leaves():
+                self._refuse_jump_of(path, b)
+            self._back = Backward(whole.f, True, prepared.compile)
+            return
         if operations(whole.f) > LONGEST:
             raise BadInput(f"its tick is longer than {LONGEST:.0e} operations")
         try:
-            self._f = whole.f if whole.f.is_a("SXFunction") else whole.f.expand()
+            f = whole.f if whole.f.is_a("SXFunction") else whole.f.expand()
         except RuntimeError:
             raise BadInput("its equations cannot be written as scalar operations") from None
-        self._refuse_jumps(whole)
+        self._back = Backward(f, False)
+        self._refuse_jumps(f, whole)
 
     def of(
         self, numbers: Mapping[str, float], draw: Draw, metrics: Sequence[str]
@@ -164,7 +162,7 @@ class Slopes:
         for name in metrics:
             if name not in SMOOTH:
                 raise BadInput(f"{name} has no slope; {', '.join(SMOOTH)} have one")
-            found[name] = self._back(whole, *self._laid(whole, run, SMOOTH[name](run)))
+            found[name] = self._swept(whole, *self._laid(whole, run, SMOOTH[name](run)))
         return found
 
     def _laid(self, whole: Whole, run: Run, seeds: Seeds) -> tuple[np.ndarray, np.ndarray]:
@@ -184,17 +182,13 @@ class Slopes:
                     break  # what the rail or nobody computes has no slope
         return at_x, at_y
 
-    def _back(self, whole: Whole, at_x: np.ndarray, at_y: np.ndarray) -> np.ndarray:
+    def _swept(self, whole: Whole, at_x: np.ndarray, at_y: np.ndarray) -> np.ndarray:
         """Sweep back along a run."""
-        f = self._f
-        adjoint = np.zeros(f.size1_in(0))
+        adjoint = np.zeros(self._back.f.size1_in(0))
         total = np.zeros(len(self.names))
-        for first, last, p in reversed(whole.parts):
-            span = slice(first, last)
-            rest = np.hstack([whole.x[span], whole.u[span], at_y[span], at_x[span]])[::-1].T
-            start = np.concatenate([adjoint, np.zeros(p.size), p])
-            end = np.array(_sweep(f, last - first)(start, rest).full()).ravel()
-            adjoint, by_p = end[: adjoint.size], end[adjoint.size : adjoint.size + p.size]
+        for part in reversed(whole.parts):
+            first, _, p = part
+            adjoint, by_p = self._back.over(whole, part, adjoint, at_x, at_y)
             p_by, x_by = (np.array(j.full()) for j in self._given(p[self._settable]))
             total += p_by.T @ by_p
             if first == 0:
@@ -203,11 +197,17 @@ class Slopes:
 
     # ---- what jumps ------------------------------------------------------------------------------
 
-    def _refuse_jumps(self, whole: Whole) -> None:
+    def _refuse_jump_of(self, path: str, part: Block) -> None:
+        """Refuse a part beside one that solves a problem, if any of its operations may jump."""
+        for op, said in JUMPS.items() if part.solves is None else ():
+            if _has(part, op):
+                raise BadInput(f"{said} in it may change along the run ({path})")
+
+    def _refuse_jumps(self, f: ca.Function, whole: Whole) -> None:
         """Refuse a loop in which a number reaches an operation that jumps along the run."""
-        f, sizes = self._f, [self._f.size1_in(k) for k in range(3)]
+        sizes = [f.size1_in(k) for k in range(3)]
         z = ca.SX.sym("z", sum(sizes))
-        column = ca.Function("column", [z], [ca.vertcat(*f(*ca.vertsplit(z, _edges(sizes))))])
+        column = ca.Function("column", [z], [ca.vertcat(*f(*ca.vertsplit(z, edges(sizes))))])
         first_p = whole.parts[0][2]
         p_by, x_by = (np.array(j.full()) for j in self._given(first_p[self._settable]))
         reached = {int(k) for k in np.flatnonzero(np.abs(x_by).sum(axis=1))}
@@ -294,24 +294,6 @@ def apart(
 
     wanted = [(4 * central(h / 2) - central(h)) / 3 for h in STEPS]
     return min(abs(float(slope @ way) - w) / max(abs(w), 1e-300) for w in wanted)
-
-
-@lru_cache(maxsize=16)
-def _sweep(f: ca.Function, ticks: int) -> ca.Function:
-    """Sweep back over ticks: from (adjoint, slope by p, p) and columns (x, u, dM/dy, dM/dx)."""
-    back = f.reverse(1)
-    sizes = [f.size1_in(k) for k in range(3)]
-    carried = ca.SX.sym("carried", sizes[0] + 2 * sizes[2])
-    columns = ca.SX.sym("columns", sizes[0] + sizes[1] + f.size1_out(1) + sizes[0])
-    adjoint, slope, p = ca.vertsplit(carried, _edges([sizes[0], sizes[2], sizes[2]]))
-    x, u, at_y, at_x = ca.vertsplit(columns, _edges([*sizes[:2], f.size1_out(1), sizes[0]]))
-    by_x, _, by_p = back(x, u, p, *f(x, u, p), adjoint, at_y)
-    after = ca.vertcat(by_x + at_x, slope + by_p, p)
-    return ca.Function("back", [carried, columns], [after], {"cse": True}).fold(ticks)
-
-
-def _edges(sizes: Sequence[int]) -> list[int]:
-    return [0, *(int(k) for k in np.cumsum(sizes))]
 
 
 def _leaves(block: Block, path: str) -> list[tuple[str, Block]]:

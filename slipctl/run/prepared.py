@@ -86,6 +86,7 @@ class Prepared:
     Attributes:
         loop: as it was given.
         scenario: what happens.
+        compile: whether to compile it.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class Prepared:
     ) -> None:  # fmt: skip
         self.loop, self.scenario, self._every, self._runs = loop, scenario, every, runs
         self.ticks = _ticks(loop, scenario, every)
-        self._compile = compile
+        self.compile = compile
         self._begun = begun(loop, scenario)
         check_guards(self._begun)
         self._wanted = None if log is None else set(log)
@@ -248,7 +249,7 @@ class Prepared:
         f, parts = pieces(block, scenario, self.ticks, h, params, values)
         roller = self._roller
         if roller is None or roller[0] is not f:
-            roller = self._roller = (f, build.rolling(f, self._compile, self.ticks * self._runs))
+            roller = self._roller = (f, build.rolling(f, self.compile, self.ticks * self._runs))
         return fed[1], roller[1], parts
 
 

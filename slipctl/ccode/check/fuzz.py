@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile.compilers import version
+from slipctl.ccode.write import guard
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.shapes import packed
@@ -32,8 +33,9 @@ TICKS = 64
 OFTEN = 16
 """One trial in so many ends with good inputs, which must end every fault."""
 
-SETTLED = 2.0
-"""Seconds of good inputs after which nothing may be told but a limit."""
+SETTLED = 1.0
+"""Seconds after the longest memory of an input after which, with good inputs, nothing may be told
+but a limit."""
 
 _HARNESS = """#include "{n}.h"
 
@@ -214,11 +216,12 @@ def harness(plan: Plan) -> str:
         v for m in lay.inputs for v in packed(m, 0.0 if m.signal.value is None else m.signal.value)
     ]
     good = ", ".join(number(float(v)) for v in np.clip(values, lows, highs))
+    settled = guard.memory(plan.period, plan.stale) + np.ceil(SETTLED / (plan.period or 1e-3))
     safe = ", ".join(number(plan.safe.get(m.c, np.nan)) for m in lay.outputs for _ in range(m.size))
     return _HARNESS.format(
         n=plan.name, big=lay.big, real=plan.real, ticks=TICKS,
         range_in=ranges(lay.inputs, 100.0), range_param=ranges(lay.params, 1e3),
-        good=good or "0.0", often=OFTEN, settled=int(np.ceil(SETTLED / (plan.period or 1e-3))),
+        good=good or "0.0", often=OFTEN, settled=int(settled),
         range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0",
         **{
             k: sum(m.size for m in g)
