@@ -62,6 +62,7 @@ _WHERE = {
     "run.results": ["Case", "Known", "Results", "Table"],
     "study.declaration": ["Study", "Claim", "Context", "Experiment", "Figure", "Gains"],
     "ccode.codegen": ["c_module", "CModule"],
+    "ccode.check.timing": ["step_times"],
     "design.tune": ["tune", "Tuned"],
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from slipctl.block.timing import every, gated, sampled, unit_delay
     from slipctl.block.units import one
     from slipctl.block.written import from_text
+    from slipctl.ccode.check.timing import step_times
     from slipctl.ccode.codegen import CModule, c_module
     from slipctl.design.tune import Tuned, tune
     from slipctl.errors import BadInput, RunFailed
