@@ -4,7 +4,8 @@ The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDE
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
 only compares. A table stands between ``<!-- table KIND ... -->`` and ``<!-- end -->``: ``claims``;
 ``metrics SCENARIO METRIC ...``, a row per loop; ``experiment NAME TABLE``; ``times`` and
-``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``; ``attacked``; ``solver_times``.
+``adversary``, of verdicts; ``enclosures``; ``ends``; ``gradients``; ``attacked``; ``solver_times``;
+``estimator_times``.
 """
 
 from __future__ import annotations
@@ -226,10 +227,30 @@ def solver_times(results: Path, words: list[str]) -> str:
     return rows_to_text(head, rows)
 
 
+ESTIMATORS = {"ctukf": "filter ctukf", "ekf": "filter ekf", "mhe": "window"}
+"""Estimators of the study ``predictive``, and their rows in ``predictive_c``."""
+
+
+def estimator_times(results: Path, words: list[str]) -> str:
+    """A row per estimator: time of a tick on the host, instructions and text on a Cortex-M4."""
+    file = DOCS / "evidence" / "predictive_c.json"
+    found = json.loads(file.read_text(encoding="utf-8"))["numbers"]["predictive_c"]["numbers"]
+    rows = []
+    for name, place in ESTIMATORS.items():
+        double, single = (found[f"{place}, {real}"] for real in ("double", "float"))
+        took = [f"{1e6 * r['host']['tick_s']:.3g}" for r in (double, single)]
+        m4 = single["cortex-m4"]
+        rows.append([name, *took, f"{m4['mean']:.0f}", str(m4["most"]), str(m4["text"])])
+    head = ["estimator", "a tick [us], double", "float", "M4 float, instructions, mean", "most",
+            "text [bytes]"]  # fmt: skip
+    return rows_to_text(head, rows)
+
+
 MAKERS = {"claims": claims, "metrics": metrics, "experiment": experiment, "times": verdict_times,
           "adversary": adversary_cases, "enclosures": enclosures,
           "ends": ends, "gradients": gradients, "attacked": attacked,
-          "searches": searches, "solver_times": solver_times}  # fmt: skip
+          "searches": searches, "solver_times": solver_times,
+          "estimator_times": estimator_times}  # fmt: skip
 
 
 class Arguments(argparse.ArgumentParser):

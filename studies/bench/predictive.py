@@ -2,9 +2,10 @@
 
 ``python -m slipctl.studies.bench.predictive --out predictive_c.json`` writes the C of the reference
 problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of its other forms, of
-four axles side by side and of a window of 30 samples. Each is compiled with gcc at -O2. CPU time of
-a tick is taken on the host, the programs in turn, so that ratios are of one run. The same C of a
-Cortex-M4 and a Cortex-M7 is counted in instructions on emulated boards, beside Python.
+four axles side by side, of a window of 30 samples and of the filters beside it. Each is compiled
+with gcc at -O2. CPU time of a tick is taken on the host, the programs in turn, so that ratios are
+of one run. The same C of a Cortex-M4 and a Cortex-M7 is counted in instructions on emulated boards,
+beside Python.
 ``--against COMMIT`` is an earlier version of slipctl, whose C of the reference problem runs in turn
 with today's.
 """
@@ -160,11 +161,11 @@ def four_rows(block: Block) -> np.ndarray:
     return np.array(rows)
 
 
-def window() -> tuple[Block, np.ndarray]:
-    """The window of 30 samples on the wheel of hst_braking, and measured ticks of it."""
+def estimator(name: str) -> tuple[Block, np.ndarray]:
+    """An estimator of the adhesion force on the wheel of hst_braking, and measured ticks of it."""
     from slipctl.studies.predictive.estimation import filters
 
-    block = filters(1e-2, 160.0)["mhe"]
+    block = filters(1e-2, 160.0)[name]
     rng = np.random.default_rng(1)
     t = 1e-3 * np.arange(1000)
     given = {"omega": 160 - 2 * t + 1e-2 * rng.standard_normal(t.size), "T_b": 0 * t - 5000}
@@ -187,7 +188,9 @@ PROBLEMS: dict[str, Callable[[], tuple[Block, np.ndarray]]] = {
     "exact Hessian": lambda: (make(hessian="exact"), recorded(make())),
     "branching": lambda: (make(**TWO), recorded(make())),
     "four axles": lambda: _with_rows(four_axles()),
-    "window": window,
+    "window": lambda: estimator("mhe"),
+    "filter ekf": lambda: estimator("ekf"),
+    "filter ctukf": lambda: estimator("ctukf"),
 }
 """Blocks by name, and the inputs on which each is timed."""
 

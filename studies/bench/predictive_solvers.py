@@ -30,12 +30,11 @@ from slipctl.predict.trials import Driver
 from slipctl.run import store
 from slipctl.studies.bench.predictive import built
 from slipctl.studies.bench.speed import machine
-from slipctl.studies.predictive.experiments import DO_MPC, FOUR, WAYS
+from slipctl.studies.predictive.experiments import DO_MPC, FOUR, TO_THE_END, WAYS
 from slipctl.studies.predictive.outside import as_user_writes
 from slipctl.studies.predictive.problems import Problem, problems, rolled
 
 OURS = ("one iteration", "three iterations")
-TO_THE_END = ("IPOPT", "FATROP")
 
 
 def closed_loop(p: Problem) -> np.ndarray:

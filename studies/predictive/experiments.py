@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import Any
 
@@ -9,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Context, Experiment, Table, sampled
+from slipctl.predict import reference
 from slipctl.predict.active_set import ActiveSet
 from slipctl.predict.horizon import Horizon
 from slipctl.predict.linearised import linearised
@@ -41,6 +43,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 """How a problem is solved. OSQP and qrqp make one iteration, IPOPT and FATROP solve to the end."""
 
+TO_THE_END = ("IPOPT", "FATROP")
 DO_MPC = "do-mpc"
 
 
@@ -56,8 +59,8 @@ def solvers(context: Context) -> Table:
         if way == DO_MPC:
             from slipctl.studies.predictive.outside import do_mpc
 
-            return do_mpc(problems()[name])
-        return run(problems()[name], **WAYS[way])
+            return do_mpc(problems()[name]) | {"how": "interpreted"}
+        return by_way(problems()[name], way, context.compile)
 
     found = context.each("solvers", jobs, work)
     columns: dict[str, tuple[str, list[Any]]] = {
@@ -67,14 +70,28 @@ def solvers(context: Context) -> Table:
         "residual": ("1", [f["residual"] for f in found]),
         "ticks not solved": ("", [f["unsettled"] for f in found]),
         "largest slip": ("1", [f["slip"] for f in found]),
+        "its functions": ("", [f["how"] for f in found]),
     }
     return Table(
         "Cost of the states reached, largest residual of the conditions of optimality",
         columns,
         "The first two ways are slipctl's own. A row without numbers: in some tick the answer left"
         " more than 1e-6 of the conditions of Karush, Kuhn and Tucker, so the run stopped. FATROP"
-        " takes no rates. do-mpc has a discretisation of its own, and runs where it is installed.",
+        " takes no rates. do-mpc has a discretisation of its own, and runs where it is installed."
+        " What IPOPT and FATROP call is compiled, where there is a compiler.",
     )
+
+
+def by_way(p: Problem, way: str, compile: bool = True) -> dict[str, Any]:
+    """Closed loop of a problem, solved a way; ``how``: whether what a solver calls is compiled.
+
+    IPOPT and FATROP call compiled C of cost, rows and slopes. Where that cannot be made, and all
+    others, run interpreted, with the same bits.
+    """
+    if compile and way in TO_THE_END:
+        with suppress(RuntimeError), reference.compiled():
+            return run(p, **WAYS[way]) | {"how": "compiled"}
+    return run(p, **WAYS[way]) | {"how": "interpreted"}
 
 
 def controls(context: Context) -> Table:

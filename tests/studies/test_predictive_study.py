@@ -84,3 +84,22 @@ def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_
     text = (tmp_path / "o" / "tables.json").read_text(encoding="utf-8")
     assert '"a"' in text
     assert '"b"' not in text
+
+
+@pytest.mark.usefixtures("needs_compiler")
+def test_what_ipopt_calls_is_compiled_or_the_study_says_that_it_is_not(monkeypatch, tmp_path):
+    """The same numbers either way; ours and OSQP's are never compiled there."""
+    monkeypatch.chdir(tmp_path)
+    p = axle_problem(4)
+    found = experiments.by_way(p, "IPOPT")
+    plain = experiments.by_way(p, "IPOPT", compile=False)
+    assert (found.pop("how"), plain.pop("how")) == ("compiled", "interpreted")
+    assert found == plain
+    assert experiments.by_way(p, "one iteration")["how"] == "interpreted"
+
+    def fails():
+        raise RuntimeError("no compiler")
+
+    monkeypatch.setattr(experiments.reference, "compiled", fails)
+    assert experiments.by_way(p, "IPOPT") == plain | {"how": "interpreted"}
+    assert list(tmp_path.iterdir()) == []
