@@ -10,7 +10,7 @@ import pytest
 from slipctl.ccode.write.casadi_text import static_text
 from slipctl.ccode.write.direct import direct
 
-INCLUDES = "#include <math.h>\n#include <stdbool.h>\n"
+INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 
 
 def called(name, n, k):

@@ -246,7 +246,7 @@ def _as_function(chunk: _Chunk, writer: Writer) -> str:
     for (i, k), node in writer.results:
         at.setdefault(i, []).append(f"        res[{i}][{k}] = {writer.result(node)};")
     for i, assignments in at.items():
-        body += [f"    if (res[{i}] != 0) {{", *assignments, "    }"]
+        body += [f"    if (res[{i}] != NULL) {{", *assignments, "    }"]
     return "\n".join([*lines, *body, "    return 0;", "}"])
 
 
@@ -280,6 +280,26 @@ _REPLACED = (
     (r"\bcasadi_nan\b", "((double)NAN)"),  # NAN itself is a float
     (r"\bcasadi_inf\b", "((double)INFINITY)"),
     (r"\barg\[(\d+)\]\s?\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]"),  # never NULL here
+    # pointers are compared with NULL, numbers with numbers, and a truth is chosen as a number
+    (r"\b((?:arg|res)1?\[\d+\])=0;", r"\1=NULL;"),
+    (r"\bif \(((?:arg|res)1?\[\d+\])\) ([^;{}]*;)", r"if (\1 != NULL) { \2 }"),
+    (
+        r"\bif \((\w+\(arg1?(?:\+\d+)?, res1?, iw, w, 0\))\) return 1;",
+        r"if (\1 != 0) { return 1; }",
+    ),
+    (rf"({_VALUE}) != 0 \? ", r"\1 != 0.0 ? "),
+    (rf"({_VALUE} != 0\.0 \? {_VALUE}):0\)", r"\1:0.0)"),
+    (rf"({_VALUE}) (!=) 0 (&&|\|\|) ({_VALUE}) (!=) 0\)", r"\1 \2 0.0 \3 \4 \5 0.0)"),
+    (rf"= \(({_VALUE}) == 0\);", r"= (\1 == 0.0);"),
+    (rf"= \(({_VALUE} ?(?:==|!=|<=?) ?{_VALUE})\);", r"= (\1) ? 1.0 : 0.0;"),
+    (rf"= \(({_VALUE} != 0\.0 (?:&&|\|\|) {_VALUE} != 0\.0)\);", r"= (\1) ? 1.0 : 0.0;"),
+    (rf"= \(({_VALUE} == 0\.0)\);", r"= (\1) ? 1.0 : 0.0;"),
+    (r"\b(wr?\d+)\+0\b", r"\1"),
+    (r"(for \(i=0; i<\d+; \+\+i\)) ((?:arg|res)1\[i\]=(?:arg|res)\[i\];)", r"\1 { \2 }"),
+    (r"(casadi_to_int\(x\)) \(\(\w+\) x\)", r"\1 ((int)(x))"),
+    (r"\bif \(arg\[0\] \? (casadi_to_int\(\*arg\[0\]\)) : 0\)", r"if (\1 != 0)"),
+    (r"\b(double r = (?:is_dense \? \S+ : )?)0;", r"\g<1>0.0;"),
+    (r"(for \(i=0; i<n; \+\+i\)) (r = \w+\(r, x\[i\]\);)", r"\1 { \2 }"),
     (r"\b0\+ ?i\*\d+", "0"),  # address of nothing: repmat of an empty vector
     (
         r"(?s)/\* Pre-c99 compatibility \*/\n#if __STDC_VERSION__ < 199901L\n.*?#else\n"

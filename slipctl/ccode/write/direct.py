@@ -15,13 +15,17 @@ _COPY = re.compile(
 )
 _SAID = re.compile(r"\s*/\* #\d+: output\[\d+\]\[\d+\] = @\d+ \*/")
 _CALL = "(arg1, res1, iw, w, 0)"
-_DECLARED = re.compile(r"\s*casadi_real (?:\*|w).*;")
-_LOCAL = re.compile(r"\*(w\d+)=w\+\d+")
+_DECLARED = re.compile(r"\s*(?P<type>(?:const )?casadi_real) (?P<names>(?:\*|w).*);")
+_LOCAL = re.compile(r"\*(w\d+|rr|cs)(?:=w\+\d+)?")
+_ONE = re.compile(
+    r"for \(rr=\(&(w\d+)\), cs=(\w+)\+(\d+); cs!=\2\+(\d+); cs\+=1\) \*rr\+\+ = \*cs;"
+)
+"""Loop over one element."""
 
 
 def direct(text: str) -> str:
-    """Text of one function, with as many such calls as there are."""
-    lines = text.split("\n")
+    """Text of one function, with as many such calls as there are; no loop over one element."""
+    lines = _ONE.sub(_element, text).split("\n")
     code = ["" if line.lstrip().startswith("/*") else line for line in lines]
     taken: set[int] = set()
     for end, line in enumerate(code):
@@ -30,13 +34,16 @@ def direct(text: str) -> str:
         if copied is None or begin is None:
             continue
         to, at = copied["to"], copied["at"]
-        place = f"({to} != 0) ? {to}{at} : 0" if at else to
+        place = f"({to} != NULL) ? {to}{at} : NULL" if at else to
         lines[begin] = code[begin] = code[begin].replace(f"={copied['name']};", f"={place};")
         code[end] = ""
         taken |= {end - 1, end} if _SAID.fullmatch(lines[end - 1]) else {end}
-    if not taken:
-        return text
     return "\n".join(_declared([x for k, x in enumerate(lines) if k not in taken]))
+
+
+def _element(m: re.Match[str]) -> str:
+    only = int(m[4]) == int(m[3]) + 1
+    return f"{m[1]} = {m[2]}[{m[3]}];" if only else m[0]
 
 
 def _given(code: Sequence[str], end: int, name: str) -> int | None:
@@ -66,14 +73,13 @@ def _declared(lines: Sequence[str]) -> list[str]:
     text = "\n".join(x for x in lines if not _DECLARED.fullmatch(x))
     found = []
     for line in lines:
-        if _DECLARED.fullmatch(line):
-            head, _, names = line.strip().rstrip(";").partition(" ")
+        if declared := _DECLARED.fullmatch(line):
             kept = [
-                n for n in names.split(", ")
+                n for n in declared["names"].split(", ")
                 if not (m := _LOCAL.fullmatch(n)) or re.search(rf"\b{m[1]}\b", text)
             ]  # fmt: skip
             if not kept:
                 continue
-            line = f"  {head} {', '.join(kept)};"
+            line = f"  {declared['type']} {', '.join(kept)};"
         found.append(line)
     return found
