@@ -318,6 +318,18 @@ def test_each_result_is_tested_once_and_by_every_compiler(real: str, tmp_path: P
         assert c.status == BAD_INPUT
 
 
+def test_results_of_different_parts_are_different_ones() -> None:
+    """Each part divides, and each result is tested, whatever memory is used anew meanwhile."""
+
+    @law(y=Output("1", "inverse"))
+    def inverse(u=Input("1", "to divide by")):
+        return dict(y=1 / u)
+
+    parts = {f"p{k}": inverse for k in range(40)}
+    plan = Plan(connect("all", {f"{n}.u": f"u_{n}" for n in parts}, **parts), "ctl")
+    assert [m.c for m, _, _ in plan.untested] == [f"{n}_y" for n in parts]
+
+
 def test_fast_mathematics_is_refused(tmp_path: Path) -> None:
     codegen.c_module(guarded, tmp_path)
     for compiler in compilers.compilers():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,6 +67,7 @@ class Parts:
     ticks: dict[str, int] = field(default_factory=dict)
     results: dict[tuple[str, str, int], str] = field(default_factory=dict)
     known: dict[tuple[str, str, int], int] = field(default_factory=dict)
+    written: Iterator[int] = field(default_factory=itertools.count)
 
     # ---- composition ----------------------------------------------------------------------------
 
@@ -235,7 +236,7 @@ class Parts:
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
         page: Told, known: Sequence[Place],
     ) -> list[str]:  # fmt: skip
-        shown, places = len(targets), [*places, *known]
+        shown, places, part = len(targets), [*places, *known], next(self.written)
         taken = self.functions.taken(f)
         local: dict[tuple[int, int], str] = {}
         for i, ((m, _), name) in enumerate(targets):
@@ -261,7 +262,7 @@ class Parts:
             self.known[m.c, pointer, k] = writer.can_be[node]
             self.results[m.c, pointer, k] = (
                 text if "->" in text and text.replace("->", "").isidentifier()
-                else f"{id(f)} {node}"
+                else f"{part} {node}"
             )  # fmt: skip
         lines = rolled(copied(lines), set(local.values()))
         return with_origins(lines, _equations_of(local, targets, page))
