@@ -163,6 +163,14 @@ def test_a_branch_of_one_statement_is_a_line_if_it_fits() -> None:
         assert short("\n".join(kept)) == "\n".join(kept)
 
 
+def test_a_long_statement_of_bits_goes_on_below() -> None:
+    line = f"    status |= (unsigned int){'A' * 40} | (unsigned int){'B' * 40};"
+    first, second = broken(line).splitlines()
+    assert first.endswith("A")
+    assert second == f"        | (unsigned int){'B' * 40};"
+    assert broken(f"    {'a' * 110};") == f"    {'a' * 110};"
+
+
 def test_a_block_declares_at_one_place_what_calls_fill() -> None:
     lines = [
         "void f(void)", "{", "    double a[3];", "    g(a);", "    bool b;", "    double c;",

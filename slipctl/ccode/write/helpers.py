@@ -7,14 +7,12 @@ from collections.abc import Collection
 HELPERS = {
     "square": "static double square(double x)\n{\n    return x * x;\n}\n",
     "lesser": (
-        "/* as fmin of C99, a NaN gives way to the other value; inlined, fmin is a call */\n"
         "static double lesser(double x, double y)\n{\n"
-        "    return ((y < x) || (x != x)) ? y : x;\n}\n"
+        "    return ((y < x) || (x != x)) ? y : x; /* fmin of C99 */\n}\n"
     ),
     "greater": (
-        "/* as fmax of C99, a NaN gives way to the other value; inlined, fmax is a call */\n"
         "static double greater(double x, double y)\n{\n"
-        "    return ((y > x) || (x != x)) ? y : x;\n}\n"
+        "    return ((y > x) || (x != x)) ? y : x; /* fmax of C99 */\n}\n"
     ),
     "below": (
         "static double below(double x, double bound)\n{\n"

@@ -243,9 +243,9 @@ def _place(base: str, at: str) -> str:
 
 def _with(lines: list[str], behind: str) -> list[str]:
     """A statement of some lines and the comment behind it, which goes above if there is no room."""
-    if len(lines[-1]) + len(behind) <= WIDTH:
+    if not behind or len(lines[-1]) + len(behind) <= WIDTH:
         return [*lines[:-1], lines[-1] + behind]
     return [" " * (len(lines[0]) - len(lines[0].lstrip())) + behind.strip(), *lines]
 
 
-_BREAKS = (" + ", " - ", " ? ", " : ", " && ", " || ", " * ", " / ")
+_BREAKS = (" + ", " - ", " ? ", " : ", " && ", " || ", " | ", " * ", " / ")
