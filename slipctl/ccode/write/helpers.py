@@ -8,11 +8,11 @@ HELPERS = {
     "square": "static double square(double x)\n{\n    return x * x;\n}\n",
     "lesser": (
         "static double lesser(double x, double y)\n{\n"
-        "    return ((y < x) || (x != x)) ? y : x; /* fmin of C99 */\n}\n"
+        "    return ((y < x) || (x != x)) ? y : x; /* as fmin */\n}\n"
     ),
     "greater": (
         "static double greater(double x, double y)\n{\n"
-        "    return ((y > x) || (x != x)) ? y : x; /* fmax of C99 */\n}\n"
+        "    return ((y > x) || (x != x)) ? y : x; /* as fmax */\n}\n"
     ),
     "below": (
         "static double below(double x, double bound)\n{\n"
