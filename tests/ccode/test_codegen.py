@@ -292,7 +292,7 @@ def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path
     assert "casadi" not in text.lower()
     codegen.c_module(mixed, tmp_path / "b")
     text = (tmp_path / "b" / "mixed.c").read_text()
-    assert "if (0.0 == state->slow_tick) {" in text
+    assert "if (0.0 == state->slow.tick) {" in text
     assert "casadi_qrqp" in text
     assert not re.search(r"_(checkout|n_in|sparsity_out|work_bytes|casadi_version)\b", text)
 

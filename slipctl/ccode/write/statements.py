@@ -72,9 +72,8 @@ def _together(text: str) -> str:
         found = _DECLARED.fullmatch(line)
         if found is None:
             rows.append(line)
-            for _ in range(line.count("}") - line.count("{")):
-                blocks = blocks[:-1] or [{}]
-            blocks += [{} for _ in range(line.count("{") - line.count("}"))]
+            for brace in re.findall(r"[{}]", line):
+                blocks = [*blocks, {}] if brace == "{" else blocks[:-1] or [{}]
         elif (first := blocks[-1].get(found["kind"])) is not None:
             rows[first] = f"{rows[first][:-1]}, {found['name']};"
         else:
