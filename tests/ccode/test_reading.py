@@ -24,19 +24,19 @@ from slipctl.ccode.write.statements import broken, copied, short
 from slipctl.study import doors
 
 MOST = {
-    "subway_braking": (1006, 0.079),
+    "subway_braking": (981, 0.072),
     "hst_braking": (501, 0.01),
     "freight_traction": (210, 0.001),
-    "hst_traction": (1177, 0.091),
+    "hst_traction": (1174, 0.091),
 }
 """Lines of the source and share of anonymous assignments: what is reached, to be lowered."""
 
 LONGER = {
-    "hst_braking:eppfc": (852, 0.063),
-    "hst_braking:eppfc@real": (915, 0.059),
-    "hst_braking:eppfc_free": (1045, 0.05),
-    "hst_traction:smc_limited": (1139, 0.079),
-    "freight_traction:smes_robust": (379, 0.057),
+    "hst_braking:eppfc": (846, 0.064),
+    "hst_braking:eppfc@real": (909, 0.06),
+    "hst_braking:eppfc_free": (1040, 0.042),
+    "hst_traction:smc_limited": (1136, 0.079),
+    "freight_traction:smes_robust": (377, 0.057),
 }
 """The same of some that are not among them."""
 
@@ -175,8 +175,9 @@ def test_a_block_declares_at_one_place_what_calls_fill() -> None:
     lines = [
         "void f(void)", "{", "    double a[3];", "    g(a);", "    bool b;", "    double c;",
         "    for (int i = 0; i < 3; ++i) {", "        double d, e;", "        g(&d);",
-        "        double n;", "        h(&n);", "    } else {", "        double m;", "        h(&m);",
-        "    }", "    h(&c, &b);", "}", "", "void g(void)", "{", "    double a;", "    g(&a);", "}",
+        "        double n;", "        h(&n);", "    } else {", "        double m;",
+        "        h(&m);", "    }", "    h(&c, &b);", "}", "", "void g(void)", "{",
+        "    double a;", "    g(&a);", "}",
     ]  # fmt: skip
     made = short("\n".join(lines)).splitlines()
     assert made[2:5] == ["    double a[3], c;", "    g(a);", "    bool b;"]
