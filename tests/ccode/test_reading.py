@@ -27,7 +27,7 @@ MOST = {
     "subway_braking": (981, 0.072),
     "hst_braking": (501, 0.01),
     "freight_traction": (210, 0.001),
-    "hst_traction": (1174, 0.091),
+    "hst_traction": (1164, 0.092),
 }
 """Lines of the source and share of anonymous assignments: what is reached, to be lowered."""
 
@@ -35,7 +35,7 @@ LONGER = {
     "hst_braking:eppfc": (846, 0.064),
     "hst_braking:eppfc@real": (909, 0.06),
     "hst_braking:eppfc_free": (1040, 0.042),
-    "hst_traction:smc_limited": (1136, 0.079),
+    "hst_traction:smc_limited": (1126, 0.08),
     "freight_traction:smes_robust": (377, 0.057),
 }
 """The same of some that are not among them."""
@@ -268,6 +268,37 @@ def test_a_call_writes_where_its_result_is_wanted() -> None:
     assert handed(lines) == lines
     lines[-1] = "*b = b_2;"
     assert handed(lines) == ["both(x, a, b);"]
+
+
+def test_a_function_that_only_calls_another_is_that_one() -> None:
+    a, b, x, y = ca.SX.sym("a"), ca.SX.sym("b"), ca.MX.sym("x"), ca.MX.sym("y")
+    inner = ca.Function("inner", [a, b], [a * b, a + b], ["x", "y"], ["p", "s"])
+    outer = ca.Function("outer", [x, y], inner(x, y))
+    turned = ca.Function("turned", [x, y], inner(y, x))
+    made = Functions(lambda f: None, {})
+    assert made.name(outer) == made.name(inner) == "inner"
+    assert made.name(turned) == "turned"
+    assert list(made.texts) == ["inner", "turned"]
+
+
+def test_sums_of_the_first_elements_are_a_loop() -> None:
+    x = ca.MX.sym("x", 8)
+    f = ca.Function("ratios", [x], [ca.cumsum(x[1:]) / 2], ["x"], ["r"])
+    made = Functions(lambda f: None, {})
+    text = made.texts[made.name(f)]
+    assert "total += x[1 + i];" in text
+    assert list(made.texts) == ["ratios"]
+
+
+def test_what_each_turn_takes_as_it_is_is_passed_as_it_is() -> None:
+    x, k = ca.SX.sym("x"), ca.SX.sym("k", 2)
+    one = ca.Function("one", [x, k], [x * k[0] + k[1]], ["x", "k"], ["y"])
+    xs, ks = ca.MX.sym("xs", 1, 6), ca.MX.sym("ks", 2)
+    f = ca.Function("each", [xs, ks], [one.map(6)(xs, ca.repmat(ks, 1, 6))], ["x", "k"], ["y"])
+    made = Functions(lambda f: None, {})
+    text = made.texts[made.name(f)]
+    assert "y[i] = one(xs[i], ks);" in text
+    assert list(made.texts) == ["one", "each"] or list(made.texts) == ["each", "one"]
 
 
 def test_a_function_has_the_names_of_the_python_that_wrote_it() -> None:

@@ -22,7 +22,16 @@ from slipctl.ccode.write.graph import (
 )
 from slipctl.ccode.write.helpers import HELPERS
 from slipctl.ccode.write.layout import KEYWORDS, LOCAL
-from slipctl.ccode.write.loops import Sums, accumulated, chained, mapped, running, shared, sums
+from slipctl.ccode.write.loops import (
+    Sums,
+    accumulated,
+    chained,
+    mapped,
+    passed_on,
+    running,
+    shared,
+    sums,
+)
 from slipctl.ccode.write.naming import named, with_inside
 from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
@@ -60,6 +69,8 @@ class Functions:
             Unsupported: it has an operation that is not written.
         """
         key = f.serialize()
+        if key not in self.names and (inner := passed_on(f)) is not None:
+            self.names[key] = self.name(inner)
         if key not in self.names:
             name = self.names[key] = self.take(f.name())
             self.texts[name] = self._written(f, name)  # behind those that it calls

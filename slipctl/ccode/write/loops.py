@@ -203,6 +203,29 @@ def accumulated(f: ca.Function) -> tuple[ca.Function, int] | None:
     return inner, int(n)
 
 
+def passed_on(f: ca.Function) -> ca.Function | None:
+    """The Function that one calls with its own arguments, if it gives just what that one gives."""
+    if f.class_name() != "MXFunction":
+        return None
+    try:
+        nodes, outputs = steps(f)
+    except Unsupported:
+        return None
+    called = [n for n in nodes if n.op == CALLED and isinstance(n, Step)]
+    if len({n.place[0] for n in called}) != 1 or len(nodes) != len(called) + f.n_in():
+        return None
+    g = called[0].detail[0]
+    given = [(nodes[a].op, nodes[a].place) for a in called[0].args]
+    results = [(nodes[n].op, nodes[n].place[1]) for n in outputs if n >= 0]
+    same = (
+        given == [(ca.OP_INPUT, (i, 0)) for i in range(f.n_in())]
+        and results == [(CALLED, k) for k in range(f.n_out())]
+        and [f.nnz_in(i) for i in range(f.n_in())] == [g.nnz_in(i) for i in range(g.n_in())]
+        and [f.nnz_out(k) for k in range(f.n_out())] == [g.nnz_out(k) for k in range(g.n_out())]
+    )
+    return g if same else None
+
+
 def running(f: ca.Function) -> bool:
     """Whether a Function gives the sums of the first elements of its second argument."""
     if (f.n_in(), f.n_out()) != (2, 1) or f.class_name() != "MXFunction" or f.nnz_in(0) != 1:
