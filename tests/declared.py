@@ -8,14 +8,14 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from decimal import Decimal
+from fractions import Fraction
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from types import ModuleType
 from typing import Any
-
-from recorded import said
 
 HEAD = ["module", "name", "declares"]
 
@@ -81,7 +81,7 @@ def short(value: object) -> str:
     if isinstance(value, list | tuple):
         return "(" + ", ".join(map(short, value)) + ")"
     if isinstance(value, int | float):
-        return said(value)
+        return f"{value:.14g}"
     text = " ".join(re.sub(r" at 0x[0-9a-f]+", "", str(value)).split())
     return text if len(text) < 40 else f"{text[:30]}... {zlib.crc32(text.encode()):08x}"
 
@@ -92,7 +92,7 @@ def plain(value: object) -> bool:
         return all(map(plain, (*value, *value.values())))
     if isinstance(value, list | tuple | set | frozenset):
         return all(map(plain, value))
-    return isinstance(value, int | float | str)
+    return isinstance(value, int | float | str | Fraction | Decimal)
 
 
 def changed(package: str, table: Path) -> list[tuple[list[str], str | None]]:
