@@ -1,9 +1,10 @@
 """Draw the calls of ``recorded_calls``: python tests/draw_calls.py slipctl/certify.
 
-It runs the room's tests, looks at the arguments with which its functions are called, and keeps few
-of each function: the smallest that take all of its branches, some with many numbers, and some with
-other numbers than were seen. ``--again`` keeps the calls of the table and computes anew what they
-give. Both say what changed.
+It runs the room's tests, looks at the arguments with which its functions are called, and varies
+their numbers. Of each function it keeps few calls: the smallest that take all of its branches, some
+with many numbers, and those that tell small changes of its code apart (``mutation/sites.py``; a
+quarter of them, drawn by name, so that the others say how well the choice carries over).
+``--again`` keeps the calls of the table and computes anew what they give. Both say what changed.
 
 What a result may be off by is measured: calls are repeated with other kernels of BLAS and with
 elementary functions that are one unit off in the last place.
@@ -16,6 +17,7 @@ import inspect
 import json
 import lzma
 import math
+import multiprocessing
 import os
 import random
 import resource
@@ -25,6 +27,7 @@ import sys
 import time
 import types
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -42,22 +45,32 @@ from recorded_calls import (
     changed,
     leaves,
     off,
+    place_of_code,
     read,
     table,
     told,
 )
+
+sys.path += [str(Path(__file__).parent / f) for f in ("mutation", "certify")]
+import inside
+from sites import Site
 
 ROOMS = {
     "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
                         "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
     "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
 }  # fmt: skip
-LARGEST, LONGEST = 6000, 0.1
+LARGEST, LONGEST = 6000, 0.6
 """Letters of the arguments that are kept, and s of CPU of a call."""
-LOOKED_AT = 8
-"""Calls of a function that are looked at in each test."""
-MORE, VARIED = 2, 5
-"""Calls of a function with many numbers, and with other numbers than were seen."""
+NAMELESS = ("<module>", "<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
+LOOKED_AT, STEPS = 8, 5_000
+"""Calls of a function that are looked at in each test, and steps of a call that are followed."""
+MORE, VARIED = 2, 16
+"""Calls of a function with many numbers that are kept, and with other numbers that are tried."""
+PATIENCE, BUDGET = 0.2, 3.0
+"""s of CPU that calls are tried for one change, and for all changes of a function."""
+CHANGED = 1e-13
+"""Share by which a result is another one."""
 EXACT, LOOSE = 1e-14, 1e-6
 """Shares by which a float may be off, at least; where it may be off by more, it is not kept."""
 
@@ -86,31 +99,49 @@ class Watch:
         self.codes: list[types.CodeType] = []
         self.test = 0
         self.writer: Writer | None = None
+        self.unwritten: Counter[str] = Counter()
 
     def of(self, frame: types.FrameType) -> Seen | None:
         code = frame.f_code
         self.codes.append(code)  # lives, so that its id is its own
-        if not code.co_filename.startswith(self.prefix) or "<" in code.co_qualname:
+        if not code.co_filename.startswith(self.prefix) or code.co_name in NAMELESS:
             return None
-        return Seen(f"{frame.f_globals['__name__']}:{code.co_qualname}")
+        module = frame.f_globals["__name__"]
+        if "<" not in code.co_qualname:
+            return Seen(f"{module}:{code.co_qualname}")
+        try:
+            return Seen(place_of_code(code, module))
+        except (Unwritten, AttributeError):
+            return None
 
     def arguments(self, frame: types.FrameType) -> str | None:
         """Text of the arguments, None if they have none or a long one."""
         code, local = frame.f_code, frame.f_locals
         number, only = code.co_argcount, code.co_kwonlyargcount
-        names = code.co_varnames[:number]
+        names, held = code.co_varnames[:number], code.co_freevars
+        if "<locals>" not in code.co_qualname:
+            held = ()  # __class__
         try:
-            if code.co_flags & inspect.CO_GENERATOR and len(local) > number + only:
+            spread = bool(code.co_flags & inspect.CO_VARARGS)
+            named = bool(code.co_flags & inspect.CO_VARKEYWORDS)
+            if code.co_flags & inspect.CO_GENERATOR and len(local) > (
+                number + only + spread + named + len(held)
+            ):
                 return None  # it goes on
-            if code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
-                return None
-            assert self.writer
-            first = [self.writer.text(local[k]) for k in names]
-            more = {k: self.writer.text(local[k])
-                    for k in code.co_varnames[number : number + only]}  # fmt: skip
-        except (Unwritten, KeyError, AttributeError, RecursionError):
+            text = self.writer.text  # type: ignore[union-attr]
+            first = [text(local[k]) for k in names]
+            more = {k: text(local[k]) for k in code.co_varnames[number : number + only]}
+            if spread:
+                first += map(text, local[code.co_varnames[number + only]])
+            if named:
+                more |= {
+                    k: text(v) for k, v in local[code.co_varnames[number + only + spread]].items()
+                }
+            cells = {k: text(local[k]) for k in held}
+        except (Unwritten, KeyError, AttributeError, RecursionError) as why:
+            self.unwritten[f"{frame.f_globals['__name__']}:{code.co_qualname}: {why!r}"[:160]] += 1
             return None
-        text = json.dumps([first, more])
+        text = json.dumps([first, more, *([cells] if "<locals>" in code.co_qualname else [])])
         return text if len(text) <= LARGEST else None
 
     def __call__(self, frame: types.FrameType, event: str, arg: Any) -> Any:
@@ -129,17 +160,20 @@ class Watch:
         text = self.arguments(frame)
         if text is None or text in seen.kept:
             return None
-        before, taken = [frame.f_lineno], set[tuple[int, int]]()
+        before, taken, left = -1, set[tuple[int, int]](), STEPS
+        frame.f_trace_lines, frame.f_trace_opcodes = False, True  # conditions within a line, too
 
-        def line(frame: types.FrameType, event: str, arg: Any) -> Any:
-            if event == "line":
-                taken.add((before[0], frame.f_lineno))
-                before[0] = frame.f_lineno
+        def step(frame: types.FrameType, event: str, arg: Any) -> Any:
+            nonlocal before, left
+            if event == "opcode":
+                taken.add((before, frame.f_lasti))
+                before, left = frame.f_lasti, left - 1
+                frame.f_trace_opcodes = left > 0
             elif event == "return":
                 seen.kept[text] = taken
-            return line
+            return step
 
-        return line
+        return step
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[Any]:
@@ -175,12 +209,14 @@ def candidates(room: str, tests: list[str]) -> dict[str, list[Any]]:
     """Calls of a room's functions, of those that its tests make; the needed ones first."""
     watch = Watch(room)
     pytest.main(["-n", "0", "-q", "-p", "no:cacheprovider", *tests], plugins=[watch])
+    for why, number in watch.unwritten.most_common():
+        print(f"without text {number:7} {why}", file=sys.stderr)
     found = {}
     for seen in sorted((s for s in watch.known.values() if s and s.kept), key=lambda s: s.place):
         first = needed(seen)
         others = sorted(set(seen.kept) - set(first), key=lambda t: (-numbers_in(t), len(t), t))
         others = [t for t in others if len(t) < LARGEST / 4]
-        found[seen.place] = [len(first), *map(json.loads, first + others[:8])]
+        found[seen.place] = [len(first), *map(json.loads, first + others[:24])]
     return found
 
 
@@ -195,13 +231,18 @@ def varied(text: Any, rng: random.Random, share: float) -> Any:
         return [varied(v, rng, share) for v in text]
     if isinstance(text, dict):
         ((kind, of),) = text.items()
+        if kind == "C":
+            held = {k: varied(v, rng, share) for k, v in of[1].items()}
+            return {kind: [of[0], held, of[2]]}
+        if kind == "m":
+            return {kind: [varied(of[0], rng, share), of[1]]}
         if kind in ("q", "D"):
             if rng.random() > share:
                 return text
             number = Fraction(of) * Fraction(rng.choice(("1/3", "7/8", "1.01", "5/3", "4", "-1")))
             number += Fraction(rng.choice((0, 0, 0, "1/7", 1)))
             return {kind: str(number) if kind == "q" else repr(float(number))}
-        if kind in ("x", "g", "p"):
+        if kind in ("x", "g", "p", "h", "X", "u"):
             return text
         if kind in ("N", "O", "n"):
             return {kind: [of[0], varied(of[1], rng, share) if kind != "O" else
@@ -227,7 +268,7 @@ def given(place: str, arguments: Any, patience: float = LONGEST) -> list[Any] | 
     signal.setitimer(signal.ITIMER_PROF, patience)
     try:
         return told(called(place, arguments))
-    except (Unwritten, AttributeError, ImportError, TypeError, ValueError, Late):
+    except (Unwritten, AttributeError, ImportError, LookupError, TypeError, ValueError, Late):
         return None
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
@@ -237,21 +278,78 @@ def late(*_: Any) -> None:
     raise Late
 
 
-def chosen(task: list[Any], rng: random.Random) -> list[Any]:
-    """Calls of a function that take all of its branches, some with many numbers, some varied."""
+Known = list[tuple[str, Any, list[Any] | None, float]]
+"""Calls: place, arguments, what is told of the result, s of CPU."""
+
+
+def known(place: str, task: list[Any]) -> tuple[Known, Known]:
+    """Calls of a function that take all of its branches, and others: as seen, and varied."""
     number, *calls = task
-    found = calls[: number + MORE]
-    small = [c for c in calls if len(json.dumps(c)) < LARGEST / 4]
-    for _ in range(VARIED if small else 0):
-        (first, more), share = rng.choice(small), rng.choice((0.1, 0.3, 1.0))
-        found.append(
-            [varied(first, rng, share), {k: varied(v, rng, share) for k, v in more.items()}]
-        )
+    rng = random.Random(zlib.crc32(place.encode()))
+    for _ in range(VARIED):
+        (first, *named), share = rng.choice(calls), rng.choice((0.1, 0.3, 1.0))
+        others = [{k: varied(v, rng, share) for k, v in of.items()} for of in named]
+        calls.append([varied(first, rng, share), *others])
+    told: Known = []
+    for i, arguments in enumerate(calls):
+        start = time.process_time()
+        wanted = given(place, arguments, LONGEST if i < number + MORE else LONGEST / 3)
+        told.append((place, arguments, wanted, time.process_time() - start))
+    return ([c for c in told[: number + MORE] if c[2] is not None],
+            [c for c in told[number + MORE :] if c[2] is not None])  # fmt: skip
+
+
+def telling(task: tuple[str, list[tuple[str, list[Any]]], list[Site]]) -> dict[str, list[Any]]:
+    """Of a function and those within: calls for all branches, and those that tell changes apart."""
+    top, seen, guides = task
+    signal.signal(signal.SIGPROF, late)
+    resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
+    kept, others = Known(), Known()
+    for place, own in seen:
+        first, more = known(place, own)
+        kept, others = kept + first, others + more
+    others.sort(key=lambda call: call[3])
+    memories, began = inside.remembered(), time.process_time()
+    for site in guides:
+        if time.process_time() - began > BUDGET:
+            break
+        with inside.changed(top, site) as fits:
+            spent = 0.0
+            for call in [*kept, *others] if fits else ():
+                for memory in memories:
+                    memory.cache_clear()
+                place, arguments, wanted, seconds = call
+                got = given(place, arguments, 0.1 + 5 * seconds)
+                if got is None or not off(got, wanted) <= CHANGED:
+                    if call in others:
+                        kept.append(call)
+                        others.remove(call)
+                    break
+                spent += seconds
+                if spent > PATIENCE:
+                    break
+    found: dict[str, list[Any]] = {}
+    for place, arguments, *_ in kept:
+        found.setdefault(place, []).append(arguments)
     return found
 
 
-def drawn(seen: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
-    return {k: chosen(v, random.Random(zlib.crc32(k.encode()))) for k, v in seen.items()}
+def guiding(site: Site) -> bool:
+    """Whether a change is of the quarter by which calls are chosen."""
+    return zlib.crc32(site.name.encode()) % 4 == 0
+
+
+def drawn(room: str, seen: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
+    of = inside.by_place(filter(guiding, inside.changes(room)), seen)
+    tops: dict[str, list[tuple[str, list[Any]]]] = {}
+    for place, task in seen.items():
+        tops.setdefault(place.partition(".<locals>")[0], []).append((place, task))
+    tasks = [(top, own, of.get(top, [])) for top, own in tops.items() if inside.is_function(top)]
+    with multiprocessing.get_context("fork").Pool(1, maxtasksperchild=50) as pool:
+        found: dict[str, list[Any]] = {}
+        for more in pool.imap_unordered(telling, tasks):
+            found |= more
+        return dict(sorted(found.items()))
 
 
 # ---- what a result may be off by -----------------------------------------------------------------
@@ -344,7 +442,7 @@ def main() -> int:
             seen = candidates(room, options.tests or ROOMS[room])
         if options.seen:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
-        calls = drawn(seen)
+        calls = drawn(room, seen)
     found = measured(calls)
     file.write_bytes(lzma.compress(json.dumps(found, indent=0).encode(), preset=9))
     print(f"{room}: {sum(map(len, found.values()))} calls of {len(found)} functions, of"

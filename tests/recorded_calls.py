@@ -18,7 +18,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from decimal import Decimal
+from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property, lru_cache, partial
 from itertools import islice
@@ -30,12 +30,15 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 SHOWN = 16
 """Numbers of a result that are kept one by one; the others are summed."""
+OWN = ("slipctl.", "casadi.")
+SAMPLES = ("samples",)
+"""Whose objects have a name, and modules of tests that hold some to be handed over."""
 STEPS = 64
 """Values of a generator that are looked at."""
 
 
 class Unwritten(Exception):
-    """A value that has no text: a closure, a file, an object of another package."""
+    """A value that has no text: a file, an object of another package."""
 
 
 # ---- values as text ------------------------------------------------------------------------------
@@ -58,6 +61,50 @@ def place_of(value: Any) -> str:
     return place
 
 
+def bare(function: Any) -> types.FunctionType:
+    """The function itself, under what is wrapped around it."""
+    for own in ("__func__", "fget", "func", "__wrapped__"):
+        function = getattr(function, own, function)
+    if not isinstance(function, types.FunctionType):
+        raise Unwritten(function)
+    return function
+
+
+def within(code: types.CodeType, name: str) -> list[types.CodeType]:
+    """Codes of a name inside of a function, at any depth, in their order."""
+    found = []
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            found += [inner] if inner.co_qualname == name else within(inner, name)
+    return found
+
+
+def code_at(place: str) -> types.CodeType:
+    """Code of a function within a function: ``module:outer.<locals>.inner#number``."""
+    path, _, number = place.partition("#")
+    outer = bare(named(path.partition(".<locals>")[0]))
+    return within(outer.__code__, path.partition(":")[2])[int(number)]
+
+
+def place_of_code(code: types.CodeType, module: str) -> str:
+    """Where such a code stands."""
+    path = f"{module}:{code.co_qualname}"
+    if ".<locals>." not in path:
+        raise Unwritten(path)
+    outer = bare(named(path.partition(".<locals>")[0]))
+    every = within(outer.__code__, code.co_qualname)
+    if code not in every:
+        raise Unwritten(path)
+    return f"{path}#{every.index(code)}"
+
+
+def closure(place: str, held: Mapping[str, Any], defaults: Any) -> types.FunctionType:
+    """A function within a function, with what it holds of that."""
+    code, module = code_at(place), importlib.import_module(place.partition(":")[0])
+    cells = tuple(types.CellType(held[n]) for n in code.co_freevars)
+    return types.FunctionType(code, vars(module), code.co_name, defaults, cells)
+
+
 def parts(value: Any) -> dict[str, Any]:
     """Attributes that make an object of this package what it is."""
     if is_dataclass(value):
@@ -68,15 +115,47 @@ def parts(value: Any) -> dict[str, Any]:
     )
 
 
+def families() -> Iterator[tuple[list[Any], Iterator[tuple[Any, Any]]]]:
+    """Objects that modules hold in tables, with the places of these."""
+    for name, module in list(sys.modules.items()):
+        if name in SAMPLES:
+            for k, v in vars(module).items():
+                if isinstance(v, tuple):
+                    yield [name, k], enumerate(v)
+    registry = sys.modules.get("slipctl.certify.registry")
+    for key, system in registry.SYSTEMS.items() if registry else ():
+        place = ["slipctl.certify.registry", "SYSTEMS"]
+        yield place, iter([(key, system)])
+        for part in ("criteria", "refuters", "numbers"):
+            yield [*place, key, part], iter(getattr(system, part).items())
+
+
+@lru_cache
+def held(modules: int) -> dict[int, Any]:
+    """Places of objects that modules hold, while so many are imported."""
+    found: dict[int, Any] = {
+        id(v): {"g": f"{name}:{k}"} for name, module in list(sys.modules.items())
+        if name.startswith("slipctl.") or name in SAMPLES for k, v in vars(module).items()
+        if type(v).__module__.startswith(OWN) and not isinstance(v, tuple)
+    }  # fmt: skip
+    for place, of in families():
+        found |= {id(v): {"h": [*place, k]} for k, v in of}
+    return found
+
+
+def at(path: list[Any]) -> Any:
+    """What stands at such a place."""
+    found: Any = importlib.import_module(path[0])
+    for key in path[1:]:
+        found = found[key] if isinstance(found, Mapping | tuple) else getattr(found, key)
+    return found
+
+
 class Writer:
     """Values as JSON; objects that modules hold by their names."""
 
     def __init__(self) -> None:
-        self.held = {
-            id(v): f"{name}:{k}" for name, module in list(sys.modules.items())
-            if name.startswith("slipctl.") for k, v in vars(module).items()
-            if type(v).__module__.startswith("slipctl.") and not isinstance(v, tuple)
-        }  # fmt: skip
+        self.held = held(len(sys.modules))
 
     def text(self, value: Any) -> Any:
         own = self.text
@@ -85,7 +164,7 @@ class Writer:
         if type(value) is float:
             return value if math.isfinite(value) else {"x": str(value)}
         if id(value) in self.held:
-            return {"g": self.held[id(value)]}
+            return self.held[id(value)]
         if isinstance(value, Fraction | Decimal):
             return {"q" if isinstance(value, Fraction) else "D": str(value)}
         if isinstance(value, complex):
@@ -105,7 +184,24 @@ class Writer:
             return {kind: [own(v) for v in value]}
         if type(value) is dict or isinstance(value, types.MappingProxyType):
             return {"d": [[own(k), own(v)] for k, v in value.items()]}
-        if isinstance(value, type | types.FunctionType):
+        if isinstance(value, Context):
+            return {"X": [value.prec, value.rounding, value.Emin, value.Emax]}
+        if isinstance(value, np.ufunc):
+            return {"u": value.__name__}
+        if isinstance(value, types.FunctionType) and "<locals>" in value.__qualname__:
+            place = place_of_code(value.__code__, value.__module__)
+            if value.__kwdefaults__:
+                raise Unwritten(place)
+            cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
+            held = {n: own(c.cell_contents) for n, c in cells}
+            return {"C": [place, held, own(value.__defaults__)]}
+        if hasattr(value, "cache_parameters") and "<locals>" in value.__wrapped__.__qualname__:
+            return {"L": own(value.__wrapped__)}
+        if isinstance(value, types.MethodType) and type(value.__self__).__module__.startswith(
+            "slipctl."
+        ):
+            return {"m": [own(value.__self__), value.__name__]}
+        if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
             return {"p": place_of(value)}
         if isinstance(value, partial):
             return {"P": [own(value.func), [own(v) for v in value.args],
@@ -134,6 +230,10 @@ def value(text: Any) -> Any:
         "d": lambda v: {value(k): value(x) for k, x in v},
         "P": lambda v: partial(value(v[0]), *map(value, v[1]), **value(v[2])),
         "N": lambda v: tuple.__new__(named(v[0]), [value(x) for x in v[1]]),
+        "C": lambda v: closure(v[0], {k: value(x) for k, x in v[1].items()}, value(v[2])),
+        "m": lambda v: getattr(value(v[0]), v[1]), "L": lambda v: lru_cache(None)(value(v)),
+        "X": lambda v: Context(prec=v[0], rounding=v[1], Emin=v[2], Emax=v[3]),
+        "u": lambda v: getattr(np, v), "h": at,
     }  # fmt: skip
     if kind in simple:
         return simple[kind](of)
@@ -174,12 +274,15 @@ def told(text: Any) -> list[Any]:
 
 def called(place: str, arguments: Any) -> Any:
     """Text of what a call gives, or of what it refuses; and of what it did to its arguments."""
-    function = named(place)
+    first, more = [value(v) for v in arguments[0]], {k: value(v) for k, v in arguments[1].items()}
+    if "<locals>" in place:
+        function: Any = closure(place, {k: value(v) for k, v in arguments[2].items()}, None)
+    else:
+        function = named(place)
     for kind, own in ((classmethod, "__func__"), (staticmethod, "__func__"), (property, "fget"),
                       (cached_property, "func")):  # fmt: skip
         if isinstance(function, kind):
             function = getattr(function, own)
-    first, more = [value(v) for v in arguments[0]], {k: value(v) for k, v in arguments[1].items()}
     writer = Writer()
     before = writer.text(first)
     try:
@@ -231,7 +334,7 @@ def changed(room: str, module: str = "") -> list[str]:
         for arguments, wanted, near in calls:
             try:
                 got = told(called(place, arguments))
-            except (AttributeError, ImportError, Unwritten) as gone:
+            except (AttributeError, ImportError, LookupError, Unwritten) as gone:
                 found.append(f"{place}: {gone!r}")
                 break
             if not off(got, wanted) <= near:

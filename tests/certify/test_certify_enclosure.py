@@ -7,29 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import FUNCTIONS, PEAKS, STAIRS
 
 from slipctl import BadInput
 from slipctl.certify.enclosure import enclose, expanded, largest
-
-OPERATIONS = (
-    lambda x, y: x * y + ca.exp(-x) * ca.sin(3 * y),
-    lambda x, y: ca.sqrt(x**2 + y**2 + 0.1) / (1.5 + ca.cos(x)),
-    lambda x, y: ca.if_else(x > y, ca.tanh(x), ca.fabs(y)) - ca.fmin(x, 0.3),
-    lambda x, y: ca.log(2.5 + x) * ca.atan(y) + ca.sign(x) * ca.fmax(x, y),
-    lambda x, y: ca.cosh(x) - ca.sinh(y) + x**3 + y**-2 + (x + 3) ** 1.5,
-    lambda x, y: ca.if_else(ca.logic_and(x > 0, y <= 0.5), x / (y + 3), ca.floor(2 * x)),
-    lambda x, y: ca.log1p(x + 2) + ca.expm1(y) + ca.asinh(x * y) + 1 / (x - 5),
-    lambda x, y: ca.if_else(ca.logic_or(x == y, ca.logic_not(x < 0)), 2 * x, ca.ceil(y)),
-)
+from slipctl.certify.jumps import largest_jump
 
 
-@pytest.mark.parametrize("g", OPERATIONS)
+@pytest.mark.parametrize("f", FUNCTIONS)
 @given(seed=st.integers(0, 10**6), width=st.floats(-3, 0))
 @settings(max_examples=10)
-def test_enclosures_contain_what_they_enclose(g, seed, width):
+def test_enclosures_contain_what_they_enclose(f, seed, width):
     """Random boxes, random points in them, each known operation."""
-    xy = ca.SX.sym("xy", 2)
-    f = ca.Function("f", [xy], [g(xy[0], xy[1])])
     rng = np.random.default_rng(seed)
     lo = rng.uniform(-2, 2, (2, 30))
     hi = lo + 10**width * rng.random((2, 30))
@@ -88,3 +77,22 @@ def test_unequal_is_open_where_the_box_holds_the_number(lo, hi, wanted):
     low, high = enclose(f, np.array([[lo]]), np.array([[hi]]))
     assert low[0, 0] <= wanted[0] <= wanted[1] <= high[0, 0]
     assert high[0, 0] - low[0, 0] < 1e-12 or wanted == (1, 5)
+
+
+@pytest.mark.parametrize("f", PEAKS)
+@pytest.mark.parametrize("ends", [((-1, -1), (1, 1)), ((0, -0.5), (2, 3)), ((-0.3, 0), (0.3, 0))])
+def test_no_point_of_a_grid_lies_above_what_is_largest(f, ends):
+    """And none above the bound; the two are as near as was asked."""
+    lo, hi = np.array(ends, dtype=float)
+    found = largest(f, lo, hi, 1e-3)
+    x, y = np.meshgrid(np.linspace(lo[0], hi[0], 41), np.linspace(lo[1], hi[1], 41))
+    on_grid = float(np.array(f(np.array([x.ravel(), y.ravel()])).full()).max())
+    assert on_grid - 1e-3 <= found.reached <= found.bound <= found.reached + 1e-3
+    assert on_grid <= found.bound
+
+
+@pytest.mark.parametrize(("f", "wanted"), list(zip(STAIRS, (1.75, 3.0, 7.0, 0.0), strict=True)))
+def test_the_largest_jump_is_that_of_the_formula(f, wanted):
+    """x in [-1, 1] and y in [-1, 1]: 1 + y - x at x = 0.25; and so on, by hand."""
+    found = largest_jump(f, np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+    assert wanted <= found.bound <= wanted * 1.05 + 1e-9

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from samples import line, relay
 
 from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
@@ -33,17 +34,9 @@ def declared(loop):
                   loop=loop)  # fmt: skip
 
 
-LINE = declared(Loop(
-    lambda n, x, d: {"x": n["a"] * x["x"] + d["w"]}, {"x": "x0"}, {"w": "W"}, {"x": "band"}
-))  # fmt: skip
+LINE = declared(Loop(line, {"x": "x0"}, {"w": "W"}, {"x": "band"}))
 
-RELAY = declared(Loop(
-    lambda n, x, d: {
-        "x": x["x"] + n["T"] * (-n["g"] * x["x"] + x["u"] + d["w"]),
-        "u": n["a"] * x["u"] - (1 - n["a"]) * sgn(x["x"]),
-    },
-    {"x": "x0", "u": "u0"}, {"w": "W"}, {"x": "band"},
-))  # fmt: skip
+RELAY = declared(Loop(relay, {"x": "x0", "u": "u0"}, {"w": "W"}, {"x": "band"}))
 
 
 def largest(a, x0, W):
