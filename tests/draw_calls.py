@@ -60,8 +60,8 @@ ROOMS = {
                         "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
     "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
 }  # fmt: skip
-LARGEST, LONGEST = 6000, 0.6
-"""Letters of the arguments that are kept, and s of CPU of a call."""
+LARGEST, SMALL, LONGEST = 40_000, 1500, 0.6
+"""Letters of the arguments that are kept and of those that are varied, and s of CPU of a call."""
 NAMELESS = ("<module>", "<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
 LOOKED_AT, STEPS = 8, 5_000
 """Calls of a function that are looked at in each test, and steps of a call that are followed."""
@@ -215,7 +215,7 @@ def candidates(room: str, tests: list[str]) -> dict[str, list[Any]]:
     for seen in sorted((s for s in watch.known.values() if s and s.kept), key=lambda s: s.place):
         first = needed(seen)
         others = sorted(set(seen.kept) - set(first), key=lambda t: (-numbers_in(t), len(t), t))
-        others = [t for t in others if len(t) < LARGEST / 4]
+        others = [t for t in others if len(t) < SMALL]
         found[seen.place] = [len(first), *map(json.loads, first + others[:24])]
     return found
 

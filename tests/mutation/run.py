@@ -38,7 +38,11 @@ from sites import Site, sites
 ROOT = Path(__file__).parents[2]
 ROOMS = {
     "slipctl/certify": ["tests/certify", "tests/commands/test_cli_certify.py",
-                        "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py"],
+                        "tests/seek/test_extremum.py", "tests/seek/test_extremum_lock.py",
+                        "tests/block/test_timing.py", "tests/analysis/test_enclosures.py",
+                        "tests/design/test_statement.py", "tests/estimate/test_filtering.py",
+                        "tests/docs/test_errata_freight.py",
+                        "tests/docs/test_errata_traction_control.py"],
     "slipctl/ccode": ["tests/ccode"],
     "slipctl/estimate": ["tests/estimate", "tests/models/test_parts.py"],
     "slipctl/predict": ["tests/predict", "tests/models/test_parts.py"],
