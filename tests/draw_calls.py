@@ -24,6 +24,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import types
 import zlib
@@ -142,7 +143,8 @@ class Watch:
             self.unwritten[f"{frame.f_globals['__name__']}:{code.co_qualname}: {why!r}"[:160]] += 1
             return None
         text = json.dumps([first, more, *([cells] if "<locals>" in code.co_qualname else [])])
-        return text if len(text) <= LARGEST else None
+        local_path = str(ROOT) in text or tempfile.gettempdir() in text
+        return text if len(text) <= LARGEST and not local_path else None
 
     def __call__(self, frame: types.FrameType, event: str, arg: Any) -> Any:
         key = id(frame.f_code)

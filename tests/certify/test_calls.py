@@ -1,6 +1,6 @@
 """No function of the room gives another number than it gave; see ``recorded_calls``.
 
-Who changes a number on purpose: ``python tests/recorded_calls.py slipctl/certify --again``.
+Who changes a number on purpose: ``python tests/draw_calls.py slipctl/certify --again``.
 """
 
 from __future__ import annotations
