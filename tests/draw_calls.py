@@ -13,6 +13,7 @@ elementary functions that are one unit off in the last place.
 from __future__ import annotations
 
 import argparse
+import importlib
 import inspect
 import json
 import lzma
@@ -383,6 +384,8 @@ def nudge(side: int) -> None:
 def results(calls: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
     """What calls give, and s of CPU; None where a result has no text."""
     found: dict[str, list[Any]] = {}
+    for name in ("control", "scipy.integrate", "scipy.optimize", "scipy.linalg"):
+        importlib.import_module(name)  # by functions; an import that is cut short stays broken
     signal.signal(signal.SIGPROF, late)
     resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.RLIM_INFINITY))
     for place, every in calls.items():

@@ -33,6 +33,8 @@ SHOWN = 16
 OWN = ("slipctl.", "casadi.")
 SAMPLES = ("samples",)
 """Whose objects have a name, and modules of tests that hold some to be handed over."""
+TABLES = {"slipctl/certify": ("slipctl.certify.catalogue", "samples")}
+"""Modules that hold objects in tables, by room."""
 STEPS = 64
 """Values of a generator that are looked at."""
 
@@ -122,9 +124,9 @@ def families() -> Iterator[tuple[list[Any], Iterator[tuple[Any, Any]]]]:
             for k, v in vars(module).items():
                 if isinstance(v, tuple):
                     yield [name, k], enumerate(v)
-    registry = sys.modules.get("slipctl.certify.registry")
-    for key, system in registry.SYSTEMS.items() if registry else ():
-        place = ["slipctl.certify.registry", "SYSTEMS"]
+    catalogue = sys.modules.get("slipctl.certify.catalogue")
+    for key, system in catalogue.SYSTEMS.items() if catalogue else ():
+        place = ["slipctl.certify.catalogue", "SYSTEMS"]
         yield place, iter([(key, system)])
         for part in ("criteria", "refuters", "numbers"):
             yield [*place, key, part], iter(getattr(system, part).items())
@@ -321,6 +323,8 @@ def table(room: str) -> Path:
 @lru_cache
 def read(room: str) -> dict[str, list[Any]]:
     """Calls by function: arguments, what is told of the result, what it may be off by."""
+    for module in TABLES.get(room, ()):
+        importlib.import_module(module)  # so that their objects have the same names in each run
     found: dict[str, list[Any]] = json.loads(lzma.decompress(table(room).read_bytes()))
     return found
 
