@@ -39,7 +39,7 @@ _SHIFTED = re.compile(r"\b((?:arg|res)\d+) ?= ?(arg|res)\+(\d+)")
 _COPIED = re.compile(r"i<(\d+); \+\+i\) ((?:arg|res)\d+)\[i\] ?= ?(arg|res)\[i\]$")
 _GIVEN = re.compile(r"^((?:arg|res)\d*)\[(\d+)\] ?= ?(.*)$")
 _ALIAS = re.compile(r"^(\w+) ?= ?(arg|res)\[(\d+)\]$")
-_OWN = re.compile(r"\(?(arg|res)\[(\d+)\](?: != 0\) \? \1\[\2\]\+\d+ : 0)?$")
+_OWN = re.compile(r"\(?(arg|res)\[(\d+)\](?: != (?:0|NULL)\) \? \1\[\2\]\+\d+ : (?:0|NULL))?$")
 _FLAG = re.compile(r"casadi_to_int\(\*arg\[(\d+)\]\)")
 
 Pattern = tuple[tuple[bool, ...], tuple[bool, ...]]
