@@ -1,16 +1,16 @@
 """CasADi's text in a module, proven function by function; the calls between them by contracts.
 
 Followed call by call, a solver of a hundred passes over twenty stages takes Eva hours. So each
-function is analysed once, whatever it is given, with those that it calls replaced by what they
-promise. A contract is the same for all of them:
+function is looked at once, whatever it is given. For those that it calls stands what they promise:
 
-* what it reads are as many numbers as CasADi's comment above the function says, all of them set,
-  NaN and infinity among them; a truth value that becomes an integer is 0 or 1, and no scratch;
-* its results are as many numbers, any at all, all of them set where they are wanted;
-* arrays of pointers and the scratch are as long as needed; it returns 0.
+* They read as many numbers as CasADi's comment above the function says. All of them are set, and
+  NaN and infinity are among them.
+* A truth value that becomes an integer is 0 or 1, and lies in no scratch.
+* Results are as many numbers, any at all. All of them are set where they are wanted.
+* Arrays of pointers and the scratch are as long as needed, and 0 is returned.
 
-Each contract is checked where it is used and where it is promised. Nothing here is trusted: what
-this text is read wrong for ends in an alarm.
+Each promise is checked where it is used and where it is made. Nothing here is trusted: what this
+text is read wrong for ends in an alarm.
 """
 
 from __future__ import annotations
