@@ -148,9 +148,9 @@ def tracking(
         "m/s^2",
         "target acceleration",
         positive="traction",
-        source="an emergency brake and more; a target may jump",
-        lo=-5,
-        hi=5,
+        source="an emergency brake, 1.2 m/s^2, and more; a target may jump",
+        lo=-1.5,
+        hi=1.5,
     ),
     F_d=Input(
         "N",

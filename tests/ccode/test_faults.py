@@ -190,6 +190,17 @@ def test_a_law_that_restarts_for_ever_walks_in_a_cycle(tmp_path):
     assert faults._counting(np.column_stack([rest, -counts, np.sin(counts)]), 500) == 0
 
 
+def test_a_target_that_no_train_follows_does_no_harm(tmp_path):
+    """A wrong acceleration winds the law up at its limit; up to 5 m/s^2 it took 0.9 s to unwind."""
+    _, loop, part, scenario = next(bench.controllers(["hst_traction:hosm_limited"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [12.0], bench.WHERE["hst_traction"].wheel,
+        kinds=["lower end", "upper end"], lengths=(100,), signals=["a_d"],
+        settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert [f.passed for f in found] == [True] * 2
+
+
 @pytest.mark.parametrize("name", ["all_rails:pid", "all_rails:sta", "all_rails:hosm"])
 def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
     """No search looks there; the range was -20 to 20 m/s."""
