@@ -15,6 +15,7 @@ from slipctl.ccode.compile import compilers
 from slipctl.ccode.write import guard
 from slipctl.run import store
 from slipctl.studies.bench import faults as bench
+from slipctl.studies.bench.kept import kept
 from slipctl.study import doors
 
 try:
@@ -188,6 +189,12 @@ def test_a_law_that_restarts_for_ever_walks_in_a_cycle(tmp_path):
     assert faults._counting(np.column_stack([rest, counts]), 500) == 90
     assert faults._counting(np.column_stack([rest, counts]), 80) == 0
     assert faults._counting(np.column_stack([rest, -counts, np.sin(counts)]), 500) == 0
+
+
+def test_the_printed_search_forgets_nothing():
+    """(40) adds steps by the sign of a slope that hears nothing of it: all of a shift is left."""
+    assert kept("hst_braking:search_printed")["search.best_h"] == pytest.approx(1, rel=1e-9)
+    assert kept("hst_braking:eppfc_gradient")["search.best_h"] < 0.2
 
 
 def test_a_target_that_no_train_follows_does_no_harm(tmp_path):
