@@ -68,15 +68,19 @@ def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
     """
     members = {f"next->{plan.layout.places[m.c]}": m.name for m in plan.layout.states}
     members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
-    lines, function, file, begun = source.splitlines(), "", "", 0
+    lines, function, file, begun, own = source.splitlines(), "", "", 0, ""
     files = {source.count("\n", 0, m.end()): m[1] for m in _FILE.finditer(source)}
     found: list[dict[str, Any]] = []
     given: dict[str, list[str]] = {}
+    of_part = re.compile(rf"struct {plan.name}_kept_(\w+) \*(?:state|next)\b")
     for k, line in enumerate(lines):
         file = files.get(k, file)
         if opened := _FUNCTION.match(line):
-            function = opened[1]
-        given.setdefault(function, []).extend(_RESULT.findall(line))
+            function, own = opened[1], ""
+        if struct := of_part.search(line):  # its states stand without their part
+            own = f"next->{struct[1]}."
+        here = [_whole(t, own) for t in _RESULT.findall(line)]
+        given.setdefault(function, []).extend(here)
         alone, behind = _ALONE.match(line), ORIGIN.match(line)
         if not (line.lstrip().startswith("/*") or (lines[begun:k] and not _ended(lines[k - 1]))):
             begun = k
@@ -85,19 +89,24 @@ def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
             continue
         at = k + 1 if alone else begun
         begins = _STARTS.match(lines[at].strip())
-        target = begins["target"] if begins else ""
+        target = _whole(begins["target"], own) if begins else ""
         found.append({
             "line": at + 1, "function": function,
             "source": told["source"].replace("line ", f"{file}:", 1),
             "equation": told["name"] or target, "compared": [],
         })  # fmt: skip
     for row in found:
-        here = dict.fromkeys(given.get(row["function"], []))
+        results = dict.fromkeys(given.get(row["function"], []))
         last = row["equation"].removesuffix(" next")
         kind = "next->" if row["equation"].endswith(" next") else "now->"
-        own = [t for t in here if t.startswith(kind) and members[t].rpartition(".")[2] == last]
-        row["compared"] = list(dict.fromkeys(members[t] for t in own or here))
+        same = [t for t in results if t.startswith(kind) and members[t].rpartition(".")[2] == last]
+        row["compared"] = list(dict.fromkeys(members[t] for t in same or results))
     return found
+
+
+def _whole(target: str, own: str) -> str:
+    """A next state with the struct of its part, in a function that has no other."""
+    return own + target.removeprefix("next->") if own and target.startswith("next->") else target
 
 
 def _ended(line: str) -> bool:

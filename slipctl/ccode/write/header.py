@@ -200,7 +200,7 @@ def _kept(plan: Plan) -> list[str]:
     """Structs of what a good tick keeps: one for each part, and the whole."""
     lines: list[str] = []
     whole: list[str] = []
-    for struct, own in plan.layout.kept.items():
+    for struct, own in plan.layout.kept:
         members = [
             line for m in own
             for line in (member_comment(m), f"    {m.declared(own_name(m) if struct else m.c)}")

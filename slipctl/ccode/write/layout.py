@@ -105,27 +105,31 @@ class Layout:
         return self.name.upper()
 
     @cached_property
-    def kept(self) -> dict[str, tuple[Member, ...]]:
-        """States by the struct of their part, as they lie in memory; those of "" are in none."""
+    def kept(self) -> tuple[tuple[str, tuple[Member, ...]], ...]:
+        """States by the struct of their part, as they lie in memory; those of "" are in none.
+
+        A part whose states do not lie together has no struct.
+        """
         groups = [
-            (c_name(path) if path else "", tuple(own))
+            (path, tuple(own))
             for path, own in groupby(self.states, lambda m: m.name.rpartition(".")[0])
         ]
-        names = [s for s, _ in groups]
-        taken = {m.c for s, own in groups for m in own if not s} | {"in_force"}
-        if len(set(names)) < len(names) or taken & {
-            *names,
-            *(m.c for m in self.states if "." in m.name),
-        }:
-            return {"": self.states}
-        return dict(groups)
+        names = [path and c_name(path) for path, _ in groups]
+        taken = {m.c for m in self.states}
+
+        def struct(path: str, own: tuple[Member, ...]) -> str:
+            name = path and c_name(path)
+            free = names.count(name) == 1 and name not in taken
+            return name if free and all(m.c != "in_force" for m in own) else ""
+
+        return tuple((struct(path, own), own) for path, own in groups)
 
     @cached_property
     def places(self) -> dict[str, str]:
         """Where a state lies in the struct of all that is kept, by its C name."""
         return {
             m.c: f"{struct}.{own_name(m)}" if struct else m.c
-            for struct, own in self.kept.items() for m in own
+            for struct, own in self.kept for m in own
         }  # fmt: skip
 
     def nested(self, text: str) -> str:

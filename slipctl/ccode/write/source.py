@@ -32,6 +32,7 @@ from slipctl.ccode.write.header import (
 )
 from slipctl.ccode.write.kernel import Kernel, definitions
 from slipctl.ccode.write.layout import Member, own_name
+from slipctl.ccode.write.nesting import nested
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision
 from slipctl.ccode.write.shapes import constant
@@ -78,7 +79,8 @@ def source(plan: Plan) -> str:
         text = text.replace(
             "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
         )
-    return broken(short(plan.layout.nested(in_precision(text, plan.real, plan.block.name))))
+    text = in_precision(text, plan.real, plan.block.name)
+    return broken(short(nested(plan.layout, text, plan.equations.functions)))
 
 
 # ---- equations ----------------------------------------------------------------------------------
