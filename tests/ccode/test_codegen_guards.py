@@ -564,6 +564,25 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
             monkey.undo()
 
 
+def test_start_values_stand_in_the_order_of_the_struct(tmp_path: Path) -> None:
+    """As C++ wants them, in which float is tried: those of expressions among those of numbers."""
+
+    @step(period=0.01, y=Output("1", "sum", lo=-1e6, hi=1e6))
+    def sums(
+        x=State("1", "2 * k", "sum", lo=-1e6, hi=1e6),
+        z=State("1", 1.0, "half", lo=-1e6, hi=1e6),
+        w=State("1", [1.0, 2.0, 3.0], "as they are", shape=(3,), lo=-9, hi=9),
+        u=Input("1", "step", lo=-1, hi=1),
+        k=Param("1", 0.3, "start", lo=0, hi=1),
+    ):
+        return dict(x=0.9 * x + u, z=z / 2 + u / (k + 1), w=w), dict(y=x + z + w[0])
+
+    block = connect("two", {"a.u": "u", "b.u": "a.y"}, a=sums, b=sums)
+    codegen.export(block, tmp_path / "two", check=True, real="float")
+    text = (tmp_path / "two/two.c").read_text()
+    assert ".x = 2.0f * param->a_k, .z = 1.0f, .w = {1.0f, 2.0f, 3.0f}" in " ".join(text.split())
+
+
 def test_roundings_of_trials_are_those_of_float(tmp_path: Path) -> None:
     """Directed runs bound a sum from both sides, whole numbers are exact, and runs repeat."""
 

@@ -234,11 +234,12 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[str]:
     made = [
         (m, plan.start_lines((m,), firsts[m.c], "state->") if m.signal.derived
          else _constant(m, "state->", m.signal.value))
-        for m in sorted(members, key=lambda m: m.signal.derived)
+        for m in members
     ]  # fmt: skip
     struct = plan.layout.places[members[0].c].rpartition(".")[0]
     zero = next((m for m in members if m.scalar), None)
     if not struct or zero is None or len(members) == 1:
+        made.sort(key=lambda row: row[0].signal.derived)
         return _distinct([line for _, lines in made for line in lines])
     before, given, behind = list[str](), list[str](), list[str]()
     for m, lines in made:
