@@ -155,17 +155,17 @@ def _default(plan: Plan) -> str:
     if not plan.layout.params:
         return define(prototypes(plan)["default"], ["param->unused = 0.0;"])
     given = [(m, m.signal.value) for m in plan.layout.params]
-    lines = [*_struct(f"{plan.name}_param", "defaults", given), "*param = defaults;"]
-    return define(prototypes(plan)["default"], lines)
+    declared = listed(f"static const {plan.name}_param defaults", _values(given))
+    return define(prototypes(plan)["default"], [*declared, "*param = defaults;"])
 
 
-def _struct(kind: str, name: str, values: Iterable[tuple[Member, Any]]) -> list[str]:
-    """Declaration of a constant struct; members that are left out are 0."""
+def _values(values: Iterable[tuple[Member, Any]]) -> list[str]:
+    """Members of a constant struct with their values; those that are left out are 0."""
     texts = []
     for m, value in values:
         given = ", ".join(number(float(v)) for v in constant(m.signal, value).ravel(order="F"))
         texts += f".{m.c} = {given if m.scalar else f'{{{given}}}'}".split(", ")
-    return listed(f"static const {kind} {name}", texts)
+    return texts
 
 
 def _constant(m: Member, pointer: str, value: Any) -> list[str]:
@@ -265,8 +265,7 @@ def _init(plan: Plan) -> str:
     computed = any(m.signal.derived for m in lay.states)
     ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
     untouched = [*[ages] * bool(plan.n_in), f".mark = {number(guard.MARK)}"]
-    lines = listed(f"static const struct {n}_guard untouched", ", ".join(untouched).split(", "))
-    lines.append(f"int status = {n}_tune(param, state);")
+    lines = [f"int status = {n}_tune(param, state);"]
     start = "start(&state->in_force, &state->kept, 0)"
     if lay.params or computed:  # without any, none is refused
         good = f"status == {big}_OK"
@@ -282,7 +281,7 @@ def _init(plan: Plan) -> str:
         ))  # fmt: skip
     elif lay.states:
         lines.append(f"{start};")
-    lines.append("state->guard = untouched;")
+    lines += listed(f"state->guard = (struct {n}_guard)", ", ".join(untouched).split(", "), "")
     lines += ["state->tick.done = 0.0;"] * plan.rates
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
@@ -300,7 +299,7 @@ def _start_outputs(plan: Plan) -> str:
     others = [m for m in plan.layout.outputs if flat[m.c].any()]
     first = plan.layout.outputs[0]
     given = [(m, plan.before(m)) for m in others or [first]]
-    lines = [*_struct(f"{plan.name}_out", "safe", given), "*out = safe;"]
+    lines = listed(f"*out = ({plan.name}_out)", _values(given), "")
     what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
     return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
 
