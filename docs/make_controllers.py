@@ -60,10 +60,10 @@ and five elsewhere.
 FORMS = """\
 ## Forms of predictive control, and the window
 
-The slip problem of [the study](predictive.md) in the forms of [predictive control](nmpc.md), four
-of its axles in one controller, and the window of 30 samples on the wheel of `hst_braking`.
-*Deadline* makes four passes in each tick. *Branching* has two scenarios, a shared stage and rates.
-Counted on both boards over a change of rail, beside Python
+The slip problem of [the study](predictive.md) in the forms of [predictive control](nmpc.md), and
+four of its axles in one controller. Then the window of 30 samples on the wheel of `hst_braking`,
+with the filters beside it. *Deadline* makes four passes in each tick. *Branching* has two
+scenarios, a shared stage and rates. Counted on both boards over a change of rail, beside Python
 ([evidence](evidence/predictive_c.json)); 160 stages in double do not fit on them. Bytes of text,
 stack and instructions of a step; the M4 computes double in software. What has no row was not
 counted in this evidence.
