@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from samples import FUNCTIONS, PEAKS, STAIRS
 
 from slipctl import BadInput
+from slipctl.certify import enclosure
 from slipctl.certify.enclosure import enclose, expanded, largest
 from slipctl.certify.jumps import largest_jump
 
@@ -96,3 +97,88 @@ def test_the_largest_jump_is_that_of_the_formula(f, wanted):
     """x in [-1, 1] and y in [-1, 1]: 1 + y - x at x = 0.25; and so on, by hand."""
     found = largest_jump(f, np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
     assert wanted <= found.bound <= wanted * 1.05 + 1e-9
+
+
+ONE = {
+    "sqrt": ca.sqrt, "log": ca.log, "log1p": ca.log1p, "exp": ca.exp, "expm1": ca.expm1,
+    "tanh": ca.tanh, "sinh": ca.sinh, "asinh": ca.asinh, "atan": ca.atan, "asin": ca.asin,
+    "acos": ca.acos, "sign": ca.sign, "floor": ca.floor, "ceil": ca.ceil, "cosh": ca.cosh,
+    "fabs": ca.fabs, "sin": ca.sin, "cos": ca.cos, "-x": lambda x: -x, "2x": lambda x: x + x,
+    "1/x": lambda x: 1 / x, "x^2": lambda x: x * x, "x^4": lambda x: x**4, "not": ca.logic_not,
+    "sin 4x": lambda x: ca.sin(4 * x), "cos 4x": lambda x: ca.cos(4 * x),
+}  # fmt: skip
+TWO = {
+    "+": lambda x, y: x + y, "-": lambda x, y: x - y, "*": lambda x, y: x * y,
+    "/": lambda x, y: x / y, "min": ca.fmin, "max": ca.fmax, "<": lambda x, y: x < y,
+    "<=": lambda x, y: x <= y, "==": lambda x, y: x == y, "!=": lambda x, y: x != y,
+    "and": ca.logic_and, "or": ca.logic_or, "if": lambda x, y: ca.if_else(x, y, 0),
+}  # fmt: skip
+STEPS = 64
+"""Points on each unit of a box: a turn of sin 4x is missed by less than 1e-3."""
+
+
+POWERS = (-3, -2, -1, -0.5, 0.5, 1.5, 2, 3, 7)
+"""Whole ones reach the rule of a power only where CasADi does not write them as products."""
+
+
+def boxes(ends):
+    """Every interval between two of some numbers, points too."""
+    return [(a, b) for a in ends for b in ends if a <= b]
+
+
+def told(f, lo, hi):
+    """Ends of an enclosure over boxes, one column each."""
+    low, high = enclose(f, np.array(lo, dtype=float).T, np.array(hi, dtype=float).T)
+    return low[0], high[0]
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_an_operation_is_enclosed_as_closely_as_it_can_be(name):
+    """Of an interval between quarters: the values of its points; no more where all are finite."""
+    x = ca.SX.sym("x", 1)
+    f = ca.Function("f", [x], [ONE[name](x)])
+    every = boxes(np.arange(-9, 10) / 4)
+    for (a, b), low, high in zip(every, *told(f, *np.array(every)[:, :, None].swapaxes(0, 1)),
+                                 strict=True):  # fmt: skip
+        points = np.linspace(a, b, int((b - a) * STEPS) + 1)
+        values = np.array(f(points[None]).full())[0]
+        finite = values[np.isfinite(values)]
+        assert not len(finite) or (low <= finite.min() and finite.max() <= high), (a, b)
+        if np.isnan(values).any():
+            assert (low, high) == (-math.inf, math.inf), (a, b)
+        elif len(finite) == len(values):
+            assert low == pytest.approx(finite.min(), abs=1e-3, rel=1e-12), (a, b)
+            assert high == pytest.approx(finite.max(), abs=1e-3, rel=1e-12), (a, b)
+
+
+@pytest.mark.parametrize("name", TWO)
+def test_an_operation_of_two_is_enclosed_as_closely_as_it_can_be(name):
+    """Of all pairs of intervals between five numbers; what is no number is passed over."""
+    x = ca.SX.sym("x", 2)
+    f = ca.Function("f", [x], [TWO[name](x[0], x[1])])
+    own = boxes((-1.0, -0.5, 0.0, 0.25, 1.0))
+    every = [(s, t) for s in own for t in own]
+    low, high = told(f, *np.array(every).transpose(2, 0, 1))
+    for k, (s, t) in enumerate(every):
+        first, second = (np.linspace(a, b, int((b - a) * 4) + 1) for a, b in (s, t))
+        pairs = np.array([v.ravel() for v in np.meshgrid(first, second)])
+        values = np.array(f(pairs).full())[0]
+        finite = values[np.isfinite(values)]
+        assert not len(finite) or (low[k] <= finite.min() and finite.max() <= high[k]), (s, t)
+        if len(finite) == len(values):
+            assert (low[k], high[k]) == pytest.approx((finite.min(), finite.max()), abs=1e-12)
+
+
+@pytest.mark.parametrize("n", POWERS)
+def test_a_power_is_enclosed_as_closely_as_it_can_be(n):
+    """Its rule alone: infinite where a box has a point without a power, else what it has."""
+    a, b = np.array(boxes(np.arange(-8, 9) / 4)).T
+    low, high = enclosure._RULES[ca.OP_CONSTPOW]((a, b), (np.full_like(a, n), np.full_like(a, n)))
+    for k in range(len(a)):
+        points = np.linspace(a[k], b[k], int((b[k] - a[k]) * STEPS) + 1)
+        with np.errstate(all="ignore"):
+            values = points**n
+        if np.isfinite(values).all():
+            assert (low[k], high[k]) == pytest.approx((values.min(), values.max()), abs=1e-3)
+        else:
+            assert (low[k], high[k]) == (-math.inf, math.inf)
