@@ -15,6 +15,7 @@ COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
     ast.NotEq: ast.Eq, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
 }  # fmt: skip
+CHANGED = (ast.BinOp, ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.Call)
 WORDS = {"print", "warning", "info", "debug", "warn", "step"}
 """Calls whose arguments a person reads: another word there is no other behaviour."""
 
@@ -47,6 +48,8 @@ class Site:
 
 def changed(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
     """Kinds of change of a node, each with the new expression."""
+    if not isinstance(node, CHANGED):
+        return
     new = copy.deepcopy(node)
     if isinstance(new, ast.BinOp) and type(new.op) in OPERATORS:
         if not any(isinstance(k, ast.Constant | ast.JoinedStr) and not is_number(k)
@@ -87,17 +90,17 @@ class Walk(ast.NodeVisitor):
 
     def __init__(self, file: str, text: str) -> None:
         self.file, self.function, self.found = file, ["<module>"], list[Site]()
-        self.text, self.starts = text, [0]
-        for line in text.encode().splitlines(keepends=True):
+        self.raw, self.starts = text.encode(), [0]
+        for line in self.raw.splitlines(keepends=True):
             self.starts.append(self.starts[-1] + len(line))
         self.visit(ast.parse(text))
 
     def put(self, kind: str, node: ast.expr, after: str) -> None:
         assert node.end_lineno is not None
         assert node.end_col_offset is not None
-        before = ast.get_source_segment(self.text, node) or ""
         start = self.starts[node.lineno - 1] + node.col_offset
         stop = self.starts[node.end_lineno - 1] + node.end_col_offset
+        before = self.raw[start:stop].decode()
         where = ".".join(self.function[1:]) or self.function[0]
         self.found.append(Site(self.file, node.lineno, where, kind, before, after, start, stop))
 
