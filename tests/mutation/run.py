@@ -145,8 +145,8 @@ def asked(site: Site, tests: dict[str, Any], longest: float) -> list[str]:
         chosen = sorted((t for t in tests if near[t] < 2),
                         key=lambda t: (near[t], tests[t]["seconds"]))  # fmt: skip
     spent, inside_time = 0.0, []
-    declared = [t for t in tests if "/test_declared_" in t and t not in chosen]
-    for test in [*declared, *chosen]:
+    declared = [t for t in tests if "/test_declared_" in t]
+    for test in dict.fromkeys([*declared, *chosen]):
         spent += tests[test]["seconds"]
         if spent > longest and inside_time:
             break
