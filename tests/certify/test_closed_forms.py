@@ -1,0 +1,40 @@
+"""Closed forms that nothing else asks for, against plain runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slipctl.certify import adhesion_observer, reaching_law, saturated_motion
+
+
+@pytest.mark.parametrize(("g1", "g2", "T"), [(0.0, 2.0, 0.1), (3.0, 2.0, 0.05), (10.0, 0.5, 0.1)])
+def test_the_torque_swings_as_on_the_orbit(g1, g2, T):
+    """s+ = s - T (g1 s + g2 sgn s) settles on +-s; the torque is (J/r) (g1 s + g2 sgn s)."""
+    J, r, s = 60.0, 0.45, 0.01
+    torques = []
+    for _ in range(400):
+        u = g1 * s + g2 * np.sign(s)
+        torques.append(J / r * u)
+        s -= T * u
+    swing = max(torques[-10:]) - min(torques[-10:])
+    assert reaching_law.torque_swing(g1, g2, T, J, r) == pytest.approx(swing, rel=1e-9)
+
+
+@pytest.mark.parametrize(("L", "T"), [(2.0, 0.01), (30.0, 0.002), (1.0, 1.0)])
+def test_the_mean_over_a_tick_lags_a_ramp_by_half_a_tick(L, T):
+    f = L * np.linspace(0, T, 1001)
+    assert adhesion_observer.implicit_error(L, T) == pytest.approx(f[-1] - f.mean(), rel=1e-9)
+
+
+@pytest.mark.parametrize("left", [(3.0, 1.0), (2.0, 0.5)])
+@pytest.mark.parametrize("right", [(2.0, 0.5), (1.0, 1.0)])
+def test_the_largest_start_lies_between_one_that_dies_out_and_one_that_does_not(left, right):
+    """Its edge to 2^-30 of itself; a strong damping lets every start die out."""
+    law = saturated_motion.Saturated(0.5, 0.7, left, right)
+    edge = saturated_motion.largest_start(law)
+    if np.isfinite(edge):
+        assert saturated_motion.dies_out(law, edge * (1 - 1e-9))
+        assert not saturated_motion.dies_out(law, edge * (1 + 1e-6))
+    else:
+        assert all(saturated_motion.dies_out(law, s) for s in (1e-3, 1.0, 1e3, 1e6))
