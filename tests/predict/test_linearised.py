@@ -40,6 +40,24 @@ def test_grouped_functions_give_the_same_numbers():
                 np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("fixed", [(0,), (2,), (0, 2), (1, 2)])
+def test_a_function_that_calls_another_keeps_its_numbers(fixed):
+    """It is not taken apart: what is the same is handed over in one column."""
+    s = ca.SX.sym("s", 2)
+    inner = ca.Function(
+        "inner", [s], [ca.vertcat(s[0] * s[1], ca.sin(s[0]))], {"never_inline": True}
+    )
+    a, x, b = ca.MX.sym("a", 2), ca.MX.sym("x", 2), ca.MX.sym("b")
+    f = ca.Function("f", [a, x, b], [inner(x) * a + b, ca.dot(a, x)])
+    once, g = grouped(f, fixed)
+    for _ in range(5):
+        given = [RNG.uniform(-1.5, 1.5, n) for n in (2, 2, 1)]
+        free = [v for i, v in enumerate(given) if i not in fixed]
+        column = once(*(given[i] for i in fixed))
+        for wanted, found in zip(f(*given), g(*free, column), strict=True):
+            assert np.array(found) == pytest.approx(np.array(wanted), rel=1e-14)
+
+
 def test_a_quotient_by_nothing_is_infinite():
     """x/0 stays a division, as f has it; the gathered factor 1/0 is not made."""
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
