@@ -88,6 +88,8 @@ GIVEN: dict[str, Callable[[], Any]] = {
        lambda f=f: freight_resistance.swarm_settings(f) for f in ("consistent", "printed-21")},
     "contact.patch": lambda: [[*contact.patch(65e3, 0.46).values()],
                               [*contact.patch(65e3, 0.6, nu=0.2).values()]],
+    "contact.patch_of_curve": lambda: [
+        [*contact.patch_of_curve(65e3, 80e9, 0.46, 0.3, nu).values()] for nu in (0.25, 0.28)],
     "contact.peak": lambda: [contact.peak(v, s) for v in (2.0, 30.0) for s in ("dry", "wet")],
     "contact.slope": lambda: [contact.slope("dry"), contact.slope("wet")],
     "contact.curtius_kniffler": lambda: [contact.curtius_kniffler(v) for v in (0.0, 40.0)],
