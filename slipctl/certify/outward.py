@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
@@ -172,6 +172,7 @@ def log_ratio(k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction, digits: 
     return Interval.of(b / a, digits).ln() / 2 - out - back
 
 
+@lru_cache(maxsize=64)  # a report, its file and the check of that ask for the same gains
 def enclosure(
     k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction = Fraction(0)
 ) -> tuple[Decimal, Decimal] | None:
