@@ -47,7 +47,11 @@ def declared(module: ModuleType) -> Iterator[tuple[str, str]]:
 def of_class(name: str, kind: type) -> Iterator[tuple[str, str]]:
     if is_dataclass(kind):
         how = kind.__dataclass_params__  # type: ignore[attr-defined]
-        given = [f"{f.name}{' by name' * f.kw_only} = {short(f.default)}" for f in fields(kind)]
+        more = [{k: v for k, v in f.metadata.items() if k != "doc"} for f in fields(kind)]
+        given = [
+            f"{f.name}{' by name' * f.kw_only} = {short(f.default)}{f' {short(m)}' if m else ''}"
+            for f, m in zip(fields(kind), more, strict=True)
+        ]
         yield name, f"frozen {how.frozen}, eq {how.eq}: {', '.join(given)}"
     elif hasattr(kind, "_field_defaults"):
         yield name, short(kind._field_defaults)
