@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
-from slipctl.certify import adhesion_observer, reaching_law, saturated_motion
+from slipctl.certify import adhesion_observer, reaching_law, saturated_motion, twisting_kind
 
 
 @pytest.mark.parametrize(("g1", "g2", "T"), [(0.0, 2.0, 0.1), (3.0, 2.0, 0.05), (10.0, 0.5, 0.1)])
@@ -38,3 +40,14 @@ def test_the_largest_start_lies_between_one_that_dies_out_and_one_that_does_not(
         assert not saturated_motion.dies_out(law, edge * (1 + 1e-6))
     else:
         assert all(saturated_motion.dies_out(law, s) for s in (1e-3, 1.0, 1e3, 1e6))
+
+
+@pytest.mark.parametrize("scale", [10**-6, 1, 10**6, 10**10])
+def test_the_weight_of_a_bound_follows_the_unit_of_time(scale):
+    """alpha s^2, beta s and eta s^2 are the same law in another unit: theta is over s, never 0."""
+    of = {"alpha": Fraction(9, 2), "beta": Fraction(1), "eta": Fraction(1, 2)}
+    power = {"alpha": 2, "beta": 1, "eta": 2}
+    own = twisting_kind._weight(of)["theta"]
+    other = twisting_kind._weight({k: v * Fraction(scale) ** power[k] for k, v in of.items()})
+    near = 1e-9 * scale if scale < 1e8 else 0  # a short fraction, but where that would be 0
+    assert float(other["theta"]) * scale == pytest.approx(float(own), rel=1e-6, abs=near)
