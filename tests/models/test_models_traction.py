@@ -8,7 +8,7 @@ from hypothesis import settings
 from slipctl import BadInput, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
 from slipctl.models import hst_traction as hst
 from slipctl.models.contact import SURFACES, polach
-from slipctl.models.rolling import Axles, rolling
+from slipctl.models.rolling import Axles, _axle, rolling
 
 
 @law(F=Output("N", "force", positive="traction"))
@@ -294,3 +294,15 @@ def test_target_that_motors_and_brakes_cannot_follow_is_refused():
         hst.check_target(t, v, [0.0, -1.0, 0.0, 0.0], "hard")
     with pytest.raises(BadInput, match="must not be negative"):
         hst.check_target(t, v - 1, t, "back")
+
+
+def test_an_axle_settles_as_newton_does():
+    """Its creep after 24 updates: to rounding; 24 halvings of an interval leave 6e-8 of it."""
+    axle = _axle(polach, list(polach.params))[24]
+    values = [float(v) for v in polach.param_values().values()]
+    rng, N, left = np.random.default_rng(1), 6e4, []
+    for _ in range(200):
+        v, k = rng.uniform(2, 40), rng.uniform(1e3, 6e5)
+        start, free = rng.uniform(-0.5, 0.5), v + rng.uniform(-0.5, 0.5)
+        left.append(float(axle(start, v, v, free, k, N, 0.0, *values)[2]))
+    assert max(left) < 1e-14 * N
