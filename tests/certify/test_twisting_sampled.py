@@ -1,6 +1,7 @@
 """Explicit super-twisting as sampled: bounds hold against runs, runs come near the bounds."""
 
 import math
+from dataclasses import astuple
 from fractions import Fraction
 
 import numpy as np
@@ -218,3 +219,12 @@ def test_the_proper_implicit_form_slides_within_L_T2():
         payload = proofs.write(system, {**asked, "band": F(band)})
         assert payload["verdict"] == verdict
         proofs.check(system, payload)
+
+
+def test_a_search_by_cells_is_for_a_plain_law_alone():
+    """With an error it would follow another law; without k2 > L nothing bounds its cells."""
+    plain = gains(3, 1.5)
+    assert twisting_sampled._by_cells(plain, F(2), 30)
+    for other in (gains(3, 1), gains(3, "0.5"), Law(*astuple(plain)[:3], N=F(1, 10)),
+                  Law(*astuple(plain)[:3], M=F(1, 10))):  # fmt: skip
+        assert twisting_sampled._by_cells(other, F(2), 30) is None
