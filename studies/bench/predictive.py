@@ -3,9 +3,9 @@
 ``python -m slipctl.studies.bench.predictive --out predictive_c.json`` writes the C of the reference
 problem of :mod:`slipctl.studies.bench.peers.slip_nmpc`, of longer horizons, of its other forms, and
 of four axles side by side. That of a window of 30 samples and of the filters beside it is written,
-too. Each is compiled with gcc at -O2. CPU time of a tick is taken on the host, the programs in turn, so that ratios are
-of one run. The same C of a Cortex-M4 and a Cortex-M7 is counted in instructions on emulated boards,
-beside Python.
+too. Each is compiled with gcc at -O2. CPU time of a tick is taken on the host, the programs in
+turn, so that ratios are of one run. The same C of a Cortex-M4 and a Cortex-M7 is counted in
+instructions on emulated boards, beside Python.
 ``--against COMMIT`` is an earlier version of slipctl, whose C of the reference problem runs in turn
 with today's.
 """
