@@ -133,10 +133,11 @@ def families() -> Iterator[tuple[list[Any], Iterator[tuple[Any, Any]]]]:
 
 
 @lru_cache
-def held(modules: int) -> dict[int, Any]:
-    """Places of objects that modules hold, while so many are imported."""
+def held(imported: int) -> dict[int, Any]:
+    """Places of objects that modules hold, while so many are imported; studies hold them last."""
+    modules = sorted(sys.modules.items(), key=lambda m: not m[0].startswith("slipctl.studies"))
     found: dict[int, Any] = {
-        id(v): {"g": f"{name}:{k}"} for name, module in list(sys.modules.items())
+        id(v): {"g": f"{name}:{k}"} for name, module in modules
         if name.startswith("slipctl.") or name in SAMPLES for k, v in vars(module).items()
         if type(v).__module__.startswith(OWN) and not isinstance(v, tuple)
     }  # fmt: skip
