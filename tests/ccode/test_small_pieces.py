@@ -12,7 +12,7 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import comparison, faults, rounding
+from slipctl.ccode.check import comparison, endurance, faults, rounding
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.ship import fmu, readable
@@ -123,3 +123,20 @@ def test_inputs_that_are_left_out_have_their_value_in_every_tick() -> None:
         input_rows(two, Plan(two).layout.inputs, {"a": [1.0, 2.0, 4.0], "b": [0.0, 1.0]})
     with pytest.raises(BadInput, match="two needs the input a"):
         input_rows(two, Plan(two).layout.inputs, {"b": 1.0})
+
+
+def test_a_signal_drifts_where_its_second_half_is_larger_than_parts_two_to_five():
+    """Ten parts of a run; by a share of 0.3, on either side, whatever the first part does."""
+
+    def of(*sizes, side=1):
+        ends = [side * np.array(sizes, dtype=float), 0 * np.array(sizes, dtype=float)]
+        return {"low": list(np.minimum(*ends)), "high": list(np.maximum(*ends))}
+
+    signals = {
+        "settles": of(9, 2, 1, 1, 1, 1, 1, 1, 1, 1), "grows": of(0, 1, 1, 1, 1, 1, 1, 1, 1, 1.31),
+        "just not": of(0, 1, 1, 1, 1, 1, 1.29, 1, 1, 1),
+        "lost": of(1, 1, 1, 1, 1, 1, np.nan, 1, 1, 1),
+        "below": of(5, 1, 1, 1, 1, 1.4, 1, 1, 1, 1, side=-1),
+    }  # fmt: skip
+    assert endurance.drifting({"signals": signals}) == ["grows", "lost", "below"]
+    assert endurance.drifting({"signals": signals}, share=0.5) == ["lost"]
