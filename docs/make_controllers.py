@@ -114,7 +114,7 @@ def page() -> str:
         HEAD, f"Measured {evidence['date']}. {summary}", HOLDS,
         table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
         table(costs, (_costs(n, r) for n, r in rows.items())),
-        FORMS, f"Measured {forms['date']}.", table(
+        FORMS, f"Measured {forms['date']}. {forms.get('note', '')}".strip(), table(
             ["form", "real", "holds", "M4 text", "M4 stack", "M4 mean", "M4 most", "M7 text",
              "M7 mean", "M7 most"],
             (_form(n, r) for n, r in found.items() if isinstance(r, dict) and "passed" in r),
