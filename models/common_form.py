@@ -151,10 +151,7 @@ def keeping(
     return J / r * D
 
 
-@law(
-    T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"),
-    T_top=Output("N m", "most that may be applied", positive="braking", lo=0, hi="T_max"),
-)
+@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"))
 def limits(
     T_wanted=Input(
         "N m",
@@ -176,8 +173,7 @@ def limits(
     lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
 ):
     """Command behind a lag: shortened by ``lead`` as in freight_traction, then limited."""
-    T_cmd = fmin(T_max, fmax(0, T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)))
-    return dict(T_cmd=T_cmd, T_top=T_max)
+    return fmin(T_max, fmax(0, T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)))
 
 
 # ---- the laws ------------------------------------------------------------------------------------

@@ -393,8 +393,6 @@ def loop(
         "limits.T": "world.T",
         "world.T_cmd": "limits.T_cmd",
     } | {f"law.{n}": f"world.{n}" for n in control_law.inputs if n in world.outputs}
-    wires |= {f"law.{n}": "limits.T_top" for n in control_law.inputs
-              if n.rpartition(".")[2] == "T_top"}  # fmt: skip
     return connect(
         "loop", wires, share=share, world=world, law=control_law, limits=limits,
     )  # fmt: skip

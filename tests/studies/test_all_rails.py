@@ -40,17 +40,6 @@ def test_the_common_form_is_the_plant_of_each_paper(vehicle):
     assert s_rate == pytest.approx(w.r / w.J * torque - D, rel=1e-9)
 
 
-def test_the_integral_stands_still_at_the_torque_of_its_own_wheel():
-    """sta on the freight train holds 50 kN m of 75.5; at 20 kN m its integral stood still."""
-    loop = loops.loops("freight", names=("sta",))["sta"]
-    log = simulate(loop, loops.scenario("freight", "table_1").but(duration=1.0))
-    wanted = log["law.T_wanted"].values[:-1]
-    moves = np.diff(log["law.law.u_sw"].values) != 0
-    inside = (wanted > 0) & (wanted < loops.FREIGHT.T_max)
-    assert (inside & (wanted > 20e3)).mean() > 0.8
-    np.testing.assert_array_equal(moves, inside)
-
-
 def test_a_law_of_ratios_wants_the_torque_of_the_common_form():
     """efc on the subway wheel: T = (J/r)(D + v nu + s v'/v), the slip a ratio, forces turned."""
     w = loops.SUBWAY
