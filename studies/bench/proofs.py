@@ -28,16 +28,9 @@ def proven(name: str, real: str, finite: bool) -> dict[str, Any]:
     plan = Plan(loop[declared.controller], "ctl", loop.period, real)
     said = proof.proved(plan, codegen.texts(plan), finite=finite)
     kept = (
-        "tool",
-        "seconds",
-        "ended",
-        "of_guards",
-        "alarms",
-        "ranges",
-        "functions",
-        "non_finite",
+        "tool", "seconds", "ended", "of_guards", "alarms", "ranges", "functions", "non_finite",
         "passed",
-    )
+    )  # fmt: skip
     return {k: said[k] for k in kept} | {"said": proof.summary(said)}
 
 

@@ -6,19 +6,13 @@ from typing import Any
 
 import casadi as ca
 import pytest
+from test_proof import needs_tool
 
-from slipctl import BadInput, Input, Output, State
+from slipctl import Input, Output, State
 from slipctl.block.block import make_block
 from slipctl.ccode import codegen
 from slipctl.ccode.check import kernel_proof, proof
 from slipctl.ccode.write.plan import Plan
-
-try:
-    proof.tool()
-    HAS_TOOL = True
-except BadInput:
-    HAS_TOOL = False
-needs_tool = pytest.mark.skipif(not HAS_TOOL, reason="no frama-c here")
 
 _s, _q = ca.SX.sym("s", 2), ca.SX.sym("q")
 _once = ca.Function("once", [_s, _q], [ca.vertcat(_s[0] + ca.sin(_s[1]) * _q, 0.9 * _s[1])])
