@@ -36,7 +36,7 @@ from slipctl.ccode.ship.readable import readable
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
-from slipctl.ccode.write.source import source
+from slipctl.ccode.write.source import sources
 from slipctl.errors import BadInput, check_positive
 from slipctl.run.numbers import check_guards
 
@@ -272,7 +272,7 @@ def _produce(
         trials = _trials(plan, made, rows, used_params, hurry=not (replay or found))
     first, tried = expected.kept(run, trials, KEPT)
     first = expected.with_limits(plan, first, used_params, tried)
-    content = folders.digest(made[f"{plan.name}.h"] + made[f"{plan.name}.c"])[:16]
+    content = folders.digest("".join(made[f] for f in plan.files))[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
     ticks = len(rows) if replay else len(first.rows)
@@ -311,7 +311,7 @@ def _trials(
     In double they are for the boards alone, which replay no more than the first ticks.
     """
     if plan.real == "double":
-        if not rounding.inexact(made[f"{plan.name}.c"]):
+        if not rounding.inexact("".join(made[f] for f in plan.files[1:])):
             return None
         rows = rows[:KEPT]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
@@ -341,10 +341,10 @@ def texts(
         BadInput: an integer of ``scaled`` that does not fit, or what names no section.
     """
     n = plan.name
-    equations, more = source(plan), bus.asked(plan, scaled)
+    module, more = sources(plan), bus.asked(plan, scaled)
     if const_section is not None:
         sections.check("--const-section", const_section)
-        equations = sections.in_section(equations, const_section)
+        module = {f: sections.in_section(text, const_section) for f, text in module.items()}
     if calibration_section is not None:
         sections.check("--calibration-section", calibration_section)
         more |= sections.calibration(plan, calibration_section)
@@ -355,7 +355,7 @@ def texts(
     others = [name[:-2] for name in more if name.endswith(".c") and f"{name[:-2]}.h" in more]
     return {
         f"{n}.h": header(plan),
-        f"{n}.c": equations,
+        **module,
         **more,
         f"{n}.a2l": a2l.a2l(plan),
         "example.c": files.example(plan),
@@ -390,8 +390,8 @@ def _facts(
         "content": content,
         "memory_bytes": plan.memory_bytes,
         "work": work | {"in_state": plan.work_in_state},
-        "reading": reading(plan, made[f"{plan.name}.c"]),
-        "equations": equations(plan, made[f"{plan.name}.c"]),
+        "reading": reading(plan, {f: made[f] for f in plan.files[1:]}),
+        "equations": equations(plan, {f: made[f] for f in plan.files[1:]}),
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {
             n: {"value": np.asarray(v).tolist(), "unit": b.params[n].unit}

@@ -137,13 +137,15 @@ def test_a_module_of_plain_numbers_has_no_bus():
 def test_tables_lie_in_their_section(tmp_path):
     """Tables move, and nothing else does."""
     plan = Plan(BLOCKS["tables"], "t")
-    plain, placed = (codegen.texts(plan, (), s)["t.c"] for s in (None, ".flash_tables"))
+    plain, placed = (
+        {f: codegen.texts(plan, (), s)[f] for f in plan.files} for s in (None, ".flash_tables")
+    )
     mark = ' __attribute__((section(".flash_tables")))'
-    assert placed.count(mark) == len(re.findall(r"static const .*\] =", plain)) > 0
-    assert placed.replace(mark, "") == plain
-    header = codegen.texts(plan)["t.h"]
-    (tmp_path / "t.h").write_text(header)
-    (tmp_path / "t.c").write_text(placed)
+    tables = re.findall(r"static const .*\] =", "".join(plain.values()))
+    assert "".join(placed.values()).count(mark) == len(tables) > 0
+    assert {f: text.replace(mark, "") for f, text in placed.items()} == plain
+    for file, text in placed.items():
+        (tmp_path / file).write_text(text)
     subprocess.run([CC, *WARNINGS.split(), "-Werror", "-c", "t.c"], cwd=tmp_path, check=True)
     if shutil.which("objdump"):
         said = subprocess.run(["objdump", "-h", "t.o"], cwd=tmp_path, capture_output=True,

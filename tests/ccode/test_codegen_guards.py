@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from module_text import changed, of_folder
 
 from slipctl import (
     BadInput,
@@ -353,7 +354,7 @@ def test_smaller_and_greater_are_those_of_casadi_to_the_sign_of_zero(tmp_path: P
         return dict(y=y, sign=ca.copysign(1.0, y))
 
     module = codegen.c_module(choices, tmp_path).compile().load()
-    text = (tmp_path / "choices.c").read_text()
+    text = of_folder(tmp_path, "choices")
     assert {"below", "above", "at_most", "greater"} <= set(
         re.findall(r"static double (\w+)\(", text)
     )
@@ -520,7 +521,7 @@ def test_every_call_of_mathematics_has_a_float_form(tmp_path: Path) -> None:
         assert not MATH & set(c["symbols"]["needed"])
         assert {"expf", "logf", "sinf", "powf"} <= set(c["symbols"]["needed"])
         assert c["stack"]["worst"] >= 0
-    source = (tmp_path / "calls.c").read_text()
+    source = of_folder(tmp_path, "calls")
     assert "double" not in re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL)
     assert report["memory_bytes"]["in"] == 8
 
@@ -540,16 +541,12 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
         allowed = expected.AMPLIFIED * 2 * place + 2 * precision.epsilon("float") * 20e3
         assert report["signals"]["T_b"]["limit"] < allowed < 0.6
         # a module that is wrong by a millionth of the torque in one part is found out
-        source = (tmp_path / "ctl.c").read_text()
         honest = codegen.texts
 
         def wrong(plan: Any, *more: Any) -> dict[str, str]:
             made = honest(plan, *more)
-            return made | {
-                "ctl.c": made["ctl.c"].replace("param->law_k1 *", "1.0001f * param->law_k1 *")
-            }
+            return changed(made, "ctl", "param->law_k1 *", "1.0001f * param->law_k1 *")
 
-        assert "param->law_k1 *" in source
         monkey = pytest.MonkeyPatch()
         monkey.setattr(codegen, "texts", wrong)
         try:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from module_text import of_folder, of_plan
 
 from slipctl import BadInput, Block, Input, Output, law
 from slipctl.ccode import codegen
@@ -52,7 +53,7 @@ def test_the_bits_of_the_sum(tmp_path: Path) -> None:
         block = table(xs, ys)
         folder = tmp_path / str(seed)
         module = codegen.c_module(block, folder).compile().load()
-        source = (folder / "pieced.c").read_text()
+        source = of_folder(folder, "pieced")
         assert "reached(t" in source
         assert "[11][4]" in source  # height and slope of two results; z takes the first of them
         beside = [np.nextafter(x, side) for x in xs for side in (-np.inf, np.inf)]
@@ -87,12 +88,12 @@ def _nodes(f: ca.Function) -> list:
 def test_other_sums_stay_sums() -> None:
     """Few ramps, ramps that overlap, another order, another x: written as they are."""
     xs, ys = random_table(1, 6)
-    assert "reached" not in codegen.texts(Plan(table(xs, ys)))["pieced.c"]
+    assert "reached" not in of_plan(Plan(table(xs, ys)))
     for apart, order in ((0.5, range(10)), (1.0, reversed(range(10)))):
-        text = codegen.texts(Plan(long_ramps(apart, list(order))))["long_ramps.c"]
+        text = of_plan(Plan(long_ramps(apart, list(order))))
         assert "reached" not in text
         assert len(re.findall(r"below\(|at_most\(", text)) > 10
-    assert "reached" in codegen.texts(Plan(long_ramps(1.0, list(range(10)))))["long_ramps.c"]
+    assert "reached" in of_plan(Plan(long_ramps(1.0, list(range(10)))))
 
 
 def long_ramps(apart: float, order: list[int]) -> Block:

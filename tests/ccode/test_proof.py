@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from module_text import changed, of_plan
 
 from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
@@ -46,7 +47,7 @@ def test_the_harness_gives_any_inputs_and_claims_each_range() -> None:
 
 
 def test_comparisons_are_written_out_in_what_is_analysed() -> None:
-    text = codegen.texts(Plan(sums))["sums.c"]
+    text = of_plan(Plan(sums))
     analysed = proof.written_out(text)
     for own in ("x == x", "value == value", "*x == *x"):
         assert (text.count(own), analysed.count(own)) == (0, 1)
@@ -93,8 +94,7 @@ def test_ranges_that_only_the_guards_keep_are_proven() -> None:
 def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
     plan = Plan(sums)
     made = codegen.texts(plan)
-    assert old in made["sums.c"]
-    spoilt = made | {"sums.c": made["sums.c"].replace(old, new)}
+    spoilt = changed(made, "sums", old, new)
     said = proof.proved(plan, spoilt, finite=False)
     assert not said["passed"]
     assert finding in [*said["ranges"]["open"], *(a["kind"] for a in said["alarms"])], said

@@ -171,9 +171,9 @@ def test_what_no_call_of_a_text_asks_for_counts_as_unreachable() -> None:
          "function_name": "casadi_mtimes" if k == 5 else "f"}
         for k in (2, 3, 4, 5, 7)
     ]  # fmt: skip
-    found = coverage._counted({"lines": lines, "functions": []}, text)
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c")
     assert found["branches"] == {"all": 10, "reached": 5}
     assert found[coverage.REACHABLE] == {"all": 6, "reached": 4}
     text[3] = "if (w1 < w3) return 1;"  # one that fails: then all that call it may
-    found = coverage._counted({"lines": lines, "functions": []}, text)
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c")
     assert found[coverage.REACHABLE] == {"all": 7, "reached": 4}

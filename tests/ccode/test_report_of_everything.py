@@ -48,8 +48,10 @@ COVERED = {
     "by": "gcov", "statements": {"all": 400, "reached": 301}, "untouched": ["idle", "lazy"],
     "branches": {"all": 200, "reached": 153}, coverage.REACHABLE: {"all": 160, "reached": 151},
     "missing": [
-        {"line": 3001, "function": "one", "text": "if (a | b)", "reached": True, "branches": 3002},
-        {"line": 3003, "function": "two", "text": "x = 1;", "reached": False, "branches": 0},
+        {"file": "one.c", "line": 3001, "function": "one", "text": "if (a | b)", "reached": True,
+         "branches": 3002},
+        {"file": "two.h", "line": 3003, "function": "two", "text": "x = 1;", "reached": False,
+         "branches": 0},
     ],
 }  # fmt: skip
 ANALYSIS = {
@@ -62,7 +64,8 @@ ANALYSIS = {
 PROOF = {
     "tool": "Frama-C 81.5", "options": "-eva -more", "assumptions": ["first thing", "second thing"],
     "seconds": 5001, "limit_seconds": 5002, "ended": True, "passed": True, "non_finite": 5003,
-    "alarms": [{"line": 5004, "function": "equations", "kind": "index", "condition": "k < 5"}],
+    "alarms": [{"file": "adds.c", "line": 5004, "function": "equations", "kind": "index",
+                "condition": "k < 5"}],
     "ranges": {"proven": 5005, "of": 5006, "open": ["out.y"]}, "of_guards": False,
 }  # fmt: skip
 
@@ -121,8 +124,8 @@ def test_every_number_stands_in_its_table(data: dict[str, Any]) -> None:
     ]
     assert "passed. 6003 had an input off range, 6004 an output at its limit, 6005 a" in text
     assert rows(text, "Reached by the test") == [
-        ["3001", "`one`", r"`if (a \| b)`", "", "3002"],
-        ["3003", "`two`", "`x = 1;`", "never", "0"],
+        ["`one.c`", "3001", "`one`", r"`if (a \| b)`", "", "3002"],
+        ["`two.h`", "3003", "`two`", "`x = 1;`", "never", "0"],
     ]  # fmt: skip
     assert rows(text, "On the target") == [
         ["cortex-a", "2001", "2002", "2003", "2011", "2013", "2021.0", "2022", "2", "2.7e-09",
@@ -135,7 +138,7 @@ def test_every_number_stands_in_its_table(data: dict[str, Any]) -> None:
     assert ["`adds.c`", "knownThing", "46", "why of known"] in rows(
         text, "MISRA C:2012 and cppcheck"
     )
-    assert rows(text, "Proven") == [["5004", "`equations`", "index", "`k < 5`"]]
+    assert rows(text, "Proven") == [["`adds.c`", "5004", "`equations`", "index", "`k < 5`"]]
     assert "Ranges not proven: `out.y`." in text
     assert "* first thing\n* second thing" in text
     assert "6001 runs of libFuzzer in 6002 s: nothing found." in text

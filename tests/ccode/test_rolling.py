@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from module_text import of_folder
 
 from slipctl import BadInput, Input, Output, Param, State, make_block
 from slipctl.ccode import codegen
@@ -55,7 +56,7 @@ def test_filter_and_grid_are_loops_with_the_same_bits(tmp_path: Path) -> None:
     report = codegen.export(repeating(), tmp_path, check=True)
     assert report.passed, str(report)
     assert report.data["largest_relative"] == 0  # the same operations in the same order
-    assert report.data["reading"]["lines"] < 500  # written out they are above 700
+    assert sum(report.data["reading"]["lines"].values()) < 500  # written out they are above 700
 
 
 def test_a_loop_has_what_the_lines_had() -> None:
@@ -198,7 +199,7 @@ def test_sums_over_a_window_and_slopes_at_a_corner_have_the_bits_of_python(tmp_p
     report = codegen.export(block, tmp_path / "c", inputs=inputs, check=True)
     assert report.passed, str(report)
     assert report.data["largest_relative"] == 0
-    text = (tmp_path / "c/windowed.c").read_text(encoding="utf-8")
+    text = of_folder(tmp_path / "c", "windowed")
     assert text.count("slope_of_lesser(") == 3  # what it is, and twice
     assert "for (int i = 1; i < 5; ++i)" in text
     assert "sum_" not in text  # all are called by their mask

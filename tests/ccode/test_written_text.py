@@ -28,6 +28,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).parents[1])]
 
 from controllers import REPRESENTATIVE
+from module_text import of_plan
 from written_blocks import ASKED, FOLDERS, MADE
 
 from slipctl import Block, __version__
@@ -93,7 +94,7 @@ def module(what: str) -> Iterator[list[str]]:
     whole = more or planned or what in FOLDERS
     for file, text in codegen.texts(plan, **more).items():
         if whole or plan.name in file:
-            yield row(what, file, text, own=file == f"{plan.name}.c")
+            yield row(what, file, text, own=file in plan.files[1:])
 
 
 def folder(what: str) -> Iterator[list[str]]:
@@ -119,7 +120,7 @@ def checked(what: str) -> Iterator[list[str]]:
     """What tools are given to run a module: harnesses, options, texts made for them."""
     name, planned, _ = ASKED[what]
     plan = Plan(block(name), **planned)
-    text = codegen.texts(plan)[f"{plan.name}.c"]
+    text = of_plan(plan)
     made = {
         "harness.c": proof.harness(plan), "options": " ".join(proof._options(plan, text)),
         "written out": proof.written_out(text), "any": proof.any_results(plan, text),
@@ -138,7 +139,7 @@ def vectors(rows: np.ndarray) -> str:
 def representative(name: str) -> Iterator[list[str]]:
     """The source of a shipped controller, without the words of its models."""
     plan = Plan(block(name))
-    made = row(f"controller of {name}", "", codegen.texts(plan)[f"{plan.name}.c"], own=True)
+    made = row(f"controller of {name}", "", of_plan(plan), own=True)
     yield [*made[:3], "", made[4]]
 
 

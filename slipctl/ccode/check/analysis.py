@@ -126,11 +126,11 @@ def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
     ours = {file: counts for file, counts in rules.items() if file != APART}
     broken = {
         f"{file} {rule}": n for file, counts in ours.items() for rule, n in counts.items()
-        if rule not in ADVISORY and (rule not in DEVIATIONS or file in _module(plan))
+        if rule not in ADVISORY and (rule not in DEVIATIONS or file in plan.files)
     }  # fmt: skip
     said = {k for c in (*rules.values(), *own.values()) for k in c}
     errors = sum(
-        n for file in _module(plan) for rule, n in own.get(file, {}).items()
+        n for file in plan.files for rule, n in own.get(file, {}).items()
         if rule not in EXPLAINED
     )  # fmt: skip
     return {
@@ -161,10 +161,6 @@ def summary(data: Mapping[str, Any]) -> str:
             f" {sum(kernel.values()) - inside} advisory"
         )
     return text
-
-
-def _module(plan: Plan) -> tuple[str, str]:
-    return f"{plan.name}.c", f"{plan.name}.h"
 
 
 def _ordered(counts: Mapping[str, int]) -> dict[str, int]:

@@ -10,7 +10,7 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +51,9 @@ def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
     Returns:
         ``statements`` and ``branches``, each with ``all`` and ``reached``; ``missing``, lines with
         a statement that was not reached or a condition that went one way only, each with
-        ``line``, ``function``, ``text``, ``reached`` (the statement was), ``branches`` not taken
-        and ``asked``, whether any call could take them; ``untouched``, functions that were never
-        called. Empty without gcc and gcov.
+        ``file``, ``line``, ``function``, ``text``, ``reached`` (the statement was), ``branches``
+        not taken and ``asked``, whether any call could take them; ``untouched``, functions that
+        were never called. Empty without gcc and gcov.
     """
     n = plan.name
     compiler = next((c for c in used if "gcc" in Path(c).name), None)
@@ -84,13 +84,29 @@ def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
         cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
     files = json.loads(said.stdout or "{}").get("files", [])
-    found = next((f for f in files if f["file"] == f"{n}.c"), None)
-    if found is None:
+    found = {f["file"]: f for f in files if f["file"] in plan.files}
+    if f"{n}.c" not in found:
         return {}
-    return _counted(found, (folder / f"{n}.c").read_text(encoding="utf-8").splitlines())
+    each = [
+        _counted(found[f], (folder / f).read_text(encoding="utf-8").splitlines(), f)
+        for f in plan.files if f in found
+    ]  # fmt: skip
+    return _added(each)
 
 
-def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
+def _added(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Numbers of all files of a module."""
+    return {
+        "by": COUNTER,
+        **{
+            k: {w: sum(c[k][w] for c in each) for w in ("all", "reached")}
+            for k in ("statements", "branches", REACHABLE)
+        },
+        **{k: [row for c in each for row in c[k]] for k in ("missing", "untouched")},
+    }
+
+
+def _counted(found: Mapping[str, Any], text: list[str], file: str) -> dict[str, Any]:
     """Numbers of a file's counters."""
     lines = found["lines"]
     asked = _by_call(lines, text)
@@ -104,7 +120,7 @@ def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
     ]
     missing = [
         {
-            "line": line["line_number"], "function": line.get("function_name", ""),
+            "file": file, "line": line["line_number"], "function": line.get("function_name", ""),
             "text": text[line["line_number"] - 1].strip(), "reached": line["count"] > 0,
             "branches": sum(b["count"] == 0 for b in line["branches"]),
             "asked": line["line_number"] not in asked,
@@ -113,7 +129,6 @@ def _counted(found: Mapping[str, Any], text: list[str]) -> dict[str, Any]:
         if line["count"] == 0 or any(b["count"] == 0 for b in line["branches"])
     ]  # fmt: skip
     return {
-        "by": COUNTER,
         "statements": {"all": len(lines), "reached": sum(line["count"] > 0 for line in lines)},
         "branches": {"all": len(branches), "reached": sum(branches)},
         REACHABLE: {"all": len(proper), "reached": sum(proper)},

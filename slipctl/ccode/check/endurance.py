@@ -163,7 +163,7 @@ def endured(
     compiler = cc.compilers()[0]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        for name in (f"{n}.h", f"{n}.c"):
+        for name in plan.files:
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "driver.c").write_text(text, encoding="utf-8")
         objects = [folder / f"{n}.o", folder / "driver.o"]

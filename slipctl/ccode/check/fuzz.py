@@ -254,7 +254,7 @@ def fuzzed(
     compiler, n = tool(), plan.name
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        for name in (f"{n}.h", f"{n}.c"):
+        for name in plan.files:
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "fuzz.c").write_text(harness(plan), encoding="utf-8")
         command = [compiler, *FLAGS, f"{n}.c", "fuzz.c", "-o", "fuzz", "-lm"]

@@ -116,10 +116,10 @@ def proved(
 
     Returns:
         ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
-        ``alarms``: line, function, kind and condition of each; ``ranges``: how many ends of ranges
-        are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number of
-        alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end or
-        was not tried, as of a module with CasADi's text; ``functions``: how many of that text's
+        ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many ends of
+        ranges are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number
+        of alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end
+        or was not tried, as of a module with CasADi's text; ``functions``: how many of that text's
         come to their end and return 0, of how many, each by itself (:mod:`kernel_proof`);
         ``passed``: no alarm, and every range proven. A module that is not through in time is tried
         once more with :func:`any_results`: then ``alarms`` and ``ranges`` are of its guards alone,
@@ -130,15 +130,17 @@ def proved(
         RunFailed: it refuses the module.
     """
     frama_c, n = tool(), plan.name
-    text = made[f"{n}.c"]
-    options = _options(plan, text)
+    texts = {f: made[f] for f in plan.files[1:]}
+    text = texts[f"{n}.c"]
+    options = _options(plan, "".join(texts.values()))
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
         (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
-        files, contracts = {f"{n}.c": written_out(text)}, 0
+        files, contracts = {f: written_out(t) for f, t in texts.items()}, 0
         if kernel_proof.has_kernel(text):
             work = plan.equations.work[2:]
-            files, contracts = kernel_proof.contracted(n, files[f"{n}.c"], plan.real, work)
+            found, contracts = kernel_proof.contracted(n, files[f"{n}.c"], plan.real, work)
+            files |= found
         for name, content in {**files, HARNESS: harness(plan)}.items():
             (folder / name).write_text(content, encoding="utf-8")
         command = [frama_c, HARNESS, f"{n}.c", *options]
@@ -159,7 +161,7 @@ def proved(
     good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
     open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
     of = len(set(claims.values()))
-    alarms = _alarms(rows or [], n)
+    alarms = _alarms(rows or [], plan.files)
     ended = sum(
         r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
         and r["status"] == "Valid" for r in rows or []
@@ -175,7 +177,7 @@ def proved(
         "alarms": alarms,
         "ranges": {"proven": of - len(open_), "of": of, "open": open_},
         "functions": {"ended": ended, "of": contracts},
-        "non_finite": None if strict is None else len(_alarms(strict, n)),
+        "non_finite": None if strict is None else len(_alarms(strict, plan.files)),
         "passed": not of_guards and not alarms and not open_ and ended == contracts,
     }  # fmt: skip
 
@@ -324,11 +326,12 @@ def _valid(row: Mapping[str, str]) -> bool:
     return row["status"] in ("Valid", "Considered valid") or "dead" in row["status"].lower()
 
 
-def _alarms(rows: Sequence[Mapping[str, str]], name: str) -> list[dict[str, Any]]:
+def _alarms(rows: Sequence[Mapping[str, str]], files: Sequence[str]) -> list[dict[str, Any]]:
     """What may go wrong in the module itself; reading any number in the harness may not."""
+    own = (*files, kernel_proof.CONTRACTS, kernel_proof.PROOFS)
     return [
-        {"line": int(r["line"]), "function": r["function"], "kind": r["property kind"],
-         "condition": r["property"]}
+        {"file": r["file"], "line": int(r["line"]), "function": r["function"],
+         "kind": r["property kind"], "condition": r["property"]}
         for r in rows
-        if r["file"] in (f"{name}.c", kernel_proof.CONTRACTS, kernel_proof.PROOFS) and not _valid(r)
+        if r["file"] in own and not _valid(r)
     ]  # fmt: skip

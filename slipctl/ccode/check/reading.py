@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from slipctl.ccode.write.comments import FILE, ORIGIN
@@ -27,24 +28,26 @@ _FILE = re.compile(r"\s+(?:\* )?".join(FILE.split()) + r"\s+(?:\* )?([^ ,*]+\.py
 _FUNCTION = re.compile(r"static \w+ (\w+)\(")
 
 
-def reading(plan: Plan, source: str) -> dict[str, Any]:
-    """Measure a source file.
+def reading(plan: Plan, sources: Mapping[str, str]) -> dict[str, Any]:
+    """Measure the source of a module.
 
     Args:
         plan: what it was written from.
-        source: its text.
+        sources: text of its files by name.
 
     Returns:
-        ``lines``, ``assignments``, those of them that are ``anonymous`` (to a local of letters and
-        digits that no model declares, such as ``a12``) and their ``share``, ``registers`` (lines
-        of CasADi's register code), ``functions`` of the parts and what they call.
+        ``lines`` of each file, ``assignments``, those of them that are ``anonymous`` (to a local of
+        letters and digits that no model declares, such as ``a12``) and their ``share``,
+        ``registers`` (lines of CasADi's register code), ``functions`` of the parts and what they
+        call.
     """
+    source = "".join(sources.values())
     declared = {s.name.rpartition(".")[2] for s in plan.block.signals} | plan.equations.letters
     targets = [m["target"] for line in source.splitlines() if (m := _ASSIGNED.match(line))]
     targets += _MEMBER.findall(source)
     anonymous = [t for t in targets if _ANONYMOUS.fullmatch(t) and t not in declared]
     return {
-        "lines": source.count("\n"),
+        "lines": {file: text.count("\n") for file, text in sources.items()},
         "assignments": len(targets),
         "anonymous": len(anonymous),
         "share": round(len(anonymous) / max(len(targets), 1), 3),
@@ -53,19 +56,26 @@ def reading(plan: Plan, source: str) -> dict[str, Any]:
     }
 
 
-def equations(plan: Plan, source: str) -> list[dict[str, Any]]:
+def equations(plan: Plan, sources: Mapping[str, str]) -> list[dict[str, Any]]:
     """Where each equation is, where it comes from, and in which signals it is compared.
 
     Args:
         plan: what it was written from.
-        source: its text.
+        sources: text of its files by name.
 
     Returns:
-        For each: ``line`` of the source, ``function``, ``equation`` (its name in the model, with
+        For each: ``file`` and ``line``, ``function``, ``equation`` (its name in the model, with
         `` next`` behind for a state of the next tick), ``source`` (file and line of the model, and
         the paper's numbers), ``compared``: states and outputs that the replay against Python
         compares in every tick, those of the function for a local.
     """
+    return [
+        {"file": file, **row}
+        for file, text in sources.items() for row in _equations(plan, text)
+    ]  # fmt: skip
+
+
+def _equations(plan: Plan, source: str) -> list[dict[str, Any]]:
     members = {f"next->{plan.layout.places[m.c]}": m.name for m in plan.layout.states}
     members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
     lines, function, file, begun, own = source.splitlines(), "", "", 0, ""

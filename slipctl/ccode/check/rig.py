@@ -198,7 +198,7 @@ class Rig:
     ) -> None:
         self._scratch = tempfile.TemporaryDirectory(prefix="slipctl_")
         folder, n = Path(self._scratch.name), plan.name
-        for name in (f"{n}.h", f"{n}.c", *targets.BOARD_FILES):
+        for name in (*plan.files, *targets.BOARD_FILES):
             (folder / name).write_text(made[name], encoding="utf-8")
         bits = {"lost": LOST, "late": LATE, "broken": BROKEN}
         (folder / "rig.c").write_text(_FIRMWARE.format(n=n, **bits), encoding="utf-8")

@@ -173,7 +173,7 @@ def trials(
         RunFailed: it refuses the text.
     """
     n = plan.name
-    for name in (f"{n}.h", f"{n}.c"):
+    for name in plan.files:
         (folder / name).write_text(made[name], encoding="utf-8")
     binding = CModule(folder, plan).binding
     arithmetic = _LIBRARY if plan.real == "double" else _ARITHMETIC.read_text(encoding="utf-8")

@@ -383,7 +383,7 @@ def searched(
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        for name in (f"{n}.h", f"{n}.c", f"test_{n}.c"):
+        for name in (*plan.files, f"test_{n}.c"):
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "search.c").write_text(text, encoding="utf-8")
         (folder / "rows.bin").write_bytes(np.ascontiguousarray(rows, dtype=float).tobytes())

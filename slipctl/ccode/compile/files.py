@@ -75,7 +75,7 @@ def starting(m: Member) -> list[float]:
 
 def makefile(plan: Plan, more: Sequence[str] = ()) -> str:
     """Text of the Makefile; ``more`` are the names of other sources of the module."""
-    n = plan.name
+    n, own = plan.name, " ".join((plan.files[-1], *plan.files[:-1]))
     rules = "".join(
         f"{s}.o: {s}.c {s}.h {n}.h built_with\n\t$(CC) $(CFLAGS) -c {s}.c -o $@\n\n" for s in more
     )
@@ -91,7 +91,7 @@ all: {n}.o{others} example test_{n}
 built_with: FORCE
 \t@echo '$(CC) $(CFLAGS)' | cmp -s - $@ || echo '$(CC) $(CFLAGS)' > $@
 
-{n}.o: {n}.c {n}.h built_with
+{n}.o: {own} built_with
 \t$(CC) $(CFLAGS) -c {n}.c -o $@
 
 {rules}example: example.c {n}.o built_with
@@ -106,7 +106,7 @@ test: test_{n}
 vectors.bin: test_{n} vectors.txt
 \t./test_{n} vectors.txt vectors.bin
 
-{_boards(n, plan.real, "xcp" in more)}
+{_boards(plan, "xcp" in more)}
 size: {n}.o
 \tsize {n}.o
 \tnm -g {n}.o
@@ -118,11 +118,12 @@ clean:
 """
 
 
-def _boards(n: str, real: str, xcp: bool) -> str:
+def _boards(plan: Plan, xcp: bool) -> str:
     """Rules that build the test for each processor and run it on a board of QEMU."""
+    n, real, headers = plan.name, plan.real, " ".join(plan.files[:-1])
     sources, rules = f"{n}.c test_{n}.c cortex_m.c", [f"CROSS ?= {TOOLS}\nQEMU ?= {EMULATOR}\n"]
     for t in TARGETS:
-        rules.append(f"""test_{t}.elf: {sources} {n}.h cortex_m.h cortex_m.ld built_with
+        rules.append(f"""test_{t}.elf: {sources} {headers} cortex_m.h cortex_m.ld built_with
 \t$(CROSS)gcc $(CFLAGS) -DON_BOARD {" ".join(machine(t, real))} \\
 \t  {sources} -o $@ \\
 \t  {" ".join(LINK)} -lm
@@ -132,7 +133,8 @@ def _boards(n: str, real: str, xcp: bool) -> str:
 """)
         if xcp:
             program = f"{n}.c xcp.c xcp_board.c cortex_m.c"
-            rules.append(f"""xcp_{t}.elf: {program} {n}.h xcp.h cortex_m.h cortex_m.ld built_with
+            needs = f"{program} {headers} xcp.h cortex_m.h cortex_m.ld"
+            rules.append(f"""xcp_{t}.elf: {needs} built_with
 \t$(CROSS)gcc $(CFLAGS) {" ".join(machine(t, real))} {program} -o $@ \\
 \t  {" ".join(LINK)} -lm
 
@@ -188,7 +190,7 @@ if(CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
           ${{CMAKE_CURRENT_BINARY_DIR}}/test_{n}_host
         COMMAND ${{CMAKE_CURRENT_BINARY_DIR}}/test_{n}_host vectors.txt
           ${{CMAKE_CURRENT_BINARY_DIR}}/vectors.bin
-        DEPENDS {n}.c {n}.h test_{n}.c vectors.txt
+        DEPENDS {" ".join(plan.files)} test_{n}.c vectors.txt
         WORKING_DIRECTORY ${{CMAKE_CURRENT_SOURCE_DIR}} VERBATIM)
       add_custom_target({n}_vectors ALL DEPENDS vectors.bin)
       add_test(NAME {n} COMMAND test_{n} WORKING_DIRECTORY ${{CMAKE_CURRENT_BINARY_DIR}})

@@ -144,7 +144,7 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
     n = plan.name
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        for name in (f"{n}.h", f"{n}.c", f"test_{n}.c", *BOARD_FILES):
+        for name in (*plan.files, f"test_{n}.c", *BOARD_FILES):
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "vectors.bin").write_bytes(in_binary(made["vectors.txt"]))
         build(target, folder, [f"{n}.c", f"test_{n}.c"], "test.elf", plan.real)
@@ -193,7 +193,7 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
     compiler, flags, n = tool(target), machine(target, plan.real), plan.name
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        for name in (f"{n}.h", f"{n}.c"):
+        for name in plan.files:
             (folder / name).write_text(made[name], encoding="utf-8")
         (folder / "calls.c").write_text(_MAIN.format(n=n), encoding="utf-8")
         objects = [folder / f"{n}.o", folder / "calls.o"]

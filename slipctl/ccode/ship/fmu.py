@@ -55,7 +55,7 @@ def fmus(
             " write @step(period=0.01, ...), in s"
         )
     now = is_plant(plan.block)
-    own = {n: made[n] for n in (f"{plan.name}.c", f"{plan.name}.h")}
+    own = {n: made[n] for n in plan.files}
     found = {}
     objects: dict[tuple[str, str], bytes] = {}  # the module is compiled once for each
     for version in VERSIONS:

@@ -43,7 +43,7 @@ carried: {counts}.
 
 | file | what it is |
 |---|---|
-| `{n}.h`, `{n}.c` | the module; nothing else is needed in a firmware |
+| {_own(plan)} | the module; nothing else is needed in a firmware |
 | `{n}_bus.h`, `{n}_bus.c` | if it was asked for: inputs and outputs as integers of a bus |
 | `{n}_calibration.h`, `.c` | if it was asked for: an instance of the parameters in its section |
 | `xcp.*`, `xcp_board.c` | if it was asked for: XCP slave, and a program for the board that has it |
@@ -121,6 +121,11 @@ No memory is allocated, nothing is global, and every instance has its own `{n}_s
 `{n}_state_instance` and `{n}_out_instance`. A tool takes
 their addresses from the firmware's ELF file. Call `{n}_tune` after it wrote a parameter.
 """
+
+
+def _own(plan: Plan) -> str:
+    """Files of the module."""
+    return ", ".join(f"`{f}`" for f in plan.files)
 
 
 def _parts(plan: Plan) -> str:

@@ -30,7 +30,7 @@ def readable(data: Mapping[str, Any], layout: Any) -> str:
         "## What is assumed",
         _bullets(assumptions(data)),
         "## Text",
-        _read(data["reading"], data["name"]),
+        _read(data["reading"]),
         "## Memory",
         table(["bytes of", *memory], [["one instance", *memory.values()]]),
         "## Ranges",
@@ -119,10 +119,12 @@ def _functions(data: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _read(told: Mapping[str, Any], name: str) -> str:
+def _read(told: Mapping[str, Any]) -> str:
     """How long the source is, and how many of its assignments are to a local without a name."""
+    lines = " and ".join(f"`{file}` {n} lines" for file, n in told["lines"].items())
+    has = "has" if len(told["lines"]) == 1 else "have"
     return (
-        f"`{name}.c` has {told['lines']} lines, {told['functions']} functions of equations and"
+        f"{lines.replace(' ', f' {has} ', 1)}, with {told['functions']} functions of equations and"
         f" {told['assignments']} assignments. {told['anonymous']} of these, {told['share']:.0%},"
         " are to a local of letters and digits that no model declares, such as `a12`."
     )
@@ -198,14 +200,18 @@ def _covered(data: Mapping[str, Any]) -> list[str]:
     if not found.get("missing"):
         return said
     rows = [
-        [m["line"], f"`{m['function']}`", "`" + m["text"].replace("|", "\\|") + "`",
-         "" if m["reached"] else "never", m["branches"]]
+        [f"`{m['file']}`", m["line"], f"`{m['function']}`",
+         "`" + m["text"].replace("|", "\\|") + "`", "" if m["reached"] else "never",
+         m["branches"]]
         for m in found["missing"]
     ]  # fmt: skip
     said.append(
         "Not all of what is left can be reached: guards against what the equations cannot give."
     )
-    return [*said, table(["line", "function", "text", "reached", "branches not taken"], rows)]
+    return [
+        *said,
+        table(["file", "line", "function", "text", "reached", "branches not taken"], rows),
+    ]
 
 
 def _targets(data: Mapping[str, Any]) -> list[str]:
@@ -267,9 +273,10 @@ def _proved(data: Mapping[str, Any]) -> list[str]:
     said = [f"{proof.summary(p)}. {p['tool']}; options: `{p['options']}`."]
     if p["alarms"]:
         rows = [
-            [a["line"], f"`{a['function']}`", a["kind"], f"`{a['condition']}`"] for a in p["alarms"]
+            [f"`{a['file']}`", a["line"], f"`{a['function']}`", a["kind"], f"`{a['condition']}`"]
+            for a in p["alarms"]
         ]
-        said.append(table(["line", "function", "what may go wrong", "unless"], rows))
+        said.append(table(["file", "line", "function", "what may go wrong", "unless"], rows))
     if p["ranges"]["open"] and p["ended"]:
         said.append("Ranges not proven: " + ", ".join(f"`{n}`" for n in p["ranges"]["open"]) + ".")
     return ["## Proven", *said, "What is assumed:\n\n" + _bullets(p["assumptions"])]
@@ -280,15 +287,15 @@ def _traced(data: Mapping[str, Any]) -> list[str]:
     if not data["equations"]:
         return []
     rows = [
-        [r["line"], f"`{r['function']}`", f"`{r['equation']}`", r["source"],
+        [f"`{r['file']}`", r["line"], f"`{r['function']}`", f"`{r['equation']}`", r["source"],
          ", ".join(f"`{n}`" for n in r["compared"])]
         for r in data["equations"]
     ]  # fmt: skip
     return [
         "## Equations",
-        f"Lines of `{data['name']}.c`, the model's name of what is worked out there, its line in"
+        "Where each equation is, the model's name of what is worked out there, its line in"
         " the model, and the states and outputs in which `--check` compares it with Python.",
-        table(["line", "function", "equation", "model", "compared in"], rows),
+        table(["file", "line", "function", "equation", "model", "compared in"], rows),
     ]
 
 

@@ -87,6 +87,12 @@ class Plan:
         return by_parts(self.block, wires, signature, self.results, self.docs, can_be)
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files of the module: header, parts if it has such, source."""
+        parts = [f"{self.name}_parts.h"] * bool(self.equations.functions)
+        return (f"{self.name}.h", *parts, f"{self.name}.c")
+
+    @property
     def types(self) -> dict[str, str]:
         """Declaration of each struct that a function of the module may be given, by its name."""
         n = self.name

@@ -41,46 +41,73 @@ from slipctl.ccode.write.statements import broken, conjunction, define, if_, sho
 from slipctl.ccode.write.structure import assign
 
 
-def source(plan: Plan) -> str:
-    """Text of the source."""
-    n = plan.name
+def sources(plan: Plan) -> dict[str, str]:
+    """Text of the source by file: its parts, if it has such, and the module around them."""
+    *headers, file = plan.files
+    n, parts = plan.name, "\n\n".join(plan.equations.functions.values())
     functions = "\n\n".join(
-        [_equations(plan), _default(plan), _param_ok(plan), _tune(plan)]
+        [made for made in (_equations(plan),) if made]
+        + [_default(plan), _param_ok(plan), _tune(plan)]
         + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
         + [_init(plan)]
         + [made for made in (check_inputs(plan), finite(plan), part_off(plan),
                              recover(plan), _hold(plan), prepare(plan)) if made] + [_step(plan)]
     )  # fmt: skip
-    parts = [
-        head(plan, f"{n}.c"),
-        f'#include "{n}.h"\n\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>',
+    small = checks(parts)
+    included = "".join(f'#include "{h}"\n' for h in headers)
+    before = [
+        head(plan, file),
+        f"{included}\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>",
         "#if defined(__FAST_MATH__) \\\n"
         "    || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))\n"
         "#error compile without -ffast-math and -ffinite-math-only: NaN must be seen\n#endif",
     ]
     if plan.equations.copied:
-        parts.append(
+        before.append(
             comment(
                 "Functions casadi_... are copied from the templates of CasADi"
                 f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
             )
         )
-    parts.append(
-        definitions(
-            [plan.equations, Kernel(helpers=frozenset({*plan.start.helpers, *plan.bound_helpers}))],
-            plan.real,
+    of_ranges = {*plan.start.helpers, *plan.bound_helpers}
+    if parts:
+        of_ranges -= plan.equations.helpers
+        shared = definitions([plan.equations], plan.real)
+        before.append(definitions([Kernel(helpers=frozenset(of_ranges))]))
+    else:
+        before.append(
+            definitions([plan.equations, Kernel(helpers=frozenset(of_ranges))], plan.real)
         )
+    before.append(
+        checks(functions, small).replace("MEMORY_", number(guard.memory(plan.period, plan.stale)))
     )
-    parts.append(
-        checks(functions).replace("MEMORY_", number(guard.memory(plan.period, plan.stale)))
-    )
-    text = "\n\n".join(p.strip("\n") for p in [*parts, functions] if p.strip()) + "\n"
-    if re.search(r"\bNULL\b", text):
-        text = text.replace(
-            "#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1
-        )
-    text = in_precision(text, plan.real, plan.block.name)
-    return broken(short(nested(plan.layout, text, plan.equations.functions)))
+    texts = {file: [*before, functions]}
+    if parts:
+        mark = f"{plan.layout.big}_PARTS_H"
+        told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
+        texts = {
+            headers[-1]: [
+                head(plan, headers[-1]), comment(told),
+                f'#ifndef {mark}\n#define {mark}\n\n#include "{n}.h"\n\n#include <math.h>\n'
+                "#include <stdbool.h>",
+                shared, small, parts, f"#endif /* {mark} */",
+            ]
+        } | texts  # fmt: skip
+    whole = _BETWEEN.join(_file(rows) for rows in texts.values())
+    whole = in_precision(whole, plan.real, plan.block.name)
+    whole = broken(short(nested(plan.layout, whole, plan.equations.functions)))
+    return dict(zip(texts, whole.split(_BETWEEN), strict=True))
+
+
+_BETWEEN = "/* ---- the next file ---- */\n"
+
+
+def _file(pieces: Iterable[str]) -> str:
+    """Text of a file of these pieces, with the header that defines NULL if it needs it."""
+    text = "\n\n".join(p.strip("\n") for p in pieces if p.strip()) + "\n"
+    if not re.search(r"\bNULL\b", text):
+        return text
+    return text.replace("#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1)
 
 
 # ---- equations ----------------------------------------------------------------------------------
@@ -99,7 +126,7 @@ def _equations(plan: Plan) -> str:
     told = "The parts, in the order of the wires" if made.functions else "Equations"
     what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
     whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
-    return "\n\n".join([*made.functions.values(), *[whole] * (not plan.rates)])
+    return "" if plan.rates else whole
 
 
 def _own_lines(plan: Plan) -> list[str]:
@@ -460,11 +487,11 @@ _SMALL = {
 """Small functions: signature and body; one that calls another stands before it."""
 
 
-def checks(text: str) -> str:
-    """Definitions of the small functions that ``text`` calls."""
+def checks(text: str, there: str = "") -> str:
+    """Definitions of the small functions that ``text`` calls, without those that are there."""
     chosen: list[str] = []
     for name, (signature, body) in _SMALL.items():
-        if re.search(rf"\b{name}\(", text):
+        if re.search(rf"\b{name}\(", text) and not re.search(rf" {name}\(", there):
             definition = f"static {signature}\n{{\n{body}}}"
             chosen.insert(0, definition)
             text += definition
