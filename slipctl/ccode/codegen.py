@@ -138,6 +138,7 @@ def export(
     with_xcp: bool = False,
     with_autosar: bool = False,
     rates: bool = False,
+    counter: bool = False,
     search_seconds: int = 0,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
@@ -170,6 +171,8 @@ def export(
         with_xcp: write an XCP slave, and a program for the emulated board that has it.
         with_autosar: write a software component of AUTOSAR Classic around the module.
         rates: write a step function for each rate of its parts, beside the one step.
+        counter: write a step that is told the number of its tick too, and sees calls that come
+            twice or late.
         search_seconds: look so long for inputs that reach what the test does not, and go on with
             them behind the run (:mod:`slipctl.ccode.check.search`).
 
@@ -184,7 +187,8 @@ def export(
         real=real, target=target, misra=misra, fmus=fmus,
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
         places=(const_section, calibration_section), with_xcp=with_xcp,
-        with_autosar=with_autosar, rates=rates, search_seconds=search_seconds,
+        with_autosar=with_autosar, rates=rates, counter=counter,
+        search_seconds=search_seconds,
     )  # fmt: skip
 
 
@@ -213,6 +217,7 @@ def _produce(
     with_xcp: bool = False,
     with_autosar: bool = False,
     rates: bool = False,
+    counter: bool = False,
     search_seconds: int = 0,
 ) -> Report:
     if not isinstance(folder, (Path, str)):
@@ -234,7 +239,7 @@ def _produce(
     built_for = chosen(platforms) if fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
-    plan = Plan(block, name, period, real, rates)
+    plan = Plan(block, name, period, real, rates, counter)
     check_guards(block)
     made = texts(plan, scaled, *places, with_xcp, with_autosar)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]

@@ -327,6 +327,10 @@ def parser() -> Parser:
         help="write a step function for each rate of its parts too, such as step_5ms",
     )  # fmt: skip
     p.add_argument(
+        "--counter", action="store_true",
+        help="write a step too that is told the number of its tick: it sees a call twice or late",
+    )  # fmt: skip
+    p.add_argument(
         "--const-section", metavar="SECTION", help="section for the linker that tables lie in"
     )
     p.add_argument(

@@ -58,7 +58,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "fuzz_seconds": options.fuzz or 0, "prove": options.prove, "scaled": options.scaled,
         "const_section": options.const_section, "calibration_section": options.calibration_section,
         "with_xcp": options.xcp, "with_autosar": options.autosar,
-        "rates": options.rates, "search_seconds": seconds or 0,
+        "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
     }  # fmt: skip
     if block is not None:
         inputs = given(vectors, block) if vectors else None

@@ -151,7 +151,7 @@ static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_stat
     return wrong;
 }}
 
-{walk}/* Use the module wrongly in every way; how many trials did not go as they should. */
+{walk}{count}/* Use the module wrongly in every way; how many trials did not go as they should. */
 static int misused(const {n}_param *param, const {n}_state *kept)
 {{
     static {n}_state state;
@@ -166,7 +166,7 @@ static int misused(const {n}_param *param, const {n}_state *kept)
     wrong += ({n}_init(param, &state) == {big}_OK) ? 0 : 1;
     able = recovers(&in, &state, 1); /* a fresh instance can do something with these inputs */
     trials = broken_memory(&in, param, kept);
-{wander}    return wrong + (able ? trials : 0);
+{wander}{counted}    return wrong + (able ? trials : 0);
 }}
 #endif
 
@@ -226,6 +226,41 @@ static int wandering(const {n}_in *from, {n}_state *state)
 
 """
 
+_COUNT = """/* Calls by the number of their tick: in turn, twice, behind the largest, late, back. */
+static int miscounted(const {n}_in *in, const {n}_state *kept)
+{{
+    static const unsigned int tick[9] = {{7U, 8U, 8U, 0xFFFFFFFFU, 0U, 0U, 3U, 2U, 3U}};
+    static const bool again[9] = {{false, false, true, false, false, true, false, false, false}};
+    static const bool timely[9] = {{true, true, false, false, true, false, false, false, true}};
+    static {n}_param any; /* those in force are used */
+    static {n}_state plain;
+    static {n}_state state;
+    static {n}_state before;
+    static {n}_out good;
+    static {n}_out out;
+    int wrong = 0;
+    int k;
+    copied(&plain, kept, sizeof(plain));
+    copied(&state, kept, sizeof(state));
+    for (k = 0; k < 9; ++k) {{
+        int wanted = {big}_TIMING | {big}_REFUSED;
+        int got;
+        copied(&before, &state, sizeof(state));
+        got = {n}_step_counted(in, &any, &state, &out, tick[k]);
+        if (again[k]) {{
+            wrong += same(&before, &state, sizeof(state)) ? 0 : 1;
+        }} else {{
+            wanted = {n}_step(in, &any, &plain, &good);
+            wanted |= timely[k] ? 0 : {big}_TIMING;
+            wrong += same(&out, &good, sizeof(out)) ? 0 : 1;
+        }}
+        wrong += (got == wanted) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
 _WANDER = """    copied(&state, kept, sizeof(state));
     trials += wandering(&in, &state);
     trials += recovers(&in, &state, TAKEN) ? 0 : 1;
@@ -250,6 +285,8 @@ def misuse(plan: Plan) -> str:
         ends=_rows(ends or ["{0.0, 0.0}"]),
         walk=_WALK.format(n=n, ticks=WALK, wandered=ranges) if plan.n_in else "",
         wander=_WANDER if plan.n_in else "",
+        count=_COUNT.format(n=n, big=big) if plan.counter else "",
+        counted="    trials += miscounted(&in, kept);\n" * plan.counter,
         last=f"    const {n}_in in = {last};\n",
     )  # fmt: skip
 

@@ -80,7 +80,9 @@ def harness(plan: Plan) -> str:
     body: list[str] = []
     for m in lay.inputs:
         body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
-    body.append(f"(void){n}_step(&in, &param, &state, &out);")
+    step = f"{n}_step{'_counted' * plan.counter}"
+    counted = ", number" * plan.counter
+    body.append(f"(void){step}(&in, &param, &state, &out{counted});")
     for what, place, members in (
         ("state", "state.kept", lay.states), ("out", "out", lay.outputs)
     ):  # fmt: skip
@@ -95,7 +97,8 @@ def harness(plan: Plan) -> str:
     widened = f'    /*@ widen_hints "all", {", ".join(v.hex() for v in hints)}; */'
     lines = [
         f'#include "{n}.h"', "", f"static volatile {plan.real} any;",
-        "static volatile int more;", "", "int main(void)", "{", *structs, "    int k;",
+        "static volatile int more;", *["static volatile unsigned int number;"] * plan.counter,
+        "", "int main(void)", "{", *structs, "    int k;",
         f"    {n}_default(&param);", f"    (void){n}_init(&param, &state);",
         *[widened] * bool(hints), "    while (more != 0) {",
         *(f"        {line}" for line in body), "    }", "    return 0;", "}", "",

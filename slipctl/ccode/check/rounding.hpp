@@ -70,6 +70,7 @@ struct Rounded {
     Rounded(float x) : v(x) {}
     Rounded(double x) : v(rounding_of(x)) {}
     Rounded(int x) : v((float)x) {}
+    Rounded(unsigned int x) : v((float)x) {}
     explicit operator int() const { return (int)v; }
     explicit operator double() const { return (double)v; }
     Rounded operator-() const { return Rounded(-v); }

@@ -18,7 +18,7 @@ from slipctl.block.curves import places_of
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.comments import spelled
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, STATUS
+from slipctl.ccode.write.header import CONTENT, statuses
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import size
@@ -121,12 +121,13 @@ _METHODS = [
 def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
     """Measurements of the status, of each of its bits, and of what the guards count, by name."""
     n, lay = plan.name, plan.layout
+    most = sum(value for _, value, _ in statuses(plan))
     link = f'\n  SYMBOL_LINK "{n}_status_instance" 0'
     found = {
         f"{n}_status": f'/begin MEASUREMENT {n}_status "what the step returns; 0: all is well"\n'
-        f"  SLONG {bare} 0 0 0 255\n  ECU_ADDRESS 0x0{link}\n/end MEASUREMENT"
+        f"  SLONG {bare} 0 0 0 {most}\n  ECU_ADDRESS 0x0{link}\n/end MEASUREMENT"
     }
-    for word, value, meaning in STATUS[1:]:
+    for word, value, meaning in statuses(plan)[1:]:
         name = f"{n}_status.{word}"
         found[name] = (
             f"/begin MEASUREMENT {name} {_quoted(meaning)}\n"

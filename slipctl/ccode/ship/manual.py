@@ -8,7 +8,7 @@ from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.ship.readable import table
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, STATUS, memory
+from slipctl.ccode.write.header import CONTENT, memory, statuses
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.rates import groups
@@ -27,7 +27,7 @@ def readme(plan: Plan) -> str:
             (lay.outputs, "outputs"),
         )
     )  # fmt: skip
-    bits = "\n".join(f"| `{big}_{k}` | {v} | {what} |" for k, v, what in STATUS)
+    bits = "\n".join(f"| `{big}_{k}` | {v} | {what} |" for k, v, what in statuses(plan))
     tick = "once per tick"
     if plan.period:
         tick = (

@@ -17,8 +17,8 @@ from slipctl.block.inside import remembered
 from slipctl.ccode.write.expressions import Writer
 from slipctl.ccode.write.naming import named, with_inside
 
-BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT = (
-    1 << k for k in range(8)
+BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, TIMING = (
+    1 << k for k in range(9)
 )
 """Bits of the status; ``header.STATUS`` says what they mean."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.ccode.write import guard, rates
+from slipctl.ccode.write import counted, guard, rates
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.layout import Member, change_text, own_name, range_text
@@ -31,6 +31,18 @@ STATUS = (
     ("NO_INIT", guard.NO_INIT, "step: refused, this state was never set by init"),
 )  # fmt: skip
 """Bits of the status: name, value, meaning."""
+
+TIMING = (
+    "TIMING", guard.TIMING, "step_counted: the tick is not the one after the last; the same one"
+    " again is refused"
+)  # fmt: skip
+"""The bit of a step that is told the number of its tick."""
+
+
+def statuses(plan: Plan) -> tuple[tuple[str, int, str], ...]:
+    """Bits of the status of a module."""
+    return (*STATUS, *[TIMING] * plan.counter)
+
 
 CONTENT = "<content-hash-->"
 """Stands for the hash of the content until it is known."""
@@ -87,9 +99,8 @@ def _short(value: Any) -> str:
 def header(plan: Plan) -> str:
     """Text of the header."""
     lay, big = plan.layout, plan.layout.big
-    states = "\n".join(
-        f"{comment(what, '    ')}\n    {big}_{k} = {v}{',' if v != STATUS[-1][1] else ''}"
-        for k, v, what in STATUS
+    states = ",\n".join(
+        f"{comment(what, '    ')}\n    {big}_{k} = {v}" for k, v, what in statuses(plan)
     )
     parts = [
         head(plan, f"{plan.name}.h"),
@@ -193,6 +204,7 @@ def _state(plan: Plan) -> str:
     if plan.work_in_state:
         lines.append(f"    struct {n}_work work; /* scratch of step */")
     lines += rates.tick_struct(plan) if plan.rates else []
+    lines += counted.members() if plan.counter else []
     return "\n".join([*lines, f"}} {n}_state;"])
 
 
@@ -236,7 +248,8 @@ def prototypes(plan: Plan) -> dict[str, str]:
         arguments["prepare"] = arguments["step"][:-1]
         arguments["feedback"] = arguments["step"]
     texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
-    return texts | (rates.prototypes(plan) if plan.rates else {})
+    texts |= rates.prototypes(plan) if plan.rates else {}
+    return texts | ({"step_counted": counted.prototype(plan)} if plan.counter else {})
 
 
 def _prototypes(plan: Plan) -> str:
@@ -272,6 +285,7 @@ def _prototypes(plan: Plan) -> str:
             " outputs are those of step, which does the same."
         )
     told |= rates.told(plan) if plan.rates else {}
+    told |= {"step_counted": counted.told(plan)} if plan.counter else {}
     return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
 
 

@@ -35,6 +35,7 @@ class Plan:
         period: tick in s, if the block does not say it itself; only told in comments.
         real: type of a number in C, double or float.
         rates: whether there is a step function for each rate too.
+        counter: whether there is a step that is told the number of its tick too.
 
     Raises:
         BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
@@ -48,8 +49,9 @@ class Plan:
         period: float | None = None,
         real: str = "double",
         rates: bool = False,
+        counter: bool = False,
     ) -> None:
-        self.real, self.rates = checked(real), rates
+        self.real, self.rates, self.counter = checked(real), rates, counter
         if block.kind == "flow":
             raise BadInput(
                 f"{block.name} is continuous and has no step;"
@@ -158,6 +160,7 @@ class Plan:
         numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
+        numbers += -(-8 // whole) if self.counter else 0  # two integers
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.ccode.write import guard, rates
+from slipctl.ccode.write import counted, guard, rates
 from slipctl.ccode.write.arrays import listed
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
@@ -52,6 +52,7 @@ def sources(plan: Plan) -> dict[str, str]:
         + [_init(plan)]
         + [made for made in (check_inputs(plan), finite(plan), part_off(plan),
                              recover(plan), _hold(plan), prepare(plan)) if made] + [_step(plan)]
+        + [counted.functions(plan, _hold_call(plan))] * plan.counter
     )  # fmt: skip
     small = checks(parts)
     included = "".join(f'#include "{h}"\n' for h in headers)
@@ -310,6 +311,7 @@ def _init(plan: Plan) -> str:
         lines.append(f"{start};")
     lines += listed(f"state->guard = (struct {n}_guard)", ", ".join(untouched).split(", "), "")
     lines += ["state->tick.done = 0.0;"] * plan.rates
+    lines += ["state->counter.begun = 0U;", "state->counter.last = 0U;"] * plan.counter
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
     if plan.follows(lay.outputs):
@@ -351,6 +353,11 @@ def _hold(plan: Plan) -> str:
     return f"{what}\n" + define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
 
 
+def _hold_call(plan: Plan) -> str:
+    """Statement that gives the outputs of a step that is refused."""
+    return "hold(state, out);" if _has_hold(plan) else "*out = state->held;"
+
+
 def _has_hold(plan: Plan) -> bool:
     """Whether the outputs of a refused step are more than a copy of those held."""
     return bool(plan.safe) or plan.follows(plan.layout.outputs)
@@ -358,7 +365,7 @@ def _has_hold(plan: Plan) -> bool:
 
 def _step(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
-    hold = "hold(state, out);" if _has_hold(plan) else "*out = state->held;"
+    hold = _hold_call(plan)
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
