@@ -45,6 +45,7 @@ def rls(
     period: float = 0.016,
     window: int = 128,
     iterations: int = 6,
+    iterations_per_tick: int | None = None,
     memory: int = 1,
     echo: float = 0.0,
     **numbers: float,
@@ -66,6 +67,8 @@ def rls(
         period: sample period in s.
         window: samples kept, for ``form="window"``.
         iterations: Gauss-Newton iterations per sample, for ``form="window"``.
+        iterations_per_tick: how many to do per tick, by default all. Fewer spread a fit over
+            several ticks, which take no sample but the first; the last estimate is held meanwhile.
         memory: latest samples in which a change is looked for, for ``form="window"``: 1 takes the
             newest residual alone, more the generalised likelihood ratio of a shift in them.
         echo: share of the noise of a sample that comes back with the opposite sign in the next,
@@ -89,6 +92,15 @@ def rls(
     check_positive(f"rls({law.name}): period", period, "s")
     for word, count in (("window", window), ("iterations", iterations), ("memory", memory)):
         check_whole(f"rls({law.name}): {word}", count)
+    if iterations_per_tick is not None:
+        what = f"rls({law.name}): iterations_per_tick"
+        check_whole(what, iterations_per_tick, 1, int(iterations))
+        if form != "window":
+            raise BadInput(f"{what}: form={form!r} has no iterations; leave it out")
+        if iterations % iterations_per_tick:
+            raise BadInput(
+                f"{what} = {iterations_per_tick} must divide the {iterations} iterations of a fit"
+            )
     if not (isinstance(echo, int | float) and 0 <= echo <= 1):
         raise BadInput(f"rls({law.name}): echo = {echo!r} must be from 0 to 1")
     if echo and form != "window":
@@ -99,7 +111,15 @@ def rls(
     if form == "window":
         from slipctl.estimate.window import windowed
 
-        block = windowed(model, period, int(window), int(iterations), int(memory), float(echo))
+        block = windowed(
+            model,
+            period,
+            int(window),
+            int(iterations),
+            int(memory),
+            float(echo),
+            iterations_per_tick,
+        )
     else:
         block = (_recursive if form == "recursive" else _printed_16)(model, period)
     return block.with_params(**numbers) if numbers else block

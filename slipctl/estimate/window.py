@@ -23,6 +23,10 @@ is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`s
 What residuals show is taken for noise up to ``coarsest``. Samples that the law cannot fit, such as
 wrong ones, would show so much of it that no change is found any more.
 
+A fit may be worked out over several ticks, ``iterations_per_tick`` in each. It begins with the
+sample of its first tick, and samples that come meanwhile are left out. Coordinates and covariance
+come with the last tick, to the bit those of a fit in one; ``changed`` comes with the first.
+
 With ``echo`` the noise of a sample comes back with the opposite sign in the next, and sigma is that
 of one of the two. Residuals and regressors are then innovations
 (:mod:`slipctl.estimate.whitening`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
@@ -38,7 +42,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
-from slipctl.block.signals import Param, State
+from slipctl.block.signals import Param, Signal, State
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.whitening import echoing_sums, shift_ratios, signature, white_sums
@@ -71,8 +75,9 @@ DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
 
 
 def windowed(
-    model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0
-) -> Block:
+    model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0,
+    per_tick: int | None = None,
+) -> Block:  # fmt: skip
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
     n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
     unit = model.law.outputs[model.measured].unit
@@ -83,6 +88,8 @@ def windowed(
     normal = _normal_equations(model, sums)
     iterate = _iteration(normal)
     solve, invert = _solver(n), _inverse(n)
+    per_tick = iterations if per_tick is None else per_tick
+    several = per_tick < iterations
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         theta, constants, declared = x["theta"], model.constants(p), p["noise"] ** 2
@@ -136,15 +143,28 @@ def windowed(
             again, ca.repmat(sample, 1, window), ca.horzcat(sample, x["kept"][:, :-1])
         )
         count = ca.if_else(again, 1, ca.fmin(window, x["count"] + 1))
-        weights = count > ca.DM(range(window)).T
 
-        data = (kept, weights, mean, Lambda, sigma2, constants)
+        damping = ca.if_else(again, DAMPING, x["damping"])
+        begins = x["left"] <= 0 if several else True
+
+        def now(name: str, new: Any) -> Any:
+            """What a fit begins with, or what it has come to."""
+            return ca.if_else(begins, new, x[name]) if several else new
+
+        kept, count, Lambda = now("kept", kept), now("count", count), now("Lambda", Lambda)
+        weights = count > ca.DM(range(window)).T
+        unsettled, changed = now("unsettled", unsettled), now("told", changed)
+        predicted, e = now("predicted_then", predicted), now("residual_then", e)
+        mean_now, sigma2 = now("mean_now", mean), now("sigma2", sigma2)
+        data = (kept, weights, mean_now, Lambda, sigma2, constants)
         arithmetic = (least, epsilon(ca.fmin(count, 1)))
-        state = (theta, *normal(theta, *data), ca.if_else(again, DAMPING, x["damping"]))
-        for _ in range(iterations):
+        begun = (theta, *normal(theta, *data), damping)
+        state = tuple(now(k, new) for k, new in zip(HAND, begun, strict=True))
+        for _ in range(per_tick):
             state = iterate(*state, *arithmetic, *data)
+        hand = dict(zip(HAND, state, strict=True))
         theta, _, squares, H, _, damping = state
-        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean))
+        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean_now))
         P = invert(H, least)
         if memory == 1:
             scatter = declared + squares / count
@@ -161,6 +181,17 @@ def windowed(
             values, slopes = model.parameters(theta)
             left = heard(values, kept, weights, constants)
             nxt["echoed"] = ca.vertcat(left[0], slopes.T @ left[1:])
+        if several:
+            left = now("left", iterations) - per_tick
+            nxt |= {
+                k: ca.if_else(left <= 0, nxt[k], x[k])
+                for k in ("theta", "P", "scatter", "mean", "echoed") if k in nxt
+            } | {k: hand[k] for k in HAND if k != "damping"} | {
+                "left": left, "mean_now": mean_now, "sigma2": sigma2, "told": changed,
+                "predicted_then": predicted, "residual_then": e,
+            }  # fmt: skip
+            nxt |= {"shifts": now("shifts", nxt["shifts"])} if memory > 1 else {}
+            theta, P = nxt["theta"], nxt["P"]
         return nxt, model.results(theta, P, predicted, e, changed)
 
     return make_block(
@@ -181,6 +212,7 @@ def windowed(
                     shape=(1, memory)).named("shifts")][: memory > 1],
             *[State("1", 0.0, "what the next residual hears of the newest noise, in units of the"
                     " measurement, and its regressor", shape=(n + 1,)).named("echoed")][: echo > 0],
+            *(_in_hand(model, unit) if several else []),
         ],
         inputs=model.inputs(),
         params=[
@@ -205,9 +237,34 @@ def windowed(
         ],
         outputs=model.outputs(), period=period, sx=False,
         choices=model.describe("window") | {"window": window, "iterations": iterations}
+        | ({"iterations per tick": per_tick} if several else {})
         | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {}),
         doc=__doc__ or "",
     )  # fmt: skip
+
+
+HAND = ("theta_now", "J", "squares", "H", "r", "damping")
+"""States of a fit in hand, in the order of an iteration."""
+
+
+def _in_hand(model: Model, unit: str) -> list[Signal]:
+    """States of a fit that is worked out over several ticks."""
+    n = model.n
+    return [
+        State("1", 0.0, "iterations left of the fit in hand").named("left"),
+        State("1", model.guess, "coordinates of the fit in hand", shape=(n,)).named("theta_now"),
+        State("1", 0.0, "its cost").named("J"),
+        State(f"({unit})^2", 0.0, "its sum of squares").named("squares"),
+        State("1", 0.0, "its Hessian", shape=(n, n)).named("H"),
+        State("1", 0.0, "minus its gradient", shape=(n,)).named("r"),
+        State("1", model.guess, "its centre of what is known besides", shape=(n,)).named(
+            "mean_now"
+        ),
+        State(f"({unit})^2", 0.0, "its variance of a sample").named("sigma2"),
+        State(unit, 0.0, "its sample as it was predicted").named("predicted_then"),
+        State(unit, 0.0, "its sample minus that").named("residual_then"),
+        State("1", 0.0, "whether that told a change").named("told"),
+    ]
 
 
 def _near(theta: Any, guess: np.ndarray, far: ca.MX) -> Any:
