@@ -34,6 +34,7 @@ from slipctl import (
 )
 from slipctl.certify import prescribed_performance as bounds
 from slipctl.errors import known
+from slipctl.estimate.model import unknown_parameters
 from slipctl.models.hst_braking import (
     GUESS,
     I_W,
@@ -58,6 +59,7 @@ from slipctl.models.hst_braking_estimate import (
 )
 from slipctl.models.hst_braking_reference import (
     FIRST,
+    PRIOR,
     adhesion_meter,
     averaged,
     caution,
@@ -409,7 +411,7 @@ def controller(
     else:
         curve = family() if reference == "fitted" else adhesion
         start = START if reference == "free" and set(START) <= set(curve.params) else None
-        unknown = [n for n, s in curve.params.items() if not s.derived]
+        unknown = unknown_parameters(curve, None)
         window, settings = FIT[reference]
         estimator = fit_ranged(rls(
             averaged(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
@@ -461,6 +463,7 @@ def controller(
         "T_out": "arbitration.T_b",
     }
     follows: dict[str, Any] = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    follows |= PRIOR if reference == "fitted" else {}
     if "slope" in parts and "held_F_a" in parts["filter"].states:
         follows["F_a_start"] = ["filter.held_F_a", "slope.F_a_start"]
     block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)

@@ -37,6 +37,7 @@ from slipctl.models.hst_braking import (
     GUESS,
     I_W,
     RAILS,
+    SECTION_5,
     SOURCE,
     TABLE_2,
     TABLE_3,
@@ -206,32 +207,28 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
     Args:
         rails: three rails ``{name: {"a0", "a1", "a2"}}``, by default those of the paper.
 
-    The parameter is a0. Between the rails log(a1) and log(a2/a0) are the parabolas through them;
-    beyond the first and last rail they stay what they are there.
+    What is unknown is a0. The rails are the points of two tables over it, a1_at and a2_at. Between
+    them log(a1) and log(a2/a0) are the parabolas through the three; beyond the first and last rail
+    they stay what they are there.
     """
     points = sorted((rails or RAILS).values(), key=lambda p: p["a0"])
     if len(points) != 3:
         raise BadInput(f"family takes three rails, not {len(points)}")
-    at = [p["a0"] for p in points]
+    at, steep, fall = ([p[n] for p in points] for n in ("a0", "a1", "a2"))
 
-    def parabola(x, values):
-        total = 0
-        for i, y in enumerate(values):
-            weight = 1
-            for j in range(3):
-                if j != i:
-                    weight = weight * (x - at[j]) / (at[i] - at[j])
-            total = total + y * weight
-        return total
+    def parabola(x, x_at, y_at):
+        first = (y_at[1] - y_at[0]) / (x_at[1] - x_at[0])
+        second = ((y_at[2] - y_at[1]) / (x_at[2] - x_at[1]) - first) / (x_at[2] - x_at[0])
+        return y_at[0] + (x - x_at[0]) * (first + (x - x_at[1]) * second)
 
-    def shape(a0):
-        x = fmax(at[0], fmin(at[2], a0))
-        a1 = exp(parabola(x, [log(p["a1"]) for p in points]))
-        share = exp(parabola(x, [log(p["a2"] / p["a0"]) for p in points]))
+    def shape(a0, a0_at, log_a1, log_share):
+        x = fmax(a0_at[0], fmin(a0_at[2], a0))
+        a1 = exp(parabola(x, a0_at, log_a1))
+        share = exp(parabola(x, a0_at, log_share))
         return a1, share
 
-    def best(a0):
-        a1, share = shape(a0)
+    def best(a0, a0_at, a1_at, a2_at):
+        a1, share = shape(a0, a0_at, log(a1_at), log(a2_at / a0_at))
         return peak_slip(a0, a1, share * a0)
 
     @law(
@@ -243,12 +240,27 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
     def one_parameter(
         lam=NOW,
         a0=Param("1", 0.3, "height", lo=1e-4, hi=2),
-    ):
+        a0_at=Param("1", at, "heights of the three rails", SECTION_5, shape=(3,), lo=1e-4, hi=2,
+                    rising=True),
+        a1_at=Param("1", steep, "their steepness", SECTION_5, shape=(3,), lo=1e-2, hi=2000,
+                    over="a0_at"),
+        a2_at=Param("1", fall, "their fall beyond the peak", SECTION_5, shape=(3,), lo=1e-5, hi=2,
+                    over="a0_at"),
+        log_a1=Param("1", "log(a1_at)", "what a parabola goes through", shape=(3,), lo=-5, hi=8),
+        log_share=Param("1", "log(a2_at/a0_at)", "what a parabola goes through", shape=(3,),
+                        lo=-13, hi=10),
+    ):  # fmt: skip
         """Curve of the family through three rails; only its height is unknown."""
-        a1, share = shape(a0)
+        a1, share = shape(a0, a0_at, log_a1, log_share)
         return -a0 * (1 - exp(-a1 * lam) - share * lam)
 
     return one_parameter
+
+
+PRIOR = {
+    n: [f"estimator.{n}", f"search.{n}"] for n in ("a0_at", "a1_at", "a2_at", "log_a1", "log_share")
+}
+"""Numbers of the family, which are one for a fit and the search of its peak."""
 
 
 def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
@@ -369,11 +381,10 @@ def averaged(adhesion: Block) -> Block:
     sample tells nothing.
     """
     lam = adhesion.inputs["lam"]
-    names = [n for n, s in adhesion.params.items() if not s.derived]
 
     def body(x, u, p):
         at = SX.sym("lam")
-        mu = adhesion.expr({}, {"lam": at}, adhesion.derive({n: p[n] for n in names}))[1]["mu"]
+        mu = adhesion.expr({}, {"lam": at}, p)[1]["mu"]
         bend = jacobian(jacobian(mu, at), at)
         mean = substitute(mu + u["lam_var"] / 2 * bend, at, fmax(u["lam"], AHEAD))
         mean = fmax(-MOST, fmin(MOST, mean))
@@ -382,7 +393,7 @@ def averaged(adhesion: Block) -> Block:
     return make_block(
         f"{adhesion.name}_mean", "law", body,
         inputs=[lam, Input("1", "mean square deviation of the slip").named("lam_var")],
-        params=[adhesion.params[n] for n in names], outputs=[adhesion.outputs["mu"]],
+        params=adhesion.params.values(), outputs=[adhesion.outputs["mu"]],
         coordinates=adhesion.coordinates, closed_form=adhesion.closed_form,
         doc=f"Mean of {adhesion.name} over a window, to second order in the spread of the slip.",
     )  # fmt: skip

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block
-from slipctl.block.signals import Signal
+from slipctl.block.block import Block, Exprs
+from slipctl.block.signals import Signal, names_in
 from slipctl.errors import BadInput, nearest
 
 
@@ -18,8 +18,8 @@ def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
         raise BadInput(f"{where}: only a law of scalar expressions can be searched")
     if over not in law.inputs:
         raise BadInput(f"{where} has no input {over!r}{nearest(over, law.inputs)}")
-    if any(s.shape != () for s in (*law.inputs.values(), *law.params.values())):
-        raise BadInput(f"{where}: inputs and parameters must be scalars")
+    if any(s.shape != () for s in law.inputs.values()):
+        raise BadInput(f"{where}: inputs must be scalars")
     if maximise is None and len(law.outputs) == 1:
         return next(iter(law.outputs))
     if maximise is None:
@@ -36,27 +36,65 @@ def refuse_names(where: str, law: Block, settings: Sequence[str]) -> None:
             raise BadInput(f"{where}: {law.name}.{name} is a name of the search itself; rename it")
 
 
+def settled_by(law: Block, names: Collection[str]) -> list[Signal]:
+    """Parameters that are known where these are: themselves, and what is derived of them alone."""
+    found = set(names)
+    derived = {
+        n: {law._sibling(n, k) for k in names_in(s.value)}
+        for n, s in law.params.items() if s.derived
+    }  # fmt: skip
+    while more := {n for n, needs in derived.items() if needs <= found} - found:
+        found |= more
+    return [s for n, s in law.params.items() if n in found]
+
+
 def left_open(law: Block, over: Sequence[str]) -> list[Signal]:
-    """Inputs that fix a law but for some: its other inputs, then its free parameters."""
+    """Signals that fix a law but for some inputs.
+
+    These are its other inputs and its free parameters. What is searched for is told the scalars, as
+    inputs. Parameters of a shape, the points of a table, are known: they stay parameters, and with
+    them what is derived of them.
+    """
     others = [s for k, s in law.inputs.items() if k not in over]
     free = [s for s in law.params.values() if not s.derived]
-    return [*others, *(s.as_role("input", value=None) for s in free)]
+    told = [s.as_role("input", value=None) for s in free if s.shape == ()]
+    return [*others, *told, *settled_by(law, [s.name for s in free if s.shape != ()])]
+
+
+def asked(given: Sequence[Signal]) -> list[Signal]:
+    """Those of what fixes a law that are inputs of its search."""
+    return [s for s in given if s.role == "input"]
+
+
+def settled(given: Sequence[Signal]) -> list[Signal]:
+    """Those of what fixes a law that are parameters of its search."""
+    return [s for s in given if s.role == "param"]
+
+
+def column(given: Sequence[Signal], u: Mapping[str, Any], p: Mapping[str, Any]) -> Any:
+    """Values of what fixes a law, one below the other."""
+    return ca.vertcat(*[ca.vec(u[s.name] if s.role == "input" else p[s.name]) for s in given])
 
 
 def open_law(
     law: Block, over: Sequence[str], maximise: str
 ) -> tuple[list[Signal], ca.Function]:  # fmt: skip
-    """Inputs that fix a law but for some, and Function (place, their values) -> objective."""
+    """Signals that fix a law but for some, and Function (place, their values) -> objective."""
     given = left_open(law, over)
-    place, values = ca.SX.sym("place", len(over)), ca.SX.sym("given", len(given))
+    place, values = ca.SX.sym("place", len(over)), ca.SX.sym("given", sum(s.size for s in given))
     y = law_at(law, over, maximise, place, values)
     return given, ca.Function("value_of", [place, values], [y], {"cse": True})
 
 
 def law_at(law: Block, over: Sequence[str], maximise: str, place: Any, values: Any) -> Any:
     """The objective there; unlike ``open_law`` it is written anew, with the letters of the law."""
-    at = {s.name: values[k] for k, s in enumerate(left_open(law, over))}
-    at |= {name: place[k] for k, name in enumerate(over)}
+    at: Exprs = {name: place[k] for k, name in enumerate(over)}
+    first = 0
+    for s in left_open(law, over):
+        piece = values[first : first + s.size]
+        at[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
+        first += s.size
     params = {k: v for k, v in at.items() if k in law.params}
     inputs = {k: v for k, v in at.items() if k in law.inputs}
-    return law.expr({}, inputs, law.derive(params))[1][maximise]
+    free = {k: v for k, v in params.items() if not law.params[k].derived}
+    return law.expr({}, inputs, law.derive(free) | params)[1][maximise]

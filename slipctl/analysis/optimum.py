@@ -9,7 +9,16 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import law_at, left_open, objective, open_law, refuse_names
+from slipctl.analysis.objective import (
+    asked,
+    column,
+    law_at,
+    left_open,
+    objective,
+    open_law,
+    refuse_names,
+    settled,
+)
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
@@ -94,7 +103,10 @@ def argmax(
         return _proven(where, value, slope, p, lo, hi)
     if closed_form and law.closed_form is not None:
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
-        free = {k: float(v) for k, v in params.items() if not law.params[k].derived}
+        free = {
+            k: float(v) if law.params[k].shape == () else ca.DM(v)
+            for k, v in params.items() if not law.params[k].derived
+        }  # fmt: skip
         place = float(law.closed_form(**free))
         slopes = _slopes_at(slope, p)
         bracket = _bracket(slopes, place, lo, hi) if lo < place < hi else None
@@ -264,7 +276,8 @@ def argmax_block(
             there is no output ``value`` then, which would cost more than the place.
 
     Returns:
-        A law. Inputs: the law's parameters and its other inputs. Outputs: ``best`` and ``value``.
+        A law. Inputs: the law's scalar parameters and its other inputs. Outputs: ``best`` and
+        ``value``. Parameters of the law that are vectors stay parameters.
 
     Raises:
         BadInput: unknown names, an empty range, or too few points.
@@ -286,9 +299,9 @@ def argmax_block(
     form = law.closed_form if closed_form else None
 
     def body(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = ca.vertcat(*[u[s.name] for s in given])
+        at = column(given, u, p)
         if form is not None:
-            free = {n: u[n] for n, s in law.params.items() if not s.derived}
+            free = {n: u[n] if n in u else p[n] for n, s in law.params.items() if not s.derived}
             best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**free)))
             return {}, {"best": best}
         step = (p["hi"] - p["lo"]) / (points - 1)
@@ -317,10 +330,11 @@ def argmax_block(
         return {}, {"best": place, "value": value_of(place, at)}
 
     return make_block(
-        "argmax", "law", body, inputs=given,
+        "argmax", "law", body, inputs=asked(given),
         params=[
             Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
             Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
+            *settled(given),
         ],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
@@ -353,7 +367,7 @@ def objective_functions(
         value = params.get(s.name, at.get(s.name, s.value))
         if value is None:
             raise BadInput(f"{where}: give at={{{s.name!r}: ...}} in {s.unit}")
-        fixed.append(float(value))
+        fixed.extend(np.ravel(np.asarray(value, dtype=float), order="F"))
 
     def make() -> tuple[ca.Function, ca.Function]:
         _, value_of = open_law(law, list(over), str(maximise))

@@ -155,8 +155,13 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
         if places or (every and share.expression):  # what is computed stands without a place too
             told = places or tuple(every)
             signals = [_signal(blocks, p) for p in told]
-            _agree(name, share, told, signals)
-            made = _declared(name, blocks, share, told, signals, taken, left)
+            lifted = [
+                _lifted(name, blocks, share, p, s, taken, left)
+                for p, s in zip(told, signals, strict=True)
+                if s.derived and share.expression is None and signals[0].derived
+            ]
+            _agree(name, share, told, signals, lifted)
+            made = _declared(blocks, share, told, signals, share.expression or (lifted or [None])[0])
             found[share.name] = replace(made, places=places)
     for share in found.values():
         _check_unit(name, share, found)
@@ -170,7 +175,8 @@ def numbers_of(name: str, shares: Mapping[str, Share]) -> dict[str, Any]:
         s = shares[key].signal
         assert s is not None
         if not s.derived:
-            numbers[key] = s.value
+            listed = isinstance(s.value, list | tuple)
+            numbers[key] = s.shaped(key, s.value) if listed else s.value
         elif all(numbers[k] is not None for k in names_in(s.value)):
             numbers[key] = evaluate(s.value, numbers, f"{name}.{key}")
         else:
@@ -380,8 +386,14 @@ def _signal(blocks: Mapping[str, Block], place: str) -> Signal:
     return block.params.get(n) or block.states[n]
 
 
-def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Signal]) -> None:
-    """Refuse places that cannot have one number."""
+def _agree(
+    name: str, share: Share, places: Sequence[str], signals: Sequence[Signal],
+    lifted: Sequence[str],
+) -> None:  # fmt: skip
+    """Refuse places that cannot have one number.
+
+    Places that are derived alike have one: ``lifted`` are their expressions of shared numbers.
+    """
     from slipctl.block import units
 
     first = next((s for s in signals if len(s.shape) == 0), signals[0])
@@ -400,7 +412,7 @@ def _agree(name: str, share: Share, places: Sequence[str], signals: Sequence[Sig
                 f"{name}: share {share.name!r}: {place} has shape {s.shape}, {places[0]}"
                 f" {first.shape}"
             )
-        if s.derived:
+        if s.derived and not (lifted and set(lifted) == {lifted[0]}):
             raise BadInput(
                 f"{name}: share {share.name!r}: {place} is derived, {s.value}; share what it"
                 " depends on"
@@ -447,26 +459,24 @@ def _unit_error(expression: str, unit: str, given: tuple[tuple[str, str], ...]) 
 
 
 def _declared(
-    name: str,
     blocks: Mapping[str, Block],
     share: Share,
     places: tuple[str, ...],
     signals: Sequence[Signal],
-    taken: Mapping[str, str],
-    left: Set[str],
+    value: str | None,
 ) -> Share:
     """Share with its places and its signal, which the first place declares.
+
+    ``value`` is an expression of other shared numbers, where it is computed from them.
 
     Where some places are one number and others have one for each copy, the share is one number.
     """
     b, _, n = places[0].partition(".")
     begins = n in blocks[b].states or n in blocks[b].sharing.begun
     first = next((s for s in signals if s.shape == ()), signals[0])
-    value = share.expression
-    if value is None and signals[0].derived:
-        value = _lifted(name, blocks[b], b, share, places[0], signals[0], taken, left)
     # copies that begin alike begin with one number
-    alone = value is not None or (begins and np.ndim(first.value) == 0)
+    alone = begins and np.ndim(first.value) == 0
+    alone |= value is not None and (begins or share.expression is not None)
     signal = first.as_role(
         "param",
         name=share.name,
@@ -483,26 +493,26 @@ def _declared(
 
 def _lifted(
     name: str,
-    part: Block,
-    b: str,
+    blocks: Mapping[str, Block],
     share: Share,
     place: str,
-    first: Signal,
+    signal: Signal,
     taken: Mapping[str, str],
     left: Set[str],
 ) -> str:
     """Expression of a place, ``"v / r"`` beside a wheel, in the names of the shares."""
-    n = place.partition(".")[2]
+    b, _, n = place.partition(".")
+    part = blocks[b]
     names: dict[str, str] = {}
     own: dict[str, float] = {}  # of places that were set apart
-    for k in names_in(first.value):
+    for k in names_in(signal.value):
         full = f"{b}.{part._sibling(n, k)}"
         if full in left:
             own[k] = float(np.ravel(part.param_values()[part._sibling(n, k)])[0])
             continue
         if full not in taken:
             raise BadInput(
-                f"{name}: share {share.name!r}: {place} = {first.value!r} uses {full}, which is"
+                f"{name}: share {share.name!r}: {place} = {signal.value!r} uses {full}, which is"
                 " not shared; share it too"
             )
         names[k] = taken[full]
@@ -513,7 +523,7 @@ def _lifted(
                 return ast.Constant(own[node.id])
             return ast.Name(names.get(node.id, node.id), node.ctx)
 
-    tree = Rename().visit(ast.parse(first.value, mode="eval"))
+    tree = Rename().visit(ast.parse(signal.value, mode="eval"))
     return ast.unparse(tree)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipctl.analysis.objective import settled_by
 from slipctl.block.block import Block, Exprs
 from slipctl.block.inside import told, watched
 from slipctl.block.signals import Output, Param, Signal, State, evaluate, names_in
@@ -70,7 +71,7 @@ class Model:
                     f"rls({law.name}): give start={{{n!r}: ...}} in {law.params[n].unit}"
                 )
         parameters, guess = _coordinate_map(law.name, unknown, tuple(coordinates), values)
-        output = output_function(law, measured, unknown)
+        output = output_function(law, measured, unknown, settled=True)
         return cls(law, measured, unknown, tuple(coordinates), guess, parameters, output)
 
     @property
@@ -86,8 +87,8 @@ class Model:
         return [*self.law.inputs.values(), y.as_role("input", doc=f"measured {y.doc}")]
 
     def known(self) -> list[Signal]:
-        """Parameters of the law that an estimator takes as known."""
-        return known_parameters(self.law, self.unknown)
+        """Parameters of the law that an estimator takes as known, and what follows from them."""
+        return settled_by(self.law, [s.name for s in known_parameters(self.law, self.unknown)])
 
     def outputs(self) -> list[Signal]:
         """Outputs of an estimator."""
@@ -190,21 +191,32 @@ def known_parameters(law: Block, unknown: Sequence[str]) -> list[Signal]:
     return [s for n, s in law.params.items() if n not in unknown and not s.derived]
 
 
-def output_function(law: Block, measured: str, unknown: Sequence[str]) -> ca.Function:
-    """Function (unknown, inputs, known) -> (output, its exact Jacobian by the unknown)."""
+def output_function(
+    law: Block, measured: str, unknown: Sequence[str], *, settled: bool = False
+) -> ca.Function:
+    """Function (unknown, inputs, known) -> (output, its exact Jacobian by the unknown).
+
+    Args:
+        law, measured, unknown: as of :func:`slipctl.rls`.
+        settled: what is derived of the known parameters alone is among them, worked out already.
+    """
     sym: Any = ca.SX.sym if law.sx else ca.MX.sym
     values = sym("values", len(unknown))
     inputs = sym("inputs", sum(s.size for s in law.inputs.values()))
     known = known_parameters(law, unknown)
+    if settled:
+        known = settled_by(law, [s.name for s in known])
     constants = sym("constants", sum(s.size for s in known))
-    free = {n: values[i] for i, n in enumerate(unknown)}
+    given = {n: values[i] for i, n in enumerate(unknown)}
     at = 0
     for s in known:
         piece = constants[at : at + s.size]
-        free[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
+        given[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
         at += s.size
+    free = {n: v for n, v in given.items() if not law.params[n].derived}
     with watched() as found:
-        y = law.expr({}, law.unpack("input", inputs), law.derive(free))[1][measured]
+        params = law.derive(free) | given
+        y = law.expr({}, law.unpack("input", inputs), params)[1][measured]
     results = [y, ca.densify(ca.jacobian(y, values))]
     made = ca.Function(
         f"{law.name}_of", [values, inputs, constants], results,

@@ -8,7 +8,14 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.analysis.objective import objective, open_law, refuse_names
+from slipctl.analysis.objective import (
+    asked,
+    column,
+    objective,
+    open_law,
+    refuse_names,
+    settled,
+)
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.inside import remembered
 from slipctl.block.signals import Output, Param, State
@@ -99,14 +106,14 @@ def differential_evolution(
         return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
 
     def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = ca.vertcat(*[u[s.name] for s in given])
+        at = column(given, u, p)
         rng, pop, val = start(xs["rng"], at, p["lo"], p["hi"])
         _, rng, pop, val = run(1.0, rng, pop, val, at, p)
         place, value = best_of(pop, val)
         return {"rng": rng}, {"best": place, "value": worse * value}
 
     def spread(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        now = ca.vertcat(*[u[s.name] for s in given])
+        now = column(given, u, p)
         first = xs["G"] <= 1
         at = ca.if_else(first, now, xs["at"])
         fresh = start(xs["rng"], at, p["lo"], p["hi"])
@@ -131,17 +138,17 @@ def differential_evolution(
     memory = [
         State(x.unit, 0.0, "members", shape=(n,)).named("pop"),
         State(unit, 0.0, "their values", shape=(n,)).named("val"),
-        State("1", 0.0, "parameters of this search", shape=(len(given),)).named("at"),
+        State("1", 0.0, "parameters of this search", shape=(value_of.size1_in(1),)).named("at"),
         State("1", 1.0, "generation").named("G"),
         State(x.unit, 0.0, "best of the last search").named("place"),
         State(unit, 0.0, "value of the last search").named("height"),
         State("1", 0.0, "searches done").named("searches"),
     ]
-    states, params = [random, *(memory if many else [])], [*limits, *settings]
+    states, params = [random, *(memory if many else [])], [*limits, *settings, *settled(given)]
     refuse_names(where, law, [s.name for s in (*states, *params)])
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=given, params=params,
+        states=states, inputs=asked(given), params=params,
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
             law.outputs[maximise].as_role("output", doc="value there").named("value"),

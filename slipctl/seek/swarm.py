@@ -8,7 +8,14 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import objective, open_law, refuse_names
+from slipctl.analysis.objective import (
+    asked,
+    column,
+    objective,
+    open_law,
+    refuse_names,
+    settled,
+)
 from slipctl.block.block import Block, Exprs, about, as_block, make_block
 from slipctl.block.signals import Output, Param, State, real_array
 from slipctl.errors import BadInput, check_number, check_positive, check_ranges, check_whole
@@ -68,7 +75,7 @@ def particle_swarm(
         raise BadInput(f"{where}: clamp has {clamps.size} numbers; give one, or {len(names)}")
     assert minimise is not None
     given, value_of = open_law(law, names, minimise)
-    n, d, m = int(particles), len(names), len(given)
+    n, d, m = int(particles), len(names), value_of.size1_in(1)
     low_hi = np.array([over[k] for k in names])
     lo, span = ca.DM(low_hi[:, 0]), ca.DM(low_hi[:, 1] - low_hi[:, 0])
     settings = [
@@ -86,7 +93,7 @@ def particle_swarm(
     search, best_of = repeated(iteration, int(iterations)), _best(n, d)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = ca.vertcat(*[u[s.name] for s in given])
+        at = column(given, u, p)
         rngs, places, values = first(x["rng"], ca.repmat(at, 1, n))
         start = ca.vertcat(
             1, rngs[:, -1], ca.vec(places), ca.MX.zeros(n * d), ca.vec(places), values.T
@@ -103,7 +110,7 @@ def particle_swarm(
         "particle_swarm", "step", body,
         states=[State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,))
                 .named("rng")],
-        inputs=given, params=settings,
+        inputs=asked(given), params=[*settings, *settled(given)],
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
                    for k in names),
                  law.outputs[minimise].as_role("output", doc="value there").named("value")],
