@@ -417,12 +417,11 @@ def controller(
             averaged(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
             **settings,
         ), curve, slip=5.0, most=2.0)  # fmt: skip
+        peak = argmax_block(grip(curve), "lam", lo=0.005, hi=0.4, closed_form=reference == "fitted")
         parts |= {
             "meter": adhesion_meter(window, torque),
             "estimator": every(estimator, every_ticks),
-            "search": every(
-                peak_ranged(argmax_block(grip(curve), "lam", lo=0.005, hi=0.4), 1.0), every_ticks
-            ),
+            "search": every(peak_ranged(peak, 1.0), every_ticks),
         }
         wires |= {
             "meter.omega": "omega",

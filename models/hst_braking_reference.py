@@ -13,7 +13,6 @@ from casadi import (
     fmin,
     if_else,
     jacobian,
-    log,
     logic_and,
     logic_or,
     sign,
@@ -227,9 +226,9 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
         share = exp(parabola(x, a0_at, log_share))
         return a1, share
 
-    def best(a0, a0_at, a1_at, a2_at):
-        a1, share = shape(a0, a0_at, log(a1_at), log(a2_at / a0_at))
-        return peak_slip(a0, a1, share * a0)
+    def best(a0, a0_at, log_a1, log_share, **others):
+        a1, share = shape(a0, a0_at, log_a1, log_share)
+        return peak_slip(1, a1, share)  # the height only scales the curve
 
     @law(
         mu=Output("1", "adhesion coefficient", positive="traction"),

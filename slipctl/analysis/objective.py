@@ -96,5 +96,4 @@ def law_at(law: Block, over: Sequence[str], maximise: str, place: Any, values: A
         first += s.size
     params = {k: v for k, v in at.items() if k in law.params}
     inputs = {k: v for k, v in at.items() if k in law.inputs}
-    free = {k: v for k, v in params.items() if not law.params[k].derived}
-    return law.expr({}, inputs, law.derive(free) | params)[1][maximise]
+    return law.expr({}, inputs, law.derive(params))[1][maximise]

@@ -103,11 +103,11 @@ def argmax(
         return _proven(where, value, slope, p, lo, hi)
     if closed_form and law.closed_form is not None:
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
-        free = {
-            k: float(v) if law.params[k].shape == () else ca.DM(v)
-            for k, v in params.items() if not law.params[k].derived
+        told = {
+            s.name: ca.DM(params[s.name]) if s.shape else float(params[s.name])
+            for s in left_open(law, [over]) if s.name in params
         }  # fmt: skip
-        place = float(law.closed_form(**free))
+        place = float(law.closed_form(**told))
         slopes = _slopes_at(slope, p)
         bracket = _bracket(slopes, place, lo, hi) if lo < place < hi else None
         if bracket is not None:
@@ -261,7 +261,7 @@ def argmax_several(
 
 def argmax_block(
     law: Block, over: str, maximise: str | None = None, *, lo: float, hi: float, points: int = 32,
-    newton: int = 6, closed_form: bool = False,
+    newton: int = 6, closed_form: bool = False, value: bool = True,
 ) -> Block:  # fmt: skip
     """Make a law that finds the peak online: a grid, then safeguarded Newton steps.
 
@@ -272,8 +272,8 @@ def argmax_block(
         lo, hi: range of the input, in its unit.
         points: points of the grid, the ends included.
         newton: Newton steps, each replaced by bisection where it would leave the bracket.
-        closed_form: take the closed form of the peak that the law declares, put into the range;
-            there is no output ``value`` then, which would cost more than the place.
+        closed_form: take the closed form of the peak that the law declares, put into the range.
+        value: give the objective there too, which costs more than the place of a closed form.
 
     Returns:
         A law. Inputs: the law's scalar parameters and its other inputs. Outputs: ``best`` and
@@ -298,12 +298,15 @@ def argmax_block(
         raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
     form = law.closed_form if closed_form else None
 
+    def results(place: Any, at: Any) -> Exprs:
+        return {"best": place} | ({"value": value_of(place, at)} if value else {})
+
     def body(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = column(given, u, p)
         if form is not None:
-            free = {n: u[n] if n in u else p[n] for n, s in law.params.items() if not s.derived}
-            best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**free)))
-            return {}, {"best": best}
+            told = {s.name: (u | p)[s.name] for s in given if s.name in law.params}
+            best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**told)))
+            return {}, results(best, at)
         step = (p["hi"] - p["lo"]) / (points - 1)
         place, height = p["lo"], law_at(law, [over], maximise, p["lo"], at)
 
@@ -327,7 +330,7 @@ def argmax_block(
         a, b = ca.fmax(place - step, p["lo"]), ca.fmin(place + step, p["hi"])
         for _ in range(int(newton)):
             place, a, b = closer(place, a, b)
-        return {}, {"best": place, "value": value_of(place, at)}
+        return {}, results(place, at)
 
     return make_block(
         "argmax", "law", body, inputs=asked(given),
@@ -338,8 +341,7 @@ def argmax_block(
         ],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
-            *([] if closed_form else
-              [law.outputs[maximise].as_role("output", doc="value there").named("value")]),
+            *[law.outputs[maximise].as_role("output", doc="value there").named("value")][:value],
         ],
         choices={"law": law.name, "over": over}
         | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
@@ -362,7 +364,7 @@ def objective_functions(
         if k not in names:
             raise BadInput(f"{where} has no input or parameter {k!r}{nearest(k, names)}")
     params = law.param_values(**{k: v for k, v in at.items() if k in law.params})
-    fixed = []
+    fixed: list[float] = []
     for s in given:
         value = params.get(s.name, at.get(s.name, s.value))
         if value is None:

@@ -151,7 +151,9 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
     left |= {f"{b}.{place}" for b, places in apart.items() for place in places}
     for share in shares.values():
         every = met[share.name]
-        places = tuple(p for p in every if p not in share.apart)
+        places = tuple(
+            p for p in every if p not in share.apart and not _follows(blocks, p, left)
+        )  # fmt: skip
         if places or (every and share.expression):  # what is computed stands without a place too
             told = places or tuple(every)
             signals = [_signal(blocks, p) for p in told]
@@ -161,7 +163,8 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
                 if s.derived and share.expression is None and signals[0].derived
             ]
             _agree(name, share, told, signals, lifted)
-            made = _declared(blocks, share, told, signals, share.expression or (lifted or [None])[0])
+            value = share.expression or (lifted[0] if lifted else None)
+            made = _declared(blocks, share, told, signals, value)
             found[share.name] = replace(made, places=places)
     for share in found.values():
         _check_unit(name, share, found)
@@ -373,6 +376,14 @@ def _places(
                     f"{b}.{n}" for n in met if n not in apart[b] and not block.params[n].derived
                 )
     return list(found)
+
+
+def _follows(blocks: Mapping[str, Block], place: str, left: Set[str]) -> bool:
+    """Whether a vector is derived of what was set apart, so that it is apart too."""
+    b, _, n = place.partition(".")
+    s = _signal(blocks, place)
+    needs = names_in(s.value) if s.derived and s.shape and n in blocks[b].params else ()
+    return any(f"{b}.{blocks[b]._sibling(n, k)}" in left for k in needs)
 
 
 def _has(blocks: Mapping[str, Block], place: str) -> bool:

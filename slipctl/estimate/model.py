@@ -213,10 +213,8 @@ def output_function(
         piece = constants[at : at + s.size]
         given[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
         at += s.size
-    free = {n: v for n, v in given.items() if not law.params[n].derived}
     with watched() as found:
-        params = law.derive(free) | given
-        y = law.expr({}, law.unpack("input", inputs), params)[1][measured]
+        y = law.expr({}, law.unpack("input", inputs), law.derive(given))[1][measured]
     results = [y, ca.densify(ca.jacobian(y, values))]
     made = ca.Function(
         f"{law.name}_of", [values, inputs, constants], results,

@@ -145,7 +145,9 @@ def searching() -> Controller:
     }  # fmt: skip
     parts = {
         "estimator": fit_ranged(rls(law, form="recursive", start=loops.START, period=loops.H), law),
-        "peak": peak_ranged(argmax_block(law, "v_s", lo=0.01, hi=10.0, closed_form=True)),
+        "peak": peak_ranged(
+            argmax_block(law, "v_s", lo=0.01, hi=10.0, closed_form=True, value=False)
+        ),
         "slip": control.controller(sta, "slip"),
     }
     loop, _ = doors.find_loop(doors.load_study("subway_braking"), "sta")
