@@ -18,8 +18,8 @@ def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
         raise BadInput(f"{where}: only a law of scalar expressions can be searched")
     if over not in law.inputs:
         raise BadInput(f"{where} has no input {over!r}{nearest(over, law.inputs)}")
-    if any(s.shape != () for s in law.inputs.values()):
-        raise BadInput(f"{where}: inputs must be scalars")
+    if any(s.shape != () for s in (*law.inputs.values(), *law.outputs.values())):
+        raise BadInput(f"{where}: inputs and outputs must be scalars")
     if maximise is None and len(law.outputs) == 1:
         return next(iter(law.outputs))
     if maximise is None:

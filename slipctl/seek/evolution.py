@@ -144,11 +144,11 @@ def differential_evolution(
         State(unit, 0.0, "value of the last search").named("height"),
         State("1", 0.0, "searches done").named("searches"),
     ]
-    states, params = [random, *(memory if many else [])], [*limits, *settings, *settled(given)]
+    states, params = [random, *(memory if many else [])], [*limits, *settings]
     refuse_names(where, law, [s.name for s in (*states, *params)])
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=asked(given), params=params,
+        states=states, inputs=asked(given), params=[*params, *settled(given)],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
             law.outputs[maximise].as_role("output", doc="value there").named("value"),
