@@ -249,6 +249,7 @@ def predictive(
         share = SHARED | {
             "m_axle": "*.m_axle", "T_s": "*.T_s", "T_max": "nmpc.T_cmd_hi",
         }  # fmt: skip
+        share |= {n: f"*.{n}" for n, s in adhesion.params.items() if s.shape and not s.derived}
         return bounded(connect("law", wires, share=share, **parts), w)
 
     return make

@@ -148,7 +148,7 @@ def hst_world() -> Block:
         "slip_true": "plant.wheel.v_s",
     }
     return connect(
-        "world", wires, share=HST_SHARES | zhang.PRIOR, plant=plant,
+        "world", wires, share=HST_SHARES, plant=plant,
         tacho=zhang.wheel_speed_sensor.with_params(sigma=1e-3),
         accelerometer=zhang.accelerometer.with_params(sigma=0.05, bias=0.02),
         filter=zhang.adhesion_filter(), fusion=zhang.speed_fusion,

@@ -9,6 +9,7 @@ from slipctl.models import freight_traction as freight
 from slipctl.models import hst_braking as hst
 from slipctl.models import subway_braking as subway
 from slipctl.models.freight_traction import TRAIN
+from slipctl.models.hst_braking_reference import PRIOR
 from slipctl.models.shared import GRADIENT, SHARED
 
 SUBWAY_SHARES = SHARED | GRADIENT | {"m_axle = m": "force.m_axle"} | subway.MEASURED_STARTS
@@ -25,6 +26,7 @@ HST_SHARES = (
         **hst.STARTS,
         "v_start": [*hst.STARTS["v_start"], "fusion.v_h"],
         **hst.BRAKE_STARTS,
+        **PRIOR,
     }
 )
 FREIGHT_SHARES = SHARED | TRAIN | GRADIENT | {
@@ -55,6 +57,7 @@ def shares(world: Block, control_law: Block, slowed: bool = False) -> dict[str, 
         for n in ("m", "J", "n", "n_d", "R_g", "theta", "P_max", "slope")
         if n in has
     }
+    found |= {n: f"*.{n}" for n in ("a0_at", "a1_at", "a2_at") if n in has}
     for n in "mJ":  # of one wheel
         name = f"{n}_wheel" if f"{n}_wheel" in has else n
         found[name] = [f"world.{name}", *(["law." + n] if n in control_law.params else [])]
