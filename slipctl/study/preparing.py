@@ -322,12 +322,15 @@ def _meant(loop: Block, name: str, *roles: str) -> set[str]:
 
 
 def _with(loop: Block, names: Sequence[str], s: Setting) -> Block:
-    values = {}
+    values: dict[str, Any] = {}
     for t in names:
         signal = loop.declared(t)
         text = s.value.strip()
         if signal.values and not text[:1].isdigit():
             values[t] = float(signal.code(t, text))
+        elif text[:1] == "[" and text[-1:] == "]":
+            elements = text[1:-1].split(",")
+            values[t] = [units.parse_quantity(e, signal.unit, t) for e in elements]
         else:
             values[t] = units.parse_quantity(s.value, signal.unit, t)
     return loop.with_params(**values)

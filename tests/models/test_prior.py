@@ -23,6 +23,7 @@ from slipctl.block.sharing import told_apart
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write import guard
+from slipctl.commands import cli
 from slipctl.errors import BadInput
 from slipctl.models import hst_braking as models
 from slipctl.models import hst_braking_control as control
@@ -189,3 +190,16 @@ def test_heights_that_do_not_rise_are_refused_by_tune(eppfc, tmp_path: Path):
     assert module._call("tune", module._param, module._state) == guard.BAD_PARAM
     module._param[at + 1] = 0.2546
     assert module._call("tune", module._param, module._state) == 0
+
+
+def test_points_are_set_by_the_command(tmp_path: Path, capsys):
+    """A list, each with its unit; another number of them is refused in one line."""
+    assert cli.main(["c", "hst_braking:eppfc", "--set", "ctl.a1_at=[30, 26, 24]",
+                     "--out", str(tmp_path / "c")]) == 0  # fmt: skip
+    text = (tmp_path / "c" / "hst_braking_eppfc.c").read_text()
+    assert ".a1_at = {30.0, 26.0, 24.0}" in text
+    for given, words in (("[30, 26]", "takes an array (3,) in 1"), ("[a, b, c]", "is no number")):
+        assert cli.main(["c", "hst_braking:eppfc", "--set", f"ctl.a1_at={given}",
+                         "--out", str(tmp_path / "none")]) == 2  # fmt: skip
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "none").exists()
