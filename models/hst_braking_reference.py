@@ -222,9 +222,7 @@ def family(rails: dict[str, dict[str, float]] | None = None) -> Block:
 
     def shape(a0, a0_at, log_a1, log_share):
         x = fmax(a0_at[0], fmin(a0_at[2], a0))
-        a1 = exp(parabola(x, a0_at, log_a1))
-        share = exp(parabola(x, a0_at, log_share))
-        return a1, share
+        return exp(parabola(x, a0_at, log_a1)), exp(parabola(x, a0_at, log_share))
 
     def best(a0, a0_at, log_a1, log_share, **others):
         a1, share = shape(a0, a0_at, log_a1, log_share)
