@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -11,12 +10,14 @@ import numpy as np
 
 from slipctl.analysis.optimum import highest_peak, objective_functions
 from slipctl.block.block import Block, Exprs, about, make_block
-from slipctl.block.signals import Output
-from slipctl.block.units import one
+from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_positive, check_range, nearest
 
 MOST = 400
 """Largest number of nodes of a table."""
+
+FAR = 1e12
+"""End of the range of heights where the law has none."""
 
 
 def argmax_table(
@@ -34,8 +35,8 @@ def argmax_table(
     """Make a law that knows the peak of another one on each of its rail conditions.
 
     Place and height of the peak are computed at nodes of ``by``, which are set closer where they
-    bend. Between them are straight lines: y = y_0 + sum_k s_k min(max(x - x_k, 0), x_k+1 -
-    x_k). There is no search, no division and no index, so it runs in C, in float too.
+    bend. Between them are straight lines. Nodes, places and heights are parameters, tables over
+    ``<by>_at``: they are of the law as it is now, and stay when its numbers change.
 
     Args:
         law: a law of scalar expressions.
@@ -61,6 +62,8 @@ def argmax_table(
         others = [n for n in law.inputs if n != over]
         raise BadInput(f"{where} has no other input {by!r}{nearest(by, others)}")
     rails = dict(conditions if conditions is not None else law.conditions)
+    if odd := [n for n in rails if not n.isidentifier()]:
+        raise BadInput(f"{where}: condition {odd[0]!r} is no name; tables are called by it")
     if not rails:
         raise BadInput(f"{where}: {law.name} has no conditions; give conditions={{...}}")
     found = [
@@ -79,39 +82,51 @@ def argmax_table(
         return np.array(rows).T
 
     xs, ys, worst = _nodes(where, peaks, span, error)
-    slopes = np.diff(ys, axis=0) / np.diff(xs)[:, None, None]
-    x = law.inputs[by]
-
+    x, axis = law.inputs[by], f"{by}_at"
     target, height = law.inputs[over], law.outputs[maximise or next(iter(law.outputs))]
+    best = Output(target.unit, f"best {target.doc}", positive=target.positive, per=target.per,
+                  shape=(len(rails),)).named("best")  # fmt: skip
+    value = height.as_role("output", doc="value there", shape=(len(rails),)).named("value")
+    most = {"best": (lo, hi), "value": (max(height.lo, -FAR), min(height.hi, FAR))}
+    places = Param(
+        x.unit, xs, f"places of the table: {x.doc}", shape=xs.shape, lo=span[0], hi=span[1],
+        rising=True,
+    )  # fmt: skip
+    tables = [
+        Param(
+            s.unit, ys[:, k, i], f"{s.doc}: {rail}", shape=xs.shape, lo=most[s.name][0],
+            hi=most[s.name][1], positive=s.positive, per=s.per, over=axis,
+        ).named(f"{s.name}_{rail}")
+        for k, s in enumerate((best, value)) for i, rail in enumerate(rails)
+    ]  # fmt: skip
+
+    height_at = _height_at(len(xs))
 
     def body(states: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        to = one(x.unit)
-        ramps = [
-            ca.fmin(ca.fmax(u[by] - float(a) * to, 0.0), float(b - a) * to) for a, b in pairwise(xs)
-        ]
-
-        def line(k: int, i: int, unit: str) -> Any:
-            """Height of row k of condition i over the ramps."""
-            per = one(f"({unit})/({x.unit})")
-            steps = [float(s) * per * r for s, r in zip(slopes[:, k, i], ramps, strict=True)]
-            return sum(steps, float(ys[0, k, i]) * one(unit))
-
+        at = p[axis]
+        k = ca.low(at, u[by])
+        share = ca.fmin(ca.fmax((u[by] - at[k]) / (at[k + 1] - at[k]), 0.0), 1.0)
         return {}, {
-            name: ca.vertcat(*[line(k, i, unit) for i in range(len(rails))])
-            for k, (name, unit) in enumerate((("best", target.unit), ("value", height.unit)))
+            n: ca.vertcat(*[height_at(p[f"{n}_{rail}"], k, share) for rail in rails])
+            for n in ("best", "value")
         }
 
-    n = len(rails)
-    outputs: list[Any] = [
-        Output(target.unit, f"best {target.doc}", positive=target.positive, per=target.per,
-               shape=(n,)).named("best"),
-        height.as_role("output", doc="value there", shape=(n,)).named("value"),
-    ]  # fmt: skip
     return make_block(
-        "argmax_table", "law", body, inputs=[x], outputs=outputs,
+        "argmax_table", "law", body, inputs=[x], outputs=[best, value], sx=False,
+        params=[places.named(axis), *tables],
         choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
                  "nodes": len(xs), "error": float(f"{worst:.2g}")},
         doc=about(argmax_table),
+    )  # fmt: skip
+
+
+def _height_at(n: int) -> ca.Function:
+    """Function (heights, number of the place before, share of the way to the next) -> height."""
+    heights, k, share = ca.MX.sym("heights", n), ca.MX.sym("k"), ca.MX.sym("share")
+    before = heights[k]
+    return ca.Function(
+        "height_at", [heights, k, share], [before + share * (heights[k + 1] - before)],
+        ["heights", "k", "share"], ["height"],
     )  # fmt: skip
 
 

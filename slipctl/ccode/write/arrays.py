@@ -209,6 +209,13 @@ class Arrays(Writer):
             self.texts[k] = Text(text, _ATOM)
             if node.size == 1 or self.uses[k] > 1 or len(text) > 60:
                 self._line(k)
+        elif op == ca.OP_LOW:
+            base, offset = self._stored(node.args[0])
+            self.helpers.add("reached")
+            x = self._real(self.texts[node.args[1]])
+            text = f"(double)reached({address(base, offset)}, {node.detail}, {x})"
+            self.texts[k] = Text(text, _ATOM)
+            self._line(k)
         elif node.size == 1:
             super()._write(k)
             return

@@ -164,6 +164,8 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
         return Step(PRODUCT, args, size=size, detail=(x.shape[0], x.shape[1], y.shape[1]))
     if op == ca.OP_GETNONZEROS_PARAM and len(args) == 2:
         return Step(ca.OP_GETNONZEROS_PARAM, args, size=size, detail=mx.dep(0).nnz())
+    if op == ca.OP_LOW and size == 1:
+        return Step(ca.OP_LOW, args, size=size, detail=mx.dep(0).nnz() - 1)
     raise Unsupported(f"operation {op}")
 
 
