@@ -179,7 +179,7 @@ def limits(
 # ---- the laws ------------------------------------------------------------------------------------
 
 LAW = {
-    "v": (-1, 120, "430 km/h; 50 m/s^2 for 1 ms and noise", 0.5),
+    "v": (-1, 120, "430 km/h; 10 m/s^2 for 1 ms, and noise", 0.01, 0.5),
     "v_s": (-0.5, 120, "a locked wheel; noise alone slips the other way", 0.5),
     "D": ("-20 - 1e6 * r**2 / J", "20 + 1e6 * r**2 / J", "adhesion of 2 under 50 t"),
     "F": (-1e6, 1e6, "adhesion of 2 under 50 t"),

@@ -245,10 +245,11 @@ def creep(
     v_t=Input(
         "m/s",
         "measured train speed",
-        source="430 km/h; 500 m/s^2 for .2 ms, or noise",
+        source="430 km/h; 5 m/s^2 for .2 ms, and noise",
         lo=-5,
         hi=120,
-        change=0.1,
+        change=0.001,
+        noise=0.1,
     ),
     r=Param("m", 0.625, "wheel radius", f"{TABLE_2}, printed as a diameter", lo=0.2, hi=1),
     R_g=Param("1", 6.294, "gear, motor to wheel", TABLE_2, lo=1, hi=20),

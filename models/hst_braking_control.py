@@ -300,7 +300,15 @@ def arbitration(
         hi=60e3,
     ),
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
-    v=Input("m/s", "train speed", "430 km/h; 50 m/s^2", lo=-1, hi=120, change=0.05),
+    v=Input(
+        "m/s",
+        "train speed",
+        "430 km/h; 5 m/s^2 for 1 ms, and noise",
+        lo=-1,
+        hi=120,
+        change=0.005,
+        noise=0.045,
+    ),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     a_demand=Input(
         "m/s^2",

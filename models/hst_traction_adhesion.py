@@ -44,7 +44,13 @@ from slipctl.models.ranges import FRICTION
 
 TABLE_1 = "Wang 2025, Table 1"
 GUESS = "guess, not in the paper"
-SPIN = "a rim of 400 m/s; 60 kN m on the axle for 1 ms, and noise"
+SPIN = (
+    "a train that rolls back at 1 m/s, a rim of 400 m/s; 60 kN m on the axle for 1 ms; noise of ten"
+    " steps of its converter"
+)
+TRAIN_SPEED = (
+    "430 km/h; twice an emergency brake of 1.2 m/s^2 for 1 ms; noise of six steps of its converter"
+)
 SLOPE = 2000.0
 """Largest |f'| in rad/s^3 that the default gains are made for: mu by 2.75 per s."""
 
@@ -67,7 +73,10 @@ FOUND = State(
     lo="-4 * r * m_axle * g / J",
     hi="4 * r * m_axle * g / J",
 )
-MEASURED = Input("rad/s", "measured wheel speed", SPIN, lo=-20, hi="400 / r", change="60 / J + 0.5")
+MEASURED = Input(
+    "rad/s", "measured wheel speed", SPIN, lo="-1 / r - 0.5", hi="400 / r", change="60 / J",
+    noise=0.5,
+)  # fmt: skip
 TORQUE = Input(
     "N m",
     "torque on the axle",
@@ -416,10 +425,11 @@ def creep(
     v=Input(
         "m/s",
         "train speed",
-        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        source=TRAIN_SPEED,
         lo=-1,
         hi=120,
-        change=0.5,
+        change=0.0025,
+        noise=0.15,
     ),
     r=RADIUS,
 ):
@@ -504,10 +514,11 @@ def characteristic(
     v=Input(
         "m/s",
         "train speed",
-        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        source=TRAIN_SPEED,
         lo=-1,
         hi=120,
-        change=0.5,
+        change=0.0025,
+        noise=0.15,
     ),
     F_top=Param("N", 302e3, "starting force", "Wang 2025, eq (33)", lo=1e3, hi=1e7),
     P_top=Param("W", 5.5e6, "power", "Wang 2025, eq (33)", lo=1e3, hi=1e8),

@@ -48,6 +48,7 @@ from slipctl.models.hst_traction import resistance
 from slipctl.models.hst_traction_adhesion import (
     GUESS,
     TABLE_1,
+    TRAIN_SPEED,
     adhesion_observer,
     antislip_limit,
     characteristic,
@@ -130,9 +131,7 @@ def tracking(
         hi=1e6,
         change=0.15,
     ),
-    v=Input(
-        "m/s", "speed", source="430 km/h; 50 m/s^2 for 1 ms and noise", lo=-1, hi=120, change=0.15
-    ),
+    v=Input("m/s", "speed", source=TRAIN_SPEED, lo=-1, hi=120, change=0.0025, noise=0.15),
     x_d=Input(
         "m",
         "target position",
@@ -142,7 +141,7 @@ def tracking(
         change=0.15,
     ),
     v_d=Input(
-        "m/s", "target speed", source="430 km/h; 10 m/s^2 for 1 ms", lo=-1, hi=120, change=0.01
+        "m/s", "target speed", source="430 km/h; 2 m/s^2 for 1 ms", lo=-1, hi=120, change=0.002
     ),
     a_d=Input(
         "m/s^2",

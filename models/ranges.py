@@ -118,7 +118,7 @@ def observer_ranged(observer: Block) -> Block:
     load = "adhesion of 2 under 50 t"
     rows = {
         **dict.fromkeys(("omega_m", "omega_m_hat"), (-500, 1.1e4, spin)),
-        "omega_m_measured": (-500, 1e4, spin, "8 / J + 0.2"),
+        "omega_m_measured": (-500, 1e4, spin, "8 / J", 0.2),
         **dict.fromkeys(("T_L", "T_L_hat"), (-1e6, 1e6, load)),
         "T_m": (-1e6, 1e6, "eighty times the largest torque"),
     }

@@ -119,10 +119,11 @@ def slip_reference(
     v=Input(
         "m/s",
         "vehicle speed",
-        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        source="430 km/h; 10 m/s^2 for 1 ms, and noise",
         lo=-1,
         hi=120,
-        change=0.5,
+        change=0.01,
+        noise=0.5,
     ),
     v_opt=Input(
         "m/s",
@@ -266,10 +267,11 @@ def arbitration(
     v=Input(
         "m/s",
         "vehicle speed",
-        source="430 km/h; 50 m/s^2 for 1 ms and noise",
+        source="430 km/h; 10 m/s^2 for 1 ms, and noise",
         lo=-1,
         hi=120,
-        change=0.5,
+        change=0.01,
+        noise=0.5,
     ),
     a_demand=Input(
         "m/s^2",

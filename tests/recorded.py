@@ -45,7 +45,7 @@ def rest(s: Signal) -> str:
     """What else is declared of a signal; of words, whether there are any."""
     found = {
         "told": bool(s.doc), "sourced": bool(s.source), "per": s.per, "safe": s.safe,
-        "change": s.change if np.isfinite(s.change) else "",
+        "change": s.change if np.isfinite(s.change) else "", "jitter": s.jitter or "",
         "stale": s.stale if s.stale != 200 else "", "noise": s.noise, "axis": s.axis,
         "whole": s.whole, "truth": " ".join(s.truth),
         "deviation": s.deviation, "ends": "; ".join(f"{b.what} {b.expression}" for b in s.bounds),

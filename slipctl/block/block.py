@@ -257,9 +257,9 @@ class Block:
         return self.sharing.name(name.rpartition(".")[0] + "." + other if "." in name else other)
 
     def ends(self, signal: Signal, values: Mapping[str, Any]) -> tuple[list[Any], ...]:
-        """Lower ends, upper ends and largest changes of a signal, with these parameters.
+        """Lower ends, upper ends, largest changes and noises of a signal, with these parameters.
 
-        Of each the tightest holds; what is infinite is left out.
+        Of each the tightest holds, of noises the largest; what is infinite or no noise is left out.
 
         Args:
             signal: of this block.
@@ -268,16 +268,17 @@ class Block:
         Raises:
             BadInput: an expression that uses what is no parameter.
         """
-        found: dict[str, list[Any]] = {"lo": [], "hi": [], "change": []}
+        found: dict[str, list[Any]] = {"lo": [], "hi": [], "change": [], "noise": []}
         for what, number in (("lo", signal.lo), ("hi", signal.hi), ("change", signal.change)):
             found[what] += [number] if math.isfinite(number) else []
+        found["noise"] += [signal.jitter] if signal.jitter else []
         for b in signal.bounds:
             where = f"{self.name}.{signal.name}: {b.what}"
             home = b.home or signal.name
             local = {k: values.get(self._sibling(home, k)) for k in names_in(b.expression)}
             known = {k: v for k, v in local.items() if v is not None}
             found[b.what].append(evaluate(b.expression, known, where))
-        return found["lo"], found["hi"], found["change"]
+        return found["lo"], found["hi"], found["change"], found["noise"]
 
     def without_range(self) -> list[str]:
         """Signals of which an end of the range is open, ``"input v"``, in their order."""

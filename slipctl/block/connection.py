@@ -236,6 +236,7 @@ def _both(a: Signal, b: Signal) -> Signal:
         lo=max(a.lo, b.lo),
         hi=min(a.hi, b.hi),
         change=min(a.change, b.change),
+        jitter=max(a.jitter, b.jitter),  # of the one sensor that both read
         stale=min(a.stale, b.stale),
         bounds=tuple(dict.fromkeys([*a.bounds, *b.bounds])),
         positive=a.positive or b.positive,

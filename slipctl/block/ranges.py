@@ -12,7 +12,7 @@ from slipctl.block.signals import Bound, Signal
 from slipctl.errors import BadInput, nearest
 
 Row = tuple[Any, ...]
-"""Lower end, upper end, source, and the largest change of an input from one tick to the next."""
+"""Lower end, upper end, source, and of an input its largest change per tick, and its noise."""
 
 
 def ranged(
@@ -24,10 +24,10 @@ def ranged(
         block: any.
         outputs: ``Output("N", lo=-1e3, hi=1e3).named("F_a")``; a state may have the same name.
         table: ranges by name, ``{"F_a": (-1e3, "F_max", "source")}``, whatever carries the name:
-            lower end, upper end, source and, of an input, the largest change per tick.
+            lower end, upper end, source and, of an input, the largest change per tick and noise.
         signals: states and inputs by name, ``omega=Input("rad/s", lo=-1, hi="120 / r")``; ends, and
-            the ``change`` of an input, may be expressions of the block's parameters. Unit, meaning
-            and all the rest stay the block's own.
+            ``change`` and ``noise`` of an input, may be expressions of the block's parameters.
+            Unit, meaning and all the rest stay the block's own.
 
     Raises:
         BadInput: an unknown signal, another unit, an expression that cannot be read.
@@ -68,6 +68,7 @@ def _declared(there: Signal, s: Signal) -> Signal:
         lo=s.lo,
         hi=s.hi,
         change=s.change,
+        jitter=s.jitter,
         bounds=s.bounds,
         stale=s.stale,
         source=s.source or there.source,
@@ -76,10 +77,10 @@ def _declared(there: Signal, s: Signal) -> Signal:
 
 def _row(there: Signal, ends: Row, source: str) -> Signal:
     """A signal with the range of a row of a table."""
-    what = dict(zip(("lo", "hi", "change"), ends, strict=False))
+    what = dict(zip(("lo", "hi", "change", "noise"), ends, strict=False))
     if there.role != "input":
-        what.pop("change", None)
-    numbers = {"lo": -math.inf, "hi": math.inf, "change": math.inf}
+        what = {k: what[k] for k in ("lo", "hi")}
+    numbers = {"lo": -math.inf, "hi": math.inf, "change": math.inf, "noise": 0.0}
     numbers |= {k: float(v) for k, v in what.items() if not isinstance(v, str)}
     bounds = tuple(Bound(k, v) for k, v in what.items() if isinstance(v, str))
     return replace(
@@ -87,6 +88,7 @@ def _row(there: Signal, ends: Row, source: str) -> Signal:
         lo=numbers["lo"],
         hi=numbers["hi"],
         change=numbers["change"],
+        jitter=numbers["noise"],
         bounds=bounds,
         source=there.source or source,
     )

@@ -36,10 +36,10 @@ KINDS = ("int", "bool", "enum")
 
 @dataclass(frozen=True)
 class Bound:
-    """An end of a range, or a largest change per tick, that follows parameters.
+    """An end of a range, a largest change per tick, or its noise, that follows parameters.
 
     Attributes:
-        what: ``"lo"``, ``"hi"`` or ``"change"``.
+        what: ``"lo"``, ``"hi"``, ``"change"`` or ``"noise"``.
         expression: of the block that declares it, ``"v_max / r"``.
         home: the signal that declares it, with the path of its part; empty for the signal itself.
     """
@@ -72,6 +72,8 @@ class Signal:
         deviation: standard deviation of an estimator's start value, as an expression of its block,
             ``"sqrt(P)"``.
         change: largest change of an input from one tick to the next that can be true.
+        jitter: what noise and steps of its sensor make of two samples of the same quantity, at
+            most; beside ``change``, which grows with the time between them.
         bounds: ends and changes that follow parameters.
         stale: ticks in a row for which generated C goes on with the last good value of an input.
         truth: what an estimator's state estimates, an expression of names that the rest of the loop
@@ -100,6 +102,7 @@ class Signal:
     safe: float | None = None
     deviation: str = ""
     change: float = math.inf
+    jitter: float = 0.0
     bounds: tuple[Bound, ...] = ()
     stale: int = 200
     truth: tuple[str, ...] = ()
@@ -128,6 +131,18 @@ class Signal:
         if not self.change > 0:
             raise BadInput(
                 f"{where}: its largest change per tick is {self.change:g}; give a positive number"
+            )
+        check_number(f"{where}: noise", self.jitter, str(self.unit))
+        if not 0 <= self.jitter < math.inf:
+            raise BadInput(
+                f"{where}: its noise is {self.jitter:g}; give a finite number that is not negative"
+            )
+        follows = {b.what for b in self.bounds}
+        if (self.jitter or "noise" in follows) and not (
+            self.change < math.inf or "change" in follows
+        ):
+            raise BadInput(
+                f"{where}: its noise stands beside a largest change per tick; give change, too"
             )
         check_whole(f"{where}: stale", self.stale, 0)
         for b in self.bounds:
@@ -195,6 +210,7 @@ class Signal:
         kept = {
             "safe": self.safe if role == "output" else None,
             "change": self.change if role == "input" else math.inf,
+            "jitter": self.jitter if role == "input" else 0.0,
             "bounds": tuple(b for b in self.bounds if b.what not in changes),
         }
         return replace(self, role=role, **{**kept, **changes})
@@ -374,6 +390,7 @@ def Input(
     lo: float | str = -math.inf,
     hi: float | str = math.inf,
     change: float | str = math.inf,
+    noise: float | str = 0.0,
     stale: int = 200,
     shape: tuple[int, ...] = (),
     positive: str | None = None,
@@ -383,10 +400,13 @@ def Input(
     """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it.
 
     Range and ``change``, the most that it can truly change from one tick to the next, may be
-    expressions of parameters. Generated C puts the last good value in the place of one outside, for
-    ``stale`` ticks in a row; then it refuses the tick.
+    expressions of parameters. So may ``noise``, what two samples of the same quantity differ by at
+    most. Generated C puts the last good value in the place of one that is outside, or further from
+    it than noise and change since then allow. It does so for ``stale`` ticks in a row; then it
+    refuses the tick.
     """
-    given = _ends(lo, hi, change)
+    given = _ends(lo, hi, change=change, noise=noise)
+    given["jitter"] = given.pop("noise", 0.0)
     return Signal(
         "input", unit, value, doc, source, shape=shape, positive=positive, per=per,
         stale=stale, values=values, **given,
@@ -423,9 +443,9 @@ def Output(
     )  # fmt: skip
 
 
-def _ends(lo: float | str, hi: float | str, change: float | str = math.inf) -> dict[str, Any]:
-    """Ends and change that are numbers, and bounds for those that are expressions."""
-    given = {"lo": lo, "hi": hi, "change": change}
+def _ends(lo: float | str, hi: float | str, **rest: float | str) -> dict[str, Any]:
+    """Ends, and what else there is, that are numbers, and bounds for those that are expressions."""
+    given = {"lo": lo, "hi": hi, **rest}
     bounds = tuple(Bound(k, v) for k, v in given.items() if isinstance(v, str))
     return {k: v for k, v in given.items() if not isinstance(v, str)} | {"bounds": bounds}
 

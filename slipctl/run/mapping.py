@@ -78,7 +78,7 @@ def good_samples(
         raise BadInput(f"{name} has shape {signal.shape}; a column gives one number")
     missing = ~np.isfinite(x)
     empty = missing & log.rows(source.column)
-    lows, highs, _ = block.ends(signal, values)
+    lows, highs, *_ = block.ends(signal, values)
     lo, hi = (max(map(float, lows), default=-np.inf), min(map(float, highs), default=np.inf))
     off = ~missing & ((x < lo) | (x > hi))
     if empty.any():

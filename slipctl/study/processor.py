@@ -310,7 +310,7 @@ def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
     status = taken(plan, np.broadcast_to(rows, (ticks, rows.shape[1])), values)[1]
     for m in plan.layout.outputs:
         if f"{part}.{m.name}" in python:
-            lo, hi, _ = plan.ends([m], values)
+            lo, hi, *_ = plan.ends([m], values)
             logged = python[f"{part}.{m.name}"].values.reshape(ticks, -1)
             status[((logged < lo) | (logged > hi)).any(axis=1)] |= bit("LIMITED")
     return status

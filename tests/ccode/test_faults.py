@@ -336,7 +336,7 @@ def test_outputs_that_chatter_are_compared_by_means():
 def test_what_a_value_cannot_be():
     """Without the rule of the guards: range, and the change since the last good value."""
     read = np.array([1.0, 5.0, 1.9, np.nan, 3.8, np.inf, -1.0])
-    told = faults._cannot_be(read, 0.5, 0.0, 10.0, 1.0)
+    told = faults._cannot_be(read, 0.5, 0.0, 10.0, 1.0, 0.0)
     assert told.tolist() == [False, True, False, True, False, True, True]
 
 
@@ -352,8 +352,8 @@ def test_ranges_of_a_block_that_is_made():
 
     block = ranged(made, Output("N", lo="-k", hi=3).named("y"), u=Input("1", lo=-1, hi="k / 2"))
     assert block(x=1.0, u=0.5) == made(x=1.0, u=0.5)
-    assert block.ends(block.inputs["u"], {"k": 2.0}) == ([-1], [1.0], [])
-    assert block.ends(block.outputs["y"], {"k": 2.0}) == ([-2.0], [3], [])
+    assert block.ends(block.inputs["u"], {"k": 2.0}) == ([-1], [1.0], [], [])
+    assert block.ends(block.outputs["y"], {"k": 2.0}) == ([-2.0], [3], [], [])
     for wrong, said in (
         (dict(v=Input("1")), "made has no input 'v'"),
         (dict(u=Input("N")), "made.u is in 1, its range in N"),

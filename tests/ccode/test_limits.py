@@ -37,7 +37,7 @@ def test_a_limit_that_is_raised_is_not_cut_by_a_number(name):
             raised = 2 * float(block.params[n].value)
             values = block.param_values(**{n: raised})
             for s in commands:
-                lo, hi, _ = block.ends(s, values)
+                lo, hi, *_ = block.ends(s, values)
                 assert max(min(map(float, hi)),
                            -max(map(float, lo))) >= raised, (loop_name, n)  # fmt: skip
                 tried += 1

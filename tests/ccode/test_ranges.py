@@ -107,7 +107,7 @@ def test_a_held_output_keeps_the_range_that_follows_parameters():
 
     block = every(made, 3)
     ends = block.ends(block.states["held_y"], {"F_min": 1.0, "F_max": 2.0})
-    assert [[float(v) for v in given] for given in ends] == [[0.0], [2.0], []]
+    assert [[float(v) for v in given] for given in ends] == [[0.0], [2.0], [], []]
 
 
 def test_ranges_of_a_table_reach_whatever_has_the_name():
@@ -119,7 +119,7 @@ def test_ranges_of_a_table_reach_whatever_has_the_name():
     rows = {"x": (-5, 5, "sum"), "u": (-1, "y_0 + 1", "one", 0.5), "y": (-9, 9, "both")}
     block = ranged(made, table=rows | {"y_0": (0, 1, "start")})
     assert block.without_range() == []
-    assert block.ends(block.inputs["u"], {"y_0": 2.0}) == ([-1.0], [3.0], [0.5])
+    assert block.ends(block.inputs["u"], {"y_0": 2.0}) == ([-1.0], [3.0], [0.5], [])
     assert block.states["x"].source == "sum"
     with pytest.raises(BadInput, match="made has no signal 'w'"):
         ranged(made, table={"w": (0, 1, "")})

@@ -73,7 +73,7 @@ def test_it_opens_a_lock_that_the_own_test_does_not(tmp_path: Path) -> None:
 def test_inputs_stay_in_their_ranges_and_the_same_search_finds_the_same() -> None:
     """Ends and largest changes hold, from the last recorded tick on; a seed decides all."""
     plan, rows, told = found(2)
-    lo, hi, change = plan.ends(plan.layout.inputs, plan.block.param_values())
+    lo, hi, change, _ = plan.ends(plan.layout.inputs, plan.block.param_values())
     last = comparison.made_up(plan, {})[0].rows[-1:]
     assert told["ticks"] == len(rows) > 0
     assert ((rows >= lo) & (rows <= hi)).all()

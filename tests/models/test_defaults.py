@@ -80,7 +80,8 @@ def rows(name: str, block: Block) -> Iterator[list[str]]:
 def row(of: str, name: str, s: Signal) -> list[str]:
     """What is declared of a signal."""
     return [of, name, s.role, s.unit, said(s.value), said(s.lo), said(s.hi), s.positive or "",
-            s.per or "", said(s.safe), said(s.change), said(s.stale), s.deviation,
+            s.per or "", said(s.safe), said(s.change) + f" and {said(s.jitter)}" * (s.jitter > 0),
+            said(s.stale), s.deviation,
             "; ".join(f"{b.what} {b.expression}" for b in s.bounds), s.source]  # fmt: skip
 
 

@@ -164,7 +164,7 @@ def reference(
         raise RunFailed(f"{block.name} itself gives NaN or infinity at tick {first}")
     after = x[np.newaxis, :] if first == ticks else before[first : first + 1]
     states = np.vstack([before[1:first], after]) if first else before[:0]
-    lo, hi, _ = plan.ends(plan.layout.states, block.param_values(**params))
+    lo, hi, *_ = plan.ends(plan.layout.states, block.param_values(**params))
     off = (states < lo) | (states > hi)
     if off.any():
         first = int(np.argmax(off.any(axis=1)))
@@ -223,7 +223,7 @@ def trial_rows(plan: Plan, width: float = 1.0) -> np.ndarray:
     golden = (np.sqrt(5.0) - 1) / 2
     columns = []
     k = 0
-    lows, highs, change = plan.ends(plan.layout.inputs, plan.block.param_values())
+    lows, highs, change, noise = plan.ends(plan.layout.inputs, plan.block.param_values())
     for m in plan.layout.inputs:
         s = m.signal
         centre = float(np.mean(np.asarray(s.value if s.value is not None else 0.0, dtype=float)))
@@ -236,5 +236,5 @@ def trial_rows(plan: Plan, width: float = 1.0) -> np.ndarray:
             column = np.round(lo + (hi - lo) * share, 6).clip(lo, hi)
             if width < 1:
                 column = np.clip(centre, lo, hi) * (1 - width) + column * width
-            columns.append(_followed(column, change[k - 1]))
+            columns.append(_followed(column, change[k - 1] + noise[k - 1]))
     return np.column_stack(columns) if columns else np.zeros((TRIAL, 0))

@@ -122,7 +122,7 @@ def guarded(
         params: parameters of the run, by name.
     """
     good = told & bit("REFUSED") == 0
-    lo, hi, _ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
+    lo, hi, *_ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
     limited = outputs.clip(lo, hi)
     status = told.copy()
     status[good] |= np.where((limited != outputs).any(axis=1), bit("LIMITED"), 0)
@@ -226,7 +226,7 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
     seen, told = taken(plan, run.rows, values)
     good = told & bit("REFUSED") == 0
     rows = seen[good]
-    lo, hi, _ = plan.ends(plan.layout.outputs, values)
+    lo, hi, *_ = plan.ends(plan.layout.outputs, values)
     wanted = np.hstack([run.outputs, run.states])[good]
     moved_x = (np.vstack([start, run.states]) % 1 != 0).any(axis=0)
     moved_u = (rows % 1 != 0).any(axis=0)

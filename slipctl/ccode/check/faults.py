@@ -213,7 +213,7 @@ class _Instant:
 
     def faults(self, k: int, name: str, kinds: list[str]) -> list[Fault]:
         """Each of some faults on input k."""
-        lo, hi, change = (float(e[k]) for e in self.ends)
+        lo, hi, change, noise = (float(e[k]) for e in self.ends)
         values = {LAST: float(self.last[k]), LO: lo, HI: hi}
         found = []
         for ticks in self.lengths:
@@ -225,7 +225,7 @@ class _Instant:
                     continue
                 got = self._run(Wrong(k, ticks, times, number), ticks)
                 told = got.status[:ticks] & (guard.BAD_INPUT | guard.OFF_RANGE) != 0
-                false = _cannot_be(got.read[:ticks, k], values[LAST], lo, hi, change)
+                false = _cannot_be(got.read[:ticks, k], values[LAST], lo, hi, change, noise)
                 without = _from(self.plain, ticks, ticks + self.after)
                 share, settled, worst = self._back(got, ticks, without)
                 own = self._own(got, ticks) if settled > self.allowed[ticks] else settled
@@ -368,12 +368,14 @@ def _settled(well: np.ndarray) -> float:
     return float(first[0]) if first.size and first[0] <= 0.9 * len(well) else np.inf
 
 
-def _cannot_be(read: np.ndarray, last: float, lo: float, hi: float, change: float) -> np.ndarray:
+def _cannot_be(
+    read: np.ndarray, last: float, lo: float, hi: float, change: float, noise: float
+) -> np.ndarray:
     """Which values leave the range, or are further from the last good one than they can be."""
     found = np.zeros(len(read), dtype=bool)
     since = 1
     for j, u in enumerate(read):
-        good = lo <= u <= hi and abs(u - last) <= change * since
+        good = lo <= u <= hi and abs(u - last) <= noise + change * since
         found[j] = not good
         last, since = (u, 1) if good else (last, since + 1)
     return found
@@ -381,7 +383,7 @@ def _cannot_be(read: np.ndarray, last: float, lo: float, hi: float, change: floa
 
 def _ranges(plan: Plan, params: Mapping[str, Any], outputs: np.ndarray) -> np.ndarray:
     """Range of each output: as declared, else what the run without faults swings over."""
-    lo, hi, _ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
+    lo, hi, *_ = plan.ends(plan.layout.outputs, plan.block.param_values(**params))
     own = _swung(outputs)
     with np.errstate(over="ignore"):
         width = hi - lo

@@ -211,7 +211,7 @@ def harness(plan: Plan) -> str:
         f"{{{number(max(plan.limits(m)[0], -most))}, {number(min(plan.limits(m)[1], most))}}}"
         for m in lay.outputs for _ in range(m.size)
     )  # fmt: skip
-    lows, highs, _ = plan.ends(lay.inputs, plan.block.param_values())
+    lows, highs, *_ = plan.ends(lay.inputs, plan.block.param_values())
     values = [
         v for m in lay.inputs for v in packed(m, 0.0 if m.signal.value is None else m.signal.value)
     ]

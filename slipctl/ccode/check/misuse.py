@@ -9,6 +9,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
+import numpy as np
+
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.plan import Plan
@@ -298,10 +300,10 @@ def wandered(plan: Plan, most: float) -> list[str]:
         plan: the module.
         most: largest change over the width of the range, where none is declared or a larger one.
     """
-    lows, highs, changes = plan.ends(plan.layout.inputs, plan.block.param_values())
-    rows = []
-    for lo, hi, change in zip(lows.clip(-FAR, FAR), highs.clip(-FAR, FAR), changes, strict=True):
-        found = (lo, hi, min(change, most * (hi - lo)))
+    lows, highs, change, noise = plan.ends(plan.layout.inputs, plan.block.param_values())
+    rows, steps = [], np.minimum(change, FAR) + noise
+    for lo, hi, step in zip(lows.clip(-FAR, FAR), highs.clip(-FAR, FAR), steps, strict=True):
+        found = (lo, hi, min(step, most * (hi - lo)))
         rows.append("{" + ", ".join(number(float(v)) for v in found) + "}")
     return rows
 

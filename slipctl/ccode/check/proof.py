@@ -253,7 +253,7 @@ def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for what, members in (("state", plan.layout.states), ("out", plan.layout.outputs)):
         for m in members:
-            lo, hi, _ = plan.ends([m], values)
+            lo, hi, *_ = plan.ends([m], values)
             found[what, m.c] = [(float(a), float(b)) for a, b in zip(lo, hi, strict=True)]
     return found
 

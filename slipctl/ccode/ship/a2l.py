@@ -137,7 +137,9 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
     before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
     ends = (lay.params, lay.outputs, lay.inputs)
     at = sum(m.size for m in before) + sum(not members for members in ends)
-    counts = [("age", plan.n_in, "ticks since each input was good, -1 where none is known", -1)]
+    counts = [
+        ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet", -1)
+    ]
     counts += [("refused", 1, "ticks refused in a row since the last good one or reset", 0)]
     for member, many, what, least in counts:
         if many:

@@ -80,7 +80,7 @@ def _check_holds(plan: Plan, m: Member, s: Scaled) -> None:
     Raises:
         BadInput: with what it holds, and what would do.
     """
-    least, most, _ = plan.ends([m], plan.block.param_values())
+    least, most, *_ = plan.ends([m], plan.block.param_values())
     lo, hi = float(least.min()), float(most.max())
     if max(abs(lo), abs(hi)) > 1e30:  # the largest number of the type, or the like
         raise BadInput(f"--scaled {m.name}: it has no range, so no integer is known to hold it")

@@ -35,6 +35,9 @@ MANY = 1e6
 FORGOTTEN = 1.0
 """Seconds after which the last good value of an input says nothing of the next one."""
 
+UNSURE = 256
+"""Beside the bits of the status: an input is good, but was not for a while before."""
+
 
 def memory(period: float | None, stale: np.ndarray) -> float:
     """``FORGOTTEN`` in ticks, of 1 ms where no period is known; not before a value is stale."""
@@ -45,30 +48,43 @@ def memory(period: float | None, stale: np.ndarray) -> float:
 @lru_cache(maxsize=1)
 @remembered
 def accept() -> ca.Function:
-    """(value, last, age, lo, hi, change, stale, memory, most) -> (taken, age, told).
+    """(value, last, age, lo, hi, change, noise, stale, memory, most) -> (taken, age, told).
 
-    ``age`` counts ticks since the last good value and is -1 before the first, and after ``memory``
-    ticks without one. A value is good that is finite (``most`` is the largest number), in its
-    range, and no further from the last good one than it can have come since. In the place of one
-    that is not, the last good one is taken for ``stale`` ticks; after them, and before there is a
-    good one, the tick is refused.
+    ``age`` counts the ticks without a good value, up to ``memory``, and is -1 before the first. A
+    value is good that is finite (``most`` is the largest number), in its range, and no further from
+    the last good one than ``noise`` and the way that it can have come since. From ``memory`` on the
+    last one says nothing. In the place of a value that is not good, the last good one is taken for
+    ``stale`` ticks; after them, and before there is a good one, the tick is refused.
+
+    A good value takes one tick of the age away, not all. Where a wrong one was believed at last, as
+    it could have come so far, the true one is away no longer than the wrong one was believed. A
+    value that is taken and further from the one before than a tick allows is told all the same.
+    Until the age is 0 there is ``UNSURE``, which stays inside.
     """
-    value, last, age, lo, hi, change, stale, memory, most = (
-        ca.SX.sym(n)
-        for n in ("value", "last", "age", "lo", "hi", "change", "stale", "memory", "most")
-    )
+    names = ["value", "last", "age", "lo", "hi", "change", "noise", "stale", "memory", "most"]
+    given = [ca.SX.sym(n) for n in names]
+    value, last, age, lo, hi, change, noise, stale, memory, most = given
     first = age < 0
-    near = ca.fabs(value - last) <= change * (age + 1)
-    free = ca.logic_or(first, change >= most)
+    way = ca.fabs(value - last)
+    near = way <= noise + change * (age + 1)
+    unknown = ca.logic_or(first, age >= memory)
+    free = ca.logic_or(unknown, change >= most)
     good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(free, near))
-    older = ca.if_else(ca.logic_or(first, age >= memory), -1, age + 1)
+    older = ca.if_else(unknown, age, age + 1)
+    younger = ca.if_else(age > 0, age - 1, 0)
+    jumps = ca.logic_not(ca.logic_or(free, way <= noise + change))
+    doubted = ca.if_else(jumps, OFF_RANGE, ca.if_else(age > 1, UNSURE, 0))
     why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
     told = why + ca.if_else(ca.logic_or(first, age >= stale), REFUSED, 0)
     return ca.Function(
         "accept",
-        [value, last, age, lo, hi, change, stale, memory, most],
-        [ca.if_else(good, value, last), ca.if_else(good, 0, older), ca.if_else(good, 0, told)],
-        ["value", "last", "age", "lo", "hi", "change", "stale", "memory", "most"],
+        given,
+        [
+            ca.if_else(good, value, last),
+            ca.if_else(good, younger, older),
+            ca.if_else(good, doubted, told),
+        ],
+        names,
         ["taken", "age_next", "bits"],
     )
 
@@ -118,6 +134,7 @@ def accepted(
     lo: np.ndarray,
     hi: np.ndarray,
     change: np.ndarray,
+    noise: np.ndarray,
     stale: np.ndarray,
     most: float,
     period: float | None = None,
@@ -126,7 +143,7 @@ def accepted(
 
     Args:
         rows: input elements, one row per tick; anything.
-        lo, hi, change, stale: of each element.
+        lo, hi, change, noise, stale: of each element.
         most: the largest number.
         period: of a tick in s.
     """
@@ -140,22 +157,22 @@ def accepted(
             column = rows[:, k]
             steps = np.abs(np.diff(column))
             fine = (column >= lo[k]) & (column <= hi[k])
-            if fine.all() and (change[k] >= most or (steps <= change[k]).all()):
+            if fine.all() and (change[k] >= most or (steps <= noise[k] + change[k]).all()):
                 taken[:, k] = column
                 continue
             one: Any = run(
-                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], stale[k],
-                memory(period, stale), most,
+                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], noise[k],
+                stale[k], memory(period, stale), most,
             )  # fmt: skip
             taken[:, k] = np.array(one[0].full())[0]
-            told |= np.array(one[1].full())[0].astype(int)
+            told |= np.array(one[1].full())[0].astype(int) % UNSURE
     return taken, told
 
 
 @lru_cache(maxsize=4)
 def _run(ticks: int) -> ca.Function:
-    """``accept`` over ticks: ((last, age), values, lo, hi, change, stale, memory, most) to both."""
-    names = ("value", "lo", "hi", "change", "stale", "memory", "most")
+    """``accept`` over ticks: ((last, age), values, lo, hi, change, ...) to both."""
+    names = ("value", "lo", "hi", "change", "noise", "stale", "memory", "most")
     x, (value, *rest) = ca.SX.sym("x", 2), [ca.SX.sym(n) for n in names]
     taken, age, told = accept()(value, x[0], x[1], *rest)
     one = ca.Function("tick", [x, value, *rest], [ca.vertcat(taken, age), taken, told])

@@ -12,7 +12,7 @@ from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.header import prototype
 from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.plan import Ends, Plan
 from slipctl.ccode.write.statements import conjunction, define, if_
 
 
@@ -32,7 +32,7 @@ def check_inputs(plan: Plan) -> str:
         each = [
             ", ".join(
                 [
-                    *(ends[m.c, k, what] for what in ("lo", "hi", "change")),
+                    *(ends[m.c, k, what] for what in Ends._fields),
                     number(float(m.signal.stale)),
                 ]
             )
@@ -52,23 +52,24 @@ def check_inputs(plan: Plan) -> str:
     text = "\n".join(lines)
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
                           *_types(plan, text), f"struct {n}_guard *guard")  # fmt: skip
-    return f"{what}\n" + define(signature, [*lines, "return told;"])
+    return f"{what}\n" + define(signature, [*lines, f"return told % {guard.UNSURE}U;"])
 
 
 def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
     """Conditions that ``accept`` finds each input good, when it did so in the tick before."""
     found = []
     for m in inputs:
-        each = [tuple(ends[m.c, k, what] for what in ("lo", "hi", "change")) for k in range(m.size)]
+        each = [tuple(ends[m.c, k, what] for what in Ends._fields) for k in range(m.size)]
         if m.size > 1 and len(set(each)) == 1:
             rows = [("all_", f"{m.address('in->')}, {m.size}", m.address("guard->last."))]
             each = each[:1]
         else:
             rows = [("", m.at("in->", k), m.at("guard->last.", k)) for k in range(m.size)]
-        for (many, value, last), (lo, hi, change) in zip(rows, each, strict=True):
+        for (many, value, last), (lo, hi, change, noise) in zip(rows, each, strict=True):
             found.append(f"{many}within({value}, {lo}, {hi})")
             if change != "DBL_MAX":
-                found.append(f"{many}can_follow({value}, {last}, {change})")
+                step = change if noise == "0.0" else f"{noise} + {change}"
+                found.append(f"{many}can_follow({value}, {last}, {step})")
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from slipctl.ccode.write import counted, guard, rates
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.layout import Member, change_text, own_name, range_text
+from slipctl.ccode.write.layout import Member, change_text, noise_text, own_name, range_text
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision, size
 from slipctl.ccode.write.statements import wrapped
@@ -72,6 +72,7 @@ def member_comment(m: Member, indent: str = "    ") -> str:
         said.append(f"range {range_text(s)}")
     if change_text(s):
         said.append(f"changes by at most {change_text(s)} in a tick")
+        said += [f"and by noise of {noise_text(s)}"] * bool(noise_text(s))
     if s.role == "input":
         said.append(f"when bad, its last good value for {s.stale} ticks")
     if len(s.shape) == 2:
@@ -171,8 +172,8 @@ def _state(plan: Plan) -> str:
             lines += [member_comment(m), f"    {m.declared()}"]
         lines += ["};", ""]
     ages = [
-        f"    double age[{plan.n_in}]; /* ticks since then, -1 where none is known */",
-        "    double fresh; /* 1 if all of them were good in the last tick */",
+        f"    double age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
+        "    double fresh; /* 1 if all were good in the last tick, and are sure */",
     ]
     lines += [
         f"struct {n}_guard {{",

@@ -220,3 +220,9 @@ def change_text(s: Signal) -> str:
     """Largest change per tick of a signal in words."""
     own = [number(s.change)] * (s.change < float("inf"))
     return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "change")])
+
+
+def noise_text(s: Signal) -> str:
+    """Noise of a signal in words, empty if none is declared."""
+    own = [number(s.jitter)] * (s.jitter > 0)
+    return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "noise")])

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -24,6 +24,15 @@ from slipctl.errors import BadInput
 
 ON_STACK = 128
 """Numbers of scratch memory above which it lies in the state struct instead of on the stack."""
+
+
+class Ends(NamedTuple):
+    """Of each element least and greatest value, largest change per tick, and noise."""
+
+    lo: np.ndarray
+    hi: np.ndarray
+    change: np.ndarray
+    noise: np.ndarray
 
 
 class Plan:
@@ -200,24 +209,22 @@ class Plan:
     def ranged(self, m: Member) -> bool:
         """Whether a signal has a range of its own."""
         return any(math.isfinite(v) for v in self.limits(m)) or any(
-            b.what != "change" for b in m.signal.bounds
+            b.what in ("lo", "hi") for b in m.signal.bounds
         )
 
-    def ends(
-        self, members: Iterable[Member], values: Mapping[str, Any]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least and greatest value and largest change of each element, in numbers that C has."""
+    def ends(self, members: Iterable[Member], values: Mapping[str, Any]) -> Ends:
+        """Range, largest change per tick and noise of each element, in numbers that C has."""
         most = float(np.finfo(np.float32 if self.real == "float" else np.float64).max)
         rows = []
         for m in members:
             found = self.block.ends(m.signal, values)
             for k in range(m.size):
-                lo, hi, change = (
+                lo, hi, change, noise = (
                     [float(_element(v, k)) for v in given] for given in found
                 )  # fmt: skip
-                rows.append((max([-most, *lo]), min([most, *hi]), min([most, *change])))
-        lo, hi, change = rounded(np.array(rows).reshape(-1, 3), self.real).T
-        return lo, hi, change
+                rows.append((max([-most, *lo]), min([most, *hi]), min([most, *change]),
+                             max(noise, default=0.0)))  # fmt: skip
+        return Ends(*rounded(np.array(rows).reshape(-1, 4), self.real).T)
 
     def ends_text(self, members: Iterable[Member]) -> tuple[list[str], dict[Any, str]]:
         """The same in C: statements, and an expression by (member, element, what)."""
@@ -227,8 +234,8 @@ class Plan:
         symbols = {n: ca.SX.sym("p", *matrix(s)) for n, s in block.params.items()}
         keys, results, texts = [], [], {}
         for m in members:
-            found = dict(zip(("lo", "hi", "change"), block.ends(m.signal, symbols), strict=True))
-            top = {"lo": "-DBL_MAX", "hi": "DBL_MAX", "change": "DBL_MAX"}
+            found = dict(zip(Ends._fields, block.ends(m.signal, symbols), strict=True))
+            top = {"lo": "-DBL_MAX", "hi": "DBL_MAX", "change": "DBL_MAX", "noise": "0.0"}
             for what, given in found.items():
                 follows = any(b.what == what for b in m.signal.bounds)
                 for k in range(m.size):
@@ -238,7 +245,7 @@ class Plan:
                         continue
                     tightest = here[0]
                     for v in here[1:]:
-                        other = v > tightest if what == "lo" else v < tightest
+                        other = v > tightest if what in ("lo", "noise") else v < tightest
                         tightest = ca.if_else(other, v, tightest)
                     # parameters in their ranges may still turn the range round
                     if what == "lo" and math.isfinite(m.signal.hi):
@@ -267,12 +274,12 @@ class Plan:
         """Output before the first good step: safe, or what is nearest to 0 with the defaults."""
         if m.c in self.safe:
             return self.safe[m.c]
-        lo, hi, _ = self.ends([m], self.block.param_values())
+        lo, hi, *_ = self.ends([m], self.block.param_values())
         return min(max(0.0, float(lo.max())), float(hi.min()))
 
     def follows(self, members: Iterable[Member]) -> bool:
         """Whether an end of a range of these is an expression of parameters."""
-        return any(b.what != "change" for m in members for b in m.signal.bounds)
+        return any(b.what in ("lo", "hi") for m in members for b in m.signal.bounds)
 
     @property
     def safe(self) -> dict[str, float]:

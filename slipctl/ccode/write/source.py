@@ -432,20 +432,20 @@ def _step(plan: Plan) -> str:
 _LOOP = "    for (int k = 0; k < n; ++k) {\n        %s\n    }\n"
 _ACCEPT = guard.text(
     guard.accept(),
-    ["value", "*last", "*age", "lo", "hi", "change", "stale", "MEMORY_", "DBL_MAX"],
+    ["value", "*last", "*age", "lo", "hi", "change", "noise", "stale", "MEMORY_", "DBL_MAX"],
     ["*last", "*age"],
 )
 _SMALL = {
     "accept_all": (
         "unsigned int accept_all(const double *value, int n, double lo, double hi, double change,\n"
-        "                               double stale, double *last, double *age)",
+        "                               double noise, double stale, double *last, double *age)",
         "    unsigned int told = 0U;\n"
-        + _LOOP % "told |= accept(value[k], lo, hi, change, stale, &last[k], &age[k]);"
+        + _LOOP % "told |= accept(value[k], lo, hi, change, noise, stale, &last[k], &age[k]);"
         + "    return told;\n",
     ),
     "accept": (
-        "unsigned int accept(double value, double lo, double hi, double change, double stale,\n"
-        "                           double *last, double *age)",
+        "unsigned int accept(double value, double lo, double hi, double change, double noise,\n"
+        "                           double stale, double *last, double *age)",
         "".join(f"    {line}\n" for line in _ACCEPT) + "    return (unsigned int)(int)bits;\n",
     ),
     "all_can_follow": (
