@@ -78,6 +78,7 @@ LAM_START = Param("1", 0.0, "slip at the start", positive="braking", per="ratio"
 WIDE = "ten times a locked wheel's; printed references run away"
 WANTED = "250 times the largest torque; arbitration limits it"
 COUNTED = "the count stands still there"
+FASTEST = "430 km/h; 5 m/s^2 for 1 ms, and noise"
 
 # ---- slip laws -----------------------------------------------------------------------------------
 
@@ -300,15 +301,7 @@ def arbitration(
         hi=60e3,
     ),
     T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
-    v=Input(
-        "m/s",
-        "train speed",
-        "430 km/h; 5 m/s^2 for 1 ms, and noise",
-        lo=-1,
-        hi=120,
-        change=0.005,
-        noise=0.045,
-    ),
+    v=Input("m/s", "train speed", FASTEST, lo=-1, hi=120, change=0.005, noise=0.045),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     a_demand=Input(
         "m/s^2",

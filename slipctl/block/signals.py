@@ -134,16 +134,11 @@ class Signal:
             )
         check_number(f"{where}: noise", self.jitter, str(self.unit))
         if not 0 <= self.jitter < math.inf:
-            raise BadInput(
-                f"{where}: its noise is {self.jitter:g}; give a finite number that is not negative"
-            )
+            raise BadInput(f"{where}: noise = {self.jitter:g} is no finite number from 0 on")
         follows = {b.what for b in self.bounds}
-        if (self.jitter or "noise" in follows) and not (
-            self.change < math.inf or "change" in follows
-        ):
-            raise BadInput(
-                f"{where}: its noise stands beside a largest change per tick; give change, too"
-            )
+        free = math.isinf(self.change) and "change" not in follows
+        if free and (self.jitter or "noise" in follows):
+            raise BadInput(f"{where}: noise is what is beside a largest change; give change, too")
         check_whole(f"{where}: stale", self.stale, 0)
         for b in self.bounds:
             names_in(b.expression)

@@ -264,6 +264,22 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
     )  # fmt: skip
 
 
+def counters(block: Block) -> dict[str, int]:
+    """Ticks from one run to the next by the state that counts them, of each part under ``every``.
+
+    What such a part has inside counts its runs, and is left out.
+    """
+    if "every" in block.choices and block.transparent and len(block.parts) == 1:
+        (inner,) = block.parts.values()
+        own = [n for n in block.states if n not in inner.states]
+        return {own[0]: int(block.choices["every"])}
+    found: dict[str, int] = {}
+    for name, part in block.parts.items():
+        for n, ticks in counters(part).items():
+            found[f"{name}.{n}" if block.prefixed else n] = ticks
+    return {n: ticks for n, ticks in found.items() if n in block.states}
+
+
 def _run_or_hold(f: ca.Function) -> ca.Function:
     """Function (due, x, u, p, held) -> (x, y): those of f where it is due, else held."""
     x, u, p = (ca.MX.sym("xup"[i], f.size1_in(i)) for i in range(3))

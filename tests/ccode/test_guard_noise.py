@@ -120,10 +120,10 @@ def test_c_takes_the_same_values_to_the_bit(tmp_path, real):
 
 def test_what_is_no_noise_is_refused():
     for wrong, said in (
-        (dict(change=1, noise=-0.5), "noise is -0.5; give a finite number that is not negative"),
-        (dict(change=1, noise=np.inf), "noise is inf"),
-        (dict(change=1, noise=np.nan), "noise is nan"),
-        (dict(noise=0.5), "noise stands beside a largest change per tick; give change, too"),
+        (dict(change=1, noise=-0.5), "noise = -0.5 is no finite number from 0 on"),
+        (dict(change=1, noise=np.inf), "noise = inf"),
+        (dict(change=1, noise=np.nan), "noise = nan"),
+        (dict(noise=0.5), "noise is what is beside a largest change; give change, too"),
         (dict(noise="s"), "give change, too"),
         (dict(change="a", noise="s +"), "'s \\+' is not an expression"),
     ):

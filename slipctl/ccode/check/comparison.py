@@ -13,7 +13,15 @@ import numpy as np
 
 from slipctl.ccode.check import coverage, isolation
 from slipctl.ccode.check.back_to_back import compared_bits
-from slipctl.ccode.check.expected import Expected, differences, guarded, start_state, taken
+from slipctl.ccode.check.expected import (
+    Expected,
+    catch_up,
+    differences,
+    guarded,
+    missed,
+    start_state,
+    taken,
+)
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.write.header import bit, prototypes
@@ -131,7 +139,7 @@ def expected_run(
     good = told & bit("REFUSED") == 0
     if not good.any():
         raise BadInput(f"{plan.block.name}: no tick has all its inputs in their declared ranges")
-    outputs, states = reference(plan, seen[good], params, whole)
+    outputs, states = reference(plan, seen[good], params, whole, missed(good))
     if len(outputs) < np.count_nonzero(good):
         end = np.flatnonzero(good)[len(outputs)]
         rows, told = rows[:end], told[:end]
@@ -139,7 +147,11 @@ def expected_run(
 
 
 def reference(
-    plan: Plan, rows: np.ndarray, params: Mapping[str, Any], whole: bool = True
+    plan: Plan,
+    rows: np.ndarray,
+    params: Mapping[str, Any],
+    whole: bool = True,
+    gaps: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and next states of the block itself, in CasADi's virtual machine.
 
@@ -148,6 +160,7 @@ def reference(
         rows: input elements, one row per tick.
         params: parameters by name.
         whole: refuse NaN and what is out of range; otherwise stop before it.
+        gaps: ticks before each row that were refused, by default none.
 
     Raises:
         RunFailed: an output or a state becomes NaN or infinite, or a state leaves its range.
@@ -157,7 +170,15 @@ def reference(
     x = start_state(block, params)
     ticks = len(rows)
     before, outputs = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
-    done = build.roll_interpreted(block.f, x, rows, p, before, outputs)
+    done = 0
+    for first, last in _pieces(gaps if plan.counters else None, ticks):
+        done += build.roll_interpreted(
+            block.f, x, rows[first:last], p, before[first:last], outputs[first:last]
+        )
+        if done < last:
+            break
+        if gaps is not None and last:
+            catch_up(plan, x, gaps[last - 1])
     good = np.isfinite(outputs[:done]).all(axis=1)
     first = done if good.all() else int(np.argmin(good))
     if first < ticks and whole:
@@ -176,6 +197,13 @@ def reference(
                 f" [{lo[k]:g}, {hi[k]:g}] at tick {first} of the run itself; widen the range"
             )
     return outputs[:first], states[:first]
+
+
+def _pieces(gaps: np.ndarray | None, ticks: int) -> list[tuple[int, int]]:
+    """Ranges of ticks; each ends behind one before which some were refused, the last one anyhow."""
+    ends = [] if gaps is None else [int(k) + 1 for k in np.flatnonzero(gaps)]
+    ends += [ticks] * (not ends or ends[-1] < ticks)
+    return list(zip([0, *ends], ends, strict=False))
 
 
 def _ends_of(plan: Plan) -> list[tuple[int, str]]:

@@ -104,6 +104,26 @@ def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.n
     return guard.accepted(rows, *ends, plan.stale, float(most), plan.period)
 
 
+def missed(good: np.ndarray) -> np.ndarray:
+    """Ticks that were refused before each one that was not, since the last such one."""
+    at = np.flatnonzero(good)
+    return np.diff(np.r_[-1, at]) - 1
+
+
+def catch_up(plan: Plan, x: np.ndarray, missed: float) -> None:
+    """Move on the counters among the elements of states, a row or column of them each."""
+    if not missed:
+        return
+    at = 0
+    counts = {m.name: ticks for m, ticks in plan.counters}
+    for m in plan.layout.states:
+        if m.name in counts:
+            now = ca.DM(x[at : at + m.size].reshape(1, -1))
+            found = guard.later().map(now.numel())(now, missed, counts[m.name])
+            x[at : at + m.size] = np.array(found.full()).reshape(x[at : at + m.size].shape)
+        at += m.size
+
+
 def guarded(
     plan: Plan,
     rows: np.ndarray,
@@ -225,7 +245,7 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
     values = block.param_values(**params)
     seen, told = taken(plan, run.rows, values)
     good = told & bit("REFUSED") == 0
-    rows = seen[good]
+    rows, gaps = seen[good], missed(good)
     lo, hi, *_ = plan.ends(plan.layout.outputs, values)
     wanted = np.hstack([run.outputs, run.states])[good]
     moved_x = (np.vstack([start, run.states]) % 1 != 0).any(axis=0)
@@ -240,6 +260,7 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
         u = u * (1 + eps * moved_u[:, np.newaxis] * rng.uniform(-1, 1, u.shape))
         following, y = many(x, u, p)
         x = np.array(following.full()).reshape(x.shape)
+        catch_up(plan, x, gaps[k])
         y = np.array(y.full()).clip(lo[:, np.newaxis], hi[:, np.newaxis])
         differ = np.abs(np.vstack([y, x]) - wanted[k][:, np.newaxis]).max(axis=1)
         worst = np.maximum(worst, np.nan_to_num(differ, nan=np.inf))

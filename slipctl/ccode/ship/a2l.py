@@ -141,6 +141,7 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
         ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet", -1)
     ]
     counts += [("refused", 1, "ticks refused in a row since the last good one or reset", 0)]
+    counts += [("missed", 1, "ticks refused since the last good one", 0)] * bool(plan.counters)
     for member, many, what, least in counts:
         if many:
             name = f"{n}_state.guard.{member}"
@@ -151,7 +152,7 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
                 f"  ECU_ADDRESS 0x{at * size(plan.real):X}{dims}"
                 f"{_link(plan, 'state', at * size(plan.real))}\n/end MEASUREMENT"
             )
-        at += many + 1 if many and member == "age" else 0  # fresh lies between
+        at += many + (many > 0 and member == "age")  # fresh lies between
     return found
 
 

@@ -64,8 +64,13 @@ def functions(plan: Plan, hold: str) -> str:
     made = [define(prototype(plan), lines)]
     if plan.n_in:
         aged = if_(["guard->age[k] >= 0.0"], "guard->age[k] += ticks;").replace("\n", "\n    ")
-        body = [f"for (int k = 0; k < {plan.n_in}; ++k) {{", f"    {aged}", "}",
-                "guard->fresh = 0.0;"]  # fmt: skip
+        body = [
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{",
+            f"    {aged}",
+            "}",
+            "guard->fresh = 0.0;",
+            *["guard->missed += ticks;"] * bool(plan.counters),
+        ]
         what = comment("So many ticks went by without a call: inputs are that much older.")
         signature = wrapped("static void", "missed", f"struct {n}_guard *guard", "double ticks")
         made.insert(0, f"{what}\n" + define(signature, body))

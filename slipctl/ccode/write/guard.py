@@ -71,7 +71,7 @@ def accept() -> ca.Function:
     free = ca.logic_or(unknown, change >= most)
     good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(free, near))
     older = ca.if_else(unknown, age, age + 1)
-    younger = ca.if_else(age > 0, age - 1, 0)
+    younger = ca.if_else(age > 0, ca.if_else(age > memory, memory, age) - 1, 0)
     jumps = ca.logic_not(ca.logic_or(free, way <= noise + change))
     doubted = ca.if_else(jumps, OFF_RANGE, ca.if_else(age > 1, UNSURE, 0))
     why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
@@ -109,6 +109,18 @@ def patience(parts: int) -> ca.Function:
     return ca.Function(
         "patience", [before, off], [after, part], ["before", "off"], ["refused_next", "which"]
     )
+
+
+@lru_cache(maxsize=1)
+@remembered
+def later() -> ca.Function:
+    """(tick, missed, ticks) -> where a counter from 0 to ``ticks`` stands that missed some."""
+    tick, missed, ticks = (ca.SX.sym(n) for n in ("tick", "missed", "ticks"))
+    whole = tick + missed
+    rest = whole - ticks * ca.floor(whole / ticks)
+    found = ca.if_else(ca.logic_and(rest >= 0, rest < ticks), rest, 0)
+    names = ["tick", "missed", "ticks"]
+    return ca.Function("later", [tick, missed, ticks], [found], names, ["counted"])
 
 
 def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:

@@ -170,6 +170,23 @@ def recover(plan: Plan) -> str:
     return f"{what}\n" + define(signature, lines)
 
 
+def catch_up(plan: Plan) -> str:
+    """Function that moves on the counters of parts that run every few ticks."""
+    if not plan.counters:
+        return ""
+    lines = [
+        f"{m.at('x->', k)} = later({m.at('x->', k)}, missed, {number(float(ticks))});"
+        for m, ticks in plan.counters for k in range(m.size)
+    ]  # fmt: skip
+    what = comment(
+        "Ticks that were refused count for the parts that run every few ticks: they go on in step"
+        " with the others."
+    )
+    signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
+                          "double missed")  # fmt: skip
+    return f"{what}\n" + define(signature, lines)
+
+
 def finite(plan: Plan) -> str:
     """Functions that say whether what comes out of the equations is finite."""
     ahead = plan.ahead

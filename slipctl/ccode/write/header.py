@@ -180,6 +180,7 @@ def _state(plan: Plan) -> str:
         f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
         *ages * bool(plan.n_in),
         "    double refused; /* ticks refused in a row since the last good one or reset */",
+        *["    double missed; /* ticks refused since the last good one */"] * bool(plan.counters),
         "    double mark; /* set by init, looked for by step */",
         "};",
         "",

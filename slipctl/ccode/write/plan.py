@@ -13,6 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import evaluate, names_in
+from slipctl.block.timing import counters
 from slipctl.ccode.write.expressions import FINITE, NUMBER, Unsupported, Writer, number
 from slipctl.ccode.write.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.write.layout import LOCAL, Layout, Member, layout
@@ -164,7 +165,7 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2  # what the guards keep
+        numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
@@ -192,6 +193,11 @@ class Plan:
     def n_in(self) -> int:
         """Number of input elements."""
         return sum(m.size for m in self.layout.inputs)
+
+    @cached_property
+    def counters(self) -> list[tuple[Member, int]]:
+        """States that count ticks from one run of a part to the next, and how many those are."""
+        return [(self.state_named(n), ticks) for n, ticks in counters(self.block).items()]
 
     @property
     def stale(self) -> np.ndarray:

@@ -187,14 +187,14 @@ def tick_struct(plan: Plan) -> list[str]:
     ]
 
 
-def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: str) -> str:
+def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: Sequence[str]) -> str:
     """Functions of the groups, and the step, which is the last of them at the begin of a tick.
 
     Args:
         plan: the module.
         looked: statements that look at the inputs, ``status`` among them.
         rest: statements that take or refuse the tick, with ``used``, ``status`` and ``now``.
-        hold: statement that gives the outputs of a tick that is refused.
+        hold: statements that give the outputs of a tick that is refused.
     """
     n, big = plan.name, plan.layout.big
     row = groups(plan)
@@ -212,7 +212,7 @@ def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: str)
         f"unsigned int status = go_on(in, state, {number(float(len(row)))});",
         if_([f"(status & (unsigned int){big}_NO_INIT) != 0U"], nothing, "return (int)status;"),
         "state->tick.done = 0.0;",
-        if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;"),
+        if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;"),
         "now = state->tick.now;",
         *rest,
     ]

@@ -13,6 +13,7 @@ from slipctl.ccode.write.arrays import listed
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.guarding import (
+    catch_up,
     check_inputs,
     check_inputs_call,
     finite,
@@ -50,9 +51,9 @@ def sources(plan: Plan) -> dict[str, str]:
         + [_default(plan), _param_ok(plan), _tune(plan)]
         + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
         + [_init(plan)]
-        + [made for made in (check_inputs(plan), finite(plan), part_off(plan),
-                             recover(plan), _hold(plan), prepare(plan)) if made] + [_step(plan)]
-        + [counted.functions(plan, _hold_call(plan))] * plan.counter
+        + [made for made in (check_inputs(plan), finite(plan), part_off(plan), recover(plan),
+                             catch_up(plan), _hold(plan), prepare(plan)) if made]
+        + [_step(plan)] + [counted.functions(plan, _hold_call(plan))] * plan.counter
     )  # fmt: skip
     small = checks(parts)
     included = "".join(f'#include "{h}"\n' for h in headers)
@@ -365,7 +366,8 @@ def _has_hold(plan: Plan) -> bool:
 
 def _step(plan: Plan) -> str:
     n, big, lay = plan.name, plan.layout.big, plan.layout
-    hold = _hold_call(plan)
+    hold = [_hold_call(plan)]
+    hold += ["state->guard.missed += 1.0;"] * bool(plan.counters)
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
@@ -382,7 +384,7 @@ def _step(plan: Plan) -> str:
     lines.append(f"unsigned int status = {first};")
     if lay.inputs:
         lines.append(
-            if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], hold, "return (int)status;")
+            if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;")
         )
     if plan.equations.ticks:  # what does not run in this tick keeps its state
         lines.append(f"{following} = state->kept;")
@@ -406,11 +408,14 @@ def _step(plan: Plan) -> str:
     if bad:
         again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
-        lines.append(if_([" || ".join(bad)], why, *again, hold, "return (int)status;"))
+        lines.append(if_([" || ".join(bad)], why, *again, *hold, "return (int)status;"))
     if plan.ahead:
         lines.append(if_(["whole"], *taken(plan, plan.ahead)))
     rest = [m for m in lay.states if m not in plan.ahead]
     lines += [*taken(plan, rest), "state->guard.refused = 0.0;"]
+    if plan.counters:
+        moved = "catch_up(&state->kept, state->guard.missed);"
+        lines.append(if_(["state->guard.missed > 0.0"], moved, "state->guard.missed = 0.0;"))
     if any(plan.ranged(m) for m in lay.outputs):
         lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
@@ -435,7 +440,12 @@ _ACCEPT = guard.text(
     ["value", "*last", "*age", "lo", "hi", "change", "noise", "stale", "MEMORY_", "DBL_MAX"],
     ["*last", "*age"],
 )
+_LATER = guard.text(guard.later(), ["tick", "missed", "ticks"], [])
 _SMALL = {
+    "later": (
+        "double later(double tick, double missed, double ticks)",
+        "".join(f"    {line}\n" for line in _LATER) + "    return counted;\n",
+    ),
     "accept_all": (
         "unsigned int accept_all(const double *value, int n, double lo, double hi, double change,\n"
         "                               double noise, double stale, double *last, double *age)",
