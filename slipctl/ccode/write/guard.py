@@ -57,25 +57,27 @@ def accept() -> ca.Function:
     ``stale`` ticks; after them, and before there is a good one, the tick is refused.
 
     A good value takes one tick of the age away, not all. Where a wrong one was believed at last, as
-    it could have come so far, the true one is away no longer than the wrong one was believed. A
-    value that is taken and further from the one before than a tick allows is told all the same.
-    Until the age is 0 there is ``UNSURE``, which stays inside.
+    it could have come so far, the true one is away no longer than the wrong one was believed. Such
+    an age has a half besides: the value of the tick before was good. One that is further from that
+    than a tick allows is told, though it may be taken. Until the age is 0 there is ``UNSURE``,
+    which stays inside.
     """
     names = ["value", "last", "age", "lo", "hi", "change", "noise", "stale", "memory", "most"]
     given = [ca.SX.sym(n) for n in names]
     value, last, age, lo, hi, change, noise, stale, memory, most = given
+    whole = ca.floor(age)
     first = age < 0
     way = ca.fabs(value - last)
-    near = way <= noise + change * (age + 1)
-    unknown = ca.logic_or(first, age >= memory)
-    free = ca.logic_or(unknown, change >= most)
-    good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(free, near))
-    older = ca.if_else(unknown, age, age + 1)
-    younger = ca.if_else(age > 0, ca.if_else(age > memory, memory, age) - 1, 0)
-    jumps = ca.logic_not(ca.logic_or(free, way <= noise + change))
-    doubted = ca.if_else(jumps, OFF_RANGE, ca.if_else(age > 1, UNSURE, 0))
+    near = way <= noise + change * (whole + 1)
+    unknown = ca.logic_or(first, whole >= memory)
+    anything = ca.logic_or(unknown, change >= most)
+    good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(anything, near))
+    older = ca.if_else(unknown, whole, whole + 1)
+    younger = ca.if_else(whole > 1, ca.if_else(whole > memory, memory, whole) - 0.5, 0)
+    follows = ca.logic_or(ca.logic_or(anything, way <= noise + change), age <= whole)
+    doubted = ca.if_else(follows, ca.if_else(whole > 1, UNSURE, 0), OFF_RANGE)
     why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
-    told = why + ca.if_else(ca.logic_or(first, age >= stale), REFUSED, 0)
+    told = why + ca.if_else(ca.logic_or(first, whole >= stale), REFUSED, 0)
     return ca.Function(
         "accept",
         given,
