@@ -23,7 +23,7 @@ from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import in_precision
 from slipctl.ccode.write.shapes import matrix, shaped
-from slipctl.ccode.write.source import checks, within
+from slipctl.ccode.write.small import checks, within
 
 TEMPLATES = Path(__file__).parent / "templates"
 
