@@ -17,13 +17,14 @@ import casadi as ca
 from slipctl.block.signals import evaluate, names_in
 from slipctl.ccode.compile.files import spoken, starting
 from slipctl.ccode.write.expressions import Writer, number
+from slipctl.ccode.write.guarding import within
 from slipctl.ccode.write.header import head
 from slipctl.ccode.write.helpers import helper_text
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import in_precision
 from slipctl.ccode.write.shapes import matrix, shaped
-from slipctl.ccode.write.small import checks, within
+from slipctl.ccode.write.small import checks
 
 TEMPLATES = Path(__file__).parent / "templates"
 
