@@ -63,7 +63,9 @@ def functions(plan: Plan, hold: str) -> str:
     ]  # fmt: skip
     made = [define(prototype(plan), lines)]
     if plan.n_in:
-        aged = if_(["guard->age[k] >= 0.0"], "guard->age[k] += ticks;").replace("\n", "\n    ")
+        aged = if_(
+            ["guard->age[k] >= 0.0"], "guard->age[k] = floor(guard->age[k]) + ticks;"
+        ).replace("\n", "\n    ")
         body = [
             f"for (int k = 0; k < {plan.n_in}; ++k) {{",
             f"    {aged}",
