@@ -281,7 +281,7 @@ def _options(plan: Plan, text: str) -> list[str]:
         "within": 8, "limit": 8, "can_follow": 8, "accept": 64, "all_within": 4 * largest + 16,
         "limit_all": 4 * largest + 16, "check_inputs": 2 * plan.n_in + 16,
         "part_off": 4 * states + 64, f"{plan.name}_step": 64,
-        "reached": 8 * max([int(k) for k in re.findall(r"reached\(\w+, (\d+)", text)], default=0),
+        "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
     }  # fmt: skip
     there = [
         f"{f}:{k}" for f, k in wanted.items() if re.search(rf"^(?:static )?\w.*\b{f}\(", text, re.M)
