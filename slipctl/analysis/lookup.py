@@ -100,15 +100,18 @@ def argmax_table(
         for k, s in enumerate((best, value)) for i, rail in enumerate(rails)
     ]  # fmt: skip
 
-    height_at = _height_at(len(xs))
-
     def body(states: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = p[axis]
-        k = ca.low(at, u[by])
-        share = ca.fmin(ca.fmax((u[by] - at[k]) / (at[k + 1] - at[k]), 0.0), 1.0)
+        before = ca.low(at, u[by])
+        wide = at[before + 1] - at[before]
+        share = ca.fmin(ca.fmax((u[by] - at[before]) / wide, 0.0), 1.0)
+        rest = 1 - share
+
+        def between(heights: Any) -> Any:
+            return rest * heights[before] + share * heights[before + 1]
+
         return {}, {
-            n: ca.vertcat(*[height_at(p[f"{n}_{rail}"], k, share) for rail in rails])
-            for n in ("best", "value")
+            n: ca.vertcat(*[between(p[f"{n}_{rail}"]) for rail in rails]) for n in ("best", "value")
         }
 
     return make_block(
@@ -117,16 +120,6 @@ def argmax_table(
         choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
                  "nodes": len(xs), "error": float(f"{worst:.2g}")},
         doc=about(argmax_table),
-    )  # fmt: skip
-
-
-def _height_at(n: int) -> ca.Function:
-    """Function (heights, number of the place before, share of the way to the next) -> height."""
-    heights, k, share = ca.MX.sym("heights", n), ca.MX.sym("k"), ca.MX.sym("share")
-    before = heights[k]
-    return ca.Function(
-        "height_at", [heights, k, share], [before + share * (heights[k + 1] - before)],
-        ["heights", "k", "share"], ["height"],
     )  # fmt: skip
 
 

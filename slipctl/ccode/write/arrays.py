@@ -157,6 +157,7 @@ class Arrays(Writer):
         self.uses = self._uses()
         self.signed = self._signed()
         self.chosen: set[int] = set()
+        self.places: dict[int, tuple[str, int]] = {}  # that a search has found; the last one
         self.can_be = self._can_be(can_be)
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
@@ -181,7 +182,7 @@ class Arrays(Writer):
     def _write(self, k: int) -> None:
         node = self.nodes[k]
         assert isinstance(node, Step)
-        if k in self.texts or not node.size:
+        if k in self.texts or not node.size or self._place(k, node):
             return
         op = node.op
         if op == ca.OP_INPUT:
@@ -202,20 +203,7 @@ class Arrays(Writer):
         elif op in (JOINED, CHOSEN, PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT):
             self._built(k, node)
         elif op == ca.OP_GETNONZEROS_PARAM:
-            base, offset = self._stored(node.args[0])
-            self.helpers.add("element")
-            index = self._real(self.texts[node.args[1]])
-            text = f"element({address(base, offset)}, {node.detail}, {index})"
-            self.texts[k] = Text(text, _ATOM)
-            if node.size == 1 or self.uses[k] > 1 or len(text) > 60:
-                self._line(k)
-        elif op == ca.OP_LOW:
-            base, offset = self._stored(node.args[0])
-            self.helpers.add("reached")
-            x = self._real(self.texts[node.args[1]])
-            text = f"(double)reached({address(base, offset)}, {node.detail}, {x})"
-            self.texts[k] = Text(text, _ATOM)
-            self._line(k)
+            self._element(k, node)
         elif node.size == 1:
             super()._write(k)
             return
@@ -228,6 +216,44 @@ class Arrays(Writer):
         given = op in (ca.OP_INPUT, ca.OP_CONST, CALLED)
         if wanted and not given and self.texts[k].text != self.names[k]:
             self._line(k)
+
+    def _element(self, k: int, node: Step) -> None:
+        """Element of an array by a number; by a place that was searched for it lies inside."""
+        base, offset = self._stored(node.args[0])
+        place, last = self.places.get(node.args[1], ("", node.detail))
+        if last < node.detail:
+            inside = f"{place} + {offset}" if offset else place
+            self.texts[k] = Text(f"{base}[{inside}]", _ATOM)
+            if self.uses[k] > 1:
+                self._line(k)
+            return
+        self.helpers.add("element")
+        index = self._real(self.texts[node.args[1]])
+        text = f"element({address(base, offset)}, {node.detail}, {index})"
+        self.texts[k] = Text(text, _ATOM)
+        if node.size == 1 or self.uses[k] > 1 or len(text) > 60:
+            self._line(k)
+
+    def _place(self, k: int, node: Step) -> bool:
+        """Whether it is the place that a search finds, or the next one: a whole number."""
+        if node.op == ca.OP_LOW:
+            base, offset = self._stored(node.args[0])
+            self.helpers.add("reached")
+            name = self.names.get(k) or f"k{next(self.count)}"
+            x = self._real(self.texts[node.args[1]])
+            search = f"reached({address(base, offset)}, {node.detail}, {x})"
+            self.lines.append(f"const int {name} = {search};")
+            self.places[k] = name, int(node.detail) - 1
+        elif node.op == ca.OP_ADD and (first := [a for a in node.args if a in self.places]):
+            by = next((a for a in node.args if a not in first), first[0])
+            if self.nodes[by].op != ca.OP_CONST or self.nodes[by].value != 1:
+                return False
+            place, last = self.places[first[0]]
+            self.places[k] = f"{place} + 1", last + 1
+        else:
+            return False
+        self.texts[k] = Text(f"(double)({self.places[k][0]})", _ATOM)
+        return True
 
     def _input(self, node: Step) -> Text:
         source = self.sources[node.place[0]]
