@@ -260,10 +260,11 @@ class Block:
         """Lower ends, upper ends, largest changes and noises of a signal, with these parameters.
 
         Of each the tightest holds, of noises the largest; what is infinite or no noise is left out.
+        So is what names another input, unless its value is given.
 
         Args:
             signal: of this block.
-            values: of all parameters by name, numbers or symbols.
+            values: of all parameters by name, numbers or symbols; of inputs too, if it shall count.
 
         Raises:
             BadInput: an expression that uses what is no parameter.
@@ -276,9 +277,16 @@ class Block:
             where = f"{self.name}.{signal.name}: {b.what}"
             home = b.home or signal.name
             local = {k: values.get(self._sibling(home, k)) for k in names_in(b.expression)}
+            if signal.role == "input" and self._others(home, local, inside=bool(b.home)):
+                continue
             known = {k: v for k, v in local.items() if v is not None}
             found[b.what].append(evaluate(b.expression, known, where))
         return found["lo"], found["hi"], found["change"], found["noise"]
+
+    def _others(self, home: str, local: Mapping[str, Any], inside: bool) -> bool:
+        """Whether what an end lacks are inputs; those of a part are not seen from outside it."""
+        lacks = [self._sibling(home, k) for k, v in local.items() if v is None]
+        return bool(lacks) and (inside or all(n in self.inputs for n in lacks))
 
     def without_range(self) -> list[str]:
         """Signals of which an end of the range is open, ``"input v"``, in their order."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from slipctl.block.block import Block, as_block
-from slipctl.block.signals import Bound, Signal
+from slipctl.block.signals import Signal, numbers_and_bounds
 from slipctl.errors import BadInput, nearest
 
 Row = tuple[Any, ...]
@@ -80,15 +80,14 @@ def _row(there: Signal, ends: Row, source: str) -> Signal:
     what = dict(zip(("lo", "hi", "change", "noise"), ends, strict=False))
     if there.role != "input":
         what = {k: what[k] for k in ("lo", "hi")}
-    numbers = {"lo": -math.inf, "hi": math.inf, "change": math.inf, "noise": 0.0}
-    numbers |= {k: float(v) for k, v in what.items() if not isinstance(v, str)}
-    bounds = tuple(Bound(k, v) for k, v in what.items() if isinstance(v, str))
+    numbers: dict[str, Any] = {"lo": -math.inf, "hi": math.inf, "change": math.inf, "noise": 0.0}
+    numbers |= numbers_and_bounds(**what)
     return replace(
         there,
         lo=numbers["lo"],
         hi=numbers["hi"],
         change=numbers["change"],
         jitter=numbers["noise"],
-        bounds=bounds,
+        bounds=numbers["bounds"],
         source=there.source or source,
     )

@@ -30,6 +30,9 @@ class Split(NamedTuple):
     ahead: tuple[str, ...]
 
 
+End = float | str | tuple[float | str, ...]
+"""An end of a range: a number, an expression, or a number and expressions that all hold."""
+
 KINDS = ("int", "bool", "enum")
 """What stands in the place of a unit where a signal is a whole number, true or not, or a choice."""
 
@@ -348,7 +351,7 @@ def State(
     ``"enum"`` with ``values=("apply", "hold", "release")``; equations see 0, 1, 2. So for
     parameters, inputs and outputs.
     """
-    given = _ends(lo, hi)
+    given = numbers_and_bounds(lo, hi)
     return Signal(
         "state", unit, value, doc, source, shape=shape, positive=positive, per=per,
         deviation=deviation, truth=(truth,) if isinstance(truth, str) else tuple(truth),
@@ -382,10 +385,10 @@ def Input(
     source: str = "",
     *,
     value: Any = None,
-    lo: float | str = -math.inf,
-    hi: float | str = math.inf,
-    change: float | str = math.inf,
-    noise: float | str = 0.0,
+    lo: End = -math.inf,
+    hi: End = math.inf,
+    change: End = math.inf,
+    noise: End = 0.0,
     stale: int = 200,
     shape: tuple[int, ...] = (),
     positive: str | None = None,
@@ -396,11 +399,12 @@ def Input(
 
     Range and ``change``, the most that it can truly change from one tick to the next, may be
     expressions of parameters. So may ``noise``, what two samples of the same quantity differ by at
-    most. Generated C puts the last good value in the place of one that is outside, or further from
-    it than noise and change since then allow. It does so for ``stale`` ticks in a row; then it
-    refuses the tick.
+    most. ``(0, "v - 0.2")`` is a number and an expression beside it, which may name other inputs of
+    the block too: it is that of their last good values. Generated C puts the last good value in the
+    place of one that is outside, or further from it than noise and change since then allow. It does
+    so for ``stale`` ticks in a row; then it refuses the tick.
     """
-    given = _ends(lo, hi, change=change, noise=noise)
+    given = numbers_and_bounds(lo, hi, change=change, noise=noise)
     given["jitter"] = given.pop("noise", 0.0)
     return Signal(
         "input", unit, value, doc, source, shape=shape, positive=positive, per=per,
@@ -430,7 +434,7 @@ def Output(
 
     An end of its range may be an expression of parameters, ``lo="-T_max"``.
     """
-    given = _ends(lo, hi)
+    given = numbers_and_bounds(lo, hi)
     return Signal(
         "output", unit, None, doc, source, shape=shape, positive=positive, per=per,
         safe=safe,  # type: ignore[arg-type]  # a name becomes its number
@@ -438,11 +442,13 @@ def Output(
     )  # fmt: skip
 
 
-def _ends(lo: float | str, hi: float | str, **rest: float | str) -> dict[str, Any]:
+def numbers_and_bounds(lo: End, hi: End, **rest: End) -> dict[str, Any]:
     """Ends, and what else there is, that are numbers, and bounds for those that are expressions."""
-    given = {"lo": lo, "hi": hi, **rest}
-    bounds = tuple(Bound(k, v) for k, v in given.items() if isinstance(v, str))
-    return {k: v for k, v in given.items() if not isinstance(v, str)} | {"bounds": bounds}
+    all_ = {"lo": lo, "hi": hi, **rest}
+    given = {k: v if isinstance(v, tuple) else (v,) for k, v in all_.items()}
+    bounds = tuple(Bound(k, e) for k, v in given.items() for e in v if isinstance(e, str))
+    numbers = {k: e for k, v in given.items() for e in v if not isinstance(e, str)}
+    return numbers | {"bounds": bounds}
 
 
 def total_size(signals: Iterable[Signal]) -> int:

@@ -55,16 +55,16 @@ WHEEL = {
 
 RANGES: Mapping[str, Mapping[str, Any]] = {
     "axle": PLAN | WHEEL | {
-        "v": (0, FASTEST, "216 km/h; an adhesion of .6 for 20 ms", 0.12),
-        "q": (0, 400, "a rim that spins free; an adhesion of .6 against 50 m/s^2 of it", 1.0),
+        "v": ((0, "q / 5 - 1"), (FASTEST, "q + 0.2"), "216 km/h, and its rim; 1 g", 0.2),
+        "q": ((0, "v - 0.2"), 400, "its train; a rim that spins free; twice its friction", 2.0),
         "T": (0, 8, "as the command", 3.0),
         "mu_p": (0, STICKIEST, "steel on steel"),
         "plant.r": (0.2, 1, "rail wheels"), "plant.J": (1, 5e3, "axles"),
         "plant.m_q": (500, 4e4, "axle loads"), "plant.tau": (1e-3, 1, "motors"),
     },
     "car": PLAN | WHEEL | {
-        "v": (0, FASTEST, "216 km/h; an adhesion of 1.44 for 2 ms", 0.03),
-        "q": (0, 400, "a rim that spins free; an adhesion of 1.44 against 410 m/s^2 of it", 0.9),
+        "v": ((0, "q / 5 - 1"), (FASTEST, "q + 0.2"), "216 km/h, and its rim; 2 g", 0.04),
+        "q": ((0, "v - 0.2"), 400, "its car; a rim that spins free; friction of 410 m/s^2", 0.9),
         "grip": (0, 1.2, "dry ground is 1"),
         "plant.m": (50, 2e3, "quarters of cars"), "plant.R": (0.1, 1, "tyres"),
         "plant.J": (0.1, 100, "wheels"), "plant.gear": (0.1, 20, "motor to wheel"),
@@ -74,7 +74,8 @@ RANGES: Mapping[str, Mapping[str, Any]] = {
 """Ranges of all that a predictive controller is fed, holds and is tuned to, by problem and name.
 
 A rim is driven and not braked. So torque and friction never add: it gains what the largest torque
-gives its inertia, 30 m/s^2 of the axle and 195 m/s^2 of the car, and loses what friction takes.
+gives its inertia, 30 m/s^2 of the axle and 195 m/s^2 of the car, and loses what friction takes. A
+driven rim is no slower than its vehicle: one of both that says so is wrong by more than noise.
 """
 
 SLIP: Mapping[str, Any] = {

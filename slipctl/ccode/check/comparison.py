@@ -235,6 +235,9 @@ def made_up(plan: Plan, params: Mapping[str, Any]) -> tuple[Expected, float]:
     """
     for width in WIDTHS:
         rows = rounded(trial_rows(plan, width), plan.real)
+        _, told = taken(plan, rows, plan.block.param_values(**params))
+        if plan.coupled and (told & bit("REFUSED")).all() and width > WIDTHS[-1]:
+            continue  # each in its range, but not one beside the other
         run = expected_run(plan, rows, params, whole=False)
         if len(run.rows):
             break

@@ -100,6 +100,9 @@ def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.n
         values: of all parameters by name.
     """
     most = np.finfo(np.float32 if plan.real == "float" else np.float64).max
+    if plan.coupled:
+        found = plan.ends_of_inputs(values)
+        return guard.accepted_together(rows, found, plan.stale, float(most), plan.period)
     ends = plan.ends(plan.layout.inputs, values)
     return guard.accepted(rows, *ends, plan.stale, float(most), plan.period)
 

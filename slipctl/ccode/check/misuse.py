@@ -215,7 +215,7 @@ static int wandering(const {n}_in *from, {n}_state *state)
         }}
         copied(&in, raw, sizeof(in));
         wrong += stepped(&in, state, &status) ? 0 : 1;
-    }}
+{fitted}    }}
     for (k = 0; k < N_IN; ++k) {{
         raw[k] = (real)NAN;
     }}
@@ -263,6 +263,14 @@ static int miscounted(const {n}_in *in, const {n}_state *kept)
 
 """
 
+_FITTED = """        if ((status & {big}_OFF_RANGE) != 0) {{ /* on from what fits the others */
+            copied(raw, &state->guard.last, sizeof(raw));
+            for (k = 0; k < N_IN; ++k) {{
+                now[k] = (double)raw[k];
+            }}
+        }}
+"""
+
 _WANDER = """    copied(&state, kept, sizeof(state));
     trials += wandering(&in, &state);
     trials += recovers(&in, &state, TAKEN) ? 0 : 1;
@@ -285,7 +293,9 @@ def misuse(plan: Plan) -> str:
         n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
         shaken=WALK, most=BETWEEN, places=_rows(map(str, places or [0])),
         ends=_rows(ends or ["{0.0, 0.0}"]),
-        walk=_WALK.format(n=n, ticks=WALK, wandered=ranges) if plan.n_in else "",
+        walk=_WALK.format(
+            n=n, ticks=WALK, wandered=ranges, fitted=_FITTED.format(big=big) * plan.coupled
+        ) * (plan.n_in > 0),
         wander=_WANDER if plan.n_in else "",
         count=_COUNT.format(n=n, big=big) if plan.counter else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,

@@ -183,6 +183,35 @@ def accepted(
     return taken, told
 
 
+def accepted_together(
+    rows: np.ndarray, ends: ca.Function, stale: np.ndarray, most: float, period: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same where ends follow the last good values of other inputs.
+
+    Args:
+        rows, stale, most, period: as of :func:`accepted`.
+        ends: from the last good inputs to lo, hi, change and noise, a column each.
+    """
+    ticks, n = rows.shape
+    if not ticks:
+        return np.zeros((0, n)), np.zeros(0, dtype=int)
+    x, value = ca.SX.sym("x", 2 * n), ca.SX.sym("value", n)
+    age = x[n:]
+    last = ca.if_else(age < 0, value, x[:n])  # before the first good one, for the ends of others
+    columns = [ca.vertsplit(c) for c in ends(last)]
+    found = [
+        accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],
+                 memory(period, stale), most)
+        for k in range(n)
+    ]  # fmt: skip
+    taken, ages, told = (ca.vertcat(*column) for column in zip(*found, strict=True))
+    one = ca.Function("tick", [x, value], [ca.vertcat(taken, ages), taken, told])
+    run = one.mapaccum(ticks)
+    result: Any = run(ca.DM([0.0] * n + [-1.0] * n), ca.DM(rows.T))
+    bits = np.array(result[2].full()).astype(int) % UNSURE
+    return np.array(result[1].full()).T, np.bitwise_or.reduce(bits, axis=0)
+
+
 @lru_cache(maxsize=4)
 def _run(ticks: int) -> ca.Function:
     """``accept`` over ticks: ((last, age), values, lo, hi, change, ...) to both."""

@@ -21,7 +21,12 @@ def check_inputs(plan: Plan) -> str:
     n, lay = plan.name, plan.layout
     if not lay.inputs:
         return ""
-    lines, ends = plan.ends_text(lay.inputs)
+    lines, ends = plan.ends_text(lay.inputs, last=True)
+    lines = [*_seeded(plan), *lines]
+    for (c, k, what), end in ends.items():
+        if "guard->" in end:  # as it was before this tick
+            name = ends[c, k, what] = f"{what}_{c}" + f"_{k}" * (k > 0)
+            lines.append(f"const double {name} = {end};")
     good = ["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)]
     lines += [
         "unsigned int told = 0U;",
@@ -53,6 +58,19 @@ def check_inputs(plan: Plan) -> str:
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
                           *_types(plan, text), f"struct {n}_guard *guard")  # fmt: skip
     return f"{what}\n" + define(signature, [*lines, f"return told % {guard.UNSURE}U;"])
+
+
+def _seeded(plan: Plan) -> list[str]:
+    """Statements that let an input speak for itself, before its first good value, to other ends."""
+    if not plan.coupled:
+        return []
+    lines, at = list[str](), 0
+    for m in plan.layout.inputs:
+        for k in range(m.size):
+            given = f"{m.at('guard->last.', k)} = {m.at('in->', k)};"
+            lines.append(if_([f"guard->age[{at + k}] < 0.0"], given))
+        at += m.size
+    return lines
 
 
 def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
@@ -87,7 +105,7 @@ def _types(plan: Plan, text: str) -> list[str]:
 
 def ends_given(plan: Plan, members: Sequence[Member], param: str) -> list[str]:
     """Arguments for them, where the parameters are ``param``."""
-    lines, ends = plan.ends_text(members)
+    lines, ends = plan.ends_text(members, last=members == plan.layout.inputs)
     text = " ".join([*lines, *ends.values()])
     places = {"param": param, "derived": "&state->derived"}
     return [place for p, place in places.items() if re.search(rf"\b{p}->", text)]

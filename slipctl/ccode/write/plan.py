@@ -232,12 +232,50 @@ class Plan:
                              max(noise, default=0.0)))  # fmt: skip
         return Ends(*rounded(np.array(rows).reshape(-1, 4), self.real).T)
 
-    def ends_text(self, members: Iterable[Member]) -> tuple[list[str], dict[Any, str]]:
-        """The same in C: statements, and an expression by (member, element, what)."""
+    @cached_property
+    def coupled(self) -> bool:
+        """Whether an end of an input follows other inputs."""
+        known = self._symbols(self.block.params)
+        both = known | self._symbols(self.block.inputs)
+        return any(
+            len(a) < len(b) for m in self.layout.inputs
+            for a, b in zip(self.block.ends(m.signal, known), self.block.ends(m.signal, both),
+                            strict=True)
+        )  # fmt: skip
+
+    def _symbols(self, signals: Mapping[str, Any]) -> dict[str, ca.SX]:
+        return {n: ca.SX.sym(n, *matrix(s)) for n, s in signals.items()}
+
+    def ends_of_inputs(self, values: Mapping[str, Any]) -> ca.Function:
+        """Function of last good inputs, one below the other, to the columns of :class:`Ends`."""
+        symbols = self._symbols(self.block.inputs)
+        most = float(np.finfo(np.float32 if self.real == "float" else np.float64).max)
+        top = {"lo": -most, "hi": most, "change": most, "noise": 0.0}
+        columns: dict[str, list[Any]] = {what: [] for what in Ends._fields}
+        for m in self.layout.inputs:
+            found = self.block.ends(m.signal, {**values, **symbols})
+            for what, given in zip(Ends._fields, found, strict=True):
+                for k in range(m.size):
+                    here = [_element(v, k) for v in given]
+                    columns[what].append(_tightest(m, what, here) if here else top[what])
+        last = ca.vertcat(*(ca.vec(v) for v in symbols.values()))
+        return ca.Function("ends", [last], [ca.vertcat(*c) for c in columns.values()])
+
+    def ends_text(
+        self, members: Iterable[Member], last: bool = False
+    ) -> tuple[list[str], dict[Any, str]]:
+        """The same in C: statements, and an expression by (member, element, what).
+
+        Args:
+            members: of one role.
+            last: count ends that follow the last good values of inputs, too.
+        """
         lay, block = self.layout, self.block
         places = {m.name: (m, "param->") for m in lay.params}
         places |= {m.name: (m, "derived->") for m in lay.derived}
-        symbols = {n: ca.SX.sym("p", *matrix(s)) for n, s in block.params.items()}
+        places |= {m.name: (m, "guard->last.") for m in lay.inputs}
+        read = [*block.params.values(), *(block.inputs.values() if last else ())]
+        symbols = self._symbols({s.name: s for s in read})
         keys, results, texts = [], [], {}
         for m in members:
             found = dict(zip(Ends._fields, block.ends(m.signal, symbols), strict=True))
@@ -249,22 +287,16 @@ class Plan:
                     if not follows:
                         texts[m.c, k, what] = _literal(here[0], self.real) if here else top[what]
                         continue
-                    tightest = here[0]
-                    for v in here[1:]:
-                        other = v > tightest if what in ("lo", "noise") else v < tightest
-                        tightest = ca.if_else(other, v, tightest)
-                    # parameters in their ranges may still turn the range round
-                    if what == "lo" and math.isfinite(m.signal.hi):
-                        tightest = ca.fmin(tightest, m.signal.hi)
-                    if what == "hi" and math.isfinite(m.signal.lo):
-                        tightest = ca.fmax(tightest, m.signal.lo)
+                    if not here:
+                        texts[m.c, k, what] = top[what]
+                        continue
                     keys.append((m.c, k, what))
-                    results.append(ca.SX(tightest))
+                    results.append(ca.SX(_tightest(m, what, here)))
         if not keys:
             return [], texts
         f = ca.Function("ends", list(symbols.values()), results)
-        read = [places[n] for n in block.params]
-        writer = Writer(f, lambda i, k: read[i][0].at(read[i][1], k)).run()
+        members_ = [places[s.name] for s in read]
+        writer = Writer(f, lambda i, k: members_[i][0].at(members_[i][1], k)).run()
         self.bound_helpers |= set(writer.helpers)
         at = dict(writer.results)
         return list(writer.lines), texts | {
@@ -416,6 +448,20 @@ class Plan:
         for path, leaf in self.block.leaves():
             if leaf is not self.block and leaf.doc:
                 yield path, leaf
+
+
+def _tightest(m: Member, what: str, given: list[Any]) -> Any:
+    """The end of a range that holds where there are several, of which some are expressions."""
+    tightest = given[0]
+    for v in given[1:]:
+        other = v > tightest if what in ("lo", "noise") else v < tightest
+        tightest = ca.if_else(other, v, tightest)
+    # parameters in their ranges may still turn the range round
+    if what == "lo" and math.isfinite(m.signal.hi):
+        tightest = ca.fmin(tightest, m.signal.hi)
+    if what == "hi" and math.isfinite(m.signal.lo):
+        tightest = ca.fmax(tightest, m.signal.lo)
+    return tightest
 
 
 def _element(value: Any, k: int) -> Any:
