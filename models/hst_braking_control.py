@@ -447,6 +447,7 @@ def controller(
                 "caution.lam": lam,
                 "caution.unsure": "certainty.probing",
                 "caution.changed": "estimator.changed",
+                "caution.recalled": "estimator.recalled",
             }
             best = "caution.best_safe"
     parts |= {"reference": shape or shaper, "law": slip_law, "arbitration": arbitration}
@@ -507,7 +508,7 @@ FIT: dict[str, tuple[int, dict[str, Any]]] = {
     "fitted": (5, {"window": 24, "iterations": 4, "noise": 2e-3, "settling": 1.0,
                    "coarsest": 0.01, "farthest": 9.0}),
     "free": (25, {"window": 60, "iterations": 30, "noise": 1e-4, "settling": 3.0,
-                  "coarsest": 0.01}),
+                  "coarsest": 0.01, "recall": 8}),
 }  # fmt: skip
 """Window of the meter in ticks, and settings of the estimator, of the two fitted searches.
 

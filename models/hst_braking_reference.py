@@ -432,6 +432,7 @@ def caution(
     lam=NOW,
     changed=Input("1", "1 when the rail has changed"),
     unsure=Input("1", "1 while the best slip is not known well enough"),
+    recalled=Input("1", "1 when the curve before the change is that of the rail again"),
     depth=Param("1", 0.6, "slip to go to meanwhile, over that at the change", GUESS, lo=0, hi=2),
     lam_ref_start=FIRST,
 ):
@@ -440,7 +441,7 @@ def caution(
     After a change the slip is taken to ``depth`` of its value at the change; on that way the curve
     shows itself. Going down is safe, because it only releases the brake.
     """
-    now = logic_and(logic_or(changed > 0.5, active > 0.5), unsure > 0.5)
+    now = logic_and(logic_or(changed > 0.5, active > 0.5), logic_and(unsure > 0.5, recalled < 0.5))
     at = if_else(logic_and(now, active < 0.5), lam, first)
     return dict(first=at, active=now), dict(best_safe=if_else(now, depth * at, best))
 

@@ -37,6 +37,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         "predicted": (-most, most, FAR),
         "residual": (-most - 5, most + 5, "measured, less predicted"),
         "changed": (0, 1, FLAG),
+        "recalled": (0, 1, FLAG),
         "covariance": (-1e9, 1e9, FAR),
         "theta": (-12, 12, FAR),
         "mean": (-12, 12, FAR),
@@ -47,6 +48,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         "unsettled": (0, 1000, "the largest settling"),
         "damping": (0, 1e12, "its iteration ends there"),
         "kept": (-5, slip, known_),
+        "agreed": (-1, 1000, "the largest number to agree"),
         "shifts": (-1e6, 1e6, "residuals in deviations"),
         "echoed": (-most * window, most * window, known_),
         "v_s": (-5, slip, known_),
@@ -54,6 +56,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         "lam_var": (0, 3, "a locked wheel has 1"),
         "mu": (-2, 2, FRICTION),
     }  # fmt: skip
+    rows |= {f"former_{n}": row for n, row in rows.items()}
     return _of_those(estimator, rows)
 
 

@@ -48,6 +48,7 @@ def rls(
     iterations_per_tick: int | None = None,
     memory: int = 1,
     echo: float = 0.0,
+    recall: int = 0,
     **numbers: float,
 ) -> Block:
     """Make an estimator of a law's parameters from measured inputs and a measured output.
@@ -74,6 +75,9 @@ def rls(
         echo: share of the noise of a sample that comes back with the opposite sign in the next,
             0 to 1, for ``form="window"``. 1 for what is formed from increments of a noisy
             quantity, sample to sample; the noise is then that of one of the two.
+        recall: samples in a row, for ``form="window"``, that have to agree with the estimate before
+            the last change so that it is in force again; 0 forgets it. Then there is an output
+            ``recalled``, 1 when that happens.
         **numbers: values of the block's parameters (``noise=1e-3``).
 
     Returns:
@@ -105,6 +109,9 @@ def rls(
         raise BadInput(f"rls({law.name}): echo = {echo!r} must be from 0 to 1")
     if echo and form != "window":
         raise BadInput(f"rls({law.name}, form={form!r}) takes noise as white; echo needs 'window'")
+    check_whole(f"rls({law.name}): recall", recall, least=0)
+    if recall and (form != "window" or memory > 1 or echo):
+        raise BadInput(f"rls({law.name}): recall needs form='window', memory=1 and echo=0")
     if form == "printed-16" and not (coordinates is None and start is None):
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
     model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")
@@ -118,6 +125,7 @@ def rls(
             int(iterations),
             int(memory),
             float(echo),
+            int(recall),
             iterations_per_tick,
         )
     else:

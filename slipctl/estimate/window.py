@@ -23,6 +23,13 @@ is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`s
 What residuals show is taken for noise up to ``coarsest``. Samples that the law cannot fit, such as
 wrong ones, would show so much of it that no change is found any more.
 
+With ``recall`` a change may be taken back. What an estimate with a full window knows is put aside
+when a change is told. It is in force again once so many samples in a row agree with it, by the test
+above, unless the window is full before: then it is another curve. So a wrong sample, or some, cost
+no more than the time in which they lasted.
+
+Where each coordinate is a parameter of the law, or its logarithm, it stays in the range of that.
+
 A fit may be worked out over several ticks, ``iterations_per_tick`` in each. It begins with the
 sample of its first tick, and samples that come meanwhile are left out. Coordinates and covariance
 come with the last tick, to the bit those of a fit in one; ``changed`` comes with the first.
@@ -38,11 +45,10 @@ import math
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
-from slipctl.block.signals import Param, Signal, State
+from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.whitening import echoing_sums, shift_ratios, signature, white_sums
@@ -70,13 +76,16 @@ BELIEF = 0.01
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
 
+KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "kept")
+"""What an estimate with a full window knows."""
+
 DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
 """Arguments of the normal equations."""
 
 
 def windowed(
     model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0,
-    per_tick: int | None = None,
+    recall: int = 0, per_tick: int | None = None,
 ) -> Block:  # fmt: skip
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
     n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
@@ -91,11 +100,30 @@ def windowed(
     per_tick = iterations if per_tick is None else per_tick
     several = per_tick < iterations
 
+    def recalled(
+        x: Exprs, inputs: Any, measurement: Any, constants: Any, p: Exprs
+    ) -> tuple[Exprs, Any, Any]:
+        """States, samples in a row that agree with the former estimate, and whether it is back."""
+        former = {name: x[f"former_{name}"] for name in KNOWN}
+        predicted, h = model.predict(former["theta"], inputs, constants)
+        noise = ca.fmin(former["scatter"], p["coarsest"] ** 2)
+        room = p["gate"] ** 2 * noise * (1 + ca.fmax(h.T @ former["P"] @ h, 0) / p["noise"] ** 2)
+        agrees = (measurement - predicted) ** 2 <= room
+        sought = x["agreed"] >= 0
+        agreed = ca.if_else(sought, ca.if_else(agrees, x["agreed"] + 1, 0), -1)
+        back = agreed >= recall
+        taken = former | {"count": window, "unsettled": 0, "damping": DAMPING}
+        return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, agreed, back
+
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        theta, constants, declared = x["theta"], model.constants(p), p["noise"] ** 2
+        constants, declared = model.constants(p), p["noise"] ** 2
         least = p["spread"] ** -2
         Lambda_0 = ca.densify(ca.diag(least))
         inputs, measurement = model.sample(u)
+        begun = x
+        if recall:
+            x, agreed, back = recalled(x, inputs, measurement, constants, p)
+        theta = x["theta"]
         predicted, h = model.predict(theta, inputs, constants)
         e = measurement - predicted
         new, row = (e + x["echoed"][0], h + x["echoed"][1:]) if echo else (e, h)
@@ -145,11 +173,11 @@ def windowed(
         count = ca.if_else(again, 1, ca.fmin(window, x["count"] + 1))
 
         damping = ca.if_else(again, DAMPING, x["damping"])
-        begins = x["left"] <= 0 if several else True
+        begins = begun["left"] <= 0 if several else True
 
         def now(name: str, new: Any) -> Any:
             """What a fit begins with, or what it has come to."""
-            return ca.if_else(begins, new, x[name]) if several else new
+            return ca.if_else(begins, new, begun[name]) if several else new
 
         kept, count, Lambda = now("kept", kept), now("count", count), now("Lambda", Lambda)
         weights = count > ca.DM(range(window)).T
@@ -158,13 +186,13 @@ def windowed(
         mean_now, sigma2 = now("mean_now", mean), now("sigma2", sigma2)
         data = (kept, weights, mean_now, Lambda, sigma2, constants)
         arithmetic = (least, epsilon(ca.fmin(count, 1)))
-        begun = (theta, *normal(theta, *data), damping)
-        state = tuple(now(k, new) for k, new in zip(HAND, begun, strict=True))
+        first = (theta, *normal(theta, *data), damping)
+        state = tuple(now(k, new) for k, new in zip(HAND, first, strict=True))
         for _ in range(per_tick):
             state = iterate(*state, *arithmetic, *data)
         hand = dict(zip(HAND, state, strict=True))
         theta, _, squares, H, _, damping = state
-        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean_now))
+        theta, mean = (_near(v, model, p["farthest"]) for v in (theta, mean_now))
         P = invert(H, least)
         if memory == 1:
             scatter = declared + squares / count
@@ -177,6 +205,12 @@ def windowed(
         }  # fmt: skip
         if memory > 1:
             nxt["shifts"] = ca.if_else(again, 0, shifts)
+        if recall:
+            left = ca.logic_and(changed, x["count"] == window)
+            for name in KNOWN:
+                former = f"former_{name}"
+                nxt[former] = ca.if_else(left, x[name], x[former])
+            nxt["agreed"] = ca.if_else(left, 0, ca.if_else(count == window, -1, agreed))
         if echo:
             values, slopes = model.parameters(theta)
             left = heard(values, kept, weights, constants)
@@ -184,36 +218,49 @@ def windowed(
         if several:
             left = now("left", iterations) - per_tick
             nxt |= {
-                k: ca.if_else(left <= 0, nxt[k], x[k])
+                k: ca.if_else(left <= 0, nxt[k], begun[k])
                 for k in ("theta", "P", "scatter", "mean", "echoed") if k in nxt
+            } | {
+                k: now(k, v) for k, v in nxt.items()
+                if k in ("shifts", "agreed") or k.startswith("former_")
             } | {k: hand[k] for k in HAND if k != "damping"} | {
                 "left": left, "mean_now": mean_now, "sigma2": sigma2, "told": changed,
                 "predicted_then": predicted, "residual_then": e,
             }  # fmt: skip
-            nxt |= {"shifts": now("shifts", nxt["shifts"])} if memory > 1 else {}
+            if recall:
+                nxt["recalled_then"] = back = now("recalled_then", back)
             theta, P = nxt["theta"], nxt["P"]
-        return nxt, model.results(theta, P, predicted, e, changed)
+        results = model.results(theta, P, predicted, e, changed)
+        return nxt, results | ({"recalled": back} if recall else {})
 
+    states = [
+        theta_state(model), covariance_state(n),
+        State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named("scatter"),
+        State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
+        State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
+        State("1", 0.0, "samples in the window").named("count"),
+        State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
+        State("1", DAMPING, "damping of the next iteration").named("damping"),
+        State("1", 0.0, "samples, newest first, each in its units",
+              shape=(rows, window)).named("kept"),
+    ]  # fmt: skip
+    if memory > 1:
+        states.append(State("1", 0.0, "latest residuals over their standard deviations, newest"
+                            " first", shape=(1, memory)).named("shifts"))  # fmt: skip
+    if echo:
+        states.append(State("1", 0.0, "what the next residual hears of the newest noise, in units"
+                            " of the measurement, and its regressor",
+                            shape=(n + 1,)).named("echoed"))  # fmt: skip
+    if recall:
+        states += [
+            State(s.unit, s.value, f"before the last change: {s.doc}",
+                  shape=s.shape).named(f"former_{s.name}") for s in states if s.name in KNOWN
+        ]  # fmt: skip
+        doc = "samples in a row that agree with that; -1 where it is not sought"
+        states.append(State("1", -1.0, doc).named("agreed"))
+    states += _in_hand(model, unit, recall) if several else []
     return make_block(
-        "rls", "step", body,
-        states=[
-            theta_state(model), covariance_state(n),
-            State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named(
-                "scatter"
-            ),
-            State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
-            State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
-            State("1", 0.0, "samples in the window").named("count"),
-            State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
-            State("1", DAMPING, "damping of the next iteration").named("damping"),
-            State("1", 0.0, "samples, newest first, each in its units",
-                  shape=(rows, window)).named("kept"),
-            *[State("1", 0.0, "latest residuals over their standard deviations, newest first",
-                    shape=(1, memory)).named("shifts")][: memory > 1],
-            *[State("1", 0.0, "what the next residual hears of the newest noise, in units of the"
-                    " measurement, and its regressor", shape=(n + 1,)).named("echoed")][: echo > 0],
-            *(_in_hand(model, unit) if several else []),
-        ],
+        "rls", "step", body, states=states,
         inputs=model.inputs(),
         params=[
             Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
@@ -235,10 +282,16 @@ def windowed(
                   " wanders where the slip shows nothing", lo=1e-3, hi=1).named("forgetting"),
             *model.known(),
         ],
-        outputs=model.outputs(), period=period, sx=False,
+        outputs=[
+            *model.outputs(),
+            *[Output("1", "1 when the estimate before the last change is in force again"
+                     ).named("recalled")][: recall > 0],
+        ],
+        period=period, sx=False,
         choices=model.describe("window") | {"window": window, "iterations": iterations}
         | ({"iterations per tick": per_tick} if several else {})
-        | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {}),
+        | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {})
+        | ({"recall": recall} if recall else {}),
         doc=__doc__ or "",
     )  # fmt: skip
 
@@ -247,7 +300,7 @@ HAND = ("theta_now", "J", "squares", "H", "r", "damping")
 """States of a fit in hand, in the order of an iteration."""
 
 
-def _in_hand(model: Model, unit: str) -> list[Signal]:
+def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
     """States of a fit that is worked out over several ticks."""
     n = model.n
     return [
@@ -264,12 +317,16 @@ def _in_hand(model: Model, unit: str) -> list[Signal]:
         State(unit, 0.0, "its sample as it was predicted").named("predicted_then"),
         State(unit, 0.0, "its sample minus that").named("residual_then"),
         State("1", 0.0, "whether that told a change").named("told"),
+        *[State("1", 0.0, "whether it took one back").named("recalled_then")][: recall > 0],
     ]
 
 
-def _near(theta: Any, guess: np.ndarray, far: ca.MX) -> Any:
-    """Coordinates that are no further than so much from the first guess."""
-    return ca.fmax(ca.DM(guess) - far, ca.fmin(ca.DM(guess) + far, theta))
+def _near(theta: Any, model: Model, far: ca.MX) -> Any:
+    """Coordinates no further than so much from the first guess, and in the range of the law."""
+    lo, hi = ca.DM(model.guess) - far, ca.DM(model.guess) + far
+    if model.ends is not None:
+        lo, hi = ca.fmax(lo, ca.DM(model.ends[0])), ca.fmin(hi, ca.DM(model.ends[1]))
+    return ca.fmax(lo, ca.fmin(hi, theta))
 
 
 def smallest_shift(
@@ -401,6 +458,6 @@ def _inverse(n: int) -> ca.Function:
     D, LT = _ldl(A, least)
     columns = ca.ldl_solve(ca.SX.eye(n), D, LT, range(n))
     inverse = ca.densify((columns + columns.T) / 2)
-    lost = ca.logic_not(ca.mmax(ca.diag(inverse) * least) <= 1 + ROUNDED)
+    lost = ca.logic_not(ca.mmin(ca.diag(inverse) * least <= 1 + ROUNDED))
     known = ca.if_else(lost, ca.densify(ca.diag(1 / least)), inverse)
     return ca.Function("inverse", [A, least], [known], ["A", "least"], ["inverse"], {"cse": True})

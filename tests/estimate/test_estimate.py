@@ -22,6 +22,7 @@ from slipctl import (
     every,
     flow,
     law,
+    ranged,
     sampled,
     simulate,
     step,
@@ -603,6 +604,9 @@ def test_moving_optimum_with_another_shape(online):
         (lambda: rls(double_exponential, nois=1.0), "did you mean 'noise'"),
         (lambda: rls(double_exponential, period=0.0), "must be positive"),
         (lambda: rls(double_exponential, form="window", window=0), "whole number"),
+        (lambda: rls(double_exponential, form="window", recall=-1), "recall = -1 must be a whole"),
+        (lambda: rls(double_exponential, recall=3), "recall needs form='window'"),
+        (lambda: rls(double_exponential, form="window", memory=4, recall=3), "memory=1"),
         (lambda: rls(double_exponential, window="x"), "window = 'x' must be a whole number"),
         (lambda: rls(double_exponential, period="x"), "period takes a number in s, not 'x'"),
         (lambda: rls(plane, form="printed-16"), "one input"),
@@ -727,3 +731,53 @@ def test_a_coordinate_goes_no_further_than_stated():
     assert there["theta"].min() < -4
     assert here["theta"].min() == pytest.approx(-3.0) == here["mean"].min()
     assert held["c"].min() == pytest.approx(np.exp(-3.0))
+
+
+def test_an_estimate_stays_in_the_range_of_the_law():
+    """A slope of at most 1e9, or 3 where the law says so; its coordinate is the logarithm."""
+    inputs = np.vstack([np.ones(60), np.full(60, 5.0)])
+    settings = dict(form="window", window=24, iterations=4, noise=1e-3)
+    free, _ = run(rls(line, "y", **settings), inputs)
+    short = ranged(line, c=Param("1", 1.0, lo=1e-9, hi=3))
+    held, _ = run(rls(short, "y", **settings), inputs)
+    assert free["c"][0, -1] == pytest.approx(5.0, abs=1e-3)
+    assert held["c"].max() == pytest.approx(3.0) == held["c"][0, -1]
+
+
+RECALL = dict(form="window", window=24, iterations=4, noise=1e-3)
+
+
+def wrong_for(samples, value=-0.5, length=120):
+    """The line with the slope 1 at changing places, and from sample 60 on some that are wrong."""
+    u = 1 + 0.3 * np.sin(np.arange(length))
+    y = u + 1e-3 * np.random.default_rng(5).standard_normal(length)
+    y[60 : 60 + samples] = value
+    return np.vstack([u, y])
+
+
+@pytest.mark.parametrize("samples", [1, 5, 12])
+def test_a_change_is_taken_back(samples):
+    """Wrong samples are a change; after as many true ones all is as before them."""
+    inputs = wrong_for(samples)
+    y, last = run(rls(line, "y", **RECALL, recall=4), inputs)
+    true, _ = run(rls(line, "y", **RECALL, recall=4), wrong_for(0))
+    at = 60 + samples + 3
+    assert y["changed"][0, 60]
+    assert np.flatnonzero(y["recalled"][0]).tolist() == [at]
+    assert y["c"][0, at:] == pytest.approx(true["c"][0, at:], abs=3e-4)
+    assert last["agreed"] == -1
+    # it knows what all true samples tell, but those that it was tested by
+    u = inputs[0, np.r_[:60, at]]
+    assert y["covariance"][..., at].item() == pytest.approx(1e-6 / (u @ u), rel=1e-2)
+
+
+def test_another_curve_is_not_taken_back():
+    """Nor is one that comes back after a full window of another."""
+    inputs = wrong_for(0)
+    inputs[1, 60:] = 0.4 * inputs[0, 60:]
+    inputs[1, 100:] = inputs[0, 100:]
+    y, _ = run(rls(line, "y", **RECALL, recall=4), inputs)
+    plain, _ = run(rls(line, "y", **RECALL), inputs)
+    assert not y["recalled"].any()
+    assert np.flatnonzero(y["changed"][0]).tolist() == [60, 100]
+    np.testing.assert_array_equal(y["c"], plain["c"])

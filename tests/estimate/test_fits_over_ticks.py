@@ -35,6 +35,7 @@ def roll(block: Block, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 SETTINGS: list[dict[str, Any]] = [
     {}, {"memory": 4, "noise": 3e-3}, {"memory": 3, "echo": 1.0, "noise": 3e-3},
+    {"recall": 2, "noise": 3e-3},
 ]  # fmt: skip
 
 
@@ -44,6 +45,7 @@ def samples(n: int, seed: int) -> np.ndarray:
     s = rng.uniform(0.1, 4, n)
     c = np.where(np.arange(n) < n // 2, 0.3, 0.12)
     mu = c * (1 - np.exp(-1.5 * s)) * (1 - 0.02 * s)
+    mu[n // 4] *= 3  # one that is wrong
     return np.column_stack([s, mu + rng.normal(0, 1e-3, n)])
 
 
@@ -56,7 +58,7 @@ def made(per_tick: int | None, **settings: Any):
 @pytest.mark.parametrize("per_tick", [1, 2, 3])
 def test_in_the_last_tick_all_is_as_in_one(per_tick: int, settings: dict[str, Any]) -> None:
     """Whatever is given in the ticks between, it is not looked at; a change is told at once."""
-    ticks, rows = 6 // per_tick, samples(40, 1)
+    ticks, rows = 6 // per_tick, samples(60, 1)
     whole, several = made(None, **settings), made(per_tick, **settings)
     x_whole, y_whole = roll(whole, rows)
     between = np.random.default_rng(2).uniform(0, 1, (len(rows) * ticks, 2))
@@ -70,6 +72,8 @@ def test_in_the_last_tick_all_is_as_in_one(per_tick: int, settings: dict[str, An
     at = names.index("changed")
     assert (y[::ticks, at] == y_whole[:, at]).all()
     assert y_whole[:, at].sum() >= 1
+    if "recall" in settings:
+        assert y_whole[:, names.index("recalled")].sum() >= 1
     held = names.index("c")
     assert (y[ticks::ticks, held] == y_whole[:-1, held]).all()
 
