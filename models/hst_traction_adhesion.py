@@ -16,10 +16,7 @@ Each block is of one axle; ``replicate`` makes them of all.
 """
 
 import math
-from functools import lru_cache
-from typing import Any
 
-import numpy as np
 from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sign, sqrt
 
 from slipctl import (
@@ -38,8 +35,9 @@ from slipctl import (
 )
 from slipctl.certify import adhesion_observer as bounds
 from slipctl.errors import known
-from slipctl.models.contact import peak_table, polach
+from slipctl.models.contact import polach
 from slipctl.models.hst_traction import tractive_effort
+from slipctl.models.hst_traction_peaks import following, peaks
 from slipctl.models.ranges import FRICTION
 
 TABLE_1 = "Wang 2025, Table 1"
@@ -214,13 +212,6 @@ def linear_observer(
 # ---- anti-slip limit -----------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=8)
-def peaks(creep_law: Block) -> Block:
-    """Table of :func:`slipctl.models.contact.peak_table` with its ranges."""
-    rows = {"best": (0, 50, "twice the range that is searched"), "value": (0, 2, FRICTION)}
-    return ranged(peak_table(creep_law), table=rows)
-
-
 def typical_surfaces(creep_law: Block = polach) -> Block:
     """Make the curves of the typical surfaces: from ``v_s`` and ``v`` to ``mu``, one per surface.
 
@@ -368,45 +359,7 @@ def usable_adhesion(axles: int, creep_law: Block = polach) -> Block:
     wires = {f"axle.{n}": n for n in ("omega", "mu_hat", "v")} | {"peaks.v": "v"}
     wires |= {"axle.mu_max": "peaks.value", "axle.v_best": "peaks.best"}
     wires |= {n: f"axle.{n}" for n in ("mu_lim", "surface")}
-    return _following(connect("usable", wires, peaks=peaks(creep_law), axle=axle), creep_law)
-
-
-def _following(block: Block, creep_law: Block) -> Block:
-    """Block whose table of peaks is made anew when its curves get other numbers.
-
-    A table that was set by itself stays as it was set.
-
-    Args:
-        block: of the parts ``peaks`` and ``axle``, with the table of ``creep_law``.
-        creep_law: law whose conditions are the typical surfaces.
-    """
-    rebuild, free = block._rebuild, [n for n, s in creep_law.params.items() if not s.derived]
-    assert rebuild is not None
-
-    def numbers(of: Block, part: str) -> dict[str, np.ndarray]:
-        return {n: v for n, v in of.param_values().items() if n.startswith(part)}
-
-    curves, table = (numbers(block, part) for part in ("axle.curves.", "peaks."))
-
-    def again(parts: dict[str, Block], *shares: Any) -> Block:
-        new = rebuild(parts, *shares)
-        now = numbers(new, "axle.curves.")
-        changed = any(not np.array_equal(now[n], curves[n]) for n in curves)
-        if not changed or any(not np.array_equal(v, table[n])
-                              for n, v in numbers(new, "peaks.").items()):  # fmt: skip
-            new._rebuild = again
-            return new
-        values = {n: now[f"axle.curves.{n}"] for n in free}
-        rails = {
-            rail: {n: float(np.ravel(v)[i]) for n, v in values.items() if np.size(v) > 1}
-            for i, rail in enumerate(creep_law.conditions)
-        }
-        own = creep_law.with_params(**{n: v for n, v in values.items() if np.size(v) == 1})
-        own = own.with_conditions(**rails)
-        return _following(rebuild(parts | {"peaks": peaks(own)}, *shares), own)
-
-    block._rebuild = again
-    return block
+    return following(connect("usable", wires, peaks=peaks(creep_law), axle=axle), creep_law)
 
 
 @law(

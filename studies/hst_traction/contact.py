@@ -13,7 +13,7 @@ from slipctl import Block, Context, Experiment, Fitted, Results, Table, fit
 from slipctl.draw import plots
 from slipctl.models import contact
 from slipctl.models.contact import SURFACES, peak, polach
-from slipctl.models.hst_traction_adhesion import peaks
+from slipctl.models.hst_traction_peaks import peaks
 from slipctl.study import doors
 
 SPEEDS = (1.0, 5.0, 20.0, 40.0, 69.0)
