@@ -18,14 +18,14 @@ def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
         raise BadInput(f"{where}: only a law of scalar expressions can be searched")
     if over not in law.inputs:
         raise BadInput(f"{where} has no input {over!r}{nearest(over, law.inputs)}")
-    if any(s.shape != () for s in (*law.inputs.values(), *law.outputs.values())):
-        raise BadInput(f"{where}: inputs and outputs must be scalars")
     if maximise is None and len(law.outputs) == 1:
-        return next(iter(law.outputs))
+        maximise = next(iter(law.outputs))
     if maximise is None:
         raise BadInput(f"{where}: give maximise=, one of {', '.join(law.outputs)}")
     if maximise not in law.outputs:
         raise BadInput(f"{where} has no output {maximise!r}{nearest(maximise, law.outputs)}")
+    if any(s.shape != () for s in (*law.inputs.values(), law.outputs[maximise])):
+        raise BadInput(f"{where}: inputs, and what is searched for the best of, must be scalars")
     return maximise
 
 

@@ -415,7 +415,7 @@ def of_vectors(v_s=Input("m/s", "argument"), k=Param("m/s", [1.0, 2.0], "vector"
     ("subject", "words"),
     [
         (clashing, "clashing.lo is a name of the search itself; rename it"),
-        (of_vectors, "inputs and outputs must be scalars"),
+        (of_vectors, "inputs, and what is searched for the best of, must be scalars"),
         (search(), "only a law of scalar expressions can be searched"),
     ],
     ids=["clash", "vectors", "no law"],
