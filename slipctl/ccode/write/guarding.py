@@ -170,7 +170,9 @@ def recover(plan: Plan) -> str:
     reset = [f"{call % 'param'};"]
     if any(m.signal.derived for m in plan.layout.states):
         # parameters may give no good start: then it is that of the defaults
-        other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
+        other = [f"(void){call % '&defaults'};"]
+        if not plan.layout.params:
+            other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
         reset = [if_([f"!{call % 'param'}"], *other)]
     lines = [
         *rule,

@@ -185,8 +185,8 @@ def _default(plan: Plan) -> str:
     if not plan.layout.params:
         return define(prototypes(plan)["default"], ["param->unused = 0.0;"])
     given = [(m, m.signal.value) for m in plan.layout.params]
-    declared = listed(f"static const {plan.name}_param defaults", _values(given))
-    return define(prototypes(plan)["default"], [*declared, "*param = defaults;"])
+    declared = "\n".join(listed(f"static const {plan.name}_param defaults", _values(given)))
+    return f"{declared}\n\n" + define(prototypes(plan)["default"], ["*param = defaults;"])
 
 
 def _values(values: Iterable[tuple[Member, Any]]) -> list[str]:
@@ -303,9 +303,15 @@ def _init(plan: Plan) -> str:
             lines += [f"bool good = ({good});", if_(["good"], f"good = {start};")]
         elif lay.states:
             lines.append(f"{start};")
+        defaults = [f"(void){n}_tune(&defaults, state);"]
+        if not lay.params:
+            defaults = [
+                f"{n}_param safe;",
+                f"{n}_default(&safe);",
+                f"(void){n}_tune(&safe, state);",
+            ]
         lines.append(if_(
-            ["!good" if computed else good.replace("==", "!=")], f"{n}_param safe;",
-            f"{n}_default(&safe);", f"(void){n}_tune(&safe, state);",
+            ["!good" if computed else good.replace("==", "!=")], *defaults,
             *[f"{'(void)' * computed}{start};"] * bool(lay.states),
             *[f"status = {big}_BAD_PARAM;"] * computed,
         ))  # fmt: skip
