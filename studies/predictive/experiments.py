@@ -274,8 +274,10 @@ def pi_costs(p: Problem, K_p: Any, K_i: Any) -> tuple[np.ndarray, list[tuple[flo
     part, total = np.full(n, 0.1), np.zeros(n)
     for given in p.given:
         e = given[1] - (x[1] - x[0]) / np.hypot(x[0], 0.5)
-        u = hi * np.clip(a * e + part, 0, 1)
-        part = np.clip(part + p.h * b * e, 0, 1)
+        wanted = a * e + part
+        share = np.clip(wanted, 0, 1)
+        u = hi * share
+        part = np.clip(part + np.where((wanted - share) * e > 0, 0, p.h * b * e), 0, 1)
         x = np.array(step(x, np.vstack([u, np.tile(given[:, None], n)]), numbers)[0])
         total += [p.price(x[:, k], u[k]) for k in range(n)]
     return np.where(np.isfinite(total), total, np.inf), gains

@@ -32,7 +32,7 @@ from slipctl.studies.predictive.problems import (
     car_controller,
 )
 
-GAINS = {"axle": (480.0, 160.0), "car": (7600.0, 1e6)}
+GAINS = {"axle": (480.0, 160.0), "car": (3700.0, 9e5)}
 """K_p and K_i of the PI laws in kN m or N m, and that per second: the best nearly."""
 
 FASTEST, STICKIEST = 60.0, 0.6
