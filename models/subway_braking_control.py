@@ -367,6 +367,7 @@ def estimating_controller(
     memory: int = 32,
     looks: bool = False,
     echo: float = 0.0,
+    recall: int = 8,
 ) -> Block:
     """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
 
@@ -382,6 +383,7 @@ def estimating_controller(
         memory: samples in which a change of rail is looked for, see :func:`slipctl.rls`.
         looks: whether the probe looks again from time to time, see :func:`slipctl.probe`.
         echo: of the noise of mu_m, see :func:`slipctl.rls`.
+        recall: samples in a row that take a change back, see there; not with an echo.
 
     Returns:
         Block from v, v_s (each tick), mu_m and v_s_m (measured adhesion and the slip it belongs
@@ -394,9 +396,10 @@ def estimating_controller(
     known("estimating_controller", "form", form, ("window", "recursive"))
     unknown = [n for n, s in adhesion.params.items() if not s.derived]
     probing = form == "window"
-    estimator = rls(adhesion, form=form, start=start, memory=memory if probing else 1, echo=echo)
-    if probing:  # noise of the adhesion is 0.01; five times as much is none
-        estimator = estimator.with_params(coarsest=0.05)
+    how = {"memory": memory, "echo": echo, "recall": 0 if echo else recall} if probing else {}
+    estimator = rls(adhesion, form=form, start=start, **how)
+    if probing:  # noise of the adhesion is 0.01; five times as much is none. A factor of 8e3
+        estimator = estimator.with_params(coarsest=0.05, farthest=9.0)
     estimator = fit_ranged(estimator, adhesion)
     inner = controller(slip_law, "slip")
     wires = {

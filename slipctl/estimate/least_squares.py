@@ -110,8 +110,8 @@ def rls(
     if echo and form != "window":
         raise BadInput(f"rls({law.name}, form={form!r}) takes noise as white; echo needs 'window'")
     check_whole(f"rls({law.name}): recall", recall, least=0)
-    if recall and (form != "window" or memory > 1 or echo):
-        raise BadInput(f"rls({law.name}): recall needs form='window', memory=1 and echo=0")
+    if recall and (form != "window" or echo):
+        raise BadInput(f"rls({law.name}): recall needs form='window' and echo=0")
     if form == "printed-16" and not (coordinates is None and start is None):
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
     model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")

@@ -23,12 +23,13 @@ is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`s
 What residuals show is taken for noise up to ``coarsest``. Samples that the law cannot fit, such as
 wrong ones, would show so much of it that no change is found any more.
 
-With ``recall`` a change may be taken back. What an estimate with a full window knows is put aside
-when a change is told. It is in force again once so many samples in a row agree with it, by the test
-above, unless the window is full before: then it is another curve. So a wrong sample, or some, cost
-no more than the time in which they lasted.
+With ``recall`` a change may be taken back. What an estimate with half a window knows is put aside
+when a change is told. It is in force again once so many samples in a row agree with it, each within
+``gate`` deviations, of the declared noise at least, unless the window is full before: then it is
+another curve. So wrong samples cost no more than the time that they lasted.
 
-Where each coordinate is a parameter of the law, or its logarithm, it stays in the range of that.
+The parameters that are told stay in the ranges of the law. So does the estimate itself, where each
+coordinate is a parameter or its logarithm; where one mixes some, the rest would make up for it.
 
 A fit may be worked out over several ticks, ``iterations_per_tick`` in each. It begins with the
 sample of its first tick, and samples that come meanwhile are left out. Coordinates and covariance
@@ -76,8 +77,8 @@ BELIEF = 0.01
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
 
-KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "kept")
-"""What an estimate with a full window knows."""
+KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "count", "kept")
+"""What an estimate knows."""
 
 DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
 """Arguments of the normal equations."""
@@ -100,19 +101,24 @@ def windowed(
     per_tick = iterations if per_tick is None else per_tick
     several = per_tick < iterations
 
+    def variance(x: Exprs, row: Any, p: Exprs) -> Any:
+        """Variance of the residual of a new sample: its noise, and what is not known."""
+        doubt = ca.fmax(row.T @ x["P"] @ row, 0)  # in float P may not be definite
+        noise = ca.fmin(x["scatter"], p["coarsest"] ** 2)
+        return noise * (1 + doubt / p["noise"] ** 2) if memory == 1 else noise + doubt
+
     def recalled(
         x: Exprs, inputs: Any, measurement: Any, constants: Any, p: Exprs
     ) -> tuple[Exprs, Any, Any]:
         """States, samples in a row that agree with the former estimate, and whether it is back."""
         former = {name: x[f"former_{name}"] for name in KNOWN}
+        told = former | {"scatter": ca.fmax(former["scatter"], p["noise"] ** 2)}
         predicted, h = model.predict(former["theta"], inputs, constants)
-        noise = ca.fmin(former["scatter"], p["coarsest"] ** 2)
-        room = p["gate"] ** 2 * noise * (1 + ca.fmax(h.T @ former["P"] @ h, 0) / p["noise"] ** 2)
-        agrees = (measurement - predicted) ** 2 <= room
-        sought = x["agreed"] >= 0
-        agreed = ca.if_else(sought, ca.if_else(agrees, x["agreed"] + 1, 0), -1)
+        agrees = (measurement - predicted) ** 2 <= p["gate"] ** 2 * variance(told, h, p)
+        agreed = ca.if_else(x["agreed"] < 0, -1, ca.if_else(agrees, x["agreed"] + 1, 0))
         back = agreed >= recall
-        taken = former | {"count": window, "unsettled": 0, "damping": DAMPING}
+        taken = former | {"unsettled": 0, "damping": DAMPING}
+        taken |= {"shifts": 0} if memory > 1 else {}
         return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, agreed, back
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -130,13 +136,10 @@ def windowed(
 
         # a change: the residual is beyond the prediction interval of the regression
         enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
-        doubt = ca.fmax(row.T @ x["P"] @ row, 0)  # a variance; in float P may not be definite
-        noise = ca.fmin(x["scatter"], p["coarsest"] ** 2)
         if memory == 1:
-            interval = noise * (1 + doubt / declared)
-            changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * interval)
+            changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * variance(x, row, p))
         else:
-            shift = new / ca.sqrt(noise + doubt)
+            shift = new / ca.sqrt(variance(x, row, p))
             shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
             ratios = shift_ratios(shifts, memory, echo)
             freedom = BELIEF + ca.fmax(0, x["count"] - n)
@@ -206,7 +209,7 @@ def windowed(
         if memory > 1:
             nxt["shifts"] = ca.if_else(again, 0, shifts)
         if recall:
-            left = ca.logic_and(changed, x["count"] == window)
+            left = ca.logic_and(changed, x["count"] >= window / 2)
             for name in KNOWN:
                 former = f"former_{name}"
                 nxt[former] = ca.if_else(left, x[name], x[former])
@@ -231,6 +234,9 @@ def windowed(
                 nxt["recalled_then"] = back = now("recalled_then", back)
             theta, P = nxt["theta"], nxt["P"]
         results = model.results(theta, P, predicted, e, changed)
+        if model.ends is None:
+            ends = {name: model.law.params[name] for name in model.unknown}
+            results |= {k: ca.fmax(s.lo, ca.fmin(s.hi, results[k])) for k, s in ends.items()}
         return nxt, results | ({"recalled": back} if recall else {})
 
     states = [
