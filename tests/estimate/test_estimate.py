@@ -775,7 +775,7 @@ def test_a_change_is_taken_back(samples, memory):
 
 
 def test_another_curve_is_not_taken_back():
-    """Nor is one that comes back after a window of another, which then has been put aside itself."""
+    """Nor is one that comes back after a window of another."""
     inputs = wrong_for(0)
     inputs[1, 60:] = 0.4 * inputs[0, 60:]
     inputs[1, 90:] = inputs[0, 90:]
