@@ -65,7 +65,7 @@ def test_conditions_are_names():
 def test_c_has_no_number_of_it_but_as_parameters(table, real: str, tmp_path: Path):
     """A search in a loop, the bits of Python, other points too; and tune looks at the places."""
     module = codegen.c_module(table, tmp_path, "ctl", real=real).compile().load()
-    text = (tmp_path / "ctl.c").read_text()
+    text = "".join(p.read_text() for p in (tmp_path / "ctl.c", *tmp_path.glob("ctl_parts*")))
     assert "reached(param->w_at, " in text
     assert text.count("[before + 1];") == 4
     assert "element(" not in text

@@ -41,10 +41,11 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     assert "No problems found" in said
     text = (tmp_path / "ctl.a2l").read_text()
     free = [s for s in block.params.values() if not s.derived]
-    assert text.count("/begin CHARACTERISTIC") == len(free)
+    assert text.count("/begin CHARACTERISTIC") == sum(not s.rising for s in free)
+    assert text.count("/begin AXIS_PTS ") == sum(s.rising for s in free)
     others = len(block.inputs) + len(block.states) + len(block.outputs)
     derived = sum(s.derived for s in block.params.values())
-    counted = 2 if block.inputs else 1
+    counted = (2 if block.inputs else 1) + text.count("/begin MEASUREMENT ctl_state.guard.missed ")
     assert text.count("/begin MEASUREMENT") == others + derived + 9 + counted
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")

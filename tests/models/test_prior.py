@@ -131,7 +131,7 @@ def test_heights_that_do_not_rise_are_refused(eppfc):
 def test_no_constant_of_the_prior_is_left_in_the_text(eppfc, tmp_path: Path):
     """Numbers of the rails stand in the defaults and nowhere else; nor do their logarithms."""
     codegen.c_module(eppfc, tmp_path, "ctl")
-    text = (tmp_path / "ctl.c").read_text()
+    text = "".join(p.read_text() for p in (tmp_path / "ctl.c", *tmp_path.glob("ctl_parts*")))
     rails = [[r[n] for r in models.RAILS.values()] for n in ("a0", "a1", "a2")]
     numbers = {v for values in rails for v in values}
     numbers |= {float(v) for v in np.log(rails[1])}
