@@ -225,10 +225,7 @@ class Block:
     # ---- values -------------------------------------------------------------------------------
 
     def derive(self, free: Mapping[str, Any]) -> dict[str, Any]:
-        """Complete the parameters: derived ones from the free ones (numbers or symbols).
-
-        A derived one that is given too stays as it is.
-        """
+        """Complete the parameters: derived ones that are not given, from the free ones."""
         values = {k: v for k, v in free.items() if k in self.params}
         waiting = {n: s.value for n, s in self.params.items() if s.derived and n not in values}
         while waiting:
