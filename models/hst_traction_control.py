@@ -34,6 +34,7 @@ from slipctl import (
     law,
     make_block,
     one,
+    ranged,
     replicate,
     sampled,
     step,
@@ -56,6 +57,11 @@ from slipctl.models.hst_traction_adhesion import (
 )
 
 TABLE_5 = "Wang 2025, Table 5"
+FARTHEST = "a thousand km; a quarter more than the way of a tick at 430 km/h"
+WAY = (
+    "a thousand km; four times the way of 1 ms at its speed, so that one that was stuck is soon"
+    " taken again; noise of 5 cm"
+)
 T_C = 5e-3
 """Period of the laws in s; Wang 2025, Table 4 (a response of 5 ms)."""
 
@@ -123,23 +129,9 @@ K1 = Param("1/s", 0.5, "slope of the sliding surface", TABLE_5, lo=1e-3, hi=10)
     ),
 )
 def tracking(
-    x=Input(
-        "m",
-        "position",
-        source="a thousand km; a quarter more than the way of a tick at 430 km/h",
-        lo=-1000,
-        hi=1e6,
-        change=0.15,
-    ),
+    x=Input("m", "position", source=FARTHEST, lo=-1000, hi=1e6, change=0.15),
     v=Input("m/s", "speed", source=TRAIN_SPEED, lo=-1, hi=120, change=0.0025, noise=0.15),
-    x_d=Input(
-        "m",
-        "target position",
-        source="a thousand km; that of the position",
-        lo=-1000,
-        hi=1e6,
-        change=0.15,
-    ),
+    x_d=Input("m", "target position", source=FARTHEST, lo=-1000, hi=1e6, change=0.15),
     v_d=Input(
         "m/s", "target speed", source="430 km/h; 2 m/s^2 for 1 ms", lo=-1, hi=120, change=0.002
     ),
@@ -493,4 +485,10 @@ def controller(
             "limit.F_hi_0": "characteristic.F_hi",
             "limit.F_lo_0": "characteristic.F_lo",
         }
-    return connect(name, wires, share=CONTROLLER, **parts)
+    block = connect(name, wires, share=CONTROLLER, **parts)
+    ways = {
+        x: Input("m", source=WAY, lo=-1000, hi=1e6, change=(0.15, f"4e-3*fabs({v}) + 2e-4"),
+                 noise=0.05)
+        for x, v in (("x", "v"), ("x_d", "v_d"))
+    }  # fmt: skip
+    return ranged(block, **ways)

@@ -365,3 +365,37 @@ def test_ranges_of_a_block_that_is_made():
         Input("1", hi="1 +")
     with pytest.raises(BadInput, match="largest change per tick is 0"):
         Input("1", change=0)
+
+
+CURED = {
+    "hst_traction:asmc_limited": ("v", ("lower end", "times 1.1", "times 2"), (25.0,)),
+    "hst_traction:hosm_limited": ("x_d", ("times 1.1", "stuck"), (25.0,)),
+    "hst_braking:efc": ("omega", ("stuck",), (3.2,)),
+    "predictive:pid": ("s_ref", ("upper end", "times 2"), (0.6, 2.0)),
+    "predictive:nmpc": ("v", ("lower end", "times 1.1", "times 2", "stuck"), (0.6, 2.0)),
+}
+"""Inputs that were wrong for 100 ticks: a range tells noise, rate and other inputs apart; refused
+ticks count for slow parts; an integral stands while the command is at an end."""
+
+
+@pytest.mark.parametrize("name", CURED)
+def test_a_hundred_wrong_ticks_do_no_harm(name, tmp_path):
+    signal, kinds, at = CURED[name]
+    _, loop, part, scenario = next(bench.controllers([name]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, at, bench.WHERE[name.partition(":")[0]].wheel, kinds=kinds,
+        lengths=(100,), signals=[signal], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert len(found) == len(kinds) * len(at)
+    assert all(f.forgotten for f in found)
+
+
+def test_a_rim_that_stands_under_its_train_is_told(tmp_path):
+    """By its own change it was believed after five ticks, and the plan went to the end."""
+    _, loop, part, scenario = next(bench.controllers(["predictive:nmpc"]))
+    found = faults.faults(
+        loop, part, scenario, tmp_path, [0.6, 2.0], bench.WHERE["predictive"].wheel,
+        kinds=["lower end"], lengths=(1, 10, 100), signals=["q"],
+    )  # fmt: skip
+    assert [f.told for f in found] == 2 * [1, 10, 100]
+    assert all(f.forgotten for f in found)
