@@ -196,9 +196,9 @@ def accepted_together(
     if not ticks:
         return np.zeros((0, n)), np.zeros(0, dtype=int)
     x, value = ca.SX.sym("x", 2 * n), ca.SX.sym("value", n)
-    age = x[n:]
-    last = ca.if_else(age < 0, value, x[:n])  # before the first good one, for the ends of others
-    columns = [ca.vertsplit(c) for c in ends(last)]
+    last, age = x[:n], x[n:]
+    known = ca.if_else(age < 0, value, last)  # before its first good value it speaks for itself
+    columns = [ca.vertsplit(c) for c in ends(known)]
     found = [
         accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],
                  memory(period, stale), most)

@@ -21,12 +21,7 @@ def check_inputs(plan: Plan) -> str:
     n, lay = plan.name, plan.layout
     if not lay.inputs:
         return ""
-    lines, ends = plan.ends_text(lay.inputs, last=True)
-    lines = [*_seeded(plan), *lines]
-    for (c, k, what), end in ends.items():
-        if "guard->" in end:  # as it was before this tick
-            name = ends[c, k, what] = f"{what}_{c}" + f"_{k}" * (k > 0)
-            lines.append(f"const double {name} = {end};")
+    lines, ends = _known(plan)
     good = ["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)]
     lines += [
         "unsigned int told = 0U;",
@@ -60,17 +55,33 @@ def check_inputs(plan: Plan) -> str:
     return f"{what}\n" + define(signature, [*lines, f"return told % {guard.UNSURE}U;"])
 
 
-def _seeded(plan: Plan) -> list[str]:
-    """Statements that let an input speak for itself, before its first good value, to other ends."""
-    if not plan.coupled:
-        return []
-    lines, at = list[str](), 0
+def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
+    """Ends of inputs in C. What follows other inputs is worked out before this tick changes them.
+
+    Before its first good value an input speaks for itself.
+    """
+    lines, ends = plan.ends_text(plan.layout.inputs, last=True)
+    made, at = dict[str, str](), 0
+    text = "\n".join([*lines, *ends.values()])
     for m in plan.layout.inputs:
         for k in range(m.size):
-            given = f"{m.at('guard->last.', k)} = {m.at('in->', k)};"
-            lines.append(if_([f"guard->age[{at + k}] < 0.0"], given))
+            last = m.at("guard->last.", k)
+            if re.search(rf"{re.escape(last)}(?!\w)", text):
+                name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
+                given = f"(guard->age[{at + k}] < 0.0) ? {m.at('in->', k)} : {last}"
+                made[last] = f"const double {name} = {given};"
+                swap = re.compile(rf"{re.escape(last)}(?!\w)")
+                lines = [swap.sub(name, line) for line in lines]
+                ends = {key: swap.sub(name, end) for key, end in ends.items()}
         at += m.size
-    return lines
+    once: dict[str, str] = {}
+    for (c, k, what), end in ends.items():
+        if made and re.search(r"known_|\w\(|\ba\d", end):
+            if end not in once:
+                once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
+                lines.append(f"const double {once[end]} = {end};")
+            ends[c, k, what] = once[end]
+    return [*made.values(), *lines], ends
 
 
 def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
