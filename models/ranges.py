@@ -15,10 +15,12 @@ FRICTION = "twice what steel on steel can have"
 FLAG = "no or yes"
 
 
-def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float = 1e3) -> Block:
+def fit_ranged(
+    estimator: Block, curve: Block, slip: float = 120.0, most: float = 1e3, far: float = 12.0
+) -> Block:
     """Declare what numbers of a least-squares estimator of an adhesion law can be.
 
-    Unknowns are logarithms: 12 is a factor of 1.6e5 from the first guess. What the window knows is
+    Unknowns are logarithms: 12 is a factor of 1.6e5 from 1. What the window knows is
     at most its samples over the square of the least deviation that is told.
 
     Args:
@@ -26,6 +28,7 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         curve: the law.
         slip: largest slip, in the law's unit.
         most: largest adhesion that a first guess of the law can give.
+        far: largest coordinate of an unknown.
     """
     known_ = "samples in their units"
     recursive = "kept" not in estimator.states
@@ -39,8 +42,8 @@ def fit_ranged(estimator: Block, curve: Block, slip: float = 120.0, most: float 
         "changed": (0, 1, FLAG),
         "recalled": (0, 1, FLAG),
         "covariance": (-1e9, 1e9, FAR),
-        "theta": (-12, 12, FAR),
-        "mean": (-12, 12, FAR),
+        "theta": (-far, far, FAR),
+        "mean": (-far, far, FAR),
         "P": (-1e3, 1e3, FAR),
         "scatter": (0, 10 * most, known_),
         "Lambda": (-1e14, 1e14, "1e6 samples of deviation 1e-4"),

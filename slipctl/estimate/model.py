@@ -79,23 +79,6 @@ class Model:
         """Number of unknowns."""
         return len(self.unknown)
 
-    @property
-    def ends(self) -> np.ndarray | None:
-        """Least and greatest coordinates, where each is a parameter of the law or its logarithm.
-
-        Ends of some alone would not do: the rest would run away to make up for them.
-        """
-        found = []
-        for c in self.coordinates:
-            inside = _inside_log(c)
-            s = self.law.params.get(inside or c)
-            if s is None:
-                return None
-            ends = np.array([s.lo, s.hi], dtype=float)
-            with np.errstate(divide="ignore"):
-                found.append(np.log(np.maximum(ends, 0)) if inside else ends)
-        return np.array(found).T
-
     def inputs(self) -> list[Signal]:
         """Inputs of an estimator: those of the law and the measurement."""
         if self.measured in self.law.inputs:

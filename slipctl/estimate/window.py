@@ -28,8 +28,8 @@ when a change is told. It is in force again once so many samples in a row agree 
 ``gate`` deviations, of the declared noise at least, unless the window is full before: then it is
 another curve. So wrong samples cost no more than the time that they lasted.
 
-The parameters that are told stay in the ranges of the law. So does the estimate itself, where each
-coordinate is a parameter or its logarithm; where one mixes some, the rest would make up for it.
+Parameters are told within the ranges of the law. The estimate itself may lie beyond, up to
+``farthest``: while the samples say little of one parameter, its way back leads there.
 
 A fit may be worked out over several ticks, ``iterations_per_tick`` in each. It begins with the
 sample of its first tick, and samples that come meanwhile are left out. Coordinates and covariance
@@ -46,6 +46,7 @@ import math
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
@@ -195,7 +196,7 @@ def windowed(
             state = iterate(*state, *arithmetic, *data)
         hand = dict(zip(HAND, state, strict=True))
         theta, _, squares, H, _, damping = state
-        theta, mean = (_near(v, model, p["farthest"]) for v in (theta, mean_now))
+        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean_now))
         P = invert(H, least)
         if memory == 1:
             scatter = declared + squares / count
@@ -234,9 +235,8 @@ def windowed(
                 nxt["recalled_then"] = back = now("recalled_then", back)
             theta, P = nxt["theta"], nxt["P"]
         results = model.results(theta, P, predicted, e, changed)
-        if model.ends is None:
-            ends = {name: model.law.params[name] for name in model.unknown}
-            results |= {k: ca.fmax(s.lo, ca.fmin(s.hi, results[k])) for k, s in ends.items()}
+        told = {name: model.law.params[name] for name in model.unknown}
+        results |= {k: ca.fmax(s.lo, ca.fmin(s.hi, results[k])) for k, s in told.items()}
         return nxt, results | ({"recalled": back} if recall else {})
 
     states = [
@@ -327,12 +327,9 @@ def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
     ]
 
 
-def _near(theta: Any, model: Model, far: ca.MX) -> Any:
-    """Coordinates no further than so much from the first guess, and in the range of the law."""
-    lo, hi = ca.DM(model.guess) - far, ca.DM(model.guess) + far
-    if model.ends is not None:
-        lo, hi = ca.fmax(lo, ca.DM(model.ends[0])), ca.fmin(hi, ca.DM(model.ends[1]))
-    return ca.fmax(lo, ca.fmin(hi, theta))
+def _near(theta: Any, guess: np.ndarray, far: ca.MX) -> Any:
+    """Coordinates that are no further than so much from the first guess."""
+    return ca.fmax(ca.DM(guess) - far, ca.fmin(ca.DM(guess) + far, theta))
 
 
 def smallest_shift(

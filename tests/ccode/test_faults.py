@@ -77,6 +77,19 @@ def test_missing_samples_do_no_harm_to_any_system(name, tmp_path):
     assert all(f.told == f.ticks for f in found)
 
 
+@pytest.mark.parametrize("name", ["hst_braking:eppfc_free", "subway_braking:sta_online"])
+def test_a_wrong_sample_of_the_adhesion_is_taken_back(name, tmp_path):
+    """It tells a change of the rail; what was known before is in force again when it is over."""
+    _, loop, part, scenario = next(bench.controllers([name]))
+    where = bench.WHERE[name.partition(":")[0]]
+    signal = "mu_m" if "mu_m" in loop[part].inputs else "T_b"
+    found = faults.faults(
+        loop, part, scenario, tmp_path, where.at[:1], where.wheel, kinds=("times 2",),
+        lengths=(10,), signals=[signal], settling=bench.settling(loop[part]),
+    )  # fmt: skip
+    assert [f.passed for f in found] == [True]
+
+
 def test_the_loop_in_c_is_that_of_python(tmp_path):
     """Bit for bit, with a part that sees at once what it gives (a brake without lag) and without.
 

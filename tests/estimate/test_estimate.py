@@ -733,15 +733,16 @@ def test_a_coordinate_goes_no_further_than_stated():
     assert held["c"].min() == pytest.approx(np.exp(-3.0))
 
 
-def test_an_estimate_stays_in_the_range_of_the_law():
-    """A slope of at most 1e9, or 3 where the law says so; its coordinate is the logarithm."""
+def test_what_is_told_stays_in_the_range_of_the_law():
+    """A slope of at most 1e9, or 3 where the law says so; the estimate itself goes on."""
     inputs = np.vstack([np.ones(60), np.full(60, 5.0)])
     settings = dict(form="window", window=24, iterations=4, noise=1e-3)
     free, _ = run(rls(line, "y", **settings), inputs)
     short = ranged(line, c=Param("1", 1.0, lo=1e-9, hi=3))
-    held, _ = run(rls(short, "y", **settings), inputs)
+    held, last = run(rls(short, "y", **settings), inputs)
     assert free["c"][0, -1] == pytest.approx(5.0, abs=1e-3)
-    assert held["c"].max() == pytest.approx(3.0) == held["c"][0, -1]
+    assert held["c"].max() == 3.0 == held["c"][0, -1]
+    assert last["theta"].item() == pytest.approx(np.log(5.0), abs=1e-3)
 
 
 RECALL = dict(form="window", window=24, iterations=4, noise=1e-3)
