@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
+from slipctl.block.inside import remembered
 from slipctl.errors import BadInput, check_whole
 
 
@@ -48,17 +51,26 @@ def qp_kernel(
     inverse = np.linalg.inv(H + sigma * np.eye(n) + weight * A.T @ A)
     K, rows = ca.DM(inverse), ca.sparsify(ca.DM(A))  # most of A is zero, and costs nothing so
     q, lo, hi = ca.MX.sym("q", n), ca.MX.sym("l", m), ca.MX.sym("u", m)
-    state, given = ca.MX.sym("state", n + 2 * m), ca.vertcat(q, lo, hi)
-    x, z, y = ca.vertsplit(state, [0, n, n + m, n + 2 * m])
-    solved = ca.mtimes(K, sigma * x - q + ca.mtimes(rows.T, weight * z - y))
-    moved = relaxation * ca.mtimes(rows, solved) + (1 - relaxation) * z
-    following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
-    iteration = ca.Function(
-        f"{name}_iteration", [state, given],
-        [ca.vertcat(relaxation * solved + (1 - relaxation) * x, following,
-                    y + weight * (moved - following))],
-    )  # fmt: skip
-    whole = iteration.fold(int(iterations))
+    state, given = ca.MX.sym("start", n + 2 * m), ca.vertcat(q, lo, hi)
+
+    @remembered
+    def one() -> Any:
+        """Function (x, z, y; q, l, u) -> (x, z, y) of one iteration."""
+        point, problem = ca.MX.sym("point", n + 2 * m), ca.MX.sym("problem", n + 2 * m)
+        x, z, y = ca.vertsplit(point, [0, n, n + m, n + 2 * m])
+        q, lo, hi = ca.vertsplit(problem, [0, n, n + m, n + 2 * m])
+        slope = sigma * x - q + ca.mtimes(rows.T, weight * z - y)
+        solved = ca.mtimes(K, slope)
+        reached = ca.mtimes(rows, solved)
+        moved = relaxation * reached + (1 - relaxation) * z
+        following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
+        after = ca.vertcat(
+            relaxation * solved + (1 - relaxation) * x, following, y + weight * (moved - following)
+        )  # fmt: skip
+        names = [["point", "problem"], ["point_next"]]
+        return f"{name}_iteration", [point, problem], [after], *names
+
+    whole = one().fold(int(iterations))
     end = whole(state, ca.repmat(given, 1, int(iterations)))
     return ca.Function(
         name, [q, lo, hi, state], [end[:n], end], ["q", "l", "u", "start"], ["x", "end"]

@@ -10,7 +10,7 @@ import gc
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from types import FrameType
@@ -23,10 +23,13 @@ from slipctl.errors import BadInput
 
 P = ParamSpec("P")
 
-MOST, LARGEST = 400, 64
+MOST, LARGEST = 4000, 64
 """Calls that are looked at for one Function, and elements of a vector that have names."""
 
 _NOT_OURS = ("casadi", "numpy", "slipctl.block.", "contextlib", "functools", "abc")
+_KEPT = ("null", "jac", "hess")
+"""Names that CasADi keeps for itself."""
+
 _INSIDE = "inside"
 """Name of the Function in the cache of another that gives what is inside that one."""
 
@@ -65,7 +68,7 @@ def watching(watch: Callable[[FrameType, str, Any], None], over: bool = False) -
 
 @contextmanager
 def watched() -> Iterator[Found]:
-    """Collect the local variables, of scalar expressions, of the functions that return meanwhile.
+    """Collect the local variables, of expressions, of the functions that return meanwhile.
 
     Yields:
         A list of (name, expression), filled at the end; outermost functions come first.
@@ -80,7 +83,7 @@ def watched() -> Iterator[Found]:
             while outer is not None:
                 depth, outer = depth + 1, outer.f_back
             given = frame.f_locals.items()
-            seen.append((depth, [x for n, v in given if n[0] != "_" for x in _elements(n, v)]))
+            seen.append((depth, [x for n, v in given if n[0] != "_" for x in elements(n, v)]))
 
     try:
         with watching(watch, over=True):
@@ -90,9 +93,17 @@ def watched() -> Iterator[Found]:
             found.extend(rows)
 
 
-def _elements(name: str, value: Any) -> Found:
-    """Names of the elements of an expression, or of a list of them, that are worked out."""
+def elements(name: str, value: Any) -> Found:
+    """Names of the elements of an expression, or of a list of them, that are worked out.
+
+    What is no scalar expression (MX) has one name for all of its elements.
+    """
+    if isinstance(value, ca.MX):
+        worked_out = value.nnz() and not value.is_symbolic() and not value.is_constant()
+        return [(name, value)] if worked_out else []
     if isinstance(value, list) and len(value) <= LARGEST:
+        if any(isinstance(v, ca.MX) for v in value):
+            return [x for k, v in enumerate(value) for x in elements(f"{name}_{k}", v)]
         rows = [(f"{name}_{k}", v) for k, v in enumerate(value)]
     elif isinstance(value, ca.SX) and value.nnz() <= LARGEST:
         places = zip(*value.sparsity().get_triplet(), strict=True)
@@ -121,6 +132,8 @@ def told(f: ca.Function, found: Found) -> ca.Function:
     own = {s.element_hash() for a in arguments for s in ca.symvar(a)}
     inner: dict[int, tuple[str, Any]] = {}
     for name, value in found:
+        if isinstance(value, ca.MX):
+            continue
         if {s.element_hash() for s in ca.symvar(value)} <= own:
             inner.setdefault(value.element_hash(), (re.sub("_+", "_", name).rstrip("_"), value))
     if not inner:
@@ -134,6 +147,63 @@ def told(f: ca.Function, found: Found) -> ca.Function:
         f.name(), arguments, f.call(arguments), f.name_in(), f.name_out(),
         {"cse": True, "cache": {_INSIDE: inside}},
     )  # fmt: skip
+
+
+def function(
+    found: Found, name: str, arguments: Sequence[Any], results: Sequence[Any],
+    inputs: Sequence[str], outputs: Sequence[str],
+) -> ca.Function:  # fmt: skip
+    """A Function that knows what is inside it, as long as it lives.
+
+    Args:
+        found: (name, expression), as :func:`watched` gives it; those of other symbols are left out.
+        name, arguments, results, inputs, outputs: of the Function.
+    """
+    names, twice = (list(inputs), list(outputs)), {"allow_duplicate_io_names": True}
+    if not any(isinstance(v, ca.MX) for v in (*arguments, *results)):
+        return told(ca.Function(name, arguments, results, *names, {"cse": True}), found)
+    own = {a.__hash__() for a in arguments}
+    inner: dict[int, tuple[str, Any]] = {}
+    for said, value in found:
+        if isinstance(value, ca.MX) and {s.__hash__() for s in ca.symvar(value)} <= own:
+            plain = re.sub("_+", "_", said).strip("_")
+            if plain not in _KEPT:
+                inner.setdefault(value.__hash__(), (plain, value))
+    if not inner:
+        return ca.Function(name, arguments, results, *names, twice)
+    known, values = zip(*inner.values(), strict=True)
+    marked = [ca.sin(v) for v in values]  # a result that is pieces would be taken apart
+    inside = ca.Function(_INSIDE, arguments, marked, inputs, known, twice)
+    return ca.Function(name, arguments, results, *names, twice | {"cache": {_INSIDE: inside}})
+
+
+def with_names(
+    f: ca.Function, results: Sequence[Any], named: Sequence[tuple[str, Any]]
+) -> ca.Function:  # fmt: skip
+    """The Function of scalar expressions with names for expressions inside it.
+
+    Args:
+        f: the Function. results: its expressions. named: (name, expression), of its symbols.
+    """
+    if not named:
+        return f
+    names, values = zip(*named, strict=True)
+    inside = ca.Function(
+        _INSIDE, f.sx_in(), values, f.name_in(), names, {"allow_duplicate_io_names": True}
+    )
+    given = (f.name(), f.sx_in(), results, f.name_in(), f.name_out())
+    return ca.Function(*given, {"cache": {_INSIDE: inside}})
+
+
+@contextmanager
+def as_it_is() -> Iterator[None]:
+    """Let CasADi keep expressions as they are: it would turn a (1/b) into a/b."""
+    before = ca.GlobalOptions.getSimplificationOnTheFly()
+    ca.GlobalOptions.setSimplificationOnTheFly(False)
+    try:
+        yield
+    finally:
+        ca.GlobalOptions.setSimplificationOnTheFly(before)
 
 
 def checked(f: ca.Function, name: str, found: Found) -> ca.Function:
@@ -154,18 +224,26 @@ def checked(f: ca.Function, name: str, found: Found) -> ca.Function:
     return told(f, found)
 
 
-def remembered(make: Callable[P, ca.Function]) -> Callable[P, ca.Function]:
-    """Decorate what makes a Function of scalar expressions: its variables are remembered."""
+def remembered(make: Callable[P, Any]) -> Callable[P, ca.Function]:
+    """Decorate what makes a Function of scalar expressions: its variables are remembered.
+
+    What gives a name, arguments, results and the names of both makes one of any expressions.
+    """
 
     @wraps(make)
     def made(*args: P.args, **kwargs: P.kwargs) -> ca.Function:
         with watched() as found:
             f = make(*args, **kwargs)
+        if isinstance(f, tuple):
+            return function(found, *f)
         return told(f, found) if f.class_name() == "SXFunction" else f
 
     return made
 
 
 def named_inside(f: ca.Function) -> ca.Function | None:
-    """Function of the same arguments that gives what is inside, under its names, if known."""
+    """Function of the same arguments that gives what is inside, under its names, if known.
+
+    That of one that is no scalar expression (MX) is to be read only: it gives the sine of each.
+    """
     return f.cache().get(_INSIDE)

@@ -27,8 +27,9 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from slipctl.block.inside import remembered
 from slipctl.predict.horizon import Horizon, Layout, Stage
-from slipctl.predict.interior import Interior
+from slipctl.predict.interior import DATA, Interior
 from slipctl.predict.repeating import Repeated, scan
 from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
 
@@ -88,7 +89,8 @@ class ActiveSet:
         self.branches = self.memory and horizon.shared > 0
         self.nz = horizon.nx + (horizon.nu if self.memory else 0)
         self.upper = ca.Sparsity.upper(self.nz)
-        self._backward, self._gains = self._make_backward()
+        self._backward = self._make_backward()
+        self._gains = self._backward.nnz_out(2)
         self._forward, self._start = self._make_forward(), self._make_start()
 
     @property
@@ -181,7 +183,8 @@ class ActiveSet:
     def _passing(self) -> Repeated:
         return Repeated(self._one_pass(), -4)
 
-    def _one_pass(self) -> ca.Function:
+    @remembered
+    def _one_pass(self) -> Any:
         """Function (z, data) -> z, z the fields of :class:`Found` in one column."""
         nx, nu, nc, N = self.h.nx, self.h.nu, self.h.nc, self.h.stages
         m = nu + nc
@@ -205,16 +208,19 @@ class ActiveSet:
             wrong.append(off)
             beyond.append(excess)
         found = ca.vertcat(*statuses)
-        residual = ca.mmax(ca.vertcat(*wrong))
-        over = ca.mmax(ca.vertcat(*beyond)) if self.h.capped else ca.MX(0)
-        changed = ca.sumsqr(found - S) > 0
+        residuals, excesses = ca.vertcat(*wrong), ca.vertcat(*beyond)
+        residual = ca.mmax(residuals)
+        over = ca.mmax(excesses) if self.h.capped else ca.MX(0)
+        change, since_mark = found - S, found - mark
+        differences, from_mark = ca.sumsqr(change), ca.sumsqr(since_mark)
+        changed = differences > 0
         made = z[-1] + 1
-        again = ca.logic_and(ca.sumsqr(found - mark) == 0, changed)
+        again = ca.logic_and(from_mark == 0, changed)
         open_ = ca.if_else(ca.logic_and(changed, residual > TINY), 1 - 2 * again, -(over > SMALL))
         due = sum(made == 2**i for i in range(8))  # Brent (1980): a mark at powers of two
         mark = ca.if_else(due, found, mark)
         after = ca.vertcat(X, ca.vec(V), found, mark, open_, ca.fmax(residual, over), 0, made)
-        return ca.Function("qp_pass", [z, *data], [after])
+        return "qp_pass", [z, *data], [after], ["z", *DATA], ["z_next"]
 
     def data(self) -> tuple[Any, ...]:
         """Symbols of (D, E, U, before, bounds, dx)."""
@@ -235,7 +241,8 @@ class ActiveSet:
     def _symbols(self) -> tuple[Any, ...]:
         nu = self.h.nu
         return (
-            ca.SX.sym("d", self.stage.size), ca.SX.sym("s", nu + self.h.nc), ca.SX.sym("u", nu),
+            ca.SX.sym("column", self.stage.size), ca.SX.sym("s", nu + self.h.nc),
+            ca.SX.sym("u", nu),
             ca.SX.sym("earlier", nu), ca.SX.sym("bounds", 3 * nu + self.branches),
         )  # fmt: skip
 
@@ -253,26 +260,29 @@ class ActiveSet:
                 E[i, nx + i] = ca.if_else(follows, 1, 0)
         return a, E
 
-    def _make_start(self) -> ca.Function:
+    @remembered
+    def _make_start(self) -> Any:
         """Function (column of the last stage, its statuses) -> (P, p)."""
         nx, nc = self.h.nx, self.h.nc
-        e, s = ca.SX.sym("e", self.end.size), ca.SX.sym("s", nc)
+        e, s = ca.SX.sym("column", self.end.size), ca.SX.sym("s", nc)
         H, g, c, C, _ = self.end.unpack(e)
         P, p = ca.SX(self.nz, self.nz), ca.SX.zeros(self.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(s) @ C
         p[:nx] = g + C.T @ (s * c)
-        return ca.Function("qp_end", [e, s], [self._triangle(P), p], {"cse": True})
+        return "qp_end", [e, s], [self._triangle(P), p], ["column", "s"], ["P", "p"]
 
     def _triangle(self, P: Any) -> Any:
         P = ca.densify(P)
         return ca.vertcat(*[P[i, j] for j in range(self.nz) for i in range(j + 1)])
 
-    def _last_statuses(self) -> ca.Function:
+    @remembered
+    def _last_statuses(self) -> Any:
         """Function (x, column, statuses) -> (statuses, residual, excess) of the last stage."""
-        x, e = ca.SX.sym("x", self.h.nx), ca.SX.sym("e", self.end.size)
+        x, e = ca.SX.sym("x", self.h.nx), ca.SX.sym("column", self.end.size)
         s = ca.SX.sym("s", self.h.nc)
         _, g, c, C, _ = self.end.unpack(e)
-        return ca.Function("qp_last", [x, e, s], list(self._count(c + C @ x, C, s, g)))
+        found = list(self._count(c + C @ x, C, s, g))
+        return "qp_last", [x, e, s], found, ["x", "column", "s"], ["status", "residual", "over"]
 
     def _count(self, r: Any, C: Any, s: Any, g: Any) -> tuple[Any, Any, Any]:
         """Statuses of the rows with excess r and slope C, residual, and excess of hard rows."""
@@ -309,7 +319,8 @@ class ActiveSet:
         H[n:, n:] += LEAST * ca.SX.eye(nu)
         return A, B, b, H, g
 
-    def _make_backward(self) -> tuple[ca.Function, int]:
+    @remembered
+    def _make_backward(self) -> Any:
         """Function (P, p, column, statuses, u, earlier, bounds) -> (P, p, gains)."""
         nu = self.h.nu
         column, s, u, earlier, bounds = self._symbols()
@@ -324,21 +335,23 @@ class ActiveSet:
         free = s[:nu] == FREE
         F, held = ca.diag(free), ca.diag(1 - free)
         M = F @ Qvv @ F + held
-        K = held @ E - F @ ca.solve(M, F @ (Qvz + Qvv @ held @ E))
-        k = held @ a - F @ ca.solve(M, F @ (qv + Qvv @ held @ a))
+        turn = F @ ca.solve(M, F @ (Qvz + Qvv @ held @ E))
+        push = F @ ca.solve(M, F @ (qv + Qvv @ held @ a))
+        K, k = held @ E - turn, held @ a - push
         if self.memory:
             following = Qzz + K.T @ Qvv @ K + K.T @ Qvz + Qvz.T @ K
             ahead = qz + K.T @ (Qvv @ k + qv) + Qvz.T @ k
         else:  # rows of K are zero, or solve Qvv K = -Qvz
             following, ahead = Qzz + Qvz.T @ K, qz + Qvz.T @ k
         gains = ca.densify(ca.vertcat(ca.vec(K), k, ca.vec(Qvz), ca.vec(Qvv), qv))
-        f = ca.Function(
+        return (
             "qp_backward", [triangle, p, column, s, u, earlier, bounds],
-            [self._triangle(following), ca.densify(ahead), gains], {"cse": True},
+            [self._triangle(following), ca.densify(ahead), gains],
+            ["P", "p", "column", "s", "u", "earlier", "bounds"], ["P_before", "p_before", "gains"],
         )  # fmt: skip
-        return f, gains.numel()
 
-    def _make_forward(self) -> ca.Function:
+    @remembered
+    def _make_forward(self) -> Any:
         """Function of one stage of the roll.
 
         From (z, gains, column, statuses, u, earlier, bounds) to (z after, state after, dv,
@@ -346,7 +359,7 @@ class ActiveSet:
         """
         nx, nu, nz = self.h.nx, self.h.nu, self.nz
         column, s, u, earlier, bounds = self._symbols()
-        z, G = ca.SX.sym("z", nz), ca.SX.sym("G", self._gains)
+        z, G = ca.SX.sym("z", nz), ca.SX.sym("gains", self._gains)
         sizes = [nu * nz, nu, nu * nz, nu * nu, nu]
         K, k, Qvz, Qvv, qv = ca.vertsplit(G, [sum(sizes[:i]) for i in range(6)])
         K, Qvz = ca.reshape(K, nu, nz), ca.reshape(Qvz, nu, nz)
@@ -391,12 +404,14 @@ class ActiveSet:
         zv = ca.vertcat(z[:nx], dv)
         counts, flipped, over = self._count(t.c + t.C @ zv, t.C, s[nu:], t.g)
         after = ca.vertcat(x, self.kept(dv, bounds)) if self.memory else x
-        return ca.Function(
+        return (
             "qp_forward", [z, G, column, s, u, earlier, bounds],
             [
                 ca.densify(after), ca.densify(x), dv, ca.densify(ca.vertcat(status, counts)),
                 ca.fmax(_most(wrong), flipped), over,
-            ], {"cse": True},
+            ],
+            ["z", "gains", "column", "s", "u", "earlier", "bounds"],
+            ["z_after", "x_after", "dv", "statuses", "residual", "excess"],
         )  # fmt: skip
 
 

@@ -372,7 +372,8 @@ class Controller:
         if shift is not None:
             shifted = [ca.if_else(shift, a, b) for a, b in zip(shifted, (X, V, S), strict=True)]
         first = [ca.vec(ca.repmat(x0, 1, N + 1)), ca.vec(ca.repmat(start, 1, N)), self.qp.first()]
-        X, V, S = (ca.if_else(begun > 0, a, b) for a, b in zip(shifted, first, strict=True))
+        goes_on = begun > 0
+        X, V, S = (ca.if_else(goes_on, a, b) for a, b in zip(shifted, first, strict=True))
         if self.whole is not None:
             return X, V, S, ca.MX(0, 1), ca.MX(0, 1)
         D, E = self.linearise(X, V, (d, d_last), (q, shared))
@@ -419,7 +420,8 @@ class Controller:
                     X, V = self.search(X, V, found.X, found.U, held, q, shared)
                 made, residual = made + found.passes, found.residual
 
-        size = ca.sumsqr(X) + ca.sumsqr(V)
+        size_of_states, size_of_controls = ca.sumsqr(X), ca.sumsqr(V)
+        size = size_of_states + size_of_controls
         sound = size < 1e30  # false for NaN as well
         first = ca.fmin(hi, ca.fmax(lo, ca.if_else(sound, V[:nu], plan)))
         if self.rate:

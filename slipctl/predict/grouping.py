@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from slipctl.block.inside import as_it_is, named_inside, with_names
+
 ONE: tuple[int, ...] = ()
 """Product of nothing."""
 
@@ -37,13 +39,13 @@ def grouped(f: ca.Function, fixed: Sequence[int]) -> tuple[ca.Function, ca.Funct
         place of the fixed inputs, as its last input. Sums and products are those of f up to
         rounding.
     """
-    known = [ca.SX.sym(f"c{i}", f.sparsity_in(i)) for i in fixed]
+    known = [ca.SX.sym(f.name_in(i), f.sparsity_in(i)) for i in fixed]
     free = [i for i in range(f.n_in()) if i not in fixed]
     if any(f.instruction_id(k) == ca.OP_CALL for k in range(f.n_instructions())):
         whole = ca.vertcat(*[ca.vec(ca.densify(c)) for c in known])
         once = ca.Function(f"{f.name()}_once", known, [whole])
-        column = ca.MX.sym("c", whole.numel())
-        symbols = {i: ca.MX.sym(f"i{i}", f.sparsity_in(i)) for i in free}
+        column = ca.MX.sym("fixed", whole.numel())
+        symbols = {i: ca.MX.sym(f.name_in(i), f.sparsity_in(i)) for i in free}
         at = 0
         for i, c in zip(fixed, known, strict=True):
             symbols[i] = ca.reshape(column[at : at + c.numel()], *c.shape)
@@ -51,12 +53,8 @@ def grouped(f: ca.Function, fixed: Sequence[int]) -> tuple[ca.Function, ca.Funct
         given = [symbols[i] for i in range(f.n_in())]
         results = f.call(given, True, False)
         return once, ca.Function(f.name(), [*(symbols[i] for i in free), column], results)
-    before = ca.GlobalOptions.getSimplificationOnTheFly()
-    ca.GlobalOptions.setSimplificationOnTheFly(False)  # it would turn a (1/b) back into a/b
-    try:
+    with as_it_is():
         return _Graph(f, tuple(fixed)).functions(known, free)
-    finally:
-        ca.GlobalOptions.setSimplificationOnTheFly(before)
 
 
 class _Graph:
@@ -67,13 +65,25 @@ class _Graph:
         self.nodes: list[tuple[Any, ...]] = []
         self.fixed: list[bool] = []
         self.numbers: dict[tuple[Any, ...], int] = {}
-        self.results = [[Value(0.0, ONE, None)] * f.nnz_out(i) for i in range(f.n_out())]
+        self.results = self._read_all(f)
+        self.names: dict[int, str] = {}
+        if (inside := named_inside(f)) is not None:
+            values = [rows[0] for rows in self._read_all(inside)]
+            for name, v in zip(inside.name_out(), values, strict=True):
+                alone = v.core is None or (v.number == 1 and not v.product)
+                core = self._fixed_part(v.number, v.product) if v.core is None else v.core
+                self.names.setdefault(core, name if alone else f"{name}_rest")
+
+    def _read_all(self, f: ca.Function) -> list[list[Value]]:
+        """Values of the results of a function, of the same inputs."""
+        fixed = self.fixed_inputs
+        results = [[Value(0.0, ONE, None)] * f.nnz_out(i) for i in range(f.n_out())]
         work: dict[int, Value] = {}
         for k in range(f.n_instructions()):
             operation, into = f.instruction_id(k), f.instruction_output(k)
             read = f.instruction_input(k)
             if operation == ca.OP_OUTPUT:
-                self.results[into[0]][into[1]] = work[read[0]]
+                results[into[0]][into[1]] = work[read[0]]
             elif operation == ca.OP_INPUT:
                 still = read[0] in fixed
                 work[into[0]] = self._of(self._node(("input", *read), still))
@@ -81,6 +91,7 @@ class _Graph:
                 work[into[0]] = Value(float(f.instruction_constant(k)), ONE, None)
             else:
                 work[into[0]] = self._value(operation, [work[i] for i in read])
+        return results
 
     def _node(self, key: tuple[Any, ...], fixed: bool) -> int:
         if key[0] in (ca.OP_ADD, ca.OP_MUL):
@@ -187,11 +198,15 @@ class _Graph:
                 shared.append(k)
         shared.reverse()
         first = dict(zip(self.fixed_inputs, known, strict=True))
-        column = ca.SX.sym("c", len(shared))
+        column = ca.SX.sym("fixed", len(shared))
         still = self._expressions(shared, first, {})
         one_by_one = ca.vertcat(*[still[k] for k in shared]) if shared else ca.SX(0, 1)
-        once = ca.Function(f"{self.f.name()}_once", known, [one_by_one], {"cse": True})
-        symbols = {i: ca.SX.sym(f"i{i}", self.f.sparsity_in(i)) for i in free}
+        names = [self.f.name_in(i) for i in self.fixed_inputs]
+        once = ca.Function(
+            f"{self.f.name()}_once", known, [one_by_one], names, ["fixed"], {"cse": True}
+        )  # fmt: skip
+        once = with_names(once, once.call(known), self._named(still))
+        symbols = {i: ca.SX.sym(self.f.name_in(i), self.f.sparsity_in(i)) for i in free}
         done = {k: column[i] for i, k in enumerate(shared)}
         flat = [k for rows in outputs for k in rows]
         found = self._expressions(flat, symbols, done)
@@ -200,7 +215,16 @@ class _Graph:
             for i, rows in enumerate(outputs)
         ]
         given = [*(symbols[i] for i in free), column]
-        return once, ca.Function(self.f.name(), given, results)
+        names = [*(self.f.name_in(i) for i in free), "fixed"]
+        rest = ca.Function(self.f.name(), given, results, names, self.f.name_out())
+        return once, with_names(rest, results, self._named(found, fixed=False))
+
+    def _named(self, found: dict[int, Any], fixed: bool = True) -> list[tuple[str, Any]]:
+        """Names of expressions that are worked out, by the names of their nodes."""
+        return [
+            (self.names[k], v) for k, v in found.items()
+            if k in self.names and self.fixed[k] == fixed and self.nodes[k][0] != "input"
+        ]  # fmt: skip
 
     def _read(self, k: int) -> tuple[int, ...]:
         return () if self.nodes[k][0] in ("input", "number") else self.nodes[k][1:]

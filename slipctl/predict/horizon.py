@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import casadi as ca
 
 from slipctl.block.block import Block
+from slipctl.block.inside import elements, function
 from slipctl.block.timing import sampled
 from slipctl.errors import BadInput, nearest
 from slipctl.predict.growing import STRETCH
@@ -261,7 +262,10 @@ class Horizon:
         x, u, d, p = self.symbols()
         f = expressions("nmpc", self.model)
         n, y = f(x, self._inputs(u, d), p)
-        return ca.Function("stage_step", [x, u, d, p], [n, y], {"cse": True})
+        return ca.Function(
+            "stage_step", [x, u, d, p], [n, y], ["x", "u", "d", "p"], ["x_after", "y"],
+            {"cse": True},
+        )  # fmt: skip
 
     def _inputs(self, u: Any, d: Any) -> Any:
         known = {n: u[k] for k, n in enumerate(self.controls)}
@@ -364,7 +368,10 @@ class Horizon:
         pieces = [H, ca.densify(g), c, C, self._caps(q)]
         layout = Layout.of(pieces)
         column = layout.pack(pieces)
-        return ca.Function("rows", [x, u, d, q], [column], {"cse": True}), layout.sparsity
+        letters = {**_short(y), "r": r, "J": J, "c": c, "C": C}
+        found = [e for n, v in letters.items() for e in elements(n, v)]
+        f = function(found, "rows", [x, u, d, q], [column], ["x", "u", "d", "q"], ["column"])
+        return f, layout.sparsity
 
     def end(self) -> tuple[ca.Function, Layout]:
         """Function (x, d, q) -> column of the last stage: H, g, c and C over the state alone."""
@@ -376,7 +383,15 @@ class Horizon:
         J, C = ca.jacobian(r, x), ca.jacobian(c, x)
         pieces = [ca.triu(J.T @ J), ca.densify(J.T @ r), c, C, self._caps(q)]
         layout = Layout.of(pieces)
-        return ca.Function("end", [x, d, q], [layout.pack(pieces)], {"cse": True}), layout
+        letters = {**_short(y), "r": r, "J": J, "c": c, "C": C}
+        found = [e for n, v in letters.items() for e in elements(n, v)]
+        column = layout.pack(pieces)
+        return function(found, "end", [x, d, q], [column], ["x", "d", "q"], ["column"]), layout
+
+
+def _short(y: Mapping[str, Any]) -> dict[str, Any]:
+    """Signals by their names without those of their parts."""
+    return {n.rpartition(".")[2]: v for n, v in y.items()}
 
 
 def on_the_way(y: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,11 +27,15 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
+from slipctl.block.inside import remembered
 from slipctl.predict.repeating import Repeated, scan
 from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
 
 if TYPE_CHECKING:
     from slipctl.predict.active_set import ActiveSet
+
+DATA = ("D", "E", "U", "before", "bounds", "dx")
+"""What the program is made of, as arguments of Functions: see :meth:`ActiveSet.solve`."""
 
 FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 
@@ -73,9 +77,10 @@ class Interior:
         self.kinds = [FIRM] * (2 * len(self.bounded) + 2 * len(self.rated)) + user
         self.last_kinds = user
         self.m, self.mc = len(self.kinds), len(h.capped)
-        self._backward, self._gains = self._make_backward()
+        self._backward = self._make_backward()
+        self._gains = self._backward.nnz_out(2)
         self._forward = self._make_forward()
-        self._start, self._end = self._make_ends()
+        self._start, self._end = self._make_start(), self._make_end()
 
     # ---- the rows of one stage ------------------------------------------------------------------
 
@@ -135,7 +140,8 @@ class Interior:
         n = (t0_ * n0 + target - c2 - n0 * t) / t0_
         return ca.densify(ca.vertcat(l, s, t, n))
 
-    def _make_backward(self) -> tuple[ca.Function, int]:
+    @remembered
+    def _make_backward(self) -> Any:
         """Function (P, p, column, tied, u, earlier, bounds, a, target) -> (P, p, gains)."""
         of, nu, nz = self.of, self.h.nu, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
@@ -163,21 +169,26 @@ class Interior:
         A, B, b, H, g = of.augmented(t, bounds)
         closed, on = A + B @ K, ca.vertcat(ca.SX.eye(nz), K)
         G, still = Rz + Rv @ K, ca.vertcat(ca.SX.zeros(nz), k)
-        following = closed.T @ P @ closed + on.T @ H @ on + G.T @ ca.diag(W) @ G
-        ahead = closed.T @ (P @ (B @ k + b) + p) + on.T @ (H @ still + g)
-        ahead += G.T @ (W * (e + Rv @ k - t0) + f)
+        back, bent, weighted = closed.T @ P, on.T @ H, G.T @ ca.diag(W)
+        following = back @ closed + bent @ on + weighted @ G
+        slope, gradient = P @ (B @ k + b) + p, H @ still + g
+        pressed = W * (e + Rv @ k - t0) + f
+        ahead = closed.T @ slope + on.T @ gradient
+        ahead += G.T @ pressed
         gains = ca.densify(ca.vertcat(ca.vec(K), k))
-        f_ = ca.Function(
+        return (
             "ip_backward", [triangle, p, column, tied, u, earlier, bounds, a, target],
-            [of._triangle(following), ca.densify(ahead), gains], {"cse": True},
+            [of._triangle(following), ca.densify(ahead), gains],
+            ["P", "p", "column", "tied", "u", "earlier", "bounds", "a", "target"],
+            ["P_before", "p_before", "gains"],
         )  # fmt: skip
-        return f_, gains.numel()
 
-    def _make_forward(self) -> ca.Function:
+    @remembered
+    def _make_forward(self) -> Any:
         """Function (z, gains, column, u, earlier, bounds, a, target) -> (z, x, dv, rows' next)."""
         of, nu, nx, nz = self.of, self.h.nu, self.h.nx, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
-        z, G, target = ca.SX.sym("z", nz), ca.SX.sym("G", self._gains), ca.SX.sym("target")
+        z, G, target = ca.SX.sym("z", nz), ca.SX.sym("gains", self._gains), ca.SX.sym("target")
         a, pieces = self._symbols(self.m)
         t = of._unpack(column)
         dv = ca.reshape(G[: nu * nz], nu, nz) @ z + G[nu * nz :]
@@ -185,18 +196,21 @@ class Interior:
         r = e + R @ ca.vertcat(z, dv)
         x = t.A @ z[:nx] + t.B @ dv + t.b
         after = ca.vertcat(x, of.kept(dv, bounds)) if of.memory else x
-        return ca.Function(
+        return (
             "ip_forward", [z, G, column, u, earlier, bounds, a, target],
             [
                 ca.densify(after), ca.densify(x), dv,
                 self._after(self.kinds, t.w, r, pieces, target),
-            ], {"cse": True},
+            ],
+            ["z", "gains", "column", "u", "earlier", "bounds", "a", "target"],
+            ["z_after", "x_after", "dv", "rows"],
         )  # fmt: skip
 
-    def _make_ends(self) -> tuple[ca.Function, ca.Function]:
-        """Functions (column, a, target) -> (P, p) and (x, column, a, target) -> rows' next."""
+    @remembered
+    def _make_start(self) -> Any:
+        """Function (column, a, target) -> (P, p) of the last stage."""
         of, nx = self.of, self.h.nx
-        e, x, target = ca.SX.sym("e", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target")
+        e, target = ca.SX.sym("column", of.end.size), ca.SX.sym("target")
         a, pieces = self._symbols(self.h.nc)
         H, g, c, C, w = of.end.unpack(e)
         c = ca.fmax(c, -FAR)
@@ -204,9 +218,20 @@ class Interior:
         P, p = ca.SX(of.nz, of.nz), ca.SX.zeros(of.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(W) @ C
         p[:nx] = g + C.T @ (W * (c - t0) + f)
-        start = ca.Function("ip_end", [e, a, target], [of._triangle(P), p], {"cse": True})
+        return (
+            "ip_end", [e, a, target], [of._triangle(P), p], ["column", "a", "target"], ["P", "p"]
+        )  # fmt: skip
+
+    @remembered
+    def _make_end(self) -> Any:
+        """Function (x, column, a, target) -> rows' next of the last stage."""
+        of, nx = self.of, self.h.nx
+        e, x, target = ca.SX.sym("column", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target")
+        a, pieces = self._symbols(self.h.nc)
+        _, _, c, C, w = of.end.unpack(e)
+        c = ca.fmax(c, -FAR)
         after = self._after(self.last_kinds, w, c + C @ x, pieces, target)
-        return start, ca.Function("ip_last", [x, e, a, target], [after], {"cse": True})
+        return "ip_last", [x, e, a, target], [after], ["x", "column", "a", "target"], ["rows"]
 
     # ---- the whole ------------------------------------------------------------------------------
 
@@ -235,7 +260,8 @@ class Interior:
             found.append(ca.vertcat(ca.vec(stages[i:e, :]), ca.reshape(last[k:g], g - k, 1)))
         return found
 
-    def _solution(self) -> ca.Function:
+    @remembered
+    def _solution(self) -> Any:
         """Function (a of all stages, target, data) -> (X, V, (l, s, t, n) of the whole step)."""
         of, nx, nu, N = self.of, self.h.nx, self.h.nu, self.h.stages
         D, E, U, before, bounds, dx = data = of.data()
@@ -254,9 +280,14 @@ class Interior:
         _, x, V, rows = scan(self._forward, N, 1, 1)(z, gains, D, u, earlier, bounds, a, target)
         X = ca.vertcat(dx, ca.vec(x))
         found = self._together(rows, self._end(X[-nx:], E, last, target))
-        return ca.Function("ip_solution", [*pieces, target, *data], [X, ca.vec(V), *found])
+        names = ["l", "s", "t", "n"]
+        return (
+            "ip_solution", [*pieces, target, *data], [X, ca.vec(V), *found],
+            [*names, "ls", "tn", "target", *DATA], ["X", "V", *(f"{n}_next" for n in names)],
+        )  # fmt: skip
 
-    def _step(self) -> ca.Function:
+    @remembered
+    def _step(self) -> Any:
         """Function (state, data) -> state: one step of Mehrotra's method.
 
         The state is (X, V, l, s, t, n, mean product, open, residual, steps).
@@ -264,8 +295,8 @@ class Interior:
         data = self.of.data()
         sizes = [*self.of.sizes[:2], *self._lengths, 1, 1, 1, 1]
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
-        state = ca.MX.sym("state", edges[-1])
-        X, V, *rest = [state[i:j] for i, j in pairwise(edges)]
+        point = ca.MX.sym("point", edges[-1])
+        X, V, *rest = [point[i:j] for i, j in pairwise(edges)]
         now, (mean, was, before, steps) = rest[:4], rest[4:]
         solve = self._solution()
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
@@ -273,40 +304,49 @@ class Interior:
         ahead = [b - a for a, b in zip(now, whole, strict=True)]
         reach = _reach(now, ahead, 1.0)
         tried = _mean([v + reach * d for v, d in zip(now, ahead, strict=True)])
-        target = mean * (tried / mean) ** 3
+        ratio = tried / mean
+        target = mean * ratio**3
         share = ca.fmin(1, reach / SHORT)
         turn = [share * ahead[0] * ahead[1], share * ahead[2] * ahead[3]]
         found = solve(*now, *turn, target, *data)
         ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
         part = _reach(now, ahead, 0.995)
         nxt = [v + part * d for v, d in zip(now, ahead, strict=True)]
-        Xn, Vn = X + part * (found[0] - X), V + part * (found[1] - V)
+        dX, dV = found[0] - X, found[1] - V
+        Xn, Vn = X + part * dX, V + part * dV
         left = _mean(nxt)
-        moved = ca.mmax(ca.fabs(ca.vertcat(found[0] - X, found[1] - V)))
+        steps_ahead = ca.vertcat(dX, dV)
+        moved = ca.mmax(ca.fabs(steps_ahead))
         if not self.bounded:  # then no bound tells how large a control is
             moved = moved / (1 + ca.mmax(ca.fabs(ca.vertcat(X, V))))
-        sound = ca.sumsqr(ca.vertcat(*nxt, Xn, Vn)) < 1e30
-        scale = 1 + ca.mmax(nxt[0])
+        everything = ca.vertcat(*nxt, Xn, Vn)
+        size = ca.sumsqr(everything)
+        sound = size < 1e30
+        largest = ca.mmax(nxt[0])
+        scale = 1 + largest
         residual, short = left / scale, (1 - part) * moved
         # no more digits come, as in float
         still = ca.logic_and(ca.logic_and(residual < SMALL, left > mean / 2), moved < 10 * SMALL)
         solved = ca.logic_or(residual < END, still)
-        enough = ca.logic_and(residual < ENOUGH, short < SMALL)
-        solved = ca.logic_and(solved, short < SMALL)
+        near = short < SMALL
+        enough = ca.logic_and(residual < ENOUGH, near)
+        solved = ca.logic_and(solved, near)
         open_ = ca.if_else(solved, 0, ca.if_else(enough, NEARLY, 1))
-        good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, steps + 1)
-        bad = ca.vertcat(state[:-3], -2, 1, steps + 1)
+        made = steps + 1
+        good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, made)
+        bad = ca.vertcat(point[:-3], -2, 1, made)
         after = ca.if_else(sound, good, bad)
         nearer = ca.logic_and(sound, residual < before)
         worse = ca.logic_and(was == NEARLY, ca.logic_not(ca.logic_and(nearer, open_ < 1)))
         if not self.bounded:  # rounding of what is that large leaves no step
             lost = ca.logic_or(ca.logic_not(nearer), part < SHORT)
             worse = ca.logic_or(worse, ca.logic_and(before < ROUNDED, lost))
-        kept = ca.vertcat(state[:-3], 0, before, steps + 1)
+        kept = ca.vertcat(point[:-3], 0, before, made)
         after = ca.if_else(worse, kept, after)
-        return ca.Function("ip_step", [state, *data], [after])
+        return "ip_step", [point, *data], [after], ["point", *DATA], ["point_next"]
 
-    def _make_begin(self, kinds: list[str], stage: bool) -> ca.Function:
+    @remembered
+    def _make_begin(self, kinds: list[str], stage: bool) -> Any:
         """Function of a stage's point and a mean product -> (l, s, t, n) to begin with."""
         of, nx, nz = self.of, self.h.nx, self.of.nz
         mean = ca.SX.sym("mean")
@@ -317,7 +357,7 @@ class Interior:
             e, R = self._rows(t_, u, earlier, bounds)
             r, w, given = e + R @ ca.vertcat(z, dv), t_.w, [z, dv, column, u, earlier, bounds]
         else:
-            x, column = ca.SX.sym("x", nx), ca.SX.sym("e", of.end.size)
+            x, column = ca.SX.sym("x", nx), ca.SX.sym("column", of.end.size)
             _, _, c, C, w = of.end.unpack(column)
             r, given = ca.fmax(c, -FAR) + C @ x, [x, column]
         l, s, t, n, at = [], [], [], [], 0
@@ -342,9 +382,11 @@ class Interior:
                 at += 1
         name = "ip_begin" if stage else "ip_begin_end"
         found = ca.densify(ca.vertcat(*l, *s, *t, *n))
-        return ca.Function(name, [*given, mean], [found], {"cse": True})
+        names = ["z", "dv", "column", "u", "earlier", "bounds"] if stage else ["x", "column"]
+        return name, [*given, mean], [found], [*names, "mean"], ["rows"]
 
-    def _make_excess(self) -> ca.Function:
+    @remembered
+    def _make_excess(self) -> Any:
         """Function (x, dv, column) -> size of the multipliers of rows that are exceeded."""
         column, x, dv = self.of._symbols()[0], ca.SX.sym("x", self.h.nx), ca.SX.sym("v", self.h.nu)
         t = self.of._unpack(column)
@@ -354,7 +396,7 @@ class Interior:
         most = ca.SX(0)
         for row in rows:
             most = ca.fmax(most, row)
-        return ca.Function("ip_excess", [x, dv, column], [most], {"cse": True})
+        return "ip_excess", [x, dv, column], [most], ["x", "dv", "column"], ["excess"]
 
     def _statuses(self, stages: Any, last: Any) -> Any:
         """Statuses as the multipliers tell them, all stages in one column."""
@@ -374,7 +416,9 @@ class Interior:
         rows = [
             0 if kind == CAPPED else on[first + j] > 0 for j, kind in enumerate(self.last_kinds)
         ]
-        read = ca.Function("ip_statuses", [a], [ca.densify(ca.vertcat(*found, *rows))])
+        read = ca.Function(
+            "ip_statuses", [a], [ca.densify(ca.vertcat(*found, *rows))], ["a"], ["statuses"]
+        )  # fmt: skip
         told: Any = read.map(self.h.stages)(stages)
         if any(self.of.tied):
             held = ca.repmat(ca.DM([[float(t) for t in self.of.tied]]), nu, 1)
@@ -389,11 +433,14 @@ class Interior:
         D, E, U, before, bounds, _ = data
         begin = self._make_begin(self.kinds, True)
         at, size = of.stage.gradient
-        mean = ca.fmax(1, ca.mmax(ca.fabs(ca.vec(D[at : at + size, :]))))
+        gradients = ca.vec(D[at : at + size, :])
+        steepest = ca.mmax(ca.fabs(gradients))
+        mean = ca.fmax(1, steepest)
         u: Any = ca.reshape(U, nu, N)
         v: Any = ca.reshape(V, nu, N)
         z: Any = ca.reshape(X[: nx * N], nx, N)
-        mean = ca.fmax(mean, ca.mmax(self._make_excess().map(N)(z, v, D)))
+        most_exceeded = ca.mmax(self._make_excess().map(N)(z, v, D))
+        mean = ca.fmax(mean, most_exceeded)
         if of.memory:
             z = ca.vertcat(z, of.earlier(ca.MX.zeros(nu), v))
         earlier = of.earlier(before, u)
@@ -402,29 +449,29 @@ class Interior:
         now = self._together(begin.map(N)(z, v, D, u, earlier, bounds, each), last)
         return ca.vertcat(X, V, *now, _mean(now), 1, 1, 0)
 
-    def _rescue(self) -> ca.Function:
+    @remembered
+    def _rescue(self) -> Any:
         """Function (z, data) -> z, z a column of :class:`~slipctl.predict.active_set.Found`."""
         of, data = self.of, self.of.data()
         z = ca.MX.sym("z", sum(of.sizes))
         X0, V0, S0, M0, _, residual0, _, passes0 = of.split(z)
         first = self._begun(X0, V0, data)
-        state = Repeated(self._step(), -3)(of.rescue, first, *data, begun=True)
+        solution = Repeated(self._step(), -3)(of.rescue, first, *data, begun=True)
         sizes = [*of.sizes[:2], *self._lengths, 1, 1, 1, 1]
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
-        X, V, l, s, t, n, _, open_, residual, steps = (state[i:j] for i, j in pairwise(edges))
+        X, V, l, s, t, n, _, open_, residual, steps = (solution[i:j] for i, j in pairwise(edges))
         S = self._statuses(*self._by_stage([l, s, t, n]))
         open_ = ca.if_else(open_ == NEARLY, 0, open_)
         over = self._given_up(s, t)
-        sound = open_ >= 0
-        inner = ca.vertcat(X, V, S, M0, open_, residual, over, passes0 + steps)
-        broken = ca.vertcat(X0, V0, S0, M0, 1, residual0, 0, passes0 + steps)
-        begun = ca.vertcat(
-            ca.MX.zeros(sum(of.sizes[:2])), S, S * 0 + NONE, sound, 0, 0, passes0 + steps
-        )
+        sound, made = open_ >= 0, passes0 + steps
+        inner = ca.vertcat(X, V, S, M0, open_, residual, over, made)
+        broken = ca.vertcat(X0, V0, S0, M0, 1, residual0, 0, made)
+        none = ca.MX.zeros(sum(of.sizes[:2]))
+        begun = ca.vertcat(none, S, S * 0 + NONE, sound, 0, 0, made)
         exact = of.passed(begun, POLISH, data)
         done = ca.logic_and(sound, exact[-4] == 0)
         after = ca.if_else(done, exact, ca.if_else(sound, inner, broken))
-        return ca.Function("qp_go_on", [z, *data], [after])
+        return "qp_go_on", [z, *data], [after], ["z", *DATA], ["z_next"]
 
     def _given_up(self, s: Any, t: Any) -> Any:
         """Largest excess of the hard rows."""
@@ -440,7 +487,7 @@ class Interior:
     def solve(self, z: Any, data: tuple[Any, ...]) -> Any:
         """Go on from a column of :class:`~slipctl.predict.active_set.Found`, where it is open."""
         symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
-        stay = ca.Function("qp_settled", symbols, [symbols[0]])
+        stay = ca.Function("qp_settled", symbols, [symbols[0]], ["z", *DATA], ["z_next"])
         maybe = ca.Function.if_else("qp_rescue", self._rescue(), stay)
         return maybe(self.of.split(z)[4] != 0, z, *data)
 
@@ -456,10 +503,12 @@ NEAR = 0.1
 def _reach(values: list[Any], steps: list[Any], part: float) -> Any:
     """Longest share of a step, at most 1, that leaves (1 - part) of each value."""
     v, d = ca.vertcat(*values), ca.vertcat(*steps)
-    return ca.fmin(1, part * ca.mmin(ca.if_else(d < 0, -v / d, 1 / part)))
+    shortest = ca.mmin(ca.if_else(d < 0, -v / d, 1 / part))
+    return ca.fmin(1, part * shortest)
 
 
 def _mean(values: list[Any]) -> Any:
     """Mean of s l and t n."""
     l, s, t, n = values
-    return (ca.dot(l, s) + ca.dot(t, n)) / (l.numel() + t.numel())
+    products, capped_products = ca.dot(l, s), ca.dot(t, n)
+    return (products + capped_products) / (l.numel() + t.numel())

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from slipctl.block.block import Block
+from slipctl.block.inside import elements, function, watched
 from slipctl.errors import BadInput
 from slipctl.predict.grouping import grouped
 from slipctl.predict.horizon import Horizon, Layout, expressions
@@ -56,9 +58,11 @@ def linearised(where: str, problem: Horizon) -> Linearised:
             f"{where}: one stage takes {count} instructions; use fewer substeps, or a smaller plant"
         )
     q = ca.MX.sym("q", problem.nq)
-    once = ca.Function("shared", [q], [ca.vertcat(once_motion(q), once_rows(q))])
+    whole = ca.vertcat(once_motion(q), once_rows(q))
+    once = ca.Function("shared", [q], [whole], ["q"], ["column"])
     ends = [0, once_motion.size1_out(0), once.size1_out(0)]
-    sizes = {"x": problem.nx, "u": problem.nu, "d": problem.nd, "c": ends[-1], "after": problem.nx}
+    sizes = {"x": problem.nx, "u": problem.nu, "d": problem.nd, "fixed": ends[-1]}
+    sizes |= {"after": problem.nx}
     x, u, d, c, following = (ca.MX.sym(n, k) for n, k in sizes.items())
     of_motion, of_rows = ca.vertsplit(c, ends)
     after, S, Su = motion(x, u, d, of_motion)
@@ -70,8 +74,12 @@ def linearised(where: str, problem: Horizon) -> Linearised:
     column = ca.vertcat(
         ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
     )
-    stage = ca.Function("stage", [x, u, d, c, following], [column])
-    return Linearised(once, stage, layout, ca.Function("stage_step", [x, u, d, c], [after]))
+    names = ["x", "u", "d", "fixed"]
+    stage = ca.Function(
+        "stage", [x, u, d, c, following], [column], [*names, "x_after"], ["column"]
+    )  # fmt: skip
+    step = ca.Function("stage_step", [x, u, d, c], [after], names, ["x_next"])
+    return Linearised(once, stage, layout, step)
 
 
 def motion_of(where: str, problem: Horizon) -> tuple[ca.Function, int]:
@@ -96,7 +104,8 @@ def further(motion: ca.Function, A: Any, B: Any) -> ca.Function:
     F, G = (ca.SX.sym("FG"[i], motion.sparsity_out(1 + i)) for i in (0, 1))
     S, Su = ca.SX.sym("S", A), ca.SX.sym("Su", B)
     found = [ca.project(F @ S, A), ca.project(F @ Su + G, B)]
-    return ca.Function("slopes", [F, G, S, Su], found, {"cse": True})
+    names = ["F", "G", "S", "Su"], ["S_next", "Su_next"]
+    return ca.Function("slopes", [F, G, S, Su], found, *names, {"cse": True})
 
 
 def _whole(_: str, problem: Horizon) -> ca.Function:
@@ -105,7 +114,8 @@ def _whole(_: str, problem: Horizon) -> ca.Function:
     q = ca.SX.sym("q", problem.nq)
     n, _y = problem.step()(x, u * ca.DM(problem.scale), d, q[: problem.np_])
     n, slopes = ca.densify(n), [ca.jacobian(n, x), ca.jacobian(n, u)]
-    return ca.Function("motion", [x, u, d, q], [n, *slopes], {"cse": True})
+    names = ["x", "u", "d", "q"], ["x_next", "S", "Su"]
+    return ca.Function("motion", [x, u, d, q], [n, *slopes], *names, {"cse": True})
 
 
 def _substep(where: str, problem: Horizon) -> ca.Function:
@@ -115,18 +125,44 @@ def _substep(where: str, problem: Horizon) -> ca.Function:
     nodes, weights = EXPLICIT[method]
     x, u, d, p = problem.symbols()
     q = ca.SX.sym("q", problem.nq)
-    rate = expressions(where, problem.flow)(x, problem._inputs(u * ca.DM(problem.scale), d), p)[0]
+    inputs = problem._inputs(u * ca.DM(problem.scale), d)
+    rate = expressions(where, problem.flow)(x, inputs, p)[0]
     sloped = ca.Function("rate", [x, u, d, p], [rate, ca.jacobian(rate, x), ca.jacobian(rate, u)])
+    named = _named(problem.flow, x, inputs, p)
+    inside = ca.Function("inside", [x, u, d, p], [v for _, v in named])
+    found: list[tuple[str, Any]] = []
 
     def after(begin: tuple[Any, Any, Any], way: float, k: tuple[Any, Any, Any]) -> Any:
         return tuple(a + way * dt * b for a, b in zip(begin, k, strict=True))
 
     start = (x, ca.SX.eye(problem.nx), ca.SX(problem.nx, problem.nu))
     at, rates = start, []
-    for way in (*nodes, 0.0):
-        f, F, G = sloped(at[0], u, d, q[: problem.np_])
+    for k, way in enumerate((*nodes, 0.0), start=1):
+        given = at[0], u, d, q[: problem.np_]
+        f, F, G = sloped(*given)
         rates.append((f, F @ at[1], F @ at[2] + G))
+        found += [(f"{n}_{k}", v) for (n, _), v in zip(named, inside.call(given), strict=True)]
+        letters = {"at": at[0], "S": at[1], "Su": at[2], "rate": f, "F": F, "G": G,
+                   "dS": rates[-1][1], "dSu": rates[-1][2]}  # fmt: skip
+        found += [x for n, v in letters.items() for x in elements(f"{n}_{k}", v)]
         at = after(start, way, rates[-1])
     total = tuple(sum(w * k[i] for w, k in zip(weights, rates, strict=True)) for i in range(3))
     n, S, Su = after(start, 1 / sum(weights), total)  # type: ignore[arg-type]
-    return ca.Function("motion", [x, u, d, q], [ca.densify(n), S, Su], {"cse": True})
+    names = ["x", "u", "d", "q"], ["x_next", "S", "Su"]
+    return function(found, "motion", [x, u, d, q], [ca.densify(n), S, Su], *names)
+
+
+def _named(flow: Block, x: Any, u: Any, p: Any) -> list[tuple[str, Any]]:
+    """What a plant calls its outputs and intermediate results, and what they are of x, u, p."""
+    if not flow.sx:
+        return []
+    outputs = flow.unpack("output", flow.f(x, u, p)[1])
+    own_outputs = [e for n, v in outputs.items() for e in elements(n.rpartition(".")[2], v)]
+    with watched() as found:
+        groups = zip(("state", "input", "param"), (x, u, p), strict=True)
+        flow.expr(*(flow.unpack(role, v) for role, v in groups))
+    own = {s.element_hash() for v in (x, u, p) for s in ca.symvar(ca.SX(v))}
+    return own_outputs + [
+        (n, v) for n, v in found
+        if isinstance(v, ca.SX) and {s.element_hash() for s in ca.symvar(v)} <= own
+    ]  # fmt: skip

@@ -6,12 +6,14 @@ by one that stands for some stages, and that a few times by the whole: 9 calls f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Exprs
+from slipctl.block.inside import function, watched
 
 
 def chunk(N: int) -> int:
@@ -52,7 +54,7 @@ def _over(
     edges = [sum(widths[:k]) for k in range(len(widths) + 1)]
     given = [
         ca.MX.sym(
-            f"i{i}", step.size1_in(i),
+            step.name_in(i), step.size1_in(i),
             N if carried <= i < n_in - constant else step.size2_in(i),
         )
         for i in range(n_in)
@@ -68,7 +70,8 @@ def _over(
         for rows, value in zip(found, results[carried:], strict=True):
             rows.append(value)
     whole = [ca.horzcat(*(reversed(rows) if backward else rows)) for rows in found]
-    return ca.Function(f"{step.name()}_{N}", given, [*carry, *whole])
+    names = step.name_in(), step.name_out()
+    return ca.Function(f"{step.name()}_{N}", given, [*carry, *whole], *names)
 
 
 def apart(
@@ -78,10 +81,14 @@ def apart(
 
     def called(*given: Exprs) -> tuple[Exprs, Exprs]:
         flat = [v for named in given for v in named.values()]
-        symbols = [ca.MX.sym(f"i{k}", *v.shape) for k, v in enumerate(flat)]
+        names = [_plain(n) for named in given for n in named]
+        symbols = [ca.MX.sym(n, *v.shape) for n, v in zip(names, flat, strict=True)]
         rest = iter(symbols)
-        nxt, out = body(*({n: next(rest) for n in named} for named in given))
-        f = ca.Function(name, symbols, [*map(ca.MX, nxt.values()), *map(ca.MX, out.values())])
+        with watched() as found:
+            nxt, out = body(*({n: next(rest) for n in named} for named in given))
+        results = [*map(ca.MX, nxt.values()), *map(ca.MX, out.values())]
+        told = [*(f"{_plain(n)}_next" for n in nxt), *map(_plain, out)]
+        f = function(found, name, symbols, results, names, told)
         results = f.call(flat, False, True)
         return (
             dict(zip(nxt, results[: len(nxt)], strict=True)),
@@ -89,6 +96,11 @@ def apart(
         )
 
     return called
+
+
+def _plain(name: str) -> str:
+    """A name as an argument of a Function may have it."""
+    return re.sub(r"[\W_]+", "_", name).strip("_")
 
 
 def called(name: str, f: Callable[..., Sequence[Any]]) -> Callable[..., list[Any]]:
@@ -129,8 +141,9 @@ class Repeated:
 
     def __init__(self, once: ca.Function, going: int) -> None:
         self.name, self.going = once.name(), going
-        self.given = [ca.MX.sym(f"i{i}", once.sparsity_in(i)) for i in range(once.n_in())]
-        self.stay = ca.Function(f"{self.name}_done", self.given, [self.given[0]])
+        self.given = [ca.MX.sym(once.name_in(i), once.sparsity_in(i)) for i in range(once.n_in())]
+        self.names = once.name_in(), once.name_out()
+        self.stay = ca.Function(f"{self.name}_done", self.given, [self.given[0]], *self.names)
         self.powers = [once]
         self.maybe = [self._maybe(once)]
 
@@ -148,12 +161,13 @@ class Repeated:
         """
         if begun:  # mostly it is all that is to do
             z = self._once(0, z, *constants)
-            rest = ca.Function(f"{self.name}_more", self.given, [self(most - 1, *self.given)])
+            more = [self(most - 1, *self.given)]
+            rest = ca.Function(f"{self.name}_more", self.given, more, *self.names)
             return self._maybe(rest)(z[self.going] > 0, z, *constants) if most > 1 else z
         while 2 ** len(self.powers) <= most:
             y = self._go(-1, self._once(-1, *self.given), *self.given[1:])
             name = f"{self.name}_{2 ** len(self.powers)}"
-            self.powers.append(ca.Function(name, self.given, [y]))
+            self.powers.append(ca.Function(name, self.given, [y], *self.names))
             self.maybe.append(self._maybe(self.powers[-1]))
         for k in reversed(range(len(self.powers))):
             if most & 2**k:

@@ -16,6 +16,7 @@ from slipctl import BadInput, Block, Input, Output, Param, State, make_block, st
 from slipctl.ccode import codegen
 from slipctl.ccode.check import analysis
 from slipctl.ccode.write.plan import Plan
+from slipctl.study import doors
 
 needs_cppcheck = pytest.mark.skipif(shutil.which("cppcheck") is None, reason="no cppcheck here")
 
@@ -60,6 +61,20 @@ def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
     assert ("kernel" in found["misra"]) == (name == "table")
     rules = {r for counts in found["misra"].values() for r in counts}
     assert rules <= {*analysis.ADVISORY, *found["explained"], *found["deviations"]}
+
+
+@needs_cppcheck
+@pytest.mark.parametrize("name", ["predictive:nmpc", "all_rails:nmpc", "hst_traction:mpc_limited"])
+def test_solvers_keep_required_rules_too(name: str) -> None:
+    """All of what is written, as none of it is CasADi's text."""
+    study, _, loop = name.partition(":")
+    found = doors.load_study(study)
+    plan = Plan(doors.find_loop(found, loop)[0][found.controller], "ctl", real="float")
+    made = {n: t for n, t in codegen.texts(plan).items() if n in plan.files}
+    said = analysis.analysed(plan, made)
+    assert said["required"] == {}
+    assert said["kernel_lines"] == 0
+    assert said["passed"], said["cppcheck"]
 
 
 @needs_cppcheck

@@ -38,6 +38,10 @@ LONGER = {
     "hst_braking:eppfc_free": (661, 390, 0.042),
     "hst_traction:smc_limited": (785, 353, 0.08),
     "freight_traction:smes_robust": (126, 264, 0.057),
+    "predictive:nmpc": (1435, 0.089),
+    "all_rails:nmpc": (1490, 0.093),
+    "hst_traction:mpc": (692, 0.054),
+    "hst_traction:mpc_limited": (1467, 0.091),
 }
 """The same of some that are not among them."""
 
@@ -67,6 +71,25 @@ def test_other_sources_are_no_longer_either(name: str) -> None:
     *lines, share = LONGER[name]
     assert all(n <= most for n, most in zip(told["lines"].values(), lines, strict=True))
     assert told["share"] <= share
+
+
+SHIPPED = json.loads((Path(__file__).parents[2] / "docs/evidence/reach.json").read_text("utf-8"))
+CONTROLLERS = list(SHIPPED["numbers"]["reach"]["controllers"])
+
+
+@pytest.mark.parametrize("study", dict.fromkeys(c.partition(":")[0] for c in CONTROLLERS))
+def test_no_shipped_controller_has_register_code_or_many_locals_without_a_name(study: str) -> None:
+    """Each is written part by part, none of it by CasADi's generator."""
+    found = doors.load_study(study)
+    for loop in (c.partition(":")[2] for c in CONTROLLERS if c.startswith(f"{study}:")):
+        plan = Plan(doors.find_loop(found, loop)[0][found.controller], "ctl")
+        text = of_plan(plan)
+        told = reading(plan, sources(plan))
+        assert told["share"] <= 0.1, loop
+        assert told["registers"] == 0, loop
+        assert told["functions"] > 0, loop
+        assert not plan.equations.text, loop
+        assert "casadi_" not in text, loop
 
 
 def test_each_part_is_a_function_called_in_the_order_of_the_wires(written) -> None:

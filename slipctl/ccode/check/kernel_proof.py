@@ -162,14 +162,9 @@ def _follow(
             _follow(functions, calls, g, (next(sides), next(sides)))
 
 
-def _contracts(
-    used: Iterable[Function], sizes: Iterable[int], real: str, work: tuple[int, int]
-) -> list[str]:
-    scratch = "".join(
-        f" && \\valid({name} + (0 .. {n - 1}))"
-        for name, n in zip(("iw", "w"), work, strict=True) if n
-    )  # fmt: skip
-    lines = ["static volatile int undecided;"]
+def seen_and_any(sizes: Iterable[int], undecided: str, real: str) -> list[str]:
+    """Declarations of functions that read so many numbers, and that set them to any."""
+    lines = [f"static volatile {undecided} undecided;"]
     for n in sizes:
         lines += [
             f"/*@ requires \\valid_read(x + (0 .. {n - 1})) && \\initialized(x + (0 .. {n - 1}));",
@@ -179,6 +174,17 @@ def _contracts(
             f"    ensures \\initialized(x + (0 .. {n - 1})); */",
             f"void any_{n}({real} *x);",
         ]
+    return lines
+
+
+def _contracts(
+    used: Iterable[Function], sizes: Iterable[int], real: str, work: tuple[int, int]
+) -> list[str]:
+    scratch = "".join(
+        f" && \\valid({name} + (0 .. {n - 1}))"
+        for name, n in zip(("iw", "w"), work, strict=True) if n
+    )  # fmt: skip
+    lines = seen_and_any(sizes, "int", real)
     for f in used:
         ways = [
             " && ".join(

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from slipctl.ccode.check import kernel_proof
+from slipctl.ccode.check import function_proof, kernel_proof
 from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput, RunFailed
@@ -122,8 +122,9 @@ def proved(
         ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many ends of
         ranges are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number
         of alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end
-        or was not tried, as of a module with CasADi's text; ``functions``: how many of that text's
-        come to their end and return 0, of how many, each by itself (:mod:`kernel_proof`);
+        or was not tried, as of a module that is proven function by function; ``functions``: how
+        many of these come to their end, of how many, each by itself (:mod:`function_proof`, and
+        :mod:`kernel_proof` for CasADi's text, where each returns 0);
         ``passed``: no alarm, and every range proven. A module that is not through in time is tried
         once more with :func:`any_results`: then ``alarms`` and ``ranges`` are of its guards alone,
         whatever the equations give, and ``of_guards`` is true; it has not passed.
@@ -144,6 +145,9 @@ def proved(
             work = plan.equations.work[2:]
             found, contracts = kernel_proof.contracted(n, files[f"{n}.c"], plan.real, work)
             files |= found
+        elif plan.equations.arrays:
+            called = plan.equations.functions
+            files, contracts = function_proof.contracted(n, files, plan.real, called)
         for name, content in {**files, HARNESS: harness(plan)}.items():
             (folder / name).write_text(content, encoding="utf-8")
         command = [frama_c, HARNESS, f"{n}.c", *options]
@@ -236,7 +240,7 @@ def summary(data: Mapping[str, Any]) -> str:
     strict = "no result" if finite is None else f"{finite} alarms"
     functions = data.get("functions", {"of": 0})
     if functions["of"]:
-        strict += f"; CasADi's text: {functions['ended']} of {functions['of']} functions end"
+        strict += f"; one by one: {functions['ended']} of {functions['of']} functions end"
     return (
         f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven"
         f" (NaN and infinity as alarms: {strict}):"
@@ -283,6 +287,7 @@ def _options(plan: Plan, text: str) -> list[str]:
         "part_off": 4 * states + 64, f"{plan.name}_step": 64,
         "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
     }  # fmt: skip
+    wanted |= function_proof.kept_apart(text)
     there = [
         f"{f}:{k}" for f, k in wanted.items() if re.search(rf"^(?:static )?\w.*\b{f}\(", text, re.M)
     ]

@@ -8,6 +8,7 @@ from typing import Any
 
 from slipctl.ccode.write.comments import FILE, ORIGIN
 from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.write.scratch import OWN
 
 _ASSIGNED = re.compile(
     r"^\s*(?:for \(.*\) \{ )?(?:(?:static )?(?:const )?(?:double|float|int|bool|unsigned int) )?"
@@ -45,6 +46,7 @@ def reading(plan: Plan, sources: Mapping[str, str]) -> dict[str, Any]:
     declared = {s.name.rpartition(".")[2] for s in plan.block.signals} | plan.equations.letters
     targets = [m["target"] for line in source.splitlines() if (m := _ASSIGNED.match(line))]
     targets += _MEMBER.findall(source)
+    targets = [t.removeprefix(f"{OWN}->") for t in targets]
     anonymous = [t for t in targets if _ANONYMOUS.fullmatch(t) and t not in declared]
     return {
         "lines": {file: text.count("\n") for file, text in sources.items()},

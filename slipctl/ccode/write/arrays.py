@@ -30,6 +30,7 @@ from slipctl.ccode.write.graph import (
     PRODUCT,
     SLICE,
     SMALLEST,
+    SPARSE_PRODUCT,
     SPREAD,
     SUM_OF,
     TURNED,
@@ -39,6 +40,7 @@ from slipctl.ccode.write.graph import (
     steps,
     unused,
 )
+from slipctl.ccode.write.scans import spared
 from slipctl.ccode.write.summing import Total
 
 AT = "@"
@@ -77,6 +79,26 @@ def where(text: str) -> tuple[str, int] | None:
 def address(base: str, offset: int) -> str:
     """C expression of the address of an element."""
     return f"&{base}[{offset}]" if offset else base
+
+
+def _by_blocks(places: Sequence[int], offset: int) -> str | None:
+    """Index of elements that are taken in blocks as far apart as each other: ``@ / 5 * 31 + ...``.
+
+    None if they are not, or are fewer than eight.
+    """
+    n, first = len(places), places[0]
+    if n < 8 or min(places) < 0:
+        return None
+    for size in (k for k in range(1, n) if n % k == 0):
+        step = places[1] - first if size > 1 else 0
+        apart = places[size] - first
+        wanted = [first + k // size * apart + k % size * step for k in range(n)]
+        if wanted == list(places) and step >= 0 and apart > 0:
+            begin = f"{first + offset} + " * bool(first + offset)
+            block = AT if size == 1 else f"{AT} / {size}"
+            inside = f" + {AT} % {size}{f' * {step}' * (step != 1)}" * (size > 1 and step > 0)
+            return f"{begin}{block} * {apart}{inside}"
+    return None
 
 
 _MOVED = re.compile(
@@ -132,6 +154,7 @@ class Arrays(Writer):
     ) -> None:
         self.call, self.sources = call, sources
         self.outputs: list[int] = []  # node of each result
+        self.asked = ""  # condition that the first argument of a call is
         self.done: set[int] = set()
         self.targets: dict[int, str] = {}
         self.suggested: dict[int, str] = {}
@@ -150,6 +173,7 @@ class Arrays(Writer):
             named = names is not None and i in names and n >= 0 and self._size(n) == 1
             if named and self.nodes[n].op not in (ca.OP_CONST, ca.OP_INPUT):
                 self.names.setdefault(n, (names or {})[i])
+        self.suggested |= self.said
         for node in self.nodes:
             if node.op == CALLED and isinstance(node, Step):
                 for a, name in zip(node.args, argument_names(node.detail[0]), strict=True):
@@ -161,8 +185,9 @@ class Arrays(Writer):
         self.can_be = self._can_be(can_be)
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
-        nodes, self.outputs = steps(f)
-        return nodes, []
+        self.said: dict[int, str] = {}
+        nodes, self.outputs = steps(f, self.said)
+        return spared(nodes), []
 
     def _totals(self) -> dict[int, Total]:
         return {}
@@ -200,7 +225,7 @@ class Arrays(Writer):
             base, offset = self._stored(node.args[0])
             at = f"({AT} % {columns}) * {rows} + {AT} / {columns}"
             self.texts[k] = Text(f"{base}[{offset} + {at}]" if offset else f"{base}[{at}]", _ATOM)
-        elif op in (JOINED, CHOSEN, PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT):
+        elif op in (JOINED, CHOSEN, PRODUCT, SPARSE_PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT):
             self._built(k, node)
         elif op == ca.OP_GETNONZEROS_PARAM:
             self._element(k, node)
@@ -367,14 +392,43 @@ class Arrays(Writer):
             call = "add_matrix_product" if begun else "matrix_product"
             self.helpers.add(call)
             lines.append(f"{call}({bases[0]}, {rows}, {inner}, {bases[1]}, {columns}, {at});")
+        elif op == SPARSE_PRODUCT:
+            z, x, y = args
+            values, given = (address(*self._stored(v)) for v in (x, y))
+            table, places = f"k{next(self.count)}", []
+            for name, numbers in zip((f"{table}_begin", f"{table}_row"), node.detail, strict=True):
+                declared = f"static const int {name}[{len(numbers)}]"
+                lines += listed(declared, [str(v) for v in numbers])
+                places.append(name)
+            name, start = self._target(k) if node.size > 1 else self._variable(k), self.texts[z]
+            if node.size > 1:
+                lines += loop(node.size, f"{place(name, 0)} = {self._real(start)};")
+            else:
+                lines.append(f"double {name} = {self.text_at(z, 0)};")
+            self.helpers.add("add_sparse_product")
+            columns = len(node.detail[0]) - 1
+            at = name if node.size > 1 else f"&{name}"
+            lines.append(
+                f"add_sparse_product({values}, {', '.join(places)}, {columns}, {given}, {at});"
+            )
         elif op in (SUM_OF, LARGEST, SMALLEST, DOT):
             self._folded(k, node)
             return
         elif op == CHOSEN:
             (source,) = args
+            if self._size(source) == 1 and set(node.detail) == {0}:
+                if self.texts[source].rank != _ATOM:
+                    self._line(source)
+                self.texts[k] = self.texts[source]
+                return
             base, offset = self._stored(source)
             if node.size == 1:
                 self.texts[k] = Text(f"{base}[{offset + node.detail[0]}]", _ATOM)
+                return
+            if (index := _by_blocks(node.detail, offset)) is not None:
+                self.texts[k] = Text(f"{base}[{index}]", _ATOM)
+                if self.uses[k] > 1 or k in self.targets:
+                    self._array(k)
                 return
             name = self._target(k)
             self._elements(
@@ -418,7 +472,7 @@ class Arrays(Writer):
             return self.names.pop(k)
         node = self.nodes[k]
         said = self.suggested.get(k, "")
-        if node.op == CALLED and isinstance(node, Step):
+        if node.op == CALLED and isinstance(node, Step) and k not in self.said:
             said = result_name(node.detail[0], node.place[1]) or said
         if not said:
             return f"a{next(self.count)}"
@@ -467,6 +521,7 @@ class Arrays(Writer):
                 arguments.append(self._zeros(n))
             elif n == 1:
                 arguments.append(reached(self._real(self.texts[a]), 0))
+                self.asked = reached(self.condition(a), 0) if not i else self.asked
             else:
                 arguments.append(address(*self._stored(a)))
         results = []

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from slipctl.ccode.write.again import Again, again, again_lines, stays
 from slipctl.ccode.write.arrays import AT, Arrays, loop, reached
 from slipctl.ccode.write.comments import WIDTH, comment
 from slipctl.ccode.write.expressions import ANY, Unsupported, Writer
@@ -35,6 +36,7 @@ from slipctl.ccode.write.loops import (
 from slipctl.ccode.write.naming import named, with_inside
 from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
+from slipctl.ccode.write.scans import scan_lines, scanned
 from slipctl.ccode.write.statements import called
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
@@ -52,6 +54,7 @@ class Functions:
         names: C name by serialised Function.
         letters: names that locals have from the model.
         reserved: names that are taken.
+        repeats: what Functions do again and again, if that is all, by their hash.
     """
 
     branches: Branches
@@ -61,6 +64,7 @@ class Functions:
     names: dict[str, str] = field(default_factory=dict)
     letters: set[str] = field(default_factory=set)
     reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
+    repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
 
     def name(self, f: ca.Function) -> str:
         """C name of a Function, which is written if it is not there yet.
@@ -131,14 +135,26 @@ class Functions:
         chain = chained(f)
         if chain is not None:
             return self._chain(f, *chain, inputs, outputs)
-        again = accumulated(f)
-        if again is not None:
-            if f.nnz_out(0) == again[0].nnz_out(0):
-                raise Unsupported("fold")
-            return self._loop(again[0], again[1], inputs, outputs, 1)
+        each = accumulated(f)
+        if each is not None and f.nnz_out(0) != each[0].nnz_out(0):
+            return self._loop(each[0], each[1], inputs, outputs, 1)
+        scan = scanned(f)
+        if scan is not None:
+            name, one = self.name(scan.inner), returned(scan.inner)
+            return scan_lines(scan, name, inputs, outputs, self.taken(f), one)
+        more = self._again(f)
+        if more is not None:
+            return again_lines(more, self.name(more.once), inputs, outputs[0], self.taken(f))
         sources = [n if f.nnz_in(i) == 1 else f"{n}[]" for i, n in enumerate(inputs)]
         made = self.statements(f, sources, outputs)
         return made
+
+    def _again(self, f: ca.Function) -> Again | None:
+        """What a Function does again and again; looked at once."""
+        key = f.__hash__()
+        if key not in self.repeats:
+            self.repeats[key] = f, again(f, self.branches, self._again)
+        return self.repeats[key][1]
 
     def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[str]:
         if any(not f.sparsity_out(i).is_dense() and f.nnz_out(i) == 0 for i in range(f.n_out())):
@@ -315,7 +331,8 @@ class Functions:
                 lines.append(f"return {text};" if returns else f"{to} = {text};")
             elif text != f"{name}[@]":
                 lines += loop(n, f"{name}[{AT}] = {text};")
-        return repeated(handed(lines), self.taken(f))
+        own = {x.removesuffix("[]") for x in (*sources, *outputs) if x}
+        return repeated(handed(lines), self.taken(f) | own)
 
     def _call(
         self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str]
@@ -343,9 +360,17 @@ class Functions:
             if r and g.nnz_out(n) == 1:
                 at.lines.append(f"double {r};")
         lines, at.lines = at.lines, []
-        lines.append(f"if ((int)({arguments[0]}) != 0) {{")
+        lines.append(f"if ({at.asked}) {{")
         for f, after in zip(chosen, ("} else {", "}"), strict=True):
-            self._plain(at, f, arguments[1:], results, False)
+            kept = stays(f)
+            if kept >= 0 and results[0]:
+                n = f.nnz_out(0)
+                at.lines += [
+                    f"{results[0]} = {arguments[1 + kept]};" if n == 1
+                    else f"copy({results[0]}, {arguments[1 + kept]}, {n});"
+                ]  # fmt: skip
+            else:
+                self._plain(at, f, arguments[1:], results, False)
             lines += [f"    {line}" for line in at.lines]
             at.lines = []
             lines.append(after)

@@ -10,11 +10,13 @@ from typing import Any
 
 import casadi as ca
 
+from slipctl.block.inside import named_inside
 from slipctl.ccode.write.expressions import Node, Unsupported, choice, known_operation
 
 (
     CALLED, SLICE, JOINED, SPREAD, CHOSEN, PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT, TURNED,
-) = range(-20, -9)  # fmt: skip
+    SPARSE_PRODUCT,
+) = range(-20, -8)  # fmt: skip
 """Operations beside those of CasADi on numbers."""
 
 SAME = {ca.OP_RESHAPE, ca.OP_SPARSITY_CAST}
@@ -55,8 +57,34 @@ def _segments(f: ca.Function) -> dict[tuple[int, int], int]:
     return found
 
 
-def steps(f: ca.Function) -> tuple[list[Node], list[int]]:
+def said(f: ca.Function) -> dict[tuple[int, int], str]:
+    """What the Python that wrote an MX Function calls its operations, by their hash and result."""
+    inside = named_inside(f)
+    if inside is None:
+        return {}
+    held: dict[int, tuple[int, int]] = {}
+    marked: dict[int, tuple[int, int]] = {}  # what the sine in a place is of
+    found: dict[tuple[int, int], str] = {}
+    for k in range(inside.n_instructions()):
+        op, o, i = (
+            inside.instruction_id(k), inside.instruction_output(k), inside.instruction_input(k)
+        )  # fmt: skip
+        if op == ca.OP_OUTPUT:
+            found.setdefault(marked[i[0]], inside.name_out(o[0]))
+            continue
+        if op == ca.OP_SIN:
+            marked[o[0]] = held[i[0]]
+        for n, slot in enumerate(o):
+            held[slot] = inside.instruction_MX(k).__hash__(), n
+    return found
+
+
+def steps(f: ca.Function, names: dict[int, str] | None = None) -> tuple[list[Node], list[int]]:
     """Operations of an MX Function in order, and the number of that of each result, or -1.
+
+    Args:
+        f: the Function.
+        names: is given the name of each operation for which its Python has one.
 
     Raises:
         Unsupported: an operation that is not written.
@@ -69,10 +97,13 @@ def steps(f: ca.Function) -> tuple[list[Node], list[int]]:
     calls = itertools.count()
 
     known: dict[str, int] = {}
+    told = said(f) if names is not None else {}
 
-    def add(node: Step, slot: int) -> None:
+    def add(node: Step, slot: int, n: int = 0) -> None:
         """Take an operation, or the one before that is the same."""
         key = repr(node) if node.op not in (CALLED, ca.OP_INPUT) else ""
+        if told and names is not None and (name := told.get((mx.__hash__(), n))):
+            names.setdefault(known.get(key, len(nodes)) if key else len(nodes), name)
         if key and key in known:
             held[slot] = known[key]
             return
@@ -99,7 +130,7 @@ def steps(f: ca.Function) -> tuple[list[Node], list[int]]:
             for n, slot in enumerate(o):
                 if slot >= 0:
                     detail = (g, number_of, tuple(o))
-                    add(Step(CALLED, args, 0.0, (number_of, n), g.nnz_out(n), detail), slot)
+                    add(Step(CALLED, args, 0.0, (number_of, n), g.nnz_out(n), detail), slot, n)
         elif op in (ca.OP_HORZSPLIT, ca.OP_VERTSPLIT):
             if op == ca.OP_VERTSPLIT and not mx.dep(0).is_column():
                 raise Unsupported("vertsplit of a matrix")
@@ -107,7 +138,7 @@ def steps(f: ca.Function) -> tuple[list[Node], list[int]]:
             for n, slot in enumerate(o):
                 part = mx.get_output(n).nnz()
                 if slot >= 0:
-                    add(Step(SLICE, args, size=part, detail=(offset, 1)), slot)
+                    add(Step(SLICE, args, size=part, detail=(offset, 1)), slot, n)
                 offset += part
         else:
             add(_step(op, args, size, mx, nodes), o[0])
@@ -162,6 +193,10 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
     if op == ca.OP_MTIMES and all(mx.dep(k).is_dense() for k in range(3)):
         x, y = mx.dep(1), mx.dep(2)
         return Step(PRODUCT, args, size=size, detail=(x.shape[0], x.shape[1], y.shape[1]))
+    if op == ca.OP_MTIMES and mx.is_dense() and mx.is_column() and mx.dep(2).is_dense():
+        pattern = mx.dep(1).sparsity()
+        detail = (pattern.colind(), pattern.row())
+        return Step(SPARSE_PRODUCT, args, size=size, detail=detail)
     if op == ca.OP_GETNONZEROS_PARAM and len(args) == 2:
         return Step(ca.OP_GETNONZEROS_PARAM, args, size=size, detail=mx.dep(0).nnz())
     if op == ca.OP_LOW and size == 1:

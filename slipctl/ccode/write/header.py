@@ -14,6 +14,7 @@ from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.layout import Member, change_text, noise_text, own_name, range_text
 from slipctl.ccode.write.plan import Plan, first_sentence
 from slipctl.ccode.write.precision import in_precision, size
+from slipctl.ccode.write.scratch import structs
 from slipctl.ccode.write.statements import wrapped
 
 STATUS = (
@@ -189,7 +190,11 @@ def _state(plan: Plan) -> str:
         lines += _kept(plan)
     if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
         members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
-        lines += [f"struct {n}_work {{ {' '.join(members)} }};", ""]
+        whole = [f"struct {n}_work {{ {' '.join(members)} }};", ""]
+        if arrays := plan.equations.arrays:
+            what = "Arrays of functions of step, where they would take too much of the stack."
+            whole = [comment(what), *structs(arrays, f"{n}_work")]
+        lines += whole
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
         f"typedef struct {n}_state {{",

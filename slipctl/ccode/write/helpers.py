@@ -59,6 +59,15 @@ HELPERS = {
         "                z[j + i * rows] += x[j + k * rows] * y[k + i * inner];\n"
         "            }\n        }\n    }\n}\n"
     ),
+    "add_sparse_product": (
+        "/* z = z + x y: numbers of x column by column, which begin there, in these rows */\n"
+        "static void add_sparse_product(const double *x, const int *begin, const int *row,\n"
+        "                               int columns, const double *y, double *z)\n{\n"
+        "    for (int i = 0; i < columns; ++i) {\n"
+        "        for (int k = begin[i]; k < begin[i + 1]; ++k) {\n"
+        "            z[row[k]] += x[k] * y[i];\n"
+        "        }\n    }\n}\n"
+    ),
     "reached": (
         "/* last of n rising places that x has reached; the first if none, or if x is NaN */\n"
         "static int reached(const double *at, int n, double x)\n{\n"

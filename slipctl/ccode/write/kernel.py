@@ -15,6 +15,7 @@ from slipctl.ccode.write.functions import Functions
 from slipctl.ccode.write.helpers import helper_text
 from slipctl.ccode.write.parts import Parts, Place, Wires
 from slipctl.ccode.write.precision import tolerant
+from slipctl.ccode.write.scratch import Arrays, off_stack
 from slipctl.ccode.write.structure import Outside, Statements, pruned
 
 KERNEL = ("---- text of CasADi's generator from here ----", "---- end of CasADi's text ----")
@@ -39,6 +40,7 @@ class Kernel:
         letters: names that locals have from the model.
         functions: C functions that ``lines`` call, by name: those of the parts, and what they call.
         ticks: from one run to the next, for each of ``lines`` that does not run in every tick.
+        arrays: names and sizes of those that lie in the scratch memory, by function.
     """
 
     lines: tuple[str, ...] = ()
@@ -53,6 +55,7 @@ class Kernel:
     functions: Mapping[str, str] = field(default_factory=dict)
     letters: frozenset[str] = frozenset()
     ticks: Mapping[str, int] = field(default_factory=dict)
+    arrays: Mapping[str, Arrays] = field(default_factory=dict)
 
 
 def kernel(
@@ -108,6 +111,7 @@ def by_parts(
     results: Sequence[Place],
     docs: Mapping[str, str],
     can_be: Callable[[Place, int], int],
+    work: str,
 ) -> Kernel:
     """Make the C text of a block, a function for each of its parts.
 
@@ -118,20 +122,35 @@ def by_parts(
         results: places of next states and outputs, in order.
         docs: comment by name of a nested Function.
         can_be: what an element of an argument can be.
+        work: declaration of the scratch memory as an argument.
 
     Raises:
         Unsupported: an operation that is left to CasADi's text.
     """
-    functions = Functions(lambda g: _branches(g, block.name), docs)
+    known: dict[int, tuple[ca.Function, tuple[ca.Function, ca.Function] | None]] = {}
+
+    def branches(g: ca.Function) -> tuple[ca.Function, ca.Function] | None:
+        key = g.__hash__()
+        if key not in known:
+            known[key] = g, _branches(g, block.name)
+        return known[key][1]
+
+    functions = Functions(branches, docs)
     parts = Parts(functions, signature, can_be)
     parts.add(block, "", wires)
     places = [(i, m, p, k) for i, (m, p) in enumerate(results) for k in range(m.size)]
+    made = off_stack(functions.texts | parts.texts, parts.lines, work)
+    ticks = {
+        new: parts.ticks[old]
+        for old, new in zip(parts.lines, made.lines, strict=True) if old in parts.ticks
+    }  # fmt: skip
     return Kernel(
-        tuple(parts.lines),
+        made.lines,
         {(i, k): parts.results[m.c, p, k] for i, m, p, k in places},
         frozenset((i, k) for i, m, p, k in places if parts.known.get((m.c, p, k)) == FINITE),
-        helpers=frozenset(functions.helpers), functions=functions.texts | parts.texts,
-        letters=frozenset(functions.letters), ticks=parts.ticks,
+        work=(0, 0, 0, made.numbers), helpers=frozenset(functions.helpers),
+        functions=made.texts, letters=frozenset(functions.letters), ticks=ticks,
+        arrays=made.arrays,
     )  # fmt: skip
 
 

@@ -33,7 +33,7 @@ hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at
 sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
 all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
 states_within start recover guard part part_off off refused told in_force used limit_outputs
-start_outputs mark fresh rising derived work defaults untouched good whole which
+start_outputs mark fresh rising derived work own defaults untouched good whole which
 """
 LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.inside import named_inside
+from slipctl.block.inside import as_it_is, named_inside
 from slipctl.ccode.write.graph import unused
 
 LONGEST, WORDS = 28, 5
@@ -78,8 +78,9 @@ def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict
     for k, name in enumerate(inside.name_out()):
         own = names[f.n_out() + k, 0] = unused(name, used)
         used.add(own)
-    results = [*f.call(arguments), *inside.call(arguments)]
-    return ca.Function(f.name(), arguments, results, {"cse": True}), names
+    with as_it_is():
+        results = [*f.call(arguments), *inside.call(arguments)]
+        return ca.Function(f.name(), arguments, results, {"cse": True}), names
 
 
 def _is_declared(name: str, line: str) -> bool:

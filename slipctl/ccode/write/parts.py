@@ -28,7 +28,7 @@ from slipctl.ccode.write.rolling import rolled
 from slipctl.ccode.write.shapes import shaped
 from slipctl.ccode.write.statements import copied, placed
 
-POINTERS = ("in", "param", "derived", "state", "next", "now")
+POINTERS = ("in", "param", "derived", "state", "next", "now", "work")
 """Structs that a part may be given."""
 
 Place = tuple[Member, str]

@@ -96,7 +96,8 @@ class Plan:
         def can_be(place: Place, k: int) -> int:
             return NUMBER if place[1] == "param->" else FINITE
 
-        return by_parts(self.block, wires, signature, self.results, self.docs, can_be)
+        work = self.types["work"]
+        return by_parts(self.block, wires, signature, self.results, self.docs, can_be, work)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -143,7 +144,7 @@ class Plan:
     def work_in_state(self) -> bool:
         """Whether the scratch memory of the equations lies in the state struct."""
         _, _, sz_iw, sz_w = self.equations.work
-        return 2 * sz_w + sz_iw > 2 * ON_STACK
+        return bool(self.equations.arrays) or 2 * sz_w + sz_iw > 2 * ON_STACK
 
     @property
     def next_in_state(self) -> bool:

@@ -252,7 +252,7 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
     n, big = plan.name, plan.layout.big
     place = {"in": "seen" if plan.layout.inputs else "in", "param": "used",
              "derived": "&state->derived", "state": "&state->kept", "next": "&state->next",
-             "now": "&state->tick.now"}  # fmt: skip
+             "now": "&state->tick.now", "work": "&state->work"}  # fmt: skip
     calls = []
     for k, g in enumerate(row):
         if g.calls:
