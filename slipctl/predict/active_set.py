@@ -29,9 +29,9 @@ import casadi as ca
 
 from slipctl.block.inside import remembered
 from slipctl.predict.horizon import Horizon, Layout, Stage
-from slipctl.predict.interior import DATA, Interior
+from slipctl.predict.interior import Interior
 from slipctl.predict.repeating import Repeated, scan
-from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
+from slipctl.predict.status import DATA, FASTER, FREE, HIGH, NONE, SMALL, TIED
 
 TINY = 1e-9
 """Residual below which a change of status is one of names only: two limits meet."""

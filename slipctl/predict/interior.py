@@ -29,13 +29,11 @@ import casadi as ca
 
 from slipctl.block.inside import remembered
 from slipctl.predict.repeating import Repeated, scan
-from slipctl.predict.status import FASTER, FREE, HIGH, NONE, SMALL, TIED
+from slipctl.predict.shares import mean_of, reach_of
+from slipctl.predict.status import DATA, FASTER, FREE, HIGH, NONE, SMALL, TIED
 
 if TYPE_CHECKING:
     from slipctl.predict.active_set import ActiveSet
-
-DATA = ("D", "E", "U", "before", "bounds", "dx")
-"""What the program is made of, as arguments of Functions: see :meth:`ActiveSet.solve`."""
 
 FIRM, SOFT, CAPPED = "firm", "soft", "capped"
 
@@ -302,19 +300,19 @@ class Interior:
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
         whole = solve(*now, *zero, 0, *data)[2:]
         ahead = [b - a for a, b in zip(now, whole, strict=True)]
-        reach = _reach(now, ahead, 1.0)
-        tried = _mean([v + reach * d for v, d in zip(now, ahead, strict=True)])
+        reach = reach_of(now, ahead, 1.0)
+        tried = mean_of([v + reach * d for v, d in zip(now, ahead, strict=True)])
         ratio = tried / mean
         target = mean * ratio**3
         share = ca.fmin(1, reach / SHORT)
         turn = [share * ahead[0] * ahead[1], share * ahead[2] * ahead[3]]
         found = solve(*now, *turn, target, *data)
         ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
-        part = _reach(now, ahead, 0.995)
+        part = reach_of(now, ahead, 0.995)
         nxt = [v + part * d for v, d in zip(now, ahead, strict=True)]
         dX, dV = found[0] - X, found[1] - V
         Xn, Vn = X + part * dX, V + part * dV
-        left = _mean(nxt)
+        left = mean_of(nxt)
         steps_ahead = ca.vertcat(dX, dV)
         moved = ca.mmax(ca.fabs(steps_ahead))
         if not self.bounded:  # then no bound tells how large a control is
@@ -447,7 +445,7 @@ class Interior:
         each = ca.repmat(mean, 1, N)
         last = self._make_begin(self.last_kinds, False)(X[nx * N :], E, mean)
         now = self._together(begin.map(N)(z, v, D, u, earlier, bounds, each), last)
-        return ca.vertcat(X, V, *now, _mean(now), 1, 1, 0)
+        return ca.vertcat(X, V, *now, mean_of(now), 1, 1, 0)
 
     @remembered
     def _rescue(self) -> Any:
@@ -498,17 +496,3 @@ bounds: noises of several unknowns move a row together, and the largest W must l
 
 NEAR = 0.1
 """Smallest slack to begin with."""
-
-
-def _reach(values: list[Any], steps: list[Any], part: float) -> Any:
-    """Longest share of a step, at most 1, that leaves (1 - part) of each value."""
-    v, d = ca.vertcat(*values), ca.vertcat(*steps)
-    shortest = ca.mmin(ca.if_else(d < 0, -v / d, 1 / part))
-    return ca.fmin(1, part * shortest)
-
-
-def _mean(values: list[Any]) -> Any:
-    """Mean of s l and t n."""
-    l, s, t, n = values
-    products, capped_products = ca.dot(l, s), ca.dot(t, n)
-    return (products + capped_products) / (l.numel() + t.numel())

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.ccode.write.again import Again, again, again_lines, stays
-from slipctl.ccode.write.arrays import AT, Arrays, loop, reached
+from slipctl.ccode.write.arrays import Arrays
 from slipctl.ccode.write.comments import WIDTH, comment
 from slipctl.ccode.write.expressions import ANY, Unsupported, Writer
 from slipctl.ccode.write.graph import (
@@ -38,6 +38,7 @@ from slipctl.ccode.write.repeats import handed, repeated
 from slipctl.ccode.write.rolling import rolled
 from slipctl.ccode.write.scans import scan_lines, scanned
 from slipctl.ccode.write.statements import called
+from slipctl.ccode.write.vectors import AT, loop, reached
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
 

@@ -9,7 +9,6 @@ from typing import Any
 import casadi as ca
 
 from slipctl.ccode.write import counted, guard, rates
-from slipctl.ccode.write.arrays import listed
 from slipctl.ccode.write.comments import comment
 from slipctl.ccode.write.expressions import number
 from slipctl.ccode.write.guarding import (
@@ -41,6 +40,7 @@ from slipctl.ccode.write.small import checks
 from slipctl.ccode.write.splitting import equations_call, in_place, prepare, taken
 from slipctl.ccode.write.statements import broken, conjunction, define, if_, short
 from slipctl.ccode.write.structure import assign
+from slipctl.ccode.write.vectors import listed
 
 
 def sources(plan: Plan) -> dict[str, str]:
