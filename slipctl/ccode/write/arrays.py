@@ -200,6 +200,14 @@ class Arrays(Writer):
         self.texts[k] = Text(f"(double)({self.places[k][0]})", _ATOM)
         return True
 
+    def _compose(self, node: Node, signed: bool) -> Text:
+        """Text of an operation; a truth that is above 0 is that truth."""
+        if node.op == ca.OP_LT and self.texts[node.args[1]].truth:
+            zero = self.nodes[node.args[0]]
+            if zero.op == ca.OP_CONST and zero.value == 0.0 and self._size(node.args[0]) == 1:
+                return self.texts[node.args[1]]
+        return super()._compose(node, signed)
+
     def _input(self, node: Step) -> Text:
         source = self.sources[node.place[0]]
         if source.endswith("[]"):

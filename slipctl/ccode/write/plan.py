@@ -72,8 +72,10 @@ class Plan:
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
         try:
+            if block.split:  # only CasADi's text leaves what is prepared where it lies
+                raise Unsupported("a tick in two parts")
             self.equations: Kernel = self._by_parts()
-        except Unsupported:  # a solver, say
+        except Unsupported:  # a table, say
             self.equations = kernel(
                 self._function(), self._argument, self._local_names(), self.docs, block.name,
                 self._can_be,
