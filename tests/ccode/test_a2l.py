@@ -15,6 +15,7 @@ from scipy.interpolate import RegularGridInterpolator
 from test_codegen import BLOCKS, matrices
 
 from slipctl import Input, Output, Param, connect, interpolated, step
+from slipctl.block.timing import counters
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.ship import a2l
@@ -45,7 +46,7 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     assert text.count("/begin AXIS_PTS ") == sum(s.rising for s in free)
     others = len(block.inputs) + len(block.states) + len(block.outputs)
     derived = sum(s.derived for s in block.params.values())
-    counted = (2 if block.inputs else 1) + text.count("/begin MEASUREMENT ctl_state.guard.missed ")
+    counted = (2 if block.inputs else 1) + bool(counters(block))  # age, refused, missed
     assert text.count("/begin MEASUREMENT") == others + derived + 9 + counted
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
