@@ -367,7 +367,7 @@ def estimating_controller(
     memory: int = 32,
     looks: bool = False,
     echo: float = 0.0,
-    recall: int = 8,
+    recall: int = 0,
 ) -> Block:
     """Connect estimator, search, probe and slip law: the strategy of Fig. 4, sensor to actuator.
 
