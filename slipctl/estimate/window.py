@@ -24,8 +24,8 @@ What residuals show is taken for noise up to ``coarsest``. Samples that the law 
 wrong ones, would show so much of it that no change is found any more.
 
 With ``recall`` a change may be taken back. What an estimate with half a window knows is put aside
-when a change is told. It is in force again once so many samples in a row agree with it, each within
-``gate`` deviations, of the declared noise at least, unless the window is full before: then it is
+when a change is told. It is in force again once so many samples in a row agree with it. Each is to
+be within ``gate`` deviations, of the declared noise at least. If the window is full before, it is
 another curve. So wrong samples cost no more than the time that they lasted.
 
 Parameters are told within the ranges of the law. The estimate itself may lie beyond, up to

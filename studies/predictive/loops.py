@@ -79,8 +79,8 @@ driven rim is no slower than its vehicle: one of both that says so is wrong by m
 """
 
 SLIP: Mapping[str, Any] = {
-    "source": "a driven rim is no slower, but for noise; one of 60 m/s about to start, which the"
-    " largest torque drives on for a tick; at standstill a slip is twice the speed",
+    "source": "a driven rim is no slower, but for noise; at most one of 60 m/s at standstill,"
+    " driven on for a tick, where a slip is twice the speed",
     "lo": -0.05, "hi": 2 * FASTEST,
 }  # fmt: skip
 GAINED = {"axle": 0.6, "car": 0.4}

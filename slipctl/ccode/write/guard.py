@@ -51,10 +51,10 @@ def accept() -> ca.Function:
     """(value, last, age, lo, hi, change, noise, stale, memory, most) -> (taken, age, told).
 
     ``age`` counts the ticks without a good value, up to ``memory``, and is -1 before the first. A
-    value is good that is finite (``most`` is the largest number), in its range, and no further from
-    the last good one than ``noise`` and the way that it can have come since. From ``memory`` on the
-    last one says nothing. In the place of a value that is not good, the last good one is taken for
-    ``stale`` ticks; after them, and before there is a good one, the tick is refused.
+    value is good that is finite and in its range; ``most`` is the largest number. It is no further
+    from the last good one than ``noise`` and the way that it can have come since. From ``memory``
+    on the last one says nothing. In the place of a value that is not good, the last good one is
+    taken for ``stale`` ticks. After them the tick is refused, and before there is a good one.
 
     A good value takes one tick of the age away, not all. Where a wrong one was believed at last, as
     it could have come so far, the true one is away no longer than the wrong one was believed. Such
