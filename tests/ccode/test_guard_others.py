@@ -32,7 +32,7 @@ def by_hand(rows, play):
     last, age = [0.0] * 4, [-1.0] * 4
     taken, told = [], []
     for row in rows:
-        known = [u if a < 0 else x for u, a, x in zip(row, age, last, strict=True)]
+        known = [u if a < 0 or a >= 50 else x for u, a, x in zip(row, age, last, strict=True)]
         ends = [(lo[0], min(hi[0], known[3] + play))]
         ends += [(max(lo[k], known[0] - play), hi[k]) for k in (1, 2, 3)]
         bits = 0
@@ -101,6 +101,22 @@ def test_a_rim_at_rest_under_a_train_is_never_believed():
     taken, told = expected.taken(plan, rows, plan.block.param_values())
     assert (taken[:, 3] == 10).all()
     assert (told[5:] & guard.OFF_RANGE > 0).all()
+
+
+@pytest.mark.parametrize("to", [2.0, 55.0])
+def test_what_was_away_for_long_need_not_fit_what_the_others_said_before(tmp_path, to):
+    """After a second without samples all begin anew, at once, however far they are."""
+    rows = np.full((90, 4), 10.0)
+    rows[10:70], rows[70:] = np.nan, to
+    plan = Plan(driven)
+    taken, told = expected.taken(plan, rows, plan.block.param_values())
+    assert (told[10:70] & guard.BAD_INPUT > 0).all()
+    assert (told[70:] == 0).all()
+    assert (taken[70:] == to).all()
+    if compilers.found() is not None:
+        module = c_module(driven, tmp_path, "ctl").compile().load().reset()
+        module.replay_rows(rows)
+        np.testing.assert_array_equal(module.status, told)
 
 
 def test_ends_that_follow_inputs_stand_beside_a_range_of_numbers():

@@ -197,7 +197,8 @@ def accepted_together(
         return np.zeros((0, n)), np.zeros(0, dtype=int)
     x, value = ca.SX.sym("x", 2 * n), ca.SX.sym("value", n)
     last, age = x[:n], x[n:]
-    known = ca.if_else(age < 0, value, last)  # before its first good value it speaks for itself
+    gone = ca.logic_or(age < 0, age >= memory(period, stale))
+    known = ca.if_else(gone, value, last)  # before there is a good one it speaks for itself
     columns = [ca.vertsplit(c) for c in ends(known)]
     found = [
         accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],

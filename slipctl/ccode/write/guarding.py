@@ -58,8 +58,9 @@ def check_inputs(plan: Plan) -> str:
 def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
     """Ends of inputs in C. What follows other inputs is worked out before this tick changes them.
 
-    Before its first good value an input speaks for itself.
+    Before its first good value, and where the last one is forgotten, an input speaks for itself.
     """
+    memory = number(guard.memory(plan.period, plan.stale))
     lines, ends = plan.ends_text(plan.layout.inputs, last=True)
     made, at = dict[str, str](), 0
     text = "\n".join([*lines, *ends.values()])
@@ -68,7 +69,9 @@ def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
             last = m.at("guard->last.", k)
             if re.search(rf"{re.escape(last)}(?!\w)", text):
                 name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
-                given = f"(guard->age[{at + k}] < 0.0) ? {m.at('in->', k)} : {last}"
+                age = f"guard->age[{at + k}]"
+                gone = f"({age} < 0.0) || ({age} >= {memory})"
+                given = f"({gone}) ? {m.at('in->', k)} : {last}"
                 made[last] = f"const double {name} = {given};"
                 swap = re.compile(rf"{re.escape(last)}(?!\w)")
                 lines = [swap.sub(name, line) for line in lines]
