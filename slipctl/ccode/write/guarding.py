@@ -60,7 +60,7 @@ def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
 
     Before its first good value, and where the last one is forgotten, an input speaks for itself.
     """
-    memory = number(guard.memory(plan.period, plan.stale))
+    longest = number(guard.memory(plan.period, plan.stale) - 0.5)  # ages are whole and halves
     lines, ends = plan.ends_text(plan.layout.inputs, last=True)
     made, at = dict[str, str](), 0
     text = "\n".join([*lines, *ends.values()])
@@ -69,9 +69,8 @@ def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
             last = m.at("guard->last.", k)
             if re.search(rf"{re.escape(last)}(?!\w)", text):
                 name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
-                age = f"guard->age[{at + k}]"
-                gone = f"({age} < 0.0) || ({age} >= {memory})"
-                given = f"({gone}) ? {m.at('in->', k)} : {last}"
+                there = f"within(guard->age[{at + k}], 0.0, {longest})"
+                given = f"{there} ? {last} : {m.at('in->', k)}"
                 made[last] = f"const double {name} = {given};"
                 swap = re.compile(rf"{re.escape(last)}(?!\w)")
                 lines = [swap.sub(name, line) for line in lines]
