@@ -215,7 +215,7 @@ class ActiveSet:
         differences, from_mark = ca.sumsqr(change), ca.sumsqr(since_mark)
         changed = differences > 0
         made = z[-1] + 1
-        again = ca.logic_and(from_mark == 0, changed)
+        again = from_mark == 0
         open_ = ca.if_else(ca.logic_and(changed, residual > TINY), 1 - 2 * again, -(over > SMALL))
         due = sum(made == 2**i for i in range(8))  # Brent (1980): a mark at powers of two
         mark = ca.if_else(due, found, mark)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 import casadi as ca
@@ -428,8 +429,9 @@ class Controller:
             rate = bounds[2 * nu :, 0]
             first = ca.fmin(before + rate, ca.fmax(before - rate, first))
         X, V, S = (ca.if_else(sound, m, ca.MX.zeros(m.shape[0])) for m in (X, V, S))
-        given_up = ca.logic_or(contradict, over > SMALL)
-        solved = ca.if_else(open_ != 0, 1, ca.if_else(given_up, 3, 0))
+        given_up = [contradict] * bool(self.rate) + [over > SMALL] * bool(self.h.capped)
+        solved = ca.if_else(reduce(ca.logic_or, given_up), 3, 0) if given_up else 0
+        solved = ca.if_else(open_ != 0, 1, solved)
         status = ca.if_else(sound, solved, 2)
         return X, V, S, first, sound, first * self.scale, status, made, residual
 

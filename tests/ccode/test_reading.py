@@ -90,6 +90,7 @@ def test_no_shipped_controller_has_register_code_or_many_locals_without_a_name(s
         assert told["functions"] > 0, loop
         assert not plan.equations.text, loop
         assert "casadi_" not in text, loop
+        assert not re.search(r"\(-?[\d.]+ [!=<>]=? -?[\d.]+\)", text), loop  # of constants
 
 
 def test_each_part_is_a_function_called_in_the_order_of_the_wires(written) -> None:
