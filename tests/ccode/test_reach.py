@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -13,9 +14,14 @@ from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import coverage, rounding
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.write.plan import Plan
+from slipctl.studies.bench import reach
 from slipctl.study import doors
 
 pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+
+EVIDENCE = Path(__file__).parents[2] / "docs/evidence/reach.json"
+SHIPPED = json.loads(EVIDENCE.read_text(encoding="utf-8"))["numbers"]["reach"]["controllers"]
 
 needs_gcov = pytest.mark.skipif(
     not shutil.which("gcc") or not shutil.which(coverage.COUNTER), reason="no gcc with gcov"
@@ -55,6 +61,19 @@ def test_the_own_test_reaches_refusals_and_resets(tmp_path: Path) -> None:
     assert found["untouched"] == []
     assert "own test reaches" in str(report)
     assert "## Reached by the test" in (tmp_path / "report.md").read_text(encoding="utf-8")
+
+
+@needs_gcov
+def test_a_folder_that_is_checked_again_counts_from_zero(tmp_path: Path) -> None:
+    """A run does not add to what another test has reached there."""
+    u = {"u": 0.5 * np.sin(np.arange(50))}
+    plan = Plan(law, "law", None)
+    folder = codegen.export(law, tmp_path, inputs=u).folder
+    whole = coverage.covered(plan, folder, compilers.compilers())
+    test = folder / "test_law.c"
+    test.write_text(test.read_text("utf-8").replace("misused(&param, &state)", "0"), "utf-8")
+    part = coverage.covered(plan, folder, compilers.compilers())
+    assert part["branches"]["reached"] < whole["branches"]["reached"]
 
 
 @needs_gcov
@@ -117,6 +136,22 @@ def test_a_shipped_controller_is_reached(tmp_path: Path) -> None:
     data = codegen.check(loop[study.controller], inputs, tmp_path, params, period=loop.period)
     assert data["passed"]
     assert coverage.share(data["coverage"], "branches") >= 0.95
+
+
+@needs_gcov
+@pytest.mark.parametrize("name", ["predictive:nmpc", "predictive:nmpc_told_dry"])
+def test_ways_of_a_solver_are_reached(name: str) -> None:
+    """Rescue by the interior point, a solver that breaks, results that are refused."""
+    found = reach.reached(name)
+    assert coverage.share(found, coverage.REACHABLE) >= reach.LEAST
+    assert found["untouched"] == []
+    assert not [m for m in found["missing"] if not m["reached"]]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_controller_was_found_reached(name: str) -> None:
+    """As the page says; the file is written anew where the test changes."""
+    assert coverage.share(SHIPPED[name], coverage.REACHABLE) >= reach.LEAST
 
 
 def test_the_head_of_the_report_has_time_stack_code_and_assumptions(tmp_path: Path) -> None:

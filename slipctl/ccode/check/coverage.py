@@ -78,6 +78,8 @@ def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
     for command in commands:
         if subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode:
             return {}
+    for old in folder.glob("covered_*.gcda"):  # else a run adds to what one before has counted
+        old.unlink()
     subprocess.run([str(program), "vectors.txt"], cwd=folder, capture_output=True, check=False)
     said = subprocess.run(
         [tool, "--branch-probabilities", "--json-format", "--stdout", f"covered_{n}.gcda"],

@@ -19,6 +19,10 @@ WALK, BETWEEN = 2000, 20
 """Ticks with inputs that wander through all of their ranges, and as many with states that are
 shaken once in so many ticks: a part that runs every few ticks sees them."""
 
+SHAKEN = WALK + 4000
+"""Ticks with states, parameters and inputs that are shaken; after the first of them once in as many
+ticks as every part runs in."""
+
 FAR = 1e6
 """Where an input without an end turns round."""
 
@@ -30,12 +34,27 @@ _TRIALS = """#ifndef ON_BOARD
 #define TAKEN {taken} /* ticks after which any input is taken again */
 #define N_FIRSTS {firsts}
 #define STEPS {steps} /* after which no further state is broken: some modules take long */
-#define SHAKEN {shaken} /* ticks with states that were shaken */
+#define SHAKEN {shaken} /* ticks with numbers that were shaken, */
+#define LONGER {longer} /* of these so many that go on from there for a while */
 #define SEVERITY 3
 
 static const int first_of[] = {{{places}}}; /* place of the first element of each state */
 static const double bad[SEVERITY] = {{(double)NAN, -1e30, 1e30}};
 static const double param_of[][2] = {{{ends}}}; /* ranges of parameters */
+{input_of}
+/* A number from 0 to 1 that looks like chance. */
+static double drawn(void)
+{{
+    static unsigned int seed = 1U;
+    seed = (seed * 1664525U) + 1013904223U;
+    return (double)(seed >> 8) / 16777216.0;
+}}
+
+/* One between two ends, often an end. */
+static double between(const double *end)
+{{
+    return end[0] + ((end[1] - end[0]) * fmin(fmax((1.5 * drawn()) - 0.25, 0.0), 1.0));
+}}
 
 /* Make a step; whether its outputs are finite. */
 static bool stepped(const {n}_in *in, {n}_state *state, int *status)
@@ -103,15 +122,17 @@ static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_stat
     bool refused = false;
     int wrong = 0;
     int steps = 0;
-    unsigned int seed = 1U;
     int tick;
     int k;
     int j;
-    for (k = 0; k < N_PARAM; ++k) {{
+    for (k = 0; k < ((N_PARAM + 1) * SEVERITY); ++k) {{ /* one, at last all of them */
         int status = {big}_OK;
         copied(&state, kept, sizeof(state));
         copied(raw, good, (size_t)N_PARAM * sizeof(real));
-        raw[k] = (real)NAN;
+        for (j = 0; j < N_PARAM; ++j) {{
+            raw[j] = ((j == (k / SEVERITY)) || (k >= (N_PARAM * SEVERITY)))
+                ? (real)bad[k % SEVERITY] : raw[j];
+        }}
         copied(&param, raw, (size_t)N_PARAM * sizeof(real));
         state.in_force = param; /* as if a bit of memory had changed: ends of ranges may be NaN */
         (void)stepped(in, &state, &status);
@@ -136,24 +157,10 @@ static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_stat
             wrong += (tick < RECOVERY) ? 0 : 1;
         }}
     }}
-    for (k = 0; (k < SHAKEN) && (steps < (2 * STEPS)); ++k) {{
-        int status = {big}_OK;
-        if ((k % {most}) == 0) {{
-            copied(&state, kept, sizeof(state));
-            copied(raw, &state, (size_t)N_STATE * sizeof(real));
-            for (j = 0; j < N_STATE; ++j) {{ /* between 0 and twice what it was */
-                seed = (seed * 1664525U) + 1013904223U;
-                raw[j] = (real)((double)raw[j] * (double)(seed >> 8) / 8388608.0);
-            }}
-            copied(&state, raw, (size_t)N_STATE * sizeof(real));
-        }}
-        wrong += stepped(in, &state, &status) ? 0 : 1;
-        ++steps;
-    }}
     return wrong;
 }}
 
-{walk}{count}/* Use the module wrongly in every way; how many trials did not go as they should. */
+{more}/* Use the module wrongly in every way; how many trials did not go as they should. */
 static int misused(const {n}_param *param, const {n}_state *kept)
 {{
     static {n}_state state;
@@ -168,23 +175,78 @@ static int misused(const {n}_param *param, const {n}_state *kept)
     wrong += ({n}_init(param, &state) == {big}_OK) ? 0 : 1;
     able = recovers(&in, &state, 1); /* a fresh instance can do something with these inputs */
     trials = broken_memory(&in, param, kept);
+    trials += shaken(&in, param, kept);
 {wander}{counted}    return wrong + (able ? trials : 0);
 }}
 #endif
 
 """
 
+_SHAKE = """/* States, parameters and inputs as no run has them; outputs are finite. */
+static int shaken(const {n}_in *from, const {n}_param *good, const {n}_state *kept)
+{{
+    static const double factor[4][2] = {{
+        {{0.0, 2.0}}, {{-10.0, 10.0}}, {{-1e3, 1e3}}, {{-1e9, 1e9}}
+    }};
+    static const double around[] = {{0.5, 2.0}};
+    static {n}_state state;
+    static {n}_param param;
+    static {n}_in in;
+    static real raw[N_ROW];
+    int wrong = 0;
+    int k;
+    int j;
+    copied(&in, from, sizeof(in));
+    for (k = 0; k < SHAKEN; ++k) {{
+        const int ticks = (k < LONGER) ? {most} : {least};
+        const int shake = k / ticks;
+        int status = {big}_OK;
+        if ((k % ticks) == 0) {{
+            copied(&state, kept, sizeof(state));
+            copied(raw, good, (size_t)N_PARAM * sizeof(real));
+            for (j = 0; j < N_PARAM; ++j) {{
+                double x = (double)raw[j] * between(around);
+                x = ((shake % 3) > 1) ? between(param_of[j]) : x;
+                x = fmin(fmax(x, param_of[j][0]), param_of[j][1]);
+                raw[j] = ((shake % 3) > 0) ? (real)x : raw[j];
+            }}
+            copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+            (void){n}_tune(&param, &state); /* which may refuse them */
+            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            for (j = 0; j < N_STATE; ++j) {{
+                const double x = between(factor[(shake / 3) % 4]);
+                const double of = (fabs((double)raw[j]) > 0.0) ? (double)raw[j] : 1.0;
+                raw[j] = (drawn() < 0.5) ? raw[j] : (real)(of * (((shake % 2) > 0) ? floor(x) : x));
+            }}
+            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+        }}
+{inputs}        wrong += stepped(&in, &state, &status) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_SHAKEN_INPUTS = """        if (((shake % 2) > 0) || ((k % ticks) == 0)) {{
+            copied(raw, from, sizeof(in));
+            for (j = 0; j < N_IN; ++j) {{
+                const double x = (double)raw[j] * between(around);
+                raw[j] = (real)(((shake % 4) > 1) ? x : between(input_of[j]));
+                raw[j] = (real)fmin(fmax((double)raw[j], input_of[j][0]), input_of[j][1]);
+            }}
+            copied(&in, raw, sizeof(in));
+            copied(&state.guard.last, raw, sizeof(in)); /* as if they had been so before */
+        }}
+"""
+
 _WALK = """/* Inputs wander, some NaN or infinite, at last all NaN; outputs are finite. */
 static int wandering(const {n}_in *from, {n}_state *state)
 {{
-    /* least and greatest value, and what it may change by in a tick */
-    static const double range[N_IN][3] = {{{wandered}}};
     static const double rate[4] = {{0.9, 0.1, 0.01, 10.0}};
     static double target[N_IN];
     static double now[N_IN];
     static real raw[N_IN];
     static {n}_in in;
-    unsigned int seed = 1U;
     int wrong = 0;
     int status = 0;
     int tick;
@@ -195,23 +257,17 @@ static int wandering(const {n}_in *from, {n}_state *state)
     }}
     for (tick = 0; tick < {ticks}; ++tick) {{
         for (k = 0; k < N_IN; ++k) {{
-            const double lo = range[k][0];
-            const double hi = range[k][1];
-            const double most = range[k][2] * rate[(tick / 50) % 4];
-            double share;
-            seed = (seed * 1664525U) + 1013904223U;
-            share = (double)(seed >> 8) / 16777216.0;
-            if ((tick % 50) == 0) {{ /* often an end */
-                target[k] = lo + ((hi - lo) * fmin(fmax((1.5 * share) - 0.25, 0.0), 1.0));
-            }}
+            const double most = input_of[k][2] * rate[(tick / 50) % 4];
+            const double share = drawn();
+            target[k] = ((tick % 50) == 0) ? between(input_of[k]) : target[k];
             now[k] = fmin(fmax(target[k], now[k] - most), now[k] + most);
             raw[k] = (real)((share < 0.002) ? (double)NAN : now[k]);
             raw[k] = (share > 0.999) ? (real)INFINITY : raw[k];
         }}
         if ((tick % 50) == 25) {{ /* a jump of one of them, for a tick */
             k = (tick / 200) % N_IN;
-            raw[k] = (real)(((now[k] - range[k][0]) > (range[k][1] - now[k])) ? range[k][0]
-                : range[k][1]);
+            raw[k] = (real)(((now[k] - input_of[k][0]) > (input_of[k][1] - now[k])) ? input_of[k][0]
+                : input_of[k][1]);
         }}
         copied(&in, raw, sizeof(in));
         wrong += stepped(&in, state, &status) ? 0 : 1;
@@ -222,6 +278,35 @@ static int wandering(const {n}_in *from, {n}_state *state)
     copied(&in, raw, sizeof(in));
     for (tick = 0; tick < TAKEN; ++tick) {{ /* until the last good ones are forgotten */
         wrong += stepped(&in, state, &status) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_JUMP = """/* From good inputs one jumps, to an end or further than it can; then all is well. */
+static int jumping(const {n}_in *good, const {n}_state *kept)
+{{
+    static {n}_state state;
+    static {n}_in in;
+    static real raw[N_IN];
+    int wrong = 0;
+    int k;
+    int j;
+    for (k = 0; k < (4 * N_IN); ++k) {{
+        const double *range = input_of[k / 4];
+        int status = {big}_OK;
+        double jump;
+        copied(&state, kept, sizeof(state));
+        for (j = 0; (j < TAKEN) && !((double)state.guard.fresh > 0.0); ++j) {{
+            wrong += stepped(good, &state, &status) ? 0 : 1;
+        }}
+        copied(raw, good, sizeof(in));
+        jump = (double)raw[k / 4] + ((((k % 4) == 2) ? 1.5 : -1.5) * range[2]);
+        raw[k / 4] = (real)(((k % 4) < 2) ? range[k % 4] : fmin(fmax(jump, range[0]), range[1]));
+        copied(&in, raw, sizeof(in));
+        wrong += stepped(&in, &state, &status) ? 0 : 1;
+        wrong += recovers(good, &state, TAKEN) ? 0 : 1;
     }}
     return wrong;
 }}
@@ -271,7 +356,11 @@ _FITTED = """        if ((status & {big}_OFF_RANGE) != 0) {{ /* on from what fit
         }}
 """
 
-_WANDER = """    copied(&state, kept, sizeof(state));
+_INPUTS = """static const double input_of[N_IN][3] = {{{wandered}}}; /* and the largest change */
+"""
+
+_WANDER = """    trials += jumping(&in, kept);
+    copied(&state, kept, sizeof(state));
     trials += wandering(&in, &state);
     trials += recovers(&in, &state, TAKEN) ? 0 : 1;
 """
@@ -288,16 +377,20 @@ def misuse(plan: Plan) -> str:
         for m in lay.params for _ in range(m.size)
     ]  # fmt: skip
     last = "kept->guard.last" if plan.n_in else "{0}"
-    ranges = _rows(wandered(plan, 0.1)) if plan.n_in else ""
+    ranges = _INPUTS.format(wandered=_rows(wandered(plan, 0.1))) if plan.n_in else ""
+    least = int(max((ticks for _, ticks in plan.counters), default=1))  # all parts run in so many
     return _TRIALS.format(
         n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
-        shaken=WALK, most=BETWEEN, places=_rows(map(str, places or [0])),
+        shaken=SHAKEN, longer=WALK, places=_rows(map(str, places or [0])),
         ends=_rows(ends or ["{0.0, 0.0}"]),
-        walk=_WALK.format(
-            n=n, ticks=WALK, wandered=ranges, fitted=_FITTED.format(big=big) * plan.coupled
-        ) * (plan.n_in > 0),
+        input_of=ranges,
+        more=_SHAKE.format(
+            n=n, big=big, most=BETWEEN, least=least,
+            inputs=_SHAKEN_INPUTS.format() if plan.n_in else "",
+        ) + (_JUMP + _WALK).format(
+            n=n, big=big, ticks=WALK, fitted=_FITTED.format(big=big) * plan.coupled
+        ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big) * plan.counter,
         wander=_WANDER if plan.n_in else "",
-        count=_COUNT.format(n=n, big=big) if plan.counter else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,
         last=f"    const {n}_in in = {last};\n",
     )  # fmt: skip
