@@ -125,12 +125,12 @@ static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_stat
     int tick;
     int k;
     int j;
-    for (k = 0; k < ((N_PARAM + 1) * SEVERITY); ++k) {{ /* one, at last all of them */
+    for (k = 0; k < {damages}; ++k) {{ /* one, at last all of them */
         int status = {big}_OK;
         copied(&state, kept, sizeof(state));
         copied(raw, good, (size_t)N_PARAM * sizeof(real));
         for (j = 0; j < N_PARAM; ++j) {{
-            raw[j] = ((j == (k / SEVERITY)) || (k >= (N_PARAM * SEVERITY)))
+            raw[j] = ((j == (k / SEVERITY)) || ((k / SEVERITY) == N_PARAM))
                 ? (real)bad[k % SEVERITY] : raw[j];
         }}
         copied(&param, raw, (size_t)N_PARAM * sizeof(real));
@@ -198,9 +198,13 @@ static int shaken(const {n}_in *from, const {n}_param *good, const {n}_state *ke
     int j;
     copied(&in, from, sizeof(in));
     for (k = 0; k < SHAKEN; ++k) {{
-        const int ticks = (k < LONGER) ? {most} : {least};
-        const int shake = k / ticks;
+        int ticks = {most};
+        int shake;
         int status = {big}_OK;
+        if (k >= LONGER) {{
+            ticks = {least};
+        }}
+        shake = k / ticks;
         if ((k % ticks) == 0) {{
             copied(&state, kept, sizeof(state));
             copied(raw, good, (size_t)N_PARAM * sizeof(real));
@@ -293,7 +297,7 @@ static int jumping(const {n}_in *good, const {n}_state *kept)
     int wrong = 0;
     int k;
     int j;
-    for (k = 0; k < (4 * N_IN); ++k) {{
+    for (k = 0; k < {jumps}; ++k) {{
         const double *range = input_of[k / 4];
         int status = {big}_OK;
         double jump;
@@ -381,14 +385,16 @@ def misuse(plan: Plan) -> str:
     least = int(max((ticks for _, ticks in plan.counters), default=1))  # all parts run in so many
     return _TRIALS.format(
         n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
-        shaken=SHAKEN, longer=WALK, places=_rows(map(str, places or [0])),
+        damages=3 * (sum(m.size for m in lay.params) + 1), shaken=SHAKEN, longer=WALK,
+        places=_rows(map(str, places or [0])),
         ends=_rows(ends or ["{0.0, 0.0}"]),
         input_of=ranges,
         more=_SHAKE.format(
             n=n, big=big, most=BETWEEN, least=least,
             inputs=_SHAKEN_INPUTS.format() if plan.n_in else "",
         ) + (_JUMP + _WALK).format(
-            n=n, big=big, ticks=WALK, fitted=_FITTED.format(big=big) * plan.coupled
+            n=n, big=big, ticks=WALK, jumps=4 * plan.n_in,
+            fitted=_FITTED.format(big=big) * plan.coupled,
         ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big) * plan.counter,
         wander=_WANDER if plan.n_in else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,
