@@ -46,7 +46,7 @@ def functions(plan: Plan, hold: str) -> str:
     """
     n, big = plan.name, plan.layout.big
     refused = f"return (int){big}_TIMING | (int){big}_REFUSED;"
-    late = ["status = (unsigned int)" + f"{big}_TIMING;"]
+    late = [f"status = (unsigned int){big}_TIMING;"]
     late += ["missed(&state->guard, (double)(since - 1U));"] * bool(plan.n_in)
     after = [
         "const unsigned int since = tick - state->counter.last; /* wraps as the counter does */",

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from slipctl.ccode.write.comments import WIDTH
+from slipctl.ccode.write.statements import wrapped
 
 DEEPEST = 2048
 """Numbers in arrays of functions that call each other above which the larger ones leave the
@@ -88,11 +88,8 @@ def off_stack(texts: Mapping[str, str], lines: Sequence[str], declared: str) -> 
             assert head is not None
             given = " ".join(head["given"].split()).removesuffix("void")
             arguments = [*([given] if given else []), declared]
-            opening = f"static {head['type']} {name}("
-            text = (
-                text[: head.start()] + _wrapped(opening, ", ".join(arguments).split(", "))
-                + "\n{\n" + text[head.end() :]
-            )  # fmt: skip
+            opening = wrapped(f"static {head['type']}", name, *", ".join(arguments).split(", "))
+            text = f"{text[: head.start()]}{opening}\n{{\n{text[head.end() :]}"
         made[name] = text
     for name in needing:
         lines = [_given(line, name) for line in lines]
@@ -133,18 +130,6 @@ def _given(text: str, name: str) -> str:
         made += text[at : m.end()] + inside + (", " if inside else "") + "work)"
         at = end
     return made + text[at:]
-
-
-def _wrapped(opening: str, arguments: Sequence[str]) -> str:
-    """Declaration of a function on as many lines as it takes."""
-    lines, line = [], opening
-    for k, text in enumerate(arguments):
-        piece = text + (")" if k == len(arguments) - 1 else ", ")
-        if len(line) + len(piece) > WIDTH:
-            lines.append(line.rstrip())
-            line = " " * len(opening)
-        line += piece
-    return "\n".join([*lines, line])
 
 
 def structs(arrays: Mapping[str, Arrays], name: str) -> list[str]:

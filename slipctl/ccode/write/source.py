@@ -47,15 +47,13 @@ def sources(plan: Plan) -> dict[str, str]:
     """Text of the source by file: its parts, if it has such, and the module around them."""
     *headers, file = plan.files
     n, parts = plan.name, "\n\n".join(plan.equations.functions.values())
-    functions = "\n\n".join(
-        [made for made in (_equations(plan),) if made]
-        + [_default(plan), _param_ok(plan), _tune(plan)]
-        + [made for made in (_start(plan), limit_outputs(plan), _start_outputs(plan)) if made]
-        + [_init(plan)]
-        + [made for made in (check_inputs(plan), finite(plan), part_off(plan), recover(plan),
-                             catch_up(plan), _hold(plan), prepare(plan)) if made]
-        + [_step(plan)] + [counted.functions(plan, _hold_call(plan))] * plan.counter
+    made = (
+        _equations, _default, _param_ok, _tune, _start, limit_outputs, _start_outputs, _init,
+        check_inputs, finite, part_off, recover, catch_up, _hold, prepare, _step,
     )  # fmt: skip
+    texts_of = [make(plan) for make in made]
+    texts_of += [counted.functions(plan, _hold_call(plan))] * plan.counter
+    functions = "\n\n".join(text for text in texts_of if text)
     small = checks(parts)
     included = "".join(f'#include "{h}"\n' for h in headers)
     before = [
