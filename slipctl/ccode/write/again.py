@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from slipctl.ccode.write.expressions import Node, Unsupported
-from slipctl.ccode.write.graph import CALLED, SLICE, Step, steps, unused
+from slipctl.ccode.write.expressions import Node
+from slipctl.ccode.write.graph import CALLED, SLICE, Step, taken_apart, unused
 from slipctl.ccode.write.scans import same, size
 from slipctl.ccode.write.statements import called
 
@@ -43,12 +43,9 @@ def again(
         branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
         within: the same of a Function that it calls.
     """
-    if f.class_name() != "MXFunction" or f.n_out() != 1:
+    if (apart := taken_apart(f)) is None or f.n_out() != 1:
         return None
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
-        return None
+    nodes, outputs = apart
     now: Node | None = None
     once: ca.Function | None = None
     most, going, begun = 0, -1, False
@@ -104,12 +101,9 @@ def _going(condition: Node, nodes: Sequence[Node], of: Node) -> int:
 
 def stays(f: ca.Function) -> int:
     """Argument that a Function gives as it is, if that is all it does; else -1."""
-    if f.class_name() != "MXFunction" or f.n_out() != 1:
+    if (apart := taken_apart(f)) is None or f.n_out() != 1:
         return -1
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
-        return -1
+    nodes, outputs = apart
     node = nodes[outputs[0]] if outputs[0] >= 0 else None
     whole = node is not None and node.op == ca.OP_INPUT and size(node) == f.nnz_in(node.place[0])
     return node.place[0] if node is not None and whole else -1

@@ -154,6 +154,16 @@ def steps(f: ca.Function, names: dict[int, str] | None = None) -> tuple[list[Nod
     return nodes, outputs
 
 
+def taken_apart(f: ca.Function) -> tuple[list[Node], list[int]] | None:
+    """The same of a Function that can be taken apart; None of any other."""
+    if f.class_name() != "MXFunction":
+        return None
+    try:
+        return steps(f)
+    except Unsupported:
+        return None
+
+
 def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[Node]) -> Step:
     if known_operation(op):
         for a in args:

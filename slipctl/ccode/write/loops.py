@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.ccode.write.expressions import Node, Unsupported
-from slipctl.ccode.write.graph import CALLED, SPREAD, SUM_OF, Step, steps
+from slipctl.ccode.write.graph import CALLED, SPREAD, SUM_OF, Step, steps, taken_apart
 
 
 def mapped(f: ca.Function) -> tuple[ca.Function, int]:
@@ -205,12 +205,9 @@ def accumulated(f: ca.Function) -> tuple[ca.Function, int] | None:
 
 def passed_on(f: ca.Function) -> ca.Function | None:
     """The Function that one calls with its own arguments, if it gives just what that one gives."""
-    if f.class_name() != "MXFunction":
+    if (apart := taken_apart(f)) is None:
         return None
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
-        return None
+    nodes, outputs = apart
     called = [n for n in nodes if n.op == CALLED and isinstance(n, Step)]
     if len({n.place[0] for n in called}) != 1 or len(nodes) != len(called) + f.n_in():
         return None

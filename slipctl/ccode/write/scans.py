@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from slipctl.ccode.write.expressions import Node, Unsupported
+from slipctl.ccode.write.expressions import Node
 from slipctl.ccode.write.graph import (
     CALLED,
     CHOSEN,
@@ -23,7 +23,7 @@ from slipctl.ccode.write.graph import (
     Step,
     argument_names,
     result_name,
-    steps,
+    taken_apart,
     unused,
 )
 from slipctl.ccode.write.loops import mapped, shared
@@ -84,12 +84,9 @@ def scanned(f: ca.Function) -> Scan | None:
 
 def _flat(f: ca.Function, deep: bool) -> _Flat | None:
     """The calls that a Function is made of; ``deep``: those of the Functions over stages in it."""
-    if f.class_name() != "MXFunction":
+    if (apart := taken_apart(f)) is None:
         return None
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
-        return None
+    nodes, outputs = apart
     values: list[Value] = []
     calls: list[list[Value]] = []
     given: dict[int, list[Value]] = {}
