@@ -15,6 +15,7 @@ Table 5 gives the numbers of the two other sliding modes. Predictive, robust and
 only named in Table 4: their structure and numbers here are ours. Forces pull (``"traction"``).
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -182,20 +183,21 @@ def higher_order(
         source = f"optimum of (49) for |delta'|/M = {eta:g} m/s^3"
     turn = 1 if form == "consistent" else -1
     bounded = compensation and (gains, form) == ("optimum", "consistent")
+    far = "what laws without compensation wind up to"
+    v_top, k_top, F_top, why = 1e7, 1e6, 1e13, "a thousand times the largest k_4"
+    if not compensation:  # 4e11, 3e7 and 1e17 in the paper's run, and on it goes
+        v_top, k_top, F_top, why = 1e15, 1e10, 1e22, far
 
     @flow(
-        **FORCES,
+        **FORCES | {"F_wanted": replace(FORCES["F_wanted"], lo=-F_top, hi=F_top)},
         s=Output("m/s", "sliding variable", source="the largest k_1 on the largest errors",
                  lo=-1e7, hi=1e7),
-        k_1H=Output("1/s", "adapted gain", source="a thousand times the largest k_4", lo=0,
-                    hi=1e6),
+        k_1H=Output("1/s", "adapted gain", source=why, lo=0, hi=k_top),
         name="hosm", choices={"gains": gains, "compensation": compensation, "form": form},
     )  # fmt: skip
     def hosm(
-        v_H=State("m/s^2", 0.0, "integral of the sliding mode",
-                  source="what laws without compensation wind up to", lo=-1e7, hi=1e7),
-        k_a=State("1/s", "k_4", "adapted gain", source="a thousand times the largest k_4", lo=0,
-                  hi=1e6),
+        v_H=State("m/s^2", 0.0, "integral of the sliding mode", source=far, lo=-v_top, hi=v_top),
+        k_a=State("1/s", "k_4", "adapted gain", source=why, lo=0, hi=k_top),
         lam=State("m/s", 0.0, "saturation compensation",
                   source="what laws without compensation wind up to", lo=-1e5, hi=1e5),
         e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,

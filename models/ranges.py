@@ -52,6 +52,7 @@ def fit_ranged(
         "damping": (0, 1e12, "its iteration ends there"),
         "kept": (-5, slip, known_),
         "agreed": (-1, 1000, "the largest number to agree"),
+        "summed": (-1e2, 1e2, "the root of that"),
         "shifts": (-1e6, 1e6, "residuals in deviations"),
         "echoed": (-most * window, most * window, known_),
         "v_s": (-5, slip, known_),

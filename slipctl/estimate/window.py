@@ -23,10 +23,11 @@ is found after the smallest k with D^2 > s^2 nu (exp(gate^2/nu) - 1)/k, :func:`s
 What residuals show is taken for noise up to ``coarsest``. Samples that the law cannot fit, such as
 wrong ones, would show so much of it that no change is found any more.
 
-With ``recall`` a change may be taken back. What an estimate with half a window knows is put aside
-when a change is told. It is in force again once so many samples in a row agree with it. Each is to
-be within ``gate`` deviations, of the declared noise at least. If the window is full before, it is
-another curve. So wrong samples cost no more than the time that they lasted.
+With ``recall`` a change may be taken back (:mod:`slipctl.estimate.recall`). What an estimate with
+half a window knows is put aside when a change is told. It is in force again once so many samples in
+a row agree with it. Each is to be within ``gate`` deviations, of the declared noise at least; with
+more memory the sum of k of them is to be within gate sqrt(k), as the detector asks. If the window
+is full before, it is another curve. So wrong samples cost no more than the time that they lasted.
 
 Parameters are told within the ranges of the law. The estimate itself may lie beyond, up to
 ``farthest``: while the samples say little of one parameter, its way back leads there.
@@ -50,8 +51,9 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
-from slipctl.block.signals import Output, Param, Signal, State
+from slipctl.block.signals import Param, Signal, State
 from slipctl.errors import BadInput, check_whole
+from slipctl.estimate import recall as taken_back
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.whitening import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
@@ -110,17 +112,17 @@ def windowed(
 
     def recalled(
         x: Exprs, inputs: Any, measurement: Any, constants: Any, p: Exprs
-    ) -> tuple[Exprs, Any, Any]:
-        """States, samples in a row that agree with the former estimate, and whether it is back."""
+    ) -> tuple[Exprs, Exprs, Any]:
+        """States, what counts samples that agree with the former one, and whether it is back."""
         former = {name: x[f"former_{name}"] for name in KNOWN}
         told = former | {"scatter": ca.fmax(former["scatter"], p["noise"] ** 2)}
         predicted, h = model.predict(former["theta"], inputs, constants)
-        agrees = (measurement - predicted) ** 2 <= p["gate"] ** 2 * variance(told, h, p)
-        agreed = ca.if_else(x["agreed"] < 0, -1, ca.if_else(agrees, x["agreed"] + 1, 0))
-        back = agreed >= recall
+        off, may = measurement - predicted, variance(told, h, p)
+        t = off / (p["gate"] * ca.sqrt(may)) if memory > 1 else None
+        counts, back = taken_back.counted(x, off**2 <= p["gate"] ** 2 * may, recall, t)
         taken = former | {"unsettled": 0, "damping": DAMPING}
         taken |= {"shifts": 0} if memory > 1 else {}
-        return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, agreed, back
+        return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, counts, back
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         constants, declared = model.constants(p), p["noise"] ** 2
@@ -129,7 +131,7 @@ def windowed(
         inputs, measurement = model.sample(u)
         begun = x
         if recall:
-            x, agreed, back = recalled(x, inputs, measurement, constants, p)
+            x, counts, back = recalled(x, inputs, measurement, constants, p)
         theta = x["theta"]
         predicted, h = model.predict(theta, inputs, constants)
         e = measurement - predicted
@@ -211,10 +213,8 @@ def windowed(
             nxt["shifts"] = ca.if_else(again, 0, shifts)
         if recall:
             left = ca.logic_and(changed, x["count"] >= window / 2)
-            for name in KNOWN:
-                former = f"former_{name}"
-                nxt[former] = ca.if_else(left, x[name], x[former])
-            nxt["agreed"] = ca.if_else(left, 0, ca.if_else(count == window, -1, agreed))
+            over = ca.logic_or(back, count == window)
+            nxt |= taken_back.put_aside(x, KNOWN, counts, left, over)
         if echo:
             values, slopes = model.parameters(theta)
             left = heard(values, kept, weights, constants)
@@ -226,7 +226,7 @@ def windowed(
                 for k in ("theta", "P", "scatter", "mean", "echoed") if k in nxt
             } | {
                 k: now(k, v) for k, v in nxt.items()
-                if k in ("shifts", "agreed") or k.startswith("former_")
+                if k in ("shifts", "agreed", "summed") or k.startswith("former_")
             } | {k: hand[k] for k in HAND if k != "damping"} | {
                 "left": left, "mean_now": mean_now, "sigma2": sigma2, "told": changed,
                 "predicted_then": predicted, "residual_then": e,
@@ -258,12 +258,7 @@ def windowed(
                             " of the measurement, and its regressor",
                             shape=(n + 1,)).named("echoed"))  # fmt: skip
     if recall:
-        states += [
-            State(s.unit, s.value, f"before the last change: {s.doc}",
-                  shape=s.shape).named(f"former_{s.name}") for s in states if s.name in KNOWN
-        ]  # fmt: skip
-        doc = "samples in a row that agree with that; -1 where it is not sought"
-        states.append(State("1", -1.0, doc).named("agreed"))
+        states += taken_back.states([s for s in states if s.name in KNOWN], memory > 1)
     states += _in_hand(model, unit, recall) if several else []
     return make_block(
         "rls", "step", body, states=states,
@@ -290,8 +285,7 @@ def windowed(
         ],
         outputs=[
             *model.outputs(),
-            *[Output("1", "1 when the estimate before the last change is in force again"
-                     ).named("recalled")][: recall > 0],
+            *taken_back.outputs(recall),
         ],
         period=period, sx=False,
         choices=model.describe("window") | {"window": window, "iterations": iterations}

@@ -33,10 +33,14 @@ class Where(NamedTuple):
     Attributes:
         wheel: state that is the wheel's speed.
         at: times in s of the first wrong sample.
+        outside: inputs of the controllers that the estimator of the study finds.
+        lasts: time in s of the run, where that of the study ends too soon after a fault.
     """
 
     wheel: str
     at: tuple[float, ...]
+    outside: tuple[str, ...] = ()
+    lasts: float | None = None
 
 
 WHERE = {
@@ -44,9 +48,9 @@ WHERE = {
     "hst_braking": Where("plant.wheel.omega", (1.5, 3.2)),
     "freight_traction": Where("plant.train.omega_m", (6.0, 12.0)),
     "hst_traction": Where("plant.train.omega", (12.0, 25.0)),
-    "all_rails": Where("world.plant.wheel.omega", (1.5, 3.2)),
+    "all_rails": Where("world.plant.wheel.omega", (1.5, 3.2), ("v_best", "c", "a", "b")),
     "gain_bounds": Where("plant.wheel.omega", (0.3, 0.6)),
-    "predictive": Where("plant.q", (0.6, 2.0)),
+    "predictive": Where("plant.q", (0.6, 2.0), lasts=8.0),
 }
 """In each study: within the first rail and after a change of it."""
 
@@ -60,19 +64,30 @@ def controllers(wanted: Sequence[str]) -> Iterator[tuple[str, Block, str, Scenar
         study = doors.load_study(left)
         if loop_name:
             loop, case = doors.find_loop(study, loop_name)
-            yield name, loop, study.controller, case.scenario
+            yield name, loop, study.controller, _long(case.scenario, WHERE[left].lasts)
             continue
         cases = doors.build_cases(study)
         for one in dict.fromkeys(n for case in cases for n in case.loops):
             loop, case = doors.pick_loop(study, cases, one)
             if study.controller in loop.parts:  # a bound has no controller
-                yield f"{left}:{one}", loop, study.controller, case.scenario
+                yield (
+                    f"{left}:{one}",
+                    loop,
+                    study.controller,
+                    _long(case.scenario, WHERE[left].lasts),
+                )
+
+
+def _long(scenario: Scenario, lasts: float | None) -> Scenario:
+    """A scenario whose last section goes on."""
+    return scenario.but(duration=lasts) if lasts else scenario
 
 
 LED = {
     "u_sw": "super-twisting's integral moves by k2 per second",
     "limited": "the shaped reference of hst_braking moves by up per second",
     "best_h": "the gradient search moves by rate per second",
+    "part": "the integral of a PI law moves by K_i e per second",
 }
 """States that move at a limited rate: what a fault has led astray needs as long to come back."""
 
@@ -104,6 +119,11 @@ def settling(block: Block) -> Callable[[float], float]:
             found.append(-math.log(NEAR) * float(own[f"{at}tau_s"]))
         if f"{at}chi_0" in own:
             found.append(_walk(own, at))
+        if f"{at}d_hat" in block.states and f"{at}sigma" in own:
+            rate = float(own[f"{at}k_2"]) / (2 * float(own[f"{at}sigma"]))
+            found.append(-math.log(NEAR) / rate)
+        if part.choices.get("solver") == "riccati":
+            found.append(float(part.choices["horizon"]) * period)
         if f"{at}planes" in own:
             wait, planes, q = (float(own[f"{at}{c}"]) for c in ("wait", "planes", "q"))
             found.append(wait + (planes + 1) * _cell(own, at) - math.log(NEAR) / q)
@@ -118,15 +138,38 @@ def _walk(own: Mapping[str, Any], at: str) -> float:
 
     About a peak the force is F - F'' (lam - lam*)^2/2 with F'' = a1 a2 F_z, by the paper's curve
     and its slope of 0 there. So the search comes back with lam' = -rate F''/chi_0 (lam - lam*),
-    until it is slower than ``gate``, at which the slope is no longer learnt.
+    until it is slower than ``gate``, at which the slope is no longer learnt. The reference follows
+    behind a filter with ``tau_ref``.
     """
-    near, rate, chi_0 = (float(own[f"{at}{c}"]) for c in ("near", "rate", "chi_0"))
-    gate, settle = (float(v) for c in ("gate", "settle")
-                    for n, v in own.items() if n.rpartition(".")[2] == c)  # fmt: skip
+    walked = _tau(own, at) * math.log(max(1.0, float(own[f"{at}near"]) / _dead(own, at)))
+    return _one(own, "settle") + walked - math.log(NEAR) * _one(own, "tau_ref")
+
+
+def _tau(own: Mapping[str, Any], at: str) -> float:
+    """Time constant in s of the gradient search about a peak."""
     F_z = hst_braking.M * hst_braking.G / hst_braking.N
     bend = min(p["a1"] * p["a2"] for p in hst_braking.RAILS.values()) * F_z
-    tau = chi_0 / (rate * bend)
-    return settle + tau * max(0.0, math.log(near / (tau * gate)))
+    return float(own[f"{at}chi_0"]) / (float(own[f"{at}rate"]) * bend)
+
+
+def _dead(own: Mapping[str, Any], at: str) -> float:
+    """Slip beside the peak within which the gradient search learns nothing more."""
+    return _tau(own, at) * _one(own, "gate")
+
+
+def _one(own: Mapping[str, Any], last: str) -> float:
+    """The parameter of that last name."""
+    (found,) = (float(v) for n, v in own.items() if n.rpartition(".")[2] == last)
+    return found
+
+
+def rests(block: Block) -> dict[str, float]:
+    """States that may rest beside their place without any fault, and how far."""
+    own = block.param_values()
+    (at,) = [n[: -len("chi_0")] for n in own if n.endswith("chi_0")] or [None]
+    if at is None:
+        return {}
+    return {n: _dead(own, at) for n in block.states if n.endswith("best_h")}
 
 
 def cycle(block: Block) -> float:
@@ -148,7 +191,8 @@ def table(name: str) -> list[Fault]:
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         return faults(
             loop, part, scenario, Path(scratch), where.at, where.wheel,
-            settling=settling(loop[part]), cycle=cycle(loop[part]),
+            settling=settling(loop[part]), cycle=cycle(loop[part]), rests=rests(loop[part]),
+            outside=where.outside,
         )  # fmt: skip
 
 

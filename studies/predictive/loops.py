@@ -48,14 +48,14 @@ PLAN = {
 }
 
 WHEEL = {
-    "xi": (-10, 10, "a slip of 1 for ten seconds"),
+    "xi": (-100, 100, "a rim of ten times its speed for ten seconds"),
     "s_ref": (0, 0.3, "beyond the peak of any rail"),
     "plant.g": (1, 30, "gravity"),
 }
 
 RANGES: Mapping[str, Mapping[str, Any]] = {
     "axle": PLAN | WHEEL | {
-        "v": ((0, "q / 5 - 1"), (FASTEST, "q + 0.2"), "216 km/h, and its rim; 1 g", 0.2),
+        "v": ((0, "q / 10 - 1"), (FASTEST, "q + 0.2"), "216 km/h, and its rim; 1 g", 0.2),
         "q": ((0, "v - 0.2"), 400, "its train; a rim that spins free; twice its friction", 2.0),
         "T": (0, 8, "as the command", 3.0),
         "mu_p": (0, STICKIEST, "steel on steel"),

@@ -142,6 +142,50 @@ def test_a_flipped_slip_is_seen_and_does_no_harm(tmp_path):
     assert [(f.told, f.passed) for f in found] == [(10, True), (100, True)]
 
 
+def test_what_cannot_be_true_is_told_by_the_last_true_sample_and_by_pairs():
+    """Ends 0 and 9, a change of 1 a tick, noise of 0.5, and 2 before the fault."""
+    read = np.array([5.0, 5.0, 5.0, 5.0, -1.0, np.nan, 5.0, 5.5, 7.5, 3.0])
+    #      from 2 on:  3.5  4.5  5.5 ...  so 5 may be true from its third tick on; 7.5 is 2 further,
+    #      and 3 is 4.5 further than the one before
+    found = faults._cannot_be(read, 2.0, 0.0, 9.0, 1.0, 0.5)
+    assert found.tolist() == [True, True, False, False, True, True, False, False, True, True]
+    spike = faults._cannot_be(np.full(4, 6.5), 2.0, 0.0, 9.0, 1.0, 0.5)
+    assert spike.tolist() == [True, True, True, False]
+
+
+def test_the_true_value_is_a_jump_where_a_wrong_one_was_believed():
+    """Stuck at 2 while it rose by 1 a tick to 7: at 2 a tick and noise of 0.5, 3 ticks are lost."""
+    truth = np.arange(7.0, 20.0)
+    stuck = np.full(5, 2.0), truth, np.full(5, True)
+    assert faults._way(*stuck, 2.0, 2.0, 0.5) == 3
+    # it may be 2.5 away at first, then 4.5, 6.5, 8.5; it is 5, 6, 7, 8
+    never = np.full(5, 99.0), truth, np.full(5, False)
+    assert faults._way(*never, 2.0, 2.0, 0.5) == 0
+    assert faults._way(*stuck, 2.0, 0.0, 0.5) == 0
+
+
+def test_what_is_told_is_read_instead(tmp_path):
+    """Rows of inputs that the rest of the loop does not give; NaN where it does."""
+    _, loop, part, scenario = next(bench.controllers(["subway_braking:sta"]))
+    _, params = recorded(loop, part, scenario, 1)
+    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load()
+    whole = ClosedLoop(loop, part, scenario, module.reset(**params))
+    whole.run(500)
+    begin = whole.keep()
+    plain = whole.run(20)
+    k = list(loop[part].inputs).index("v_opt")
+    told = np.full((20, plain.truth.shape[1]), np.nan)
+    told[:, k] = plain.truth[:, k]
+    whole.go_back(begin)
+    np.testing.assert_array_equal(whole.run(20, told=told).outputs, plain.outputs)
+    told[5:, k] *= 1.1
+    whole.go_back(begin)
+    other = whole.run(20, told=told)
+    np.testing.assert_array_equal(other.read[:, k], told[:, k])
+    np.testing.assert_array_equal(other.outputs[:5], plain.outputs[:5])
+    assert (other.outputs[5:] != plain.outputs[5:]).any()
+
+
 def test_a_controller_that_watches_reads_true_samples(tmp_path):
     """What a fault is judged by: a module that read the truth while another one was in charge."""
     _, loop, part, scenario = next(bench.controllers(["subway_braking:sta"]))
@@ -272,8 +316,13 @@ def test_what_a_controller_remembers():
     assert [c for _, c in allowed.values()] == pytest.approx([0, 0, 0, 0.2, 0.4])
     _, loop, part, _ = next(bench.controllers(["hst_braking:eppfc_gradient"]))
     tau = 3000 / (0.5 * 23.129 * 0.1246 * 13.8e3 * 9.81 / 4)  # about the peak of dry rail
-    walks = 0.02 + tau * np.log(0.01 / (0.01 * tau))
+    walks = 0.02 + tau * np.log(0.01 / (0.01 * tau)) + 0.01 * np.log(50)
     assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + walks + 0.01)
+    assert bench.rests(loop[part]) == {"search.best_h": pytest.approx(0.01 * tau)}
+    _, loop, part, _ = next(bench.controllers(["hst_traction:asmc_limited"]))
+    assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + np.log(50) * 2 * 10 / 15)
+    _, loop, part, _ = next(bench.controllers(["predictive:nmpc"]))
+    assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + 20 * 0.02)
 
 
 def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch):

@@ -775,6 +775,27 @@ def test_a_change_is_taken_back(samples, memory):
     assert y["covariance"][..., at].item() == pytest.approx(1e-6 / (u @ u), rel=1e-2)
 
 
+def test_a_change_is_taken_back_once():
+    """Even where the estimate before it had not filled its window yet."""
+    inputs = wrong_for(3)[:, 45:]
+    y, last = run(rls(line, "y", **RECALL, recall=4), inputs)
+    assert np.flatnonzero(y["changed"][0]).tolist() == [15]
+    assert np.flatnonzero(y["recalled"][0]).tolist() == [21]
+    assert last["count"] == 24
+
+
+@pytest.mark.parametrize("memory", [1, 8])
+def test_a_curve_near_by_is_not_taken_for_the_former_one(memory):
+    """Half a gate beside it, each sample agrees with the former curve, but not their sum.
+
+    Such a change is found by sums alone, so the detector of one residual takes it for that curve.
+    """
+    inputs = wrong_for(3)
+    inputs[1, 63:] += 2.5e-3 * inputs[0, 63:]
+    y, _ = run(rls(line, "y", **RECALL, recall=8, memory=memory), inputs)
+    assert y["recalled"].any() == (memory == 1)
+
+
 def test_another_curve_is_not_taken_back():
     """Nor is one that comes back after a window of another."""
     inputs = wrong_for(0)

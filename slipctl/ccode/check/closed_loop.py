@@ -38,16 +38,16 @@ typedef int (*step_function)(const REAL *, const REAL *, void *, REAL *);
 void closed_loop(const whole *sizes, plant_function plant, step_function step, double *x,
                  double *u, const double *p, double *y, double *next, const double **arg,
                  double **res, whole *iw, double *w, const whole *seen, const whole *given,
-                 double times, double value, REAL *in, const REAL *param, void *state,
-                 REAL *out, double *read, double *truth, double *outputs, int *status, double *kept,
-                 char *before);
+                 double times, double value, const double *told, REAL *in, const REAL *param,
+                 void *state, REAL *out, double *read, double *truth, double *outputs, int *status,
+                 double *kept, char *before);
 
 void closed_loop(const whole *sizes, plant_function plant, step_function step, double *x,
                  double *u, const double *p, double *y, double *next, const double **arg,
                  double **res, whole *iw, double *w, const whole *seen, const whole *given,
-                 double times, double value, REAL *in, const REAL *param, void *state,
-                 REAL *out, double *read, double *truth, double *outputs, int *status, double *kept,
-                 char *before)
+                 double times, double value, const double *told, REAL *in, const REAL *param,
+                 void *state, REAL *out, double *read, double *truth, double *outputs, int *status,
+                 double *kept, char *before)
 {
     const whole nx = sizes[1];
     const whole n_in = sizes[4];
@@ -67,7 +67,8 @@ void closed_loop(const whole *sizes, plant_function plant, step_function step, d
             (void)plant(arg, res, iw, w, 0);
             memcpy(state, before, (size_t)sizes[8]);
             for (i = 0; i < n_in; ++i) {
-                double u_i = y[seen[i]];
+                const double t_i = told[k * n_in + i];
+                double u_i = (t_i == t_i) ? t_i : y[seen[i]];
                 truth[k * n_in + i] = u_i;
                 if ((k < sizes[6]) && (i == sizes[7])) {
                     u_i = (times == 0.0) ? value : times * u_i;
@@ -161,21 +162,32 @@ class ClosedLoop:
         """Columns of a state of the rest."""
         return places(self.rest, "state", [self.rest.find(name, "state")])
 
-    def run(self, ticks: int, wrong: Wrong | None = None) -> Course:
-        """Go on for some ticks, the first of them with a wrong input."""
+    def run(self, ticks: int, wrong: Wrong | None = None, told: np.ndarray | None = None) -> Course:
+        """Go on for some ticks.
+
+        Args:
+            ticks: how many.
+            wrong: an input that is read wrong in the first of them.
+            told: rows of inputs that are read instead of what the rest gives; NaN where it gives.
+        """
+        if told is None:
+            told = np.full((ticks, self.seen.size), np.nan)
+        begun = self.tick
         left = wrong or Wrong(0, 0, 1.0, 0.0)
         done = []
         for first, last, p in self.pieces:
             at, end = max(first, self.tick), min(last, self.tick + ticks)
             if at >= end:
                 continue
-            done.append(self._part(at, end, p, left))
+            done.append(self._part(at, end, p, left, told[at - begun : end - begun]))
             left = left._replace(ticks=max(0, left.ticks - (end - at)))
         self.tick = min(self.tick + ticks, self.ticks)
         parts = [np.concatenate(c) for c in zip(*done, strict=True)]
         return Course(*parts)
 
-    def _part(self, at: int, end: int, p: np.ndarray, wrong: Wrong) -> tuple[np.ndarray, ...]:
+    def _part(
+        self, at: int, end: int, p: np.ndarray, wrong: Wrong, told: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         f, m, n = self._f, self.module, end - at
         arg, res, iw, w = self._plant._work
         u = np.ascontiguousarray(self.u[at:end])
@@ -186,6 +198,7 @@ class ClosedLoop:
                  wrong.ticks, wrong.element, m._state.nbytes, self.passes]  # fmt: skip
         y, following, scratch = np.empty(f.size1_out(1)), np.empty(self.x.size), np.empty(w)
         seen, given = self.seen.astype(np.int64), self.given.astype(np.int64)
+        told = np.ascontiguousarray(told, dtype=float)
         p, before = np.ascontiguousarray(p, dtype=float), np.empty_like(m._state)
 
         def of(a: np.ndarray) -> ctypes.c_void_p:
@@ -195,7 +208,8 @@ class ClosedLoop:
             (ctypes.c_longlong * 10)(*sizes), self._plant.function, m.function("step"),
             of(self.x), of(u), of(p), of(y), of(following), (ctypes.c_void_p * arg)(),
             (ctypes.c_void_p * res)(), (ctypes.c_longlong * iw)(), of(scratch), of(seen),
-            of(given), ctypes.c_double(wrong.times), ctypes.c_double(wrong.value), of(m._in),
+            of(given), ctypes.c_double(wrong.times), ctypes.c_double(wrong.value), of(told),
+            of(m._in),
             of(m._param), of(m._state), of(m._out), of(read), of(truth), of(outputs), of(status),
             of(kept), of(before),
         )  # fmt: skip

@@ -95,7 +95,9 @@ class Fault:
             never saw it. A wheel that slid while its controller was blind needs its time.
         alike: the same time against a controller that never saw it and reads the very samples that
             this one reads. If they answer alike, the fault is forgotten; what differs is the loop.
-        allowed: what these times may be, to the end of a tick.
+        allowed: what these times may be, to the end of a tick: as ``settling`` says. Where that is
+            too short, also the time in which the true value can have come from the last wrong one
+            that may have been true.
         worst: output that is off in most of the ticks that are not back.
         locks: whether the wheel locks, and would not have with the last good sample held.
     """
@@ -140,6 +142,8 @@ def faults(
     signals: Iterable[str] | None = None,
     settling: Callable[[float], float] = lambda _: SETTLED,
     cycle: float = 0.0,
+    rests: Mapping[str, float] | None = None,
+    outside: Iterable[str] = (),
     real: str = "double",
 ) -> list[Fault]:
     """Put each fault on each input of a part, in closed loop.
@@ -155,6 +159,8 @@ def faults(
         settling: from the time that a fault lasted to the time after it in which all has to be as
             without it, both in s; an estimator may state a longer one.
         cycle: time in s of a cycle that a seeker walks for ever, 0 for none.
+        rests: states that may rest so far beside their place without a fault.
+        outside: inputs that an estimator in the rest of the loop finds; see ``_Instant._own``.
         real: double or float.
     """
     from slipctl.ccode.check.logged import recorded
@@ -171,7 +177,7 @@ def faults(
     for when in at:
         good = whole.run(round(when / whole.period) - whole.tick)
         one = _Instant(whole, params, wheel, when, good.read[-1], list(lengths), settling,
-                       cycle)  # fmt: skip
+                       cycle, rests or {}, [n in set(outside) for n in names])  # fmt: skip
         for k, name in enumerate(names):
             if name in wanted and one.judged:
                 found += one.faults(k, name, list(kinds))
@@ -185,8 +191,9 @@ class _Instant:
     def __init__(
         self, whole: ClosedLoop, params: Mapping[str, Any], wheel: str, at: float,
         last_good: np.ndarray, lengths: list[int], settling: Callable[[float], float],
-        cycle: float,
+        cycle: float, rests: Mapping[str, float], outside: list[bool],
     ) -> None:  # fmt: skip
+        self.outside = np.array(outside)
         self.whole, self.at, self.last, self.lengths = whole, at, last_good, lengths
         self.kept = whole.keep()
         h = whole.period
@@ -201,7 +208,7 @@ class _Instant:
         self.wheel = whole.places(wheel)
         cycle = max(round(cycle / whole.period),
                     _counting(self.plain.outputs, round(max(WINDOWS) / whole.period)))  # fmt: skip
-        twins = self._twins(cycle)
+        twins = self._twins(cycle, rests)
         self.windows = self._windows(twins, self.swing, cycle)
         self.strict = np.minimum(self.swing, _swung(self.plain.outputs))
         self.strictly = self._windows(twins, self.strict, cycle)
@@ -226,16 +233,19 @@ class _Instant:
                 got = self._run(Wrong(k, ticks, times, number), ticks)
                 told = got.status[:ticks] & (guard.BAD_INPUT | guard.OFF_RANGE) != 0
                 false = _cannot_be(got.read[:ticks, k], values[LAST], lo, hi, change, noise)
-                without = _from(self.plain, ticks, ticks + self.after)
-                share, settled, worst = self._back(got, ticks, without)
-                own = self._own(got, ticks) if settled > self.allowed[ticks] else settled
-                alike = self._alike(got, ticks) if own > self.allowed[ticks] else own
                 locks = self._locks(got) and not self._locks(held) and not self._locks(self.plain)
-                found.append(Fault(
-                    name, kind, ticks, self.at, int(told.sum()), int(false.sum()),
-                    int((false & ~told).sum()), share, settled, own, alike, self.allowed[ticks],
-                    worst, locks,
-                ))  # fmt: skip
+                course = got.read[:ticks, k], got.truth[ticks:, k], ~false
+                way = _way(*course, values[LAST], change, noise)
+                for late in dict.fromkeys((self._late(ticks), self._late(ticks) + way)):
+                    if 1.1 * late > self.after:
+                        break  # the run ends before that could be told
+                    one = Fault(
+                        name, kind, ticks, self.at, int(told.sum()), int(false.sum()),
+                        int((false & ~told).sum()), **self._judged(got, ticks, late), locks=locks,
+                    )  # fmt: skip
+                    if one.forgotten:
+                        break
+                found.append(one)
         return found
 
     def _run(self, wrong: Wrong, ticks: int) -> Course:
@@ -245,13 +255,20 @@ class _Instant:
     def _locks(self, course: Course) -> bool:
         return bool((course.rest[:, self.wheel] <= 0).any())
 
-    def _twins(self, cycle: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _twins(self, cycle: int, rests: Mapping[str, float]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Pairs of runs that are to count as the same."""
         plain = self.plain.outputs
         twins = [(plain[1:], plain[:-1])]
         for k in range(len(self.last)):
             one = self._run(Wrong(k, 1, BARELY, 0.0), max(self.lengths)).outputs
             twins.append((one[: len(plain)], plain[: len(one)]))
+        held = [m.name for m in self.whole.plan.layout.states for _ in range(m.size)]
+        for name, by in rests.items():
+            for shift in (by, -by):
+                self.whole.go_back(self.kept)
+                self.whole.module._state[held.index(name)] += shift
+                one = self.whole.run(max(self.lengths) + self.after).outputs
+                twins.append((one[: len(plain)], plain[: len(one)]))
         if cycle:  # a fault shifts it
             twins.append((plain[cycle // 4 :], plain[: -(cycle // 4)]))
         return twins
@@ -268,36 +285,52 @@ class _Instant:
             windows[np.min(agree, axis=0) >= SHARE] = w
         return windows
 
-    def _back(self, got: Course, ticks: int, than: Course) -> tuple[float, float, str]:
+    def _late(self, ticks: int) -> int:
+        """Ticks after a fault in which all has to be as without it."""
+        return round(self.allowed[ticks] / self.whole.period)
+
+    def _judged(self, got: Course, ticks: int, late: int) -> dict[str, Any]:
+        """How a fault ends that may take so many ticks."""
+        allowed = late * self.whole.period
+        without = _from(self.plain, ticks, ticks + self.after)
+        share, settled, worst = self._back(got, ticks, late, without)
+        own = self._own(got, ticks, late) if settled > allowed else settled
+        alike = self._alike(got, ticks, late) if own > allowed else own
+        return {"back": share, "settled": settled, "own": own, "alike": alike, "allowed": allowed,
+                "worst": worst}  # fmt: skip
+
+    def _back(self, got: Course, ticks: int, late: int, than: Course) -> tuple[float, float, str]:
         """How a fault ends: share of ticks that are as in another run, from when on, what is not.
 
         Both runs begin with the first tick after the fault.
         """
         off = _off(got.outputs[ticks:], than.outputs, self.swing, self.windows)
         well = (got.status[ticks:] == than.status) & ~off.any(axis=1)
-        late = self._late(ticks)
         worst = off[late:].sum(axis=0)
         name = self.names[int(np.argmax(worst))] if worst.any() else ""
         return float(well[late:].mean()), _settled(well) * self.whole.period, name
 
-    def _own(self, got: Course, ticks: int) -> float:
+    def _own(self, got: Course, ticks: int, late: int) -> float:
         """Time in s after a fault from which on the module is one that read true samples.
 
         The other run begins where the plant is when the time allowed is over. Its controller has
         watched the plant on the way there, and read no wrong sample; it is in charge from then on.
+        What an estimator outside of the controller finds is read as in the run with the fault:
+        where it decides another way in the two, it is not the controller that differs.
         """
-        late = self._late(ticks)
         at = ticks + late
         self.whole.go_back(self.kept)
         self.whole.watch(got.truth[:at])
         tick, _, module = self.whole.keep()
         self.whole.go_back((tick + at, got.rest[at - 1], module))
-        than = self.whole.run(self.after - late)
+        than = self.whole.run(
+            self.after - late, told=np.where(self.outside, got.truth[at:], np.nan)
+        )
         off = _off(got.outputs[at:], than.outputs, self.swing, self.windows)
         well = (got.status[at:] == than.status) & ~off.any(axis=1)
         return (late + _settled(well)) * self.whole.period
 
-    def _alike(self, got: Course, ticks: int) -> float:
+    def _alike(self, got: Course, ticks: int, late: int) -> float:
         """Time in s after a fault from which on the module answers as one that read true samples.
 
         The other one reads, from the first faulted tick on, what was true in this very run. Both
@@ -306,16 +339,12 @@ class _Instant:
         that differ by 1e-9 end as far apart as any two. What an output swings over is its range
         here where the declared one is wider: in that, an integral that is wound up would not show.
         """
-        at = ticks + self._late(ticks)
+        at = ticks + late
         self.whole.go_back(self.kept)
         outputs, status = self.whole.watch(got.truth)
         off = _off(got.outputs[at:], outputs[at:], self.strict, self.strictly)
         well = (got.status[at:] == status[at:]) & ~off.any(axis=1)
         return (at - ticks + _settled(well)) * self.whole.period
-
-    def _late(self, ticks: int) -> int:
-        """Ticks after a fault in which all has to be as without it."""
-        return round(self.allowed[ticks] / self.whole.period)
 
 
 def _from(course: Course, first: int, last: int) -> Course:
@@ -371,14 +400,33 @@ def _settled(well: np.ndarray) -> float:
 def _cannot_be(
     read: np.ndarray, last: float, lo: float, hi: float, change: float, noise: float
 ) -> np.ndarray:
-    """Which values leave the range, or are further from the last good one than they can be."""
-    found = np.zeros(len(read), dtype=bool)
-    since = 1
-    for j, u in enumerate(read):
-        good = lo <= u <= hi and abs(u - last) <= noise + change * since
-        found[j] = not good
-        last, since = (u, 1) if good else (last, since + 1)
-    return found
+    """Which values cannot be true, as the one before the first was.
+
+    They leave the range, or are further from that one than they can have come meanwhile. Nor can
+    both of two be true that follow each other and are further apart than a tick allows.
+    """
+    ticks = np.arange(1, len(read) + 1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        possible = (lo <= read) & (read <= hi) & (np.abs(read - last) <= noise + change * ticks)
+        jumps = np.abs(np.diff(read, prepend=last)) > noise + change
+    return ~possible | (jumps & np.r_[True, possible[:-1]])
+
+
+def _way(
+    read: np.ndarray, truth: np.ndarray, possible: np.ndarray, last: float, change: float,
+    noise: float,
+) -> int:  # fmt: skip
+    """Ticks after a fault until the true value can have come from the last that may have been true.
+
+    A value that stays away for longer, and could be true, is believed. The true one then looks like
+    a jump: it is taken when it can have come so far, as the fault concept says.
+    """
+    at = np.flatnonzero(possible)
+    where, held = (at[-1], read[at[-1]]) if at.size else (-1, last)
+    since = len(read) - where + np.arange(len(truth))
+    with np.errstate(over="ignore", invalid="ignore"):
+        near = np.abs(truth - held) <= noise + change * since
+    return int(np.argmax(near)) if near.any() else 0
 
 
 def _ranges(plan: Plan, params: Mapping[str, Any], outputs: np.ndarray) -> np.ndarray:
