@@ -176,6 +176,12 @@ def limits(
     return fmin(T_max, fmax(0, T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)))
 
 
+@law(T_top=Output("N m", "most that may be applied", positive="braking", lo=0, hi="T_max"))
+def most(T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8)):
+    """What a law is told that it can have at most."""
+    return 1 * T_max
+
+
 # ---- the laws ------------------------------------------------------------------------------------
 
 LAW = {
@@ -226,10 +232,13 @@ def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
             "law.T_eq": "keeping.T_eq",
             "T_wanted": "law.T_wanted",
         }
-        block = control_law.with_params(J=w.J, r=w.r)
+        parts = {"law": control_law.with_params(J=w.J, r=w.r)}
+        if "T_top" in control_law.inputs:  # its integral stands still there
+            wires["law.T_top"] = "most.T_top"
+            parts["most"] = most.with_params(T_max=w.T_max)
         return bounded(connect(
             "law", wires, share=SHARED, reference=huang.slip_reference,
-            keeping=keeping.with_params(J=w.J, r=w.r), law=block,
+            keeping=keeping.with_params(J=w.J, r=w.r), **parts,
         ), w)  # fmt: skip
 
     return make

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slipctl import Input, Output, Rail, RunFailed, Scenario, Section, State, connect, step
+from slipctl import Input, Output, Param, Rail, RunFailed, Scenario, Section, State, connect, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import logged
 from slipctl.run.simulation import simulate
@@ -86,3 +86,29 @@ def test_what_a_part_sees_is_logged(loop):
     data = simulate(loop, scenario(), log=["both.y", "u"])
     found = logged.logged_inputs(loop, "ctl", data)
     assert found["u"].tobytes() == codegen.recorded(loop, "ctl", scenario())[0]["u"].tobytes()
+
+
+def test_shared_numbers_are_those_of_the_run():
+    """A mass and a start that plant and controller have in common."""
+
+    @step(period=0.01, y=Output("1", "what it began with, and the number"))
+    def keeper(s=State("1", "begin", "kept"), u=Input("1", "number"),
+               begin=Param("1", 0.0, "start"),
+               m=Param("1", 1.0, "weight", lo=0, hi=10)):  # fmt: skip
+        """Keep the start."""
+        return dict(s=s), dict(y=s + m * u)
+
+    @step(y=Output("1", "as it is"), period=0.01)
+    def plant(u=Input("1", "number"), begin=Param("1", 0.0, "start"),
+              m=Param("1", 1.0, "weight", lo=0, hi=10)):  # fmt: skip
+        """Pass a number on."""
+        return {}, dict(y=m * u + begin)
+
+    share = {"m": ["plant.m", "ctl.m"], "begin": ["plant.begin", "ctl.begin"]}
+    loop = connect(
+        "loop", {"plant.u": "u", "ctl.u": "plant.y"}, share=share, plant=plant, ctl=keeper
+    )
+    run = Scenario("one", 0.1, Rail([Section(0)]), inputs={"u": 1.0},
+                   params={"m": 3.0, "begin": 7.0})  # fmt: skip
+    _, params = logged.recorded(loop, "ctl", run)
+    assert {n: float(v) for n, v in params.items()} == {"begin": 7.0, "m": 3.0}

@@ -33,6 +33,7 @@ LAWS = {
         for name in ("hosm", "hosm_limited_rule", "hosm_limited_uncompensated", "asmc")
     },
     "all_rails:pid": (("T_max",), SLIP, ("v_s", 0.2, 1.6), ("T_wanted", 1)),
+    "all_rails:sta": (("T_max",), SLIP, ("v_s", 0.2, 1.6), ("T_wanted", 1)),
     "all_rails:hosm": (("T_max",), SLIP, ("v_s", 0.2, 1.6), ("T_wanted", 1)),
     "predictive:pid": (("T_max",), dict(s_ref=0.02), ("s", 0.001, 0.05), ("u", 1)),
 }  # fmt: skip

@@ -83,15 +83,17 @@ def logged_params(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, 
         loop, part, dataset: as in :func:`logged_inputs`.
 
     Returns:
-        Value of each parameter of ``loop[part]`` that is not derived.
+        Value of each parameter of ``loop[part]`` that is not derived; of one that the loop shares,
+        the shared number.
     """
     import json
 
     logged = json.loads(dataset.attrs["parameters"])
+    there = {n: loop.sharing.name(f"{part}.{n}") for n in loop[part].params}
     return {
-        n: np.asarray(logged[f"{part}.{n}"]["value"], dtype=float)
+        n: np.asarray(logged[there[n]]["value"], dtype=float)
         for n, s in loop[part].params.items()
-        if not s.derived and f"{part}.{n}" in logged
+        if not s.derived and there[n] in logged
     }
 
 
