@@ -14,7 +14,7 @@ from typing import Any
 from made import made
 
 from slipctl.ccode.ship.readable import table
-from slipctl.studies.bench.c_targets import passed
+from slipctl.studies.bench.c_targets import PER_ELEMENT, SHARE, guards_take, passed
 from slipctl.studies.bench.predictive import Goal, judged
 from slipctl.study.processor import METRIC
 
@@ -27,10 +27,6 @@ HEAD = """\
 Made from [the evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
 when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
 `python -m slipctl.studies.c_targets` measures it again.
-
-The C of every controller has changed since these numbers were measured: inputs are guarded by
-ranges and states by resets ([fault concept](c_interface.md#fault-concept)). Sizes and instructions
-of today's modules differ; the `report.md` of each written folder has its own.
 """
 
 HOLDS = """\
@@ -55,6 +51,17 @@ Bytes of text, of an instance (state with scratch memory), of stack (64 stands f
 Then instructions of a step, guards and status included, beside those of CasADi's own float output
 of the same block. *Wanted* is ten times fewer where functions such as `exp` and `log` are called,
 and five elsewhere.
+"""
+
+GUARDS = """\
+## What the guards take
+
+Instructions of a step in float on the M4, beside those of [the module without
+guards](evidence/before_guards.json). *More* is the difference of the means. *Each* is that for
+every input, state and output, as all of them are [guarded](c_interface.md#fault-concept). *At
+most* is what was wanted: 15 for each of them, or a tenth of the step. If outputs are not counted,
+{over} of {rows} take more than that. The worst tick is one in which an input is doubted: then
+each is looked at with its age. Where *more* is negative the equations got shorter since.
 """
 
 FORMS = """\
@@ -114,7 +121,7 @@ def page() -> str:
         HEAD, f"Measured {evidence['date']}. {summary}", HOLDS,
         table(heads, (_holds(n, r) for n, r in rows.items())), COSTS,
         table(costs, (_costs(n, r) for n, r in rows.items())),
-        FORMS, f"Measured {forms['date']}. {forms.get('note', '')}".strip(), table(
+        _guards(rows), FORMS, f"Measured {forms['date']}. {forms.get('note', '')}".strip(), table(
             ["form", "real", "holds", "M4 text", "M4 stack", "M4 mean", "M4 most", "M7 text",
              "M7 mean", "M7 most"],
             (_form(n, r) for n, r in found.items() if isinstance(r, dict) and "passed" in r),
@@ -171,6 +178,27 @@ def _costs(name: str, row: Mapping[str, Any]) -> list[str]:
         f"{m4['instructions_mean']:.0f}", str(m4["instructions_most"]), *beside,
         f"{m7['instructions_mean']:.0f}",
     ]  # fmt: skip
+
+
+def _guards(rows: Mapping[str, Any]) -> str:
+    """What the guards take in each controller that was counted without them."""
+    told = json.loads((EVIDENCE / "before_guards.json").read_text(encoding="utf-8"))
+    before, lines, over = told["numbers"]["before_guards"], [], 0
+    for name, row in rows.items():
+        if name not in before or not row["float"].get("targets"):
+            continue
+        took, elements = guards_take(row, before[name]), row["guarded"]
+        few = PER_ELEMENT * (elements["inputs"] + elements["states"])
+        over += took["more"] > max(few, SHARE * before[name]["mean"])
+        lines.append([
+            f"`{name}`", *(str(elements[k]) for k in ("inputs", "states", "outputs")),
+            f"{before[name]['mean']:.0f}", f"{took['more']:.0f}", f"{took['per_element']:.1f}",
+            f"{took['may']:.0f}", "yes" if took["more"] <= took["may"] else "no",
+            f"{took['most']:.0f}",
+        ])  # fmt: skip
+    heads = ["controller", "inputs", "states", "outputs", "without", "more", "each", "at most",
+             "kept", "worst tick, more"]  # fmt: skip
+    return f"{GUARDS.format(over=over, rows=len(lines))}\n{table(heads, lines)}"
 
 
 def _form(name: str, row: Mapping[str, Any]) -> list[str]:

@@ -203,6 +203,13 @@ class Wanted(NamedTuple):
     fuzz: int = 0
 
 
+def guarded(one: Controller) -> dict[str, int]:
+    """How many numbers its guards look at in a step."""
+    layout = one.plan("float").layout
+    groups = {"inputs": layout.inputs, "states": layout.states, "outputs": layout.outputs}
+    return {what: sum(m.size for m in members) for what, members in groups.items()}
+
+
 def checked(one: Controller, real: str, chosen: Wanted) -> dict[str, Any]:
     """Check a controller on this machine and on the targets, and count MISRA findings."""
     inputs, params = one.recorded
@@ -286,7 +293,7 @@ def made(one: Controller, chosen: Wanted, kept: Mapping[str, Any]) -> dict[str, 
         chosen: what shall be done.
         kept: its row as it was, or {}.
     """
-    row: dict[str, Any] = {"content": one.content()}
+    row: dict[str, Any] = {"content": one.content(), "guarded": guarded(one)}
     same = kept.get("content") == row["content"]
     steps: dict[str, Callable[[], dict[str, Any]]] = {
         **{real: lambda real=real: checked(one, real, chosen) for real in REALS},  # type: ignore[misc]
@@ -316,6 +323,30 @@ def _timed(step: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def passed(row: Mapping[str, Any]) -> bool:
     """Whether all that was done of a row passed."""
     return all(part.get("passed", True) for part in row.values() if isinstance(part, dict))
+
+
+PER_ELEMENT, SHARE = 15, 0.1
+"""Instructions that a guarded number may take in a step, or a share of the step without guards."""
+
+
+def guards_take(row: Mapping[str, Any], before: Mapping[str, float]) -> dict[str, float]:
+    """Instructions of a step on the M4, in float, beside those of a module without guards.
+
+    Args:
+        row: of a controller.
+        before: ``mean`` and ``most`` of the module without guards.
+
+    Returns:
+        ``more``: difference of the means; ``most``: of the worst ticks; ``per_element``: of the
+        means, for each input, state and output; ``may``: what the mean may be more.
+    """
+    now, elements = row["float"]["targets"]["cortex-m4"], sum(row["guarded"].values())
+    more = now["instructions_mean"] - before["mean"]
+    return {
+        "more": more, "most": now["instructions_most"] - before["most"],
+        "per_element": more / elements,
+        "may": max(SHARE * before["mean"], PER_ELEMENT * elements),
+    }  # fmt: skip
 
 
 # ---- running ------------------------------------------------------------------------------------

@@ -102,8 +102,8 @@ def settling(block: Block) -> Callable[[float], float]:
         one that slides adds a cycle. One that locks opens on a wrong sample, as it cannot know it
         from a change of the rail. It waits, slides through ``planes`` cells and one more, and its
         dither dies out to 2 % with exp(-q t). The gradient search takes it for such a change too:
-        its filter settles, and it walks back, see ``_walk``. A state of ``LED`` adds the time that the
-        fault lasted. An adaptive law adds until its perturbation estimate has lost 98 % in
+        its filter settles, and it walks back, see ``_walk``. A state of ``LED`` adds the time that
+        the fault lasted. An adaptive law adds until its perturbation estimate has lost 98 % in
         closed loop, s'' + (k_2/sigma) s' + d_1 s = 0; a plan, its length.
     """
     found = [0.0]
