@@ -209,9 +209,8 @@ class ClosedLoop:
             of(self.x), of(u), of(p), of(y), of(following), (ctypes.c_void_p * arg)(),
             (ctypes.c_void_p * res)(), (ctypes.c_longlong * iw)(), of(scratch), of(seen),
             of(given), ctypes.c_double(wrong.times), ctypes.c_double(wrong.value), of(told),
-            of(m._in),
-            of(m._param), of(m._state), of(m._out), of(read), of(truth), of(outputs), of(status),
-            of(kept), of(before),
+            of(m._in), of(m._param), of(m._state), of(m._out), of(read), of(truth), of(outputs),
+            of(status), of(kept), of(before),
         )  # fmt: skip
         return read, truth, outputs, status.astype(int), kept
 
