@@ -65,6 +65,8 @@ def scenario(target: str, draw: Draw) -> Scenario:
     # a heavier train has a larger contact patch; the controller does not know it
     contact = patch(draw.mass * PER_AXLE * GRAVITY / 2, RADIUS)
     params |= {f"plant.train.adh.{n}": contact[n] for n in ("a", "b", "c11")}
+    # the load of an axle follows from the mass, wherever it stands, if it is not set apart
+    params |= {"ctl.m_axle": PER_AXLE, "ctl.usable.axle.curves.Q": PER_AXLE * GRAVITY / 2}
     return Scenario(target, LENGTH, rail, wanted.feeds(START), wanted.at(START), params)
 
 

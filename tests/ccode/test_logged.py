@@ -112,3 +112,6 @@ def test_shared_numbers_are_those_of_the_run():
                    params={"m": 3.0, "begin": 7.0})  # fmt: skip
     _, params = logged.recorded(loop, "ctl", run)
     assert {n: float(v) for n, v in params.items()} == {"begin": 7.0, "m": 3.0}
+    apart = run.but(params={"m": 3.0, "ctl.m": 4.0})
+    _, params = logged.recorded(loop, "ctl", apart)
+    assert {n: float(v) for n, v in params.items()} == {"begin": 0.0, "m": 4.0}

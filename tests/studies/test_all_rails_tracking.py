@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from slipctl import simulate
+from slipctl.ccode.check.logged import logged_params
 from slipctl.models.contact import patch
 from slipctl.studies.all_rails import tracking
 
@@ -25,3 +26,21 @@ def test_a_heavier_train_rolls_on_its_own_contact_patch(loop, mass):
     heavier = patch(mass * tracking.PER_AXLE * 9.8 / 2, 0.445)
     assert params["plant.train.adh.a"] == pytest.approx(heavier["a"])
     assert (params["plant.train.adh.a"] > patch(tracking.PER_AXLE * 9.8 / 2)["a"]) == (mass > 1)
+
+
+@pytest.mark.parametrize("name", ["pid", "hosm"])
+def test_the_controller_does_not_know_what_is_drawn(name):
+    """None of its numbers moves with mass, adhesion and lag of the draw; the plant's do."""
+    loop = tracking.loops(quick=True)[name]
+    nominal = tracking.Draw(1.0, (1.0,) * 5, 1.0)
+    moved = {}
+    for part in ("ctl", "plant"):
+        logged = []
+        for draw in (nominal, tracking.Draw(1.1, (0.8,) * 5, 1.4)):
+            scenario = tracking.scenario("half", draw).but(duration=0.02)
+            log = simulate(loop, scenario, compile=False, log=("plant.train.v",))
+            logged.append(logged_params(loop, part, log))
+        first, second = logged
+        moved[part] = {n for n in first if (first[n] != second[n]).any()}
+    assert moved["ctl"] == set()
+    assert {"m", "tau", "train.adh.a", "train.adh.Q"} <= moved["plant"]

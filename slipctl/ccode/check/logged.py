@@ -84,17 +84,18 @@ def logged_params(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, 
 
     Returns:
         Value of each parameter of ``loop[part]`` that is not derived; of one that the loop shares,
-        the shared number.
+        the shared number, unless the run set this place apart.
     """
     import json
 
     logged = json.loads(dataset.attrs["parameters"])
-    there = {n: loop.sharing.name(f"{part}.{n}") for n in loop[part].params}
-    return {
-        n: np.asarray(logged[there[n]]["value"], dtype=float)
-        for n, s in loop[part].params.items()
-        if not s.derived and there[n] in logged
-    }
+    found = {}
+    for n, s in loop[part].params.items():
+        place = f"{part}.{n}"
+        place = place if place in logged else loop.sharing.name(place)
+        if not s.derived and place in logged:
+            found[n] = np.asarray(logged[place]["value"], dtype=float)
+    return found
 
 
 def _source(loop: Block, part: str, port: str) -> str:
