@@ -159,8 +159,8 @@ def _dead(own: Mapping[str, Any], at: str) -> float:
 
 
 def _one(own: Mapping[str, Any], last: str) -> float:
-    """The parameter of that last name."""
-    (found,) = (float(v) for n, v in own.items() if n.rpartition(".")[2] == last)
+    """The parameter of that last name; 0 where there is none, as of a search without a filter."""
+    (found,) = [float(v) for n, v in own.items() if n.rpartition(".")[2] == last] or [0.0]
     return found
 
 

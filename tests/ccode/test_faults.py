@@ -319,6 +319,8 @@ def test_what_a_controller_remembers():
     walks = 0.02 + tau * np.log(0.01 / (0.01 * tau)) + 0.01 * np.log(50)
     assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + walks + 0.01)
     assert bench.rests(loop[part]) == {"search.best_h": pytest.approx(0.01 * tau)}
+    _, loop, part, _ = next(bench.controllers(["hst_braking:search_printed"]))
+    assert 0.1 < bench.settling(loop[part])(0.0) < 0.1 + walks  # without the reference's filter
     _, loop, part, _ = next(bench.controllers(["hst_traction:asmc_limited"]))
     assert bench.settling(loop[part])(0.01) == pytest.approx(0.1 + np.log(50) * 2 * 10 / 15)
     _, loop, part, _ = next(bench.controllers(["predictive:nmpc"]))
