@@ -79,6 +79,23 @@ class Model:
         """Number of unknowns."""
         return len(self.unknown)
 
+    def ends(self) -> tuple[float, float]:
+        """Least and largest coordinate of a single unknown, by its range; infinite for several.
+
+        Several may come back on a way beyond what each can be. One alone has none, and beyond its
+        range the law may be flat, so that no step leads back.
+        """
+        if self.n > 1:
+            return -math.inf, math.inf
+        (name,), found = self.unknown, []
+        for end in (self.law.params[name].lo, self.law.params[name].hi):
+            try:
+                _, at = _coordinate_map(self.law.name, self.unknown, self.coordinates, {name: end})
+            except BadInput:  # a logarithm of 0
+                at = np.array([-math.inf])
+            found.append(float(at[0]))
+        return min(found), max(found)
+
     def inputs(self) -> list[Signal]:
         """Inputs of an estimator: those of the law and the measurement."""
         if self.measured in self.law.inputs:

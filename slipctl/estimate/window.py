@@ -30,7 +30,9 @@ more memory the sum of k of them is to be within gate sqrt(k), as the detector a
 is full before, it is another curve. So wrong samples cost no more than the time that they lasted.
 
 Parameters are told within the ranges of the law. The estimate itself may lie beyond, up to
-``farthest``: while the samples say little of one parameter, its way back leads there.
+``farthest``: while the samples say little of one parameter, its way back leads there. A single
+unknown has no such way, so it stays in its range: beyond it a law may be flat, and no step leads
+back.
 
 A fit may be worked out over several ticks, ``iterations_per_tick`` in each. It begins with the
 sample of its first tick, and samples that come meanwhile are left out. Coordinates and covariance
@@ -47,7 +49,6 @@ import math
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.inside import remembered
@@ -198,7 +199,7 @@ def windowed(
             state = iterate(*state, *arithmetic, *data)
         hand = dict(zip(HAND, state, strict=True))
         theta, _, squares, H, _, damping = state
-        theta, mean = (_near(v, model.guess, p["farthest"]) for v in (theta, mean_now))
+        theta, mean = (_near(v, model, p["farthest"]) for v in (theta, mean_now))
         P = invert(H, least)
         if memory == 1:
             scatter = declared + squares / count
@@ -321,9 +322,12 @@ def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
     ]
 
 
-def _near(theta: Any, guess: np.ndarray, far: ca.MX) -> Any:
-    """Coordinates that are no further than so much from the first guess."""
-    return ca.fmax(ca.DM(guess) - far, ca.fmin(ca.DM(guess) + far, theta))
+def _near(theta: Any, model: Model, far: ca.MX) -> Any:
+    """Coordinates no further than so much from the first guess; one alone stays in its range."""
+    guess, (lo, hi) = ca.DM(model.guess), model.ends()
+    least = guess - far if math.isinf(lo) else ca.fmax(lo, guess - far)
+    largest = guess + far if math.isinf(hi) else ca.fmin(hi, guess + far)
+    return ca.fmax(least, ca.fmin(largest, theta))
 
 
 def smallest_shift(

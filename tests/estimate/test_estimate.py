@@ -734,15 +734,31 @@ def test_a_coordinate_goes_no_further_than_stated():
 
 
 def test_what_is_told_stays_in_the_range_of_the_law():
-    """A slope of at most 1e9, or 3 where the law says so; the estimate itself goes on."""
+    """A slope of at most 1e9, or 3 where the law says so."""
     inputs = np.vstack([np.ones(60), np.full(60, 5.0)])
     settings = dict(form="window", window=24, iterations=4, noise=1e-3)
     free, _ = run(rls(line, "y", **settings), inputs)
     short = ranged(line, c=Param("1", 1.0, lo=1e-9, hi=3))
     held, last = run(rls(short, "y", **settings), inputs)
     assert free["c"][0, -1] == pytest.approx(5.0, abs=1e-3)
-    assert held["c"].max() == 3.0 == held["c"][0, -1]
-    assert last["theta"].item() == pytest.approx(np.log(5.0), abs=1e-3)
+    assert held["c"].max() == pytest.approx(3.0) == held["c"][0, -1]
+    assert last["theta"].item() == pytest.approx(np.log(3.0))
+
+
+@law(y=Output("1", "height, as far as a law goes"))
+def flat_above(u=Input("1", "place"), c=Param("1", 1.0, "height", lo=1e-9, hi=3)):
+    """A height that the law tells up to 4 only."""
+    return ca.fmin(4.0, c * u)
+
+
+def test_a_single_unknown_comes_back_from_where_its_law_is_flat():
+    """Ten samples that tell 50 led its logarithm to where no step changes anything."""
+    inputs = np.vstack([np.ones(80), np.full(80, 1.0)])
+    inputs[1, 30:40] = 50.0
+    settings = dict(form="window", window=24, iterations=4, noise=1e-3, coarsest=0.01)
+    y, _ = run(rls(flat_above, "y", **settings), inputs)
+    assert y["c"][0, 39] == pytest.approx(3.0)
+    assert y["c"][0, 55:] == pytest.approx(1.0, abs=1e-3)
 
 
 RECALL = dict(form="window", window=24, iterations=4, noise=1e-3)
