@@ -25,7 +25,7 @@ wrong ones, would show so much of it that no change is found any more.
 
 With ``recall`` a change may be taken back (:mod:`slipctl.estimate.recall`). What an estimate with
 half a window knows is put aside when a change is told. It is in force again once so many samples in
-a row agree with it. Each is to be within ``gate`` deviations, of the declared noise at least; with
+a row agree with it. Each is to be within ``gate`` deviations, of the declared noise at least. With
 more memory the sum of k of them is to be within gate sqrt(k), as the detector asks. If the window
 is full before, it is another curve. So wrong samples cost no more than the time that they lasted.
 

@@ -315,8 +315,8 @@ class _Instant:
 
         The other run begins where the plant is when the time allowed is over. Its controller has
         watched the plant on the way there, and read no wrong sample; it is in charge from then on.
-        What an estimator outside of the controller finds is read as in the run with the fault:
-        where it decides another way in the two, it is not the controller that differs.
+        What an estimator outside of the controller finds is read as in the run with the fault.
+        Where it decides another way in the two, it is not the controller that differs.
         """
         at = ticks + late
         self.whole.go_back(self.kept)
