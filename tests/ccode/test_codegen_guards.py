@@ -499,6 +499,10 @@ def test_float_leaves_nothing_of_double() -> None:
         "/* double 1.5 */ float x = expf(1.5f) + 3e-09f * p->exp + n[2]; #define A FLT_MAX\n"
     )
     assert in_precision("1e-60", "float", "here") == "1.1754944e-38f"
+    # what is below 1 stays so: 1 - zeta may divide, or stand in a logarithm
+    assert in_precision("0.999999999 0.99999991 1.0", "float", "here") == (
+        "0.99999994f 0.9999999f 1.0f"
+    )
     with pytest.raises(BadInput, match="here: the number 1e60 is too large for float"):
         in_precision("1e60", "float", "here")
     with pytest.raises(BadInput, match="did you mean 'float'"):

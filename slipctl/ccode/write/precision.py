@@ -103,7 +103,10 @@ def in_precision(text: str, real: str, where: str) -> str:
 
 
 def _literal(text: str, where: str) -> str:
-    """A literal of float: the float nearest to the double that the model has."""
+    """A literal of float: the float nearest to the double that the model has.
+
+    What is not 0 stays that, and what is below 1 stays so.
+    """
     value = float(text)
     single = np.float32(value) if abs(value) < 3.5e38 else np.float32(np.inf)
     if np.isinf(single):
@@ -111,5 +114,7 @@ def _literal(text: str, where: str) -> str:
     tiny = np.finfo(np.float32).tiny
     if value and single < tiny:  # what keeps a divisor from zero shall go on doing so
         single = tiny
+    if value < 1 <= single:  # what keeps a number from 1 too: behind it may be a pole
+        single = np.nextafter(np.float32(1), np.float32(0))
     said = str(single)
     return (said if any(c in said for c in ".e") else said + ".0") + "f"
