@@ -23,8 +23,8 @@ from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput, RunFailed
 
-SECONDS = 60
-"""CPU time for a proof; a module that is not through by then is not proven."""
+SECONDS = 120
+"""CPU time in s for a proof; a module that is not through by then is not proven."""
 
 TURNS = 256
 """Turns of a loop up to which each is told from the others."""
