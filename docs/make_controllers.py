@@ -14,7 +14,7 @@ from typing import Any
 from made import made
 
 from slipctl.ccode.ship.readable import table
-from slipctl.studies.bench.c_targets import PER_ELEMENT, SHARE, guards_take, passed
+from slipctl.studies.bench.c_targets import allowed, guards_take, passed
 from slipctl.studies.bench.predictive import Goal, judged
 from slipctl.study.processor import METRIC
 
@@ -190,8 +190,7 @@ def _guards(rows: Mapping[str, Any]) -> str:
         if name not in before or not row["float"].get("targets"):
             continue
         took, elements = guards_take(row, before[name]), row["guarded"]
-        few = PER_ELEMENT * (elements["inputs"] + elements["states"])
-        over += took["more"] > max(few, SHARE * before[name]["mean"])
+        over += took["more"] > allowed(before[name], elements["inputs"] + elements["states"])
         lines.append([
             f"`{name}`", *(str(elements[k]) for k in ("inputs", "states", "outputs")),
             f"{before[name]['mean']:.0f}", f"{took['more']:.0f}", f"{took['per_element']:.1f}",

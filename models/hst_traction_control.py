@@ -198,8 +198,7 @@ def higher_order(
     def hosm(
         v_H=State("m/s^2", 0.0, "integral of the sliding mode", source=far, lo=-v_top, hi=v_top),
         k_a=State("1/s", "k_4", "adapted gain", source=why, lo=0, hi=k_top),
-        lam=State("m/s", 0.0, "saturation compensation",
-                  source="what laws without compensation wind up to", lo=-1e5, hi=1e5),
+        lam=State("m/s", 0.0, "saturation compensation", source=far, lo=-1e5, hi=1e5),
         e1=E1, e2=E2, a_ff=A_FF, F_hi=HI, F_lo=LO, k_1=K1, m=M_,
         k_3=Param("1/s", 0.2, "decay of the compensation", TABLE_5, lo=1e-3, hi=10),
         k_4=Param("1/s", k4, "smallest gain", source, lo=1e-3, hi=1e3),

@@ -329,6 +329,11 @@ PER_ELEMENT, SHARE = 15, 0.1
 """Instructions that a guarded number may take in a step, or a share of the step without guards."""
 
 
+def allowed(before: Mapping[str, float], elements: int) -> float:
+    """Instructions that guards of so many numbers may take, beside a module without them."""
+    return max(SHARE * before["mean"], PER_ELEMENT * elements)
+
+
 def guards_take(row: Mapping[str, Any], before: Mapping[str, float]) -> dict[str, float]:
     """Instructions of a step on the M4, in float, beside those of a module without guards.
 
@@ -345,7 +350,7 @@ def guards_take(row: Mapping[str, Any], before: Mapping[str, float]) -> dict[str
     return {
         "more": more, "most": now["instructions_most"] - before["most"],
         "per_element": more / elements,
-        "may": max(SHARE * before["mean"], PER_ELEMENT * elements),
+        "may": allowed(before, elements),
     }  # fmt: skip
 
 

@@ -61,26 +61,18 @@ def controllers(wanted: Sequence[str]) -> Iterator[tuple[str, Block, str, Scenar
         left, _, loop_name = name.rpartition(":") if ":" in name else (name, "", "")
         if left not in WHERE:
             raise BadInput(f"{left} has no place for faults; there are {', '.join(WHERE)}")
-        study = doors.load_study(left)
+        study, lasts = doors.load_study(left), WHERE[left].lasts
         if loop_name:
-            loop, case = doors.find_loop(study, loop_name)
-            yield name, loop, study.controller, _long(case.scenario, WHERE[left].lasts)
-            continue
-        cases = doors.build_cases(study)
-        for one in dict.fromkeys(n for case in cases for n in case.loops):
-            loop, case = doors.pick_loop(study, cases, one)
-            if study.controller in loop.parts:  # a bound has no controller
-                yield (
-                    f"{left}:{one}",
-                    loop,
-                    study.controller,
-                    _long(case.scenario, WHERE[left].lasts),
-                )
-
-
-def _long(scenario: Scenario, lasts: float | None) -> Scenario:
-    """A scenario whose last section goes on."""
-    return scenario.but(duration=lasts) if lasts else scenario
+            found = iter([(loop_name, *doors.find_loop(study, loop_name))])
+        else:
+            cases = doors.build_cases(study)
+            names = dict.fromkeys(n for case in cases for n in case.loops)
+            found = ((n, *doors.pick_loop(study, cases, n)) for n in names)
+        for one, loop, case in found:
+            if loop_name or study.controller in loop.parts:  # a bound has no controller
+                # where it is to last longer, the last section goes on
+                scenario = case.scenario.but(duration=lasts) if lasts else case.scenario
+                yield f"{left}:{one}", loop, study.controller, scenario
 
 
 LED = {
@@ -143,7 +135,7 @@ def _walk(own: Mapping[str, Any], at: str) -> float:
     behind a filter with ``tau_ref``.
     """
     walked = _tau(own, at) * math.log(max(1.0, float(own[f"{at}near"]) / _dead(own, at)))
-    return _one(own, "settle") + walked - math.log(NEAR) * _one(own, "tau_ref")
+    return _one(own, "settle") + walked - math.log(NEAR) * _one(own, "tau_ref", 0.0)
 
 
 def _tau(own: Mapping[str, Any], at: str) -> float:
@@ -158,19 +150,17 @@ def _dead(own: Mapping[str, Any], at: str) -> float:
     return _tau(own, at) * _one(own, "gate")
 
 
-def _one(own: Mapping[str, Any], last: str) -> float:
-    """The parameter of that last name; 0 where there is none, as of a search without a filter."""
-    (found,) = [float(v) for n, v in own.items() if n.rpartition(".")[2] == last] or [0.0]
+def _one(own: Mapping[str, Any], last: str, *without: float) -> float:
+    """The parameter of that last name; ``without`` is taken where there may be none."""
+    (found,) = [float(v) for n, v in own.items() if n.rpartition(".")[2] == last] or without
     return found
 
 
 def rests(block: Block) -> dict[str, float]:
     """States that may rest beside their place without any fault, and how far."""
     own = block.param_values()
-    (at,) = [n[: -len("chi_0")] for n in own if n.endswith("chi_0")] or [None]
-    if at is None:
-        return {}
-    return {n: _dead(own, at) for n in block.states if n.endswith("best_h")}
+    searches = [n[: -len("chi_0")] for n in own if n.rpartition(".")[2] == "chi_0"]
+    return {n: _dead(own, at) for at in searches for n in block.states if n.endswith("best_h")}
 
 
 def cycle(block: Block) -> float:

@@ -53,6 +53,14 @@ def test_other_inputs_that_are_missing_do_no_harm(eppfc, tmp_path):
     assert {f.signal for f in found} == {"T_b", "a_m"}
 
 
+def closed(name, folder):
+    """The loop of a controller, which is a compiled module with the parameters of its run."""
+    _, loop, part, scenario = next(bench.controllers([name]))
+    _, params = recorded(loop, part, scenario, 1)
+    module = c_module(loop[part], folder, "ctl", period=loop.period).compile().load()
+    return ClosedLoop(loop, part, scenario, module.reset(**params))
+
+
 MISSING = ("NaN", "times 1e30")
 SHORT = {
     "subway_braking:sta": ("v_s", "v"),
@@ -119,12 +127,9 @@ def test_a_controller_is_never_refused_for_good(name, tmp_path):
     With a meter that took the jump for an acceleration, and resets in the order of the wires, the
     estimator was off its range and the module refused to the end of the run.
     """
-    _, loop, part, scenario = next(bench.controllers([name]))
-    _, params = recorded(loop, part, scenario, 1)
-    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load()
-    whole = ClosedLoop(loop, part, scenario, module.reset(**params))
+    whole = closed(name, tmp_path)
     whole.run(3200)
-    omega = list(loop[part].inputs).index("omega")
+    omega = list(whole.plan.block.inputs).index("omega")
     course = whole.run(1000, Wrong(omega, 100, 0.0, np.nan))
     refused = course.status & guard.REFUSED != 0
     assert refused[20:100].all()
@@ -166,14 +171,11 @@ def test_the_true_value_is_a_jump_where_a_wrong_one_was_believed():
 
 def test_what_is_told_is_read_instead(tmp_path):
     """Rows of inputs that the rest of the loop does not give; NaN where it does."""
-    _, loop, part, scenario = next(bench.controllers(["subway_braking:sta"]))
-    _, params = recorded(loop, part, scenario, 1)
-    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load()
-    whole = ClosedLoop(loop, part, scenario, module.reset(**params))
+    whole = closed("subway_braking:sta", tmp_path)
     whole.run(500)
     begin = whole.keep()
     plain = whole.run(20)
-    k = list(loop[part].inputs).index("v_opt")
+    k = list(whole.plan.block.inputs).index("v_opt")
     told = np.full((20, plain.truth.shape[1]), np.nan)
     told[:, k] = plain.truth[:, k]
     whole.go_back(begin)
@@ -188,13 +190,10 @@ def test_what_is_told_is_read_instead(tmp_path):
 
 def test_a_controller_that_watches_reads_true_samples(tmp_path):
     """What a fault is judged by: a module that read the truth while another one was in charge."""
-    _, loop, part, scenario = next(bench.controllers(["subway_braking:sta"]))
-    _, params = recorded(loop, part, scenario, 1)
-    module = c_module(loop[part], tmp_path, "ctl", period=loop.period).compile().load()
-    whole = ClosedLoop(loop, part, scenario, module.reset(**params))
+    whole = closed("subway_braking:sta", tmp_path)
     whole.run(1500)
     begin = whole.keep()
-    k = list(loop[part].inputs).index("v_s")
+    k = list(whole.plan.block.inputs).index("v_s")
     course = whole.run(200, Wrong(k, 100, 2.0, 0.0))
     assert (course.read[:100, k] == 2 * course.truth[:100, k]).all()
     np.testing.assert_array_equal(course.read[100:], course.truth[100:])
