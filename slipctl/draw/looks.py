@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
@@ -157,11 +157,9 @@ def covered(
     x, y = (np.asarray(part, dtype=float) for part in curve)
     if len(x) < 3:
         return 0
-    others = [tuple(np.asarray(part, dtype=float) for part in other) for other in below]
+    others = [(np.asarray(xs, dtype=float), np.asarray(ys, dtype=float)) for xs, ys in below]
     if height is None:
-        every = np.concatenate([y, *(o for _, o in others)])
-        every = every[np.isfinite(every)]
-        height = float(np.ptp(every)) if len(every) else 0.0
+        height = _height([(x, y), *others])
     found = 0
     for xs, ys in others:
         if len(xs) > 2:
@@ -170,6 +168,61 @@ def covered(
             near = np.abs(beside - y) <= SAME * height
             found += int(np.mean(near) >= 0.2)
     return found
+
+
+def apart(panels: Sequence[Mapping[str, Any]], order: Sequence[str]) -> dict[str, Any]:
+    """Line of each curve, the same in all panels: one that lies on another has more gaps than it.
+
+    Args:
+        panels: the curves of each panel by name, abscissa and ordinate.
+        order: the names, first what is drawn first.
+    """
+    heights = [_height(panel.values()) for panel in panels]
+
+    def lies_on(name: str, other: str) -> bool:
+        return any(
+            name in panel and other in panel and covered(panel[name], [panel[other]], height)
+            for panel, height in zip(panels, heights, strict=True)
+        )
+
+    found: dict[str, int] = {}
+    for name in order:
+        below = [gaps for other, gaps in found.items() if lies_on(name, other)]
+        found[name] = min(max(below, default=-1) + 1, len(DASHES) - 1)
+    return {name: DASHES[gaps] for name, gaps in found.items()}
+
+
+def _height(curves: Iterable[tuple[Any, Any]]) -> float:
+    """What curves take of the height of their panel, in units of the ordinate."""
+    every = np.concatenate([np.asarray(y, dtype=float).ravel() for _, y in curves] or [np.zeros(1)])
+    every = every[np.isfinite(every)]
+    return float(np.ptp(every)) if len(every) else 0.0
+
+
+def one_line(axes: Iterable[Axes]) -> None:
+    """Give what has one name and colour in several panels one line, that with the most gaps."""
+    gaps = {str(_pattern(dashes)): k for k, dashes in enumerate(DASHES)}
+    found: dict[tuple[str, str], list[Any]] = {}
+    for axis in axes:
+        for line in axis.get_lines():
+            if str(line.get_label())[:1] != "_" and _dashes(line) in gaps:
+                found.setdefault((str(line.get_label()), str(line.get_color())), []).append(line)
+    for lines in found.values():
+        most = max(gaps[_dashes(line)] for line in lines)
+        for line in lines:
+            if gaps[_dashes(line)] < most:
+                line.set_linestyle(DASHES[most])
+
+
+def _pattern(dashes: Any) -> Any:
+    """As matplotlib holds it."""
+    return (0, None) if dashes == "-" else (dashes[0], list(dashes[1]))
+
+
+def _dashes(line: Any) -> str:
+    """How a line is dashed, as text."""
+    offset, marks = getattr(line, "_unscaled_dash_pattern", (0, None))
+    return str((int(offset), None if marks is None else list(marks)))
 
 
 def _told(axis: Any) -> tuple[Sequence[Any], Sequence[str]]:
@@ -186,6 +239,7 @@ def legends_aside(fig: Figure) -> None:
     Where a name means the same line in all panels there is one legend above the figure. Else each
     panel has its own, below it if all stand in a row, or else at its right.
     """
+    one_line(fig.axes)
     own = [a for a in fig.axes if a.get_legend() is not None]
     if not own:
         return
@@ -195,7 +249,7 @@ def legends_aside(fig: Figure) -> None:
     for axis in own:
         for handle, name in zip(*_told(axis), strict=True):
             hue = getattr(handle, "get_color", lambda: None)()
-            look = (str(hue), str(getattr(handle, "_unscaled_dash_pattern", "")))
+            look = (str(hue), _dashes(handle))
             first = entries.setdefault(name, handle)
             one &= hue is None or getattr(first, "get_color", lambda: None)() == hue
             one &= hue is None or looks.setdefault(look, name) == name

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,12 @@ from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
     COLOURS,
-    DASHES,
     GREY,
     ORANGE,
     PALETTE,
     RAILS,
+    apart,
     colour,
-    covered,
     dash,
     label,
     logarithmic,
@@ -81,39 +80,25 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
+    drawn = [_shown(results, scenario, logs, wanted, span) for wanted in signals]
+    rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
+    behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
+    dashes = apart([panel.curves for panel in drawn], behind)
+    dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
     with style():
-        for axis, wanted in zip(axes[:, 0], signals, strict=True):
-            first, *others = [wanted] if isinstance(wanted, str) else wanted
-            text, unit = None, "1"
-            rough: dict[str, float] = {}
-            for loop, log in logs.items():
-                name = _name(results, log, first)
-                if name is None:
-                    continue
-                text = text or _meaning(log[name], name)
-                unit = str(log[name].attrs.get("units", "1"))
-                rough[loop] = float(np.abs(np.diff(log[name].values, axis=0)).sum())
-            if text is None:
-                known = [str(n) for log in logs.values() for n in log]
-                raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
-            behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
-            drawn: list[tuple[Any, Any]] = []
-            for loop in behind:
-                curve = _points(logs[loop], str(_name(results, logs[loop], first)), span)
-                dashes = dash(loop, chosen)
-                if dashes == "-":
-                    dashes = DASHES[min(covered(curve, drawn), len(DASHES) - 1)]
-                drawn.append(curve)
+        for axis, panel in zip(axes[:, 0], drawn, strict=True):
+            first, others, unit = panel.first, panel.others, panel.unit
+            for loop in [n for n in behind if n in panel.curves]:
                 said = (names or {}).get(loop, loop)
                 line = stroke(
-                    axis, curve, color=colour(loop), ls=dashes, label=said,
+                    axis, panel.curves[loop], color=colour(loop), ls=dashes[loop], label=said,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
                 entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = scaled(unit)
-            axis.set_ylabel(label((labels or {}).get(first, _wrap(text)), unit))
+            axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)), unit))
             if limits and first in limits:
                 axis.set_ylim(*(factor * edge for edge in limits[first]))
         case = next(c for c in results.cases if c.scenario.name == scenario)
@@ -129,6 +114,42 @@ def traces(
             fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
                        loc="outside upper center")  # fmt: skip
     return fig
+
+
+class _Panel(NamedTuple):
+    """What a panel shows: curves by loop, and the share of the total variation that each has."""
+
+    first: str
+    others: list[str]
+    curves: dict[str, tuple[Any, Any]]
+    rough: dict[str, float]
+    text: str
+    unit: str
+
+
+def _shown(
+    results: Results,
+    scenario: str,
+    logs: Mapping[str, Any],
+    wanted: str | Sequence[str],
+    span: tuple[float, float] | None,
+) -> _Panel:
+    """One of the panels of :func:`traces`."""
+    first, *others = [wanted] if isinstance(wanted, str) else wanted
+    found = {loop: n for loop, log in logs.items() if (n := _name(results, log, first))}
+    if not found:
+        known = [str(n) for log in logs.values() for n in log]
+        raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
+    varied = {
+        loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
+        for loop, name in found.items()
+    }
+    most = max(varied.values()) or 1.0
+    curves = {loop: _points(logs[loop], name, span) for loop, name in found.items()}
+    loop, name = next(iter(found.items()))
+    signal, rough = logs[loop][name], {n: v / most for n, v in varied.items()}
+    unit = str(signal.attrs.get("units", "1"))
+    return _Panel(first, others, curves, rough, _meaning(signal, name), unit)
 
 
 def _references(
@@ -297,16 +318,12 @@ def lines(
     assert axis is not None
     with style():
         hues = _hues(list(curves))
-        drawn: list[tuple[Any, Any]] = []
+        long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
+                if len(np.atleast_1d(xs)) > 1}  # fmt: skip
+        lines_of: dict[str, Any] = apart([long], list(long))
         for name, (xs, ys) in curves.items():
-            dashes = _line(name, hues)
-            if len(np.atleast_1d(xs)) > 1:
-                height = np.asarray(ys, dtype=float)
-                if "y" in log:
-                    height = np.log10(height, out=np.full(height.shape, np.nan), where=height > 0)
-                if dashes == "-":
-                    dashes = DASHES[min(covered((xs, height), drawn), len(DASHES) - 1)]
-                drawn.append((xs, height))
+            own = _line(name, hues)
+            dashes = lines_of.get(name, own) if own == "-" else own
             whole = np.asarray(xs), np.asarray(ys)
             if not points and len(np.atleast_1d(xs)) > 1:
                 xs, ys = envelope(*whole)
@@ -327,6 +344,14 @@ def lines(
         if len(curves) > 1 and legend:
             axis.legend()
     return fig  # type: ignore[return-value]
+
+
+def _seen(ys: Any, logarithmic: bool) -> np.ndarray:
+    """Ordinates as they are seen; what a logarithmic axis does not show is NaN."""
+    height = np.asarray(ys, dtype=float)
+    if not logarithmic:
+        return height
+    return np.log10(height, out=np.full(height.shape, np.nan), where=height > 0)
 
 
 def _line(name: str, hues: Mapping[str, str]) -> Any:

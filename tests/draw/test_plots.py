@@ -10,7 +10,7 @@ import toy_study
 
 from slipctl import BadInput
 from slipctl.block.units import scaled
-from slipctl.draw import mathml, plots, show
+from slipctl.draw import looks, mathml, plots, show
 from slipctl.study import doors, preparing, running
 
 
@@ -56,12 +56,29 @@ def test_a_curve_that_lies_on_another_is_dashed() -> None:
     """Both are seen: below 0.8 % of the height apart over a fifth of the length is one line."""
     t = np.linspace(0, 1, 200)
     same = t + 0.004 * np.sin(40 * t)
-    assert plots.covered((t, same), [(t, t)]) == 1
-    assert plots.covered((t, same + 0.05), [(t, t)]) == 0
-    assert plots.covered((t[::2], same[::2]), [(t, t), (t, t)]) == 2  # other abscissas too
+    assert looks.covered((t, same), [(t, t)]) == 1
+    assert looks.covered((t, same + 0.05), [(t, t)]) == 0
+    assert looks.covered((t[::2], same[::2]), [(t, t), (t, t)]) == 2  # other abscissas too
     fig = plots.lines({"efc": (t, t), "eppfc": (t, same), "pid": (t, 1 - t)}, ("t", "s"), ("y", ""))
     solid = [line.get_linestyle() == "-" for line in fig.axes[0].get_lines()]
     assert solid == [True, False, True]
+
+
+def test_a_loop_has_one_line_in_all_panels_of_a_figure() -> None:
+    """Its legend says which; a loop above another has more gaps than it in each of them."""
+    t = np.linspace(0, 1, 200)
+    order = ["a", "b", "c"]
+    apart = looks.apart([{"a": (t, t), "b": (t, t)}, {"b": (t, 1 - t), "c": (t, 1 - t)}], order)
+    assert [looks.DASHES.index(apart[name]) for name in order] == [0, 1, 2]
+    fig, axes = plots.panels(1, 2)
+    for axis, away in zip(axes.flat, (0.5, 0.0), strict=True):
+        plots.lines({"efc": (t, t), "eppfc": (t, t + away), "pid": (t, 1 - t)}, ("t", "s"),
+                    ("y", ""), axis=axis)  # fmt: skip
+    looks.legends_aside(fig)
+    drawn = [[line._unscaled_dash_pattern for line in axis.get_lines()] for axis in axes.flat]
+    assert drawn[0] == drawn[1]
+    assert len({str(dashes) for dashes in drawn[0]}) == 2
+    assert len(fig.legends) == 1
 
 
 def test_no_legend_lies_in_a_panel() -> None:
@@ -223,7 +240,6 @@ def test_a_legend_of_many_names_is_no_wider_than_its_figure():
     """Seven rails of the freight study stood off both ends of their picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from slipctl.draw import looks
     from slipctl.models.freight_traction import adhesion
 
     fig = plots.laws(adhesion, upto=11.0)

@@ -23,7 +23,7 @@ from slipctl.ccode.write.layout import Member
 from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput, RunFailed
 
-SECONDS = 120
+SECONDS = 60
 """CPU time in s for a proof; a module that is not through by then is not proven."""
 
 TURNS = 256
@@ -282,8 +282,8 @@ def _options(plan: Plan, text: str) -> list[str]:
     largest = max([largest, *(n for n in turns if n <= TURNS)])  # an array that such a loop fills
     states = sum(m.size for m in plan.layout.states)
     wanted = {
-        "within": 8, "limit": 8, "can_follow": 8, "accept": 64, "all_within": 4 * largest + 16,
-        "limit_all": 4 * largest + 16, "check_inputs": 2 * plan.n_in + 16,
+        "within": 8, "limit": 8, "can_follow": 8, "accept": 16, "all_within": 4 * largest + 16,
+        "limit_all": 4 * largest + 16, "check_inputs": 8,
         "part_off": 4 * states + 64, f"{plan.name}_step": 64,
         "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
     }  # fmt: skip
@@ -295,7 +295,8 @@ def _options(plan: Plan, text: str) -> list[str]:
     split = ",".join(f"{f}:0" for f in decided if any(x.startswith(f"{f}:") for x in there))
     options = [
         "-eva", "-eva-slevel-function", ",".join(there), "-eva-auto-loop-unroll",
-        str(max(128, largest)), *(["-eva-split-return-function", split] if split else []),
+        str(max(128, largest)), "-eva-widening-period", "1",
+        *(["-eva-split-return-function", split] if split else []),
     ]  # fmt: skip
     return options
 
