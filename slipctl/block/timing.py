@@ -269,15 +269,23 @@ def counters(block: Block) -> dict[str, int]:
 
     What such a part has inside counts its runs, and is left out.
     """
-    if "every" in block.choices and block.transparent and len(block.parts) == 1:
-        (inner,) = block.parts.values()
-        own = [n for n in block.states if n not in inner.states]
-        return {own[0]: int(block.choices["every"])}
+    own = slower(block)
+    if own:
+        return dict([own])
     found: dict[str, int] = {}
     for name, part in block.parts.items():
         for n, ticks in counters(part).items():
             found[f"{name}.{n}" if block.prefixed else n] = ticks
     return {n: ticks for n, ticks in found.items() if n in block.states}
+
+
+def slower(block: Block) -> tuple[str, int] | None:
+    """Counter and its ticks, of what ``every`` made; what is around it has its choices as well."""
+    if not block.transparent or "every" not in block.choices or len(block.parts) != 1:
+        return None
+    (inner,) = block.parts.values()
+    counter = _new_name("tick", {s.name for s in inner.signals})
+    return (counter, int(block.choices["every"])) if counter in block.states else None
 
 
 def _run_or_hold(f: ca.Function) -> ca.Function:
@@ -378,8 +386,8 @@ def _rates(block: Block, h: float, path: str) -> Iterator[tuple[str, float]]:
         if block.kind == "step":
             yield path, h
         return
-    if block.transparent and "every" in block.choices and "copies" not in block.choices:
-        h *= int(block.choices["every"])
+    own = slower(block)
+    h *= own[1] if own else 1
     for name, part in block.parts.items():
         yield from _rates(part, h, path if block.transparent else f"{path}.{name}".lstrip("."))
 

@@ -373,7 +373,7 @@ def replayed(one: Controller) -> dict[str, Any]:
     return {
         "passed": not faults and all(s["counted"] <= s["limit"] for s in signals.values()),
         "ticks": len(rows),
-        "largest_relative": max((s["relative"] for s in signals.values()), default=0.0),
+        "largest_relative": expected.largest_relative(signals)[0],
     }
 
 

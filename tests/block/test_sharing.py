@@ -16,6 +16,7 @@ from slipctl import (
     connect,
     every,
     flow,
+    gated,
     replicate,
     sampled,
     simulate,
@@ -347,9 +348,10 @@ def test_a_sample_time_that_the_loop_does_not_have_is_refused():
 
     sums = step(period=H, y=Output("m", "way"))(adding)
     slow = every(step(period=5 * H, y=Output("m", "way"))(adding).with_params(T=5 * H), 5)
-    loop = connect("l", {}, a=sums, b=slow, c=replicate(sums, 2), d=replicate(slow, 2))
+    loop = connect("l", {}, a=sums, b=slow, c=replicate(sums, 2), d=replicate(slow, 2),
+                   e=gated(slow))  # fmt: skip
     check_sample_times(loop)
-    for n, told in (("a", "0.001"), ("b", "0.005"), ("c", "0.001"), ("d", "0.005")):
+    for n, told in (("a", "0.001"), ("b", "0.005"), ("c", "0.001"), ("d", "0.005"), ("e", "0.005")):
         with pytest.raises(BadInput, match=rf"{n}.T = 0.002 s, but it runs every {told} s"):
             check_sample_times(loop.with_params(**{f"{n}.T": 2e-3}))
 

@@ -7,13 +7,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl import Input, Output, State, c_module, connect, every, step
+from slipctl import (
+    Input,
+    Output,
+    State,
+    c_module,
+    connect,
+    every,
+    gated,
+    replicate,
+    step,
+)
 from slipctl.block.timing import counters
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison, expected
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write import guard
 from slipctl.ccode.write.plan import Plan
+from slipctl.commands.cli import main
+from slipctl.study import doors
 
 
 @step(y=Output("1", lo=-1e9, hi=1e9))
@@ -34,6 +46,28 @@ def test_counters_are_those_of_ticks():
     assert counters(every(adds, 4)) == {"tick": 4}
     assert counters(adds) == {}
     assert Plan(adds).counters == []
+
+
+def test_what_is_around_a_slow_part_has_no_counter_of_its_own():
+    """Copies of it, one for each axle, and a gate say what it is made with, as it does itself."""
+    several = replicate(every(adds, 5), 3)
+    assert counters(several) == {"tick": 5}
+    assert counters(gated(every(adds, 5))) == {"tick": 5}
+    assert counters(every(several, 2)) == {"tick_": 2}
+    assert [(m.name, m.size) for m, _ in Plan(several).counters] == [("tick", 3)]
+
+
+def test_each_controller_of_the_file_that_new_writes_becomes_c(tmp_path, monkeypatch):
+    """That of a four-axled vehicle has parts for each axle, and some that run every few ticks."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "metro", "-q"]) == 0
+    study = doors.load_study("metro.toml")
+    for name in ("pid", "super_twisting", "predictive"):
+        loop, _ = doors.find_loop(study, name)
+        plan = Plan(loop[study.controller], "ctl", loop.period)
+        assert codegen.texts(plan)["ctl.c"].count("later(x->") == sum(
+            m.size for m, _ in plan.counters
+        )
 
 
 @given(st.integers(0, 6), st.integers(0, 1000), st.integers(7, 40))
@@ -84,3 +118,10 @@ def test_the_folder_tests_itself_with_counters(tmp_path):
     a2l = codegen.export(LOOP, tmp_path / "out", name="ctl")
     assert a2l is not None
     assert "guard.missed" in (tmp_path / "out" / "ctl.a2l").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_own_test_counts_calls_of_slow_parts(tmp_path, real):
+    """A late call finds them behind by the ticks that were missed; it did not expect that."""
+    assert codegen.export(LOOP, tmp_path / "ctl", check=True, real=real, counter=True).passed

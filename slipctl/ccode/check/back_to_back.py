@@ -352,7 +352,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         }}
         (void)printf("%-32s %12.3g %12.3g %12.3g%s\\n", signals[k].name, worst[k], relative,
                limits[2 * k], envelope ? " (of least and greatest value)" : "");
-        most = (relative <= most) ? most : relative;
+        most = (envelope || (relative <= most)) ? most : relative;
         wrong += (most_of <= limits[2 * k]) ? 0 : 1;
     }}
 {guards}{_MISUSE}{compared_so}    (void)printf("%d ticks, %d faults, ", ticks, faults);

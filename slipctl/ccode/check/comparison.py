@@ -18,6 +18,7 @@ from slipctl.ccode.check.expected import (
     catch_up,
     differences,
     guarded,
+    largest_relative,
     missed,
     start_state,
     taken,
@@ -94,7 +95,7 @@ def compare(
                 "faults": faults,
                 "own_test": said,
             })  # fmt: skip
-    largest = max((s["relative"] for s in signals.values()), default=0.0)
+    largest, _ = largest_relative(signals)
     return {
         "memory_bytes": plan.memory_bytes | {"state": state_bytes},
         "compiled": compiled,

@@ -222,6 +222,13 @@ def differences(plan: Plan, run: Expected, got: np.ndarray) -> dict[str, dict[st
     return found
 
 
+def largest_relative(signals: Mapping[str, Mapping[str, Any]]) -> tuple[float, str]:
+    """Largest relative difference of the signals compared in every tick, and of which."""
+    every = {n: d["relative"] for n, d in signals.items() if d["compared"] == "every tick"}
+    name = max(every, key=lambda n: every[n], default="")
+    return every.get(name, 0.0), name
+
+
 def start_state(block: Block, params: Mapping[str, Any]) -> np.ndarray:
     """Elements of the start state with some parameters."""
     computed = any(s.derived for s in block.states.values())

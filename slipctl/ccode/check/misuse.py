@@ -331,25 +331,39 @@ static int miscounted(const {n}_in *in, const {n}_state *kept)
     static {n}_out out;
     int wrong = 0;
     int k;
-    copied(&plain, kept, sizeof(plain));
     copied(&state, kept, sizeof(state));
     for (k = 0; k < 9; ++k) {{
         int wanted = {big}_TIMING | {big}_REFUSED;
         int got;
         copied(&before, &state, sizeof(state));
+        copied(&plain, &state, sizeof(state));
         got = {n}_step_counted(in, &any, &state, &out, tick[k]);
         if (again[k]) {{
             wrong += same(&before, &state, sizeof(state)) ? 0 : 1;
         }} else {{
-            wanted = {n}_step(in, &any, &plain, &good);
+{missed}            wanted = {n}_step(in, &any, &plain, &good);
             wanted |= timely[k] ? 0 : {big}_TIMING;
             wrong += same(&out, &good, sizeof(out)) ? 0 : 1;
+            wrong += same(&plain, &state, (size_t)N_STATE * sizeof(real)) ? 0 : 1;
         }}
         wrong += (got == wanted) ? 0 : 1;
     }}
     return wrong;
 }}
 
+"""
+
+_LATE = """            if (!timely[k]) {{ /* as if the ticks between had gone by without inputs */
+                const real since = (real)(tick[k] - tick[k - 1] - 1U);
+{older}{slow}            }}
+"""
+
+_OLDER = """                int j;
+                for (j = 0; j < N_IN; ++j) {{
+                    const double age = floor((double)plain.guard.age[j]);
+                    plain.guard.age[j] = (age < 0.0) ? plain.guard.age[j] : ((real)age + since);
+                }}
+                plain.guard.fresh = (real)0.0;
 """
 
 _FITTED = """        if ((status & {big}_OFF_RANGE) != 0) {{ /* on from what fits the others */
@@ -395,11 +409,18 @@ def misuse(plan: Plan) -> str:
         ) + (_JUMP + _WALK).format(
             n=n, big=big, ticks=WALK, jumps=4 * plan.n_in,
             fitted=_FITTED.format(big=big) * plan.coupled,
-        ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big) * plan.counter,
+        ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big, missed=_missed(plan)) * plan.counter,
         wander=_WANDER if plan.n_in else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,
         last=f"    const {n}_in in = {last};\n",
     )  # fmt: skip
+
+
+def _missed(plan: Plan) -> str:
+    """What a late call finds: older inputs, and slow parts that are behind."""
+    older = _OLDER.format() * bool(plan.n_in)
+    slow = "                plain.guard.missed += since;\n" * bool(plan.counters)
+    return _LATE.format(older=older, slow=slow) if older or slow else ""
 
 
 def wandered(plan: Plan, most: float) -> list[str]:

@@ -47,7 +47,8 @@ def functions(plan: Plan, hold: str) -> str:
     n, big = plan.name, plan.layout.big
     refused = f"return (int){big}_TIMING | (int){big}_REFUSED;"
     late = [f"status = (unsigned int){big}_TIMING;"]
-    late += ["missed(&state->guard, (double)(since - 1U));"] * bool(plan.n_in)
+    remembers = bool(plan.n_in) or bool(plan.counters)
+    late += ["missed(&state->guard, (double)(since - 1U));"] * remembers
     after = [
         "const unsigned int since = tick - state->counter.last; /* wraps as the counter does */",
         "if (since == 0U) {", f"    {hold}", f"    {refused}", "}",
@@ -62,17 +63,14 @@ def functions(plan: Plan, hold: str) -> str:
         f"return (int)(status | (unsigned int){step});",
     ]  # fmt: skip
     made = [define(prototype(plan), lines)]
-    if plan.n_in:
+    if remembers:
         aged = if_(
             ["guard->age[k] >= 0.0"], "guard->age[k] = floor(guard->age[k]) + ticks;"
         ).replace("\n", "\n    ")
-        body = [
-            f"for (int k = 0; k < {plan.n_in}; ++k) {{",
-            f"    {aged}",
-            "}",
-            "guard->fresh = 0.0;",
-            *["guard->missed += ticks;"] * bool(plan.counters),
-        ]
+        older = [
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{", f"    {aged}", "}", "guard->fresh = 0.0;",
+        ]  # fmt: skip
+        body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
         what = comment("So many ticks went by without a call: inputs are that much older.")
         signature = wrapped("static void", "missed", f"struct {n}_guard *guard", "double ticks")
         made.insert(0, f"{what}\n" + define(signature, body))

@@ -17,6 +17,7 @@ import casadi as ca
 from slipctl.block.block import Block
 from slipctl.block.connection import wiring
 from slipctl.block.signals import Signal
+from slipctl.block.timing import slower
 from slipctl.ccode.write.comments import FILE, comment, of_one_file, with_origins
 from slipctl.ccode.write.expressions import ANY, FINITE, Unsupported, Writer
 from slipctl.ccode.write.functions import Functions
@@ -344,14 +345,15 @@ def _moved(to: str, source: str, m: Member) -> list[str]:
 
 def _every(block: Block) -> tuple[Block, int, str, dict[str, str]] | None:
     """Block inside an ``every``, its ticks, the counter, and held states by output."""
-    if not block.transparent or "every" not in block.choices or len(block.parts) != 1:
+    made = slower(block)
+    if made is None:
         return None
+    counter, ticks = made
     (inner,) = block.parts.values()
-    own = [n for n in block.states if n not in inner.states]
-    if len(own) != 1 + len(inner.outputs) or list(inner.params) != list(block.params):
+    kept = [n for n in block.states if n not in inner.states and n != counter]
+    if len(kept) != len(inner.outputs) or list(inner.params) != list(block.params):
         return None
-    held = dict(zip(own[1:], inner.outputs, strict=True))
-    return inner, int(block.choices["every"]), own[0], held
+    return inner, ticks, counter, dict(zip(kept, inner.outputs, strict=True))
 
 
 def _first(doc: str) -> str:
