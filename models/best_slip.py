@@ -8,8 +8,11 @@ constant slip the parameters cannot be identified. All three run on the speed bu
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from slipctl import Block, argmax_block, every, opened, probe, rls
 from slipctl.estimate.model import unknown_parameters
+from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 from slipctl.models.subway_braking import double_exponential
 
 START = {"c": 0.3, "a": 0.5, "b": 1.3}
@@ -40,10 +43,12 @@ def searched(
     fit = rls(curve, form="window", start=begin).with_params(
         noise=noise, spread=0.5, gate=4.0, settling=1.0
     )
+    far = 12 + float(np.abs(fit.start()["theta"]).max())
+    search = argmax_block(curve, "v_s", lo=0.01, hi=10.0)
     parts = {
-        "estimator": every(fit, ticks),
-        "search": every(argmax_block(curve, "v_s", lo=0.01, hi=10.0), ticks),
-        "probe": every(probe(curve, "v_s", within=(0.1, 6.0), depth=0.4), ticks),
+        "estimator": every(fit_ranged(fit, curve, far=far), ticks),
+        "search": every(peak_ranged(search), ticks),
+        "probe": every(probe_ranged(probe(curve, "v_s", within=(0.1, 6.0), depth=0.4)), ticks),
         "curve": opened(curve),
     }
     wires = {

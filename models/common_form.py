@@ -119,7 +119,7 @@ def fall(
 def force(
     mu=Input("1", "adhesion coefficient", positive="braking"),
     m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=1e3, hi=5e4),
-    g=Param("m/s^2", 9.81, "gravity", ADDED),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
 ):
     """F = mu W g."""
     return mu * m_axle * g

@@ -49,6 +49,7 @@ from slipctl.models.vehicle.parts import (
     SlipSpeed,
     Trip,
 )
+from slipctl.models.vehicle.ranges import controlled
 from slipctl.study.doors import load_block
 
 WINDOW = 16
@@ -179,7 +180,9 @@ def fixed(part: Reference) -> Block:
     )
     def ratio(
         slip=Param("1", share, "slip over speed", "of the trip", lo=1e-3, hi=0.9),
-        least=Param("m/s", bottom, "slip that it does not fall below", "of the trip", lo=0.01),
+        least=Param(
+            "m/s", bottom, "slip that it does not fall below", "of the trip", lo=0.01, hi=20
+        ),
         v=Input("m/s", "measured vehicle speed"),
     ):
         """A fixed share of the vehicle's speed."""
@@ -206,8 +209,8 @@ def watch(always: bool) -> Block:
         T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
         wake=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
-        rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0),
-        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0),
+        rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
+        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):
         """On from the first large slip until the demand has been the smaller torque for a while."""
@@ -229,9 +232,9 @@ def applied(
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     on=Input("1", "1 while slip control rules"),
     v=Input("m/s", "measured vehicle speed"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
     lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
-    v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0),
+    v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
     low=Param("1", 1.0, "share of the largest torque that is applied below", ADDED, lo=0, hi=1),
 ):
     """The demand, or what slip control wants where that is less; see ``common_form.limits``."""
@@ -243,7 +246,7 @@ def applied(
 @law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"), name="applied")
 def demand_alone(
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
 ):
     """The demand as it is, within the limits."""
     return fmin(fmax(T_demand, 0), T_max)
@@ -308,7 +311,8 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     w = wheel(trip, getattr(part, "reference", None))
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
-        return connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
+        alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
+        return controlled(alone, trip, w)
     reference = part.reference or trip.reference
     settings: SlipControl = trip.control
     law_block, gated_inside = slip_law(trip, part, w)
@@ -371,7 +375,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     wires |= {f"law.{n}": ports[n] for n in law_block.inputs if n in ports}
     wires |= {f"law.{n}": ports[n.rpartition(".")[2]] for n in law_block.inputs
               if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip
-    block = connect("ctl", wires, **parts)
+    block = controlled(connect("ctl", wires, **parts), trip, w)
     return block.with_params(**_numbers(block, w))
 
 
@@ -386,11 +390,13 @@ def _searched(
 def known_curve() -> tuple[Block, dict[str, str]]:
     """Curve of a law that nobody estimates, for a predictive controller: its own numbers."""
     curve, begin = fitted(Searched())
+    own = {n: curve.params[n] for n in begin}
+    ends = {n: {"lo": max(s.lo, -1e6), "hi": min(s.hi, 1e6)} for n, s in own.items()}
     block = make_block(
         "curve", "law", lambda x, u, p: ({}, {n: p[f"{n}_0"] for n in begin}),
-        params=[Param(curve.params[n].unit, v, curve.params[n].doc, "assumed").named(f"{n}_0")
+        params=[Param(own[n].unit, v, own[n].doc, "assumed", **ends[n]).named(f"{n}_0")
                 for n, v in begin.items()],
-        outputs=[Output(curve.params[n].unit, curve.params[n].doc).named(n) for n in begin],
+        outputs=[Output(s.unit, s.doc, "as assumed", **ends[n]).named(n) for n, s in own.items()],
         doc="Adhesion curve that the controller assumes.",
     )  # fmt: skip
     return block, {n: f"curve.{n}" for n in begin}

@@ -93,7 +93,7 @@ def contracted(
     replaced = {}
     for file, text in texts.items():
         text = re.sub(rf"(?<!static void )(?<!static {real} )\b({names})\(", r"any_\1(", text)
-        text = _FOR.sub(_unrolled, text)
+        text = re.sub(rf"(?<!\*/ ){_FOR.pattern}", _unrolled, text)  # of which nothing is said yet
         replaced[file] = re.sub(
             r"(?m)^    for \(int (\w+) = 0; \1 < n;", rf"/*@ loop unroll {longest}; */ \g<0>", text
         )  # of what copies and fills
