@@ -163,7 +163,9 @@ def proved(
             rows, _ = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
         strict = None
         if finite and not of_guards and not contracts:
-            strict, _ = _analysed(folder, [*command, "-warn-special-float", "non-finite"], seconds)
+            apart = _options(plan, "".join(texts.values()), of_input=64)
+            strictly = [*command[:3], *apart, "-warn-special-float", "non-finite"]
+            strict, _ = _analysed(folder, strictly, seconds)
     claims = _claims(harness(plan))
     good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
     open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
@@ -274,16 +276,16 @@ def _each(m: Member, statement: str) -> list[str]:
     return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {statement}", "}"]
 
 
-def _options(plan: Plan, text: str) -> list[str]:
-    """Options of Eva: how many cases are kept apart in which function."""
+def _options(plan: Plan, text: str, of_input: int = 16) -> list[str]:
+    """Options of Eva: how many cases are kept apart in which function, ``of_input`` in accept."""
     lay = plan.layout
     largest = max((m.size for m in (*lay.inputs, *lay.states, *lay.outputs)), default=1)
     turns = [int(n) for n in re.findall(r"\bfor \([^;]*; \w+ < (\d+); ", text)]
     largest = max([largest, *(n for n in turns if n <= TURNS)])  # an array that such a loop fills
     states = sum(m.size for m in plan.layout.states)
     wanted = {
-        "within": 8, "limit": 8, "can_follow": 8, "accept": 16, "all_within": 4 * largest + 16,
-        "limit_all": 4 * largest + 16, "check_inputs": 8,
+        "within": 8, "limit": 8, "can_follow": 8, "accept": of_input,
+        "all_within": 4 * largest + 16, "limit_all": 4 * largest + 16, "check_inputs": 8,
         "part_off": 4 * states + 64, f"{plan.name}_step": 64,
         "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
     }  # fmt: skip
