@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,21 @@ def test_the_harness_gives_any_inputs_and_claims_each_range() -> None:
         assert text.count(f"check {claim}:") == 1
 
 
+def test_nothing_is_claimed_of_what_has_no_range() -> None:
+    """It would be that the number is finite, which a product tells and Eva does not see."""
+
+    @step(y=Output("1"), z=Output("1", lo=0))
+    def few(x=State("1", 0.0), u=Input("1", lo=0, hi=1)):
+        """Sum."""
+        return dict(x=x + u), dict(y=x, z=u)
+
+    text = proof.harness(Plan(few))
+    assert re.findall(r"check (\w+):", text) == ["out_z"]
+    ranges = {"proven": 1, "of": 1, "open": [], "without": ["x", "y"]}
+    told = {"ended": True, "alarms": [], "ranges": ranges, "non_finite": 0, "passed": True}
+    assert "1 of 1 ranges proven; signals without a range: 2 (" in proof.summary(told)
+
+
 def test_comparisons_are_written_out_in_what_is_analysed() -> None:
     text = of_plan(Plan(sums))
     analysed = proof.written_out(text)
@@ -74,7 +90,7 @@ def test_ranges_that_only_the_guards_keep_are_proven() -> None:
     plan = Plan(sums)
     said = proof.proved(plan, codegen.texts(plan))
     assert said["passed"], said
-    assert said["ranges"] == {"proven": 4, "of": 4, "open": []}
+    assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
     assert said["alarms"] == []
     assert said["non_finite"] > 0  # a division by 0
 
@@ -139,7 +155,7 @@ def test_of_a_module_without_end_the_guards_are_proven(monkeypatch: pytest.Monke
     said = proof.proved(plan, made)
     assert (said["ended"], said["of_guards"], said["passed"]) == (False, True, False)
     assert said["alarms"] == []
-    assert said["ranges"] == {"proven": 4, "of": 4, "open": []}
+    assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
     assert "of the guards, whatever the equations give: 0 alarms, 4 of 4" in proof.summary(said)
     ended.clear()
     spoilt = made["sums.c"].replace("limit(&out->y, -10.0, 10.0)", "0U")

@@ -66,7 +66,8 @@ PROOF = {
     "seconds": 5001, "limit_seconds": 5002, "ended": True, "passed": True, "non_finite": 5003,
     "alarms": [{"file": "adds.c", "line": 5004, "function": "equations", "kind": "index",
                 "condition": "k < 5"}],
-    "ranges": {"proven": 5005, "of": 5006, "open": ["out.y"]}, "of_guards": False,
+    "ranges": {"proven": 5005, "of": 5006, "open": ["out.y"], "without": ["t"]},
+    "of_guards": False,
 }  # fmt: skip
 
 
@@ -189,8 +190,8 @@ def test_one_line_each(data) -> None:
     )
     assert "CasADi" not in analysis.summary(ANALYSIS | {"kernel_lines": 0})
     assert proof.summary(PROOF) == (
-        "Frama-C: 1 alarms, 5005 of 5006 ranges proven (NaN and infinity as alarms: 5003 alarms):"
-        " proven"
+        "Frama-C: 1 alarms, 5005 of 5006 ranges proven; signals without a range: 1"
+        " (NaN and infinity as alarms: 5003 alarms): proven"
     )
     assert proof.summary(PROOF | {"passed": False, "non_finite": None}).endswith(
         "(NaN and infinity as alarms: no result): NOT PROVEN"

@@ -87,7 +87,7 @@ def harness(plan: Plan) -> str:
         ("state", "state.kept", lay.states), ("out", "out", lay.outputs)
     ):  # fmt: skip
         for m in members:
-            rows = ends[what, m.c]
+            rows = ends.get((what, m.c), [])
             if len(set(rows)) == 1:
                 at = f"{place}.{m.c}{'' if m.scalar else '[k]'}"
                 body += _each(m, _check(what, m, at, rows[0]))
@@ -119,8 +119,9 @@ def proved(
 
     Returns:
         ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
-        ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many ends of
-        ranges are ``proven``, out of how many, and which are ``open``; ``non_finite``: the number
+        ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many are
+        ``proven``, out of how many, which are ``open``, and which states and outputs have none
+        (``without``), so that nothing is claimed of them; ``non_finite``: the number
         of alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end
         or was not tried, as of a module that is proven function by function; ``functions``: how
         many of these come to their end, of how many, each by itself (:mod:`function_proof`, and
@@ -184,7 +185,7 @@ def proved(
         "ended": not of_guards,
         "of_guards": of_guards and rows is not None,
         "alarms": alarms,
-        "ranges": {"proven": of - len(open_), "of": of, "open": open_},
+        "ranges": {"proven": of - len(open_), "of": of, "open": open_, "without": _unclaimed(plan)},
         "functions": {"ended": ended, "of": contracts},
         "non_finite": None if strict is None else len(_alarms(strict, plan.files)),
         "passed": not of_guards and not alarms and not open_ and ended == contracts,
@@ -243,8 +244,10 @@ def summary(data: Mapping[str, Any]) -> str:
     functions = data.get("functions", {"of": 0})
     if functions["of"]:
         strict += f"; one by one: {functions['ended']} of {functions['of']} functions end"
+    without = len(ranges["without"])
+    none = f"; signals without a range: {without}" if without else ""
     return (
-        f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven"
+        f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven{none}"
         f" (NaN and infinity as alarms: {strict}):"
         f" {'proven' if data['passed'] else 'NOT PROVEN'}"
     )
@@ -253,12 +256,18 @@ def summary(data: Mapping[str, Any]) -> str:
 # ---- small parts --------------------------------------------------------------------------------
 
 
+def _unclaimed(plan: Plan) -> list[str]:
+    """States and outputs without a range: of them nothing is claimed."""
+    lay = plan.layout
+    return [m.name for m in (*lay.states, *lay.outputs) if not plan.ranged(m)]
+
+
 def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
-    """Range of each element of each state and output, with the default parameters."""
+    """Range of each element of each state and output that has one, with the default parameters."""
     values = plan.block.param_values()
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for what, members in (("state", plan.layout.states), ("out", plan.layout.outputs)):
-        for m in members:
+        for m in filter(plan.ranged, members):
             lo, hi, *_ = plan.ends([m], values)
             found[what, m.c] = [(float(a), float(b)) for a, b in zip(lo, hi, strict=True)]
     return found

@@ -279,6 +279,9 @@ def _proved(data: Mapping[str, Any]) -> list[str]:
         said.append(table(["file", "line", "function", "what may go wrong", "unless"], rows))
     if p["ranges"]["open"] and p["ended"]:
         said.append("Ranges not proven: " + ", ".join(f"`{n}`" for n in p["ranges"]["open"]) + ".")
+    if p["ranges"]["without"]:
+        none = ", ".join(f"`{n}`" for n in p["ranges"]["without"])
+        said.append(f"Without a range, so that nothing is claimed of them: {none}.")
     return ["## Proven", *said, "What is assumed:\n\n" + _bullets(p["assumptions"])]
 
 
