@@ -2,8 +2,8 @@
 
 ``python -m slipctl.studies.bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`slipctl.ccode.check.faults` at two instants of a run of each, and prints a line for
-each that does harm; exit code 1 where one does. Each row is written when it is there, so
-``--missing`` goes on where a run has ended.
+each that does harm; exit code 1 where one does, or with ``--told FILE`` one that the file does not
+have. Each row is written when it is there, so ``--missing`` goes on where a run has ended.
 """
 
 from __future__ import annotations
@@ -187,6 +187,21 @@ def table(name: str) -> list[Fault]:
         )  # fmt: skip
 
 
+def harm_of(evidence: Mapping[str, Any]) -> set[tuple[Any, ...]]:
+    """Faults that do harm by the evidence: controller, input, kind, ticks, time."""
+    rows = evidence["numbers"]["wrong_samples"]["controllers"]
+    found = (
+        (name, Fault(**{k: math.inf if v is None else v for k, v in fault.items()}))
+        for name, row in rows.items() for fault in row["slow"]
+    )  # fmt: skip
+    return {(name, *_which(f)) for name, f in found if not f.forgotten}
+
+
+def _which(f: Fault) -> tuple[Any, ...]:
+    """Input, kind, ticks and time."""
+    return f.signal, f.kind, f.ticks, f.at
+
+
 def said(f: Fault) -> str:
     """A fault in one line."""
     back = "back" if f.passed else f"{100 * f.back:.1f} % back, after {f.settled:.3f} s, {f.worst}"
@@ -203,12 +218,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", help="file to write; what it has of other controllers stays")
     parser.add_argument("--missing", action="store_true", help="only those that --out lacks")
+    parser.add_argument(
+        "--told", help="evidence, docs/evidence/wrong_samples.json: harm in it is known"
+    )
     options = parser.parse_args(arguments)
     found: dict[str, dict[str, Any]] = {}
     if options.out and Path(options.out).exists():
         found = store.read_json(Path(options.out))["controllers"]
     names = [name for name, *_ in controllers(options.loops)
              if not (options.missing and name in found)]  # fmt: skip
+    known = harm_of(store.read_json(Path(options.told))) if options.told else set()
     harmed = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for name, rows in zip(names, pool.map(table, names), strict=True):
@@ -218,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f"{name} {said(f)}")
             print(f"{name}: {len(rows)} faults, {len(rows) - len(slow)} back, {len(harm)} do harm",
                   flush=True)  # fmt: skip
-            harmed += len(harm)
+            harmed += sum((name, *_which(f)) not in known for f in harm)
             found[name] = {"faults": len(rows), "slow": [asdict(f) for f in slow]}
             if options.out:
                 store.write_json(Path(options.out), {"controllers": found})

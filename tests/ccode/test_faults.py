@@ -380,6 +380,23 @@ def test_a_file_that_was_begun_goes_on(tmp_path, monkeypatch, capsys):
     assert list(store.read_json(out)["controllers"]) == names
 
 
+def test_harm_that_the_evidence_tells_is_no_failure(tmp_path, monkeypatch):
+    """Each fault for itself: one more of the same controller is."""
+    known, new = (
+        faults.Fault("v", kind, 1, 0.3, 1, 1, 0, 0.5, np.inf, np.inf, np.inf, 0.1, "T_b", False)
+        for kind in ("NaN", "10000")
+    )
+    monkeypatch.setattr(bench, "ProcessPoolExecutor", ThreadPoolExecutor)
+    monkeypatch.setattr(bench, "table", lambda name: [known])
+    told, name = tmp_path / "told.json", "gain_bounds:sta"
+    assert bench.main([name, "--out", str(told)]) == 1
+    store.write_json(told, {"numbers": {"wrong_samples": store.read_json(told)}})
+    assert bench.harm_of(store.read_json(told)) == {(name, "v", "NaN", 1, 0.3)}
+    assert bench.main([name, "--told", str(told)]) == 0
+    monkeypatch.setattr(bench, "table", lambda name: [known, new])
+    assert bench.main([name, "--told", str(told)]) == 1
+
+
 def test_an_integral_that_is_wound_up_is_harm(tmp_path):
     """Same samples, another command: the difference is small in a range of 2e9 N m."""
     _, loop, part, scenario = next(bench.controllers(["all_rails:sta"]))
