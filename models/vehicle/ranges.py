@@ -29,14 +29,14 @@ Row = tuple[float, float, str, float, float]
 
 def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of the control of one axle: of what it measures and of what it holds."""
-    speed = _speed(trip, w)
-    rim = speed[1] / w.r
-    turning = (-rim, rim, "its speed on dry rail, either way")
-    slipping = (-2 * speed[1], 2 * speed[1], "a wheel that turns backwards at the train's speed")
+    speed, spin = _speed(trip, w), _wheel(trip, w)
+    turning = (*spin[:2], "as that which is measured")
+    slip = speed[1] + 1.1 * w.r * spin[1]  # radii of the axles differ by less than a tenth
+    slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
     far = 250 * w.T_max
     rows: dict[str, tuple] = {
         "v": speed,
-        "omega": _wheel(trip, w),
+        "omega": spin,
         "T": (-1.25 * w.T_max, 1.25 * w.T_max, "a quarter more than the largest, either way"),
         "T_demand": (-far, far, "250 times the largest torque; it is limited"),
         "slip.v_s": slipping,
@@ -47,6 +47,7 @@ def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
         "meter.n": (-40, 40, "unit normal noise, none of which a controller has"),
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
+        "estimator.kept": slipping,
         "watch.ruling": (0, 1, FLAG),
         "watch.on": (0, 1, FLAG),
         "watch.idle": (0, 1e9, "it counts on where slip control rules from the start"),
