@@ -114,7 +114,8 @@ def page() -> str:
     )
     seconds = [r["fuzz"]["seconds"] for r in rows.values() if "fuzz" in r]
     if seconds:
-        summary += f" libFuzzer had {min(seconds)} to {max(seconds)} s for each."
+        least = f"{min(seconds)} to " if min(seconds) < max(seconds) else ""
+        summary += f" libFuzzer had {least}{max(seconds)} s for each."
     heads = ["controller", "ticks", "double", "float", "ends", "open", "targets",
              "MISRA", "FMU", "runs"]  # fmt: skip
     costs = ["controller", "text", "instance", "stack", "mean", "most", "CasADi's", "times",
