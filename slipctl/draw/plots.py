@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,9 +37,8 @@ from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
+from slipctl.draw.panels import meaning, named, samples, shown
 from slipctl.draw.strokes import area, envelope, stroke
-from slipctl.errors import BadInput, nearest
-from slipctl.run.metrics import worst
 from slipctl.run.results import NotRun
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    drawn = [_shown(results, scenario, logs, wanted, span) for wanted in signals]
+    drawn = [shown(results, scenario, logs, wanted, span) for wanted in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
     dashes = apart([panel.curves for panel in drawn], behind)
@@ -116,42 +115,6 @@ def traces(
     return fig
 
 
-class _Panel(NamedTuple):
-    """What a panel shows: curves by loop, and the share of the total variation that each has."""
-
-    first: str
-    others: list[str]
-    curves: dict[str, tuple[Any, Any]]
-    rough: dict[str, float]
-    text: str
-    unit: str
-
-
-def _shown(
-    results: Results,
-    scenario: str,
-    logs: Mapping[str, Any],
-    wanted: str | Sequence[str],
-    span: tuple[float, float] | None,
-) -> _Panel:
-    """One of the panels of :func:`traces`."""
-    first, *others = [wanted] if isinstance(wanted, str) else wanted
-    found = {loop: n for loop, log in logs.items() if (n := _name(results, log, first))}
-    if not found:
-        known = [str(n) for log in logs.values() for n in log]
-        raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
-    varied = {
-        loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
-        for loop, name in found.items()
-    }
-    most = max(varied.values()) or 1.0
-    curves = {loop: _points(logs[loop], name, span) for loop, name in found.items()}
-    loop, name = next(iter(found.items()))
-    signal, rough = logs[loop][name], {n: v / most for n, v in varied.items()}
-    unit = str(signal.attrs.get("units", "1"))
-    return _Panel(first, others, curves, rough, _meaning(signal, name), unit)
-
-
 def _references(
     axis: Axes,
     results: Results,
@@ -161,41 +124,17 @@ def _references(
     entries: dict[str, Any],
 ) -> None:
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
-    found = {loop: n for loop, log in logs.items() if (n := _name(results, log, wanted))}
+    found = {loop: n for loop, log in logs.items() if (n := named(results, log, wanted))}
     drawn: list[np.ndarray] = []
     for loop, name in found.items():
         values = logs[loop][name].values
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        said = _meaning(logs[loop][name], name)
-        curve = _points(logs[loop], name, span)
+        said = meaning(logs[loop][name], name)
+        curve = samples(logs[loop], name, span)
         line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
         entries.setdefault(said, line)
-
-
-def _meaning(signal: Any, name: str) -> str:
-    """Meaning of a signal, up to its first comma."""
-    return str(signal.attrs.get("long_name") or name).partition(",")[0]
-
-
-def _name(results: Results, log: Any, wanted: str) -> str | None:
-    if wanted in log:
-        return wanted
-    if hasattr(results.study.signals, wanted):
-        return results.study.signals.find(wanted, log)
-    return None
-
-
-def _points(log: Any, name: str, span: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s and values of a signal, of the worst axle, in the unit in which it is drawn."""
-    t, y = log["time"].values, np.asarray(log[name].values)
-    if y.ndim > 1:
-        y = worst(y.reshape(len(t), -1))
-    if span is not None:
-        inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
-        t, y = t[inside], y[inside]
-    return t, scaled(str(log[name].attrs.get("units", "1")))[0] * y
 
 
 def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
@@ -209,9 +148,9 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     case = next(c for c in results.cases if c.scenario.name == scenario)
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
-            t, v = _points(log, roles.find("speed", log), None)
+            t, v = samples(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
-            s = _points(log, slip, None)[1]
+            s = samples(log, slip, None)[1]
             s = roles.slip_sign(log) * s
             rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
             stroke(axis, (t, rim), color=colour(loop), label=f"rim, {loop}")

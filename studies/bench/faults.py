@@ -2,8 +2,8 @@
 
 ``python -m slipctl.studies.bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`slipctl.ccode.check.faults` at two instants of a run of each, and prints a line for
-each that does harm; exit code 1 where one does, or with ``--told FILE`` one that the file does not
-have. Each row is written when it is there, so ``--missing`` goes on where a run has ended.
+each that does harm. Exit code 1 where one does; with ``--told FILE`` only one that the file does
+not have. Each row is written when it is there, so ``--missing`` goes on where a run has ended.
 """
 
 from __future__ import annotations
