@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import tomllib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -35,18 +36,23 @@ def is_trip(path: str) -> bool:
     return re.search(r"(?m)^\s*(\[\s*vehicle\s*[\].]|vehicle\s*[.=])", text) is not None
 
 
-@lru_cache(maxsize=8)
 def load_trip(path: str) -> Any:
-    """Trip that a file describes.
+    """Trip that a file describes, as it is now.
 
     Raises:
         BadInput: it cannot be read.
         Faults: what is wrong in it, each with its line.
     """
+    text, _ = equation_files.read(path)
+    return _trip(path, text)
+
+
+@lru_cache(maxsize=8)  # of the text: a file may be edited while slipctl runs
+def _trip(path: str, text: str) -> Any:
+    """Trip of a text, which stands in that file."""
     from slipctl.desk import declared
 
-    text, content = equation_files.read(path)
-    kinds = _kinds()
+    content, kinds = tomllib.loads(text), _kinds()
     of_study = content.get("vehicle")
     of_study = isinstance(of_study, Mapping) and of_study.get("kind") == "study"
     trip, faults = declared.read(kinds[of_study], content)

@@ -27,7 +27,6 @@ def built(monkeypatch):
 
 def load(text, path):
     Path(path).write_text(text, encoding="utf-8")
-    trip_files.load_trip.cache_clear()
     return trip_files.load(str(path))
 
 

@@ -20,7 +20,6 @@ METRO = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encodin
 def read(tmp_path, text):
     path = tmp_path / "my.toml"
     path.write_text(text, encoding="utf-8")
-    trip_files.load_trip.cache_clear()
     return trip_files.load_trip(str(path))
 
 
@@ -44,6 +43,16 @@ def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
     assert [s.place for s in trip.rail.sections] == [0, 45, 75]
     assert (trip.limits.stopping_distance, trip.limits.lock_time) == (140, 0.3)
     assert trip.controllers["super_twisting"].gains == {"k1": "20 m^.5/s^1.5", "k2": "10 m/s^3"}
+
+
+def test_a_file_that_is_edited_is_read_again(tmp_path, monkeypatch):
+    """In one process, by the same name, and in another folder too: the old vehicle was given."""
+    for folder, mass in (("a", 38), ("a", 42), ("b", 40)):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / folder)
+        Path("car.toml").write_text(METRO.replace('"38 t"', f'"{mass} t"'), encoding="utf-8")
+        loop, _ = doors.find_loop(doors.load_study("car.toml"), "none")
+        assert float(loop.param_values()["m"]) == mass * 1e3
 
 
 def test_a_file_declares_its_ensemble(tmp_path):

@@ -111,7 +111,6 @@ def mine(v=Input("m/s", "speed"), v_s=Input("m/s", "slip"), more=Input("N m", "m
     \"\"\"More where it rolls.\"\"\"
     return more
 """
-    trip_files.load_trip.cache_clear()
     trip = trip_files.load_trip(str(Path(parts.__file__).parent / "files" / "metro.toml"))
     w = control.wheel(trip, None)
     path.write_text(text, encoding="utf-8")
