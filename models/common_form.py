@@ -32,7 +32,6 @@ from slipctl import (
     law,
     mirror,
     one,
-    ranged,
     sampled,
     speed_to_ratio,
 )
@@ -40,6 +39,7 @@ from slipctl.models import freight_traction_control as cheng
 from slipctl.models import hst_braking_control as zhang
 from slipctl.models import hst_traction_control as wang
 from slipctl.models import subway_braking_control as huang
+from slipctl.models.ranges import of_those
 from slipctl.models.shared import SHARED
 
 T_S = 1e-3
@@ -215,8 +215,7 @@ def bounded(law_block: Block, w: Wheel) -> Block:
     rows = LAW | {"v_best": (0, best, SEARCHED)} | dict.fromkeys(
         ("T_wanted", "torque.y", "torque.T", "mirror.y"), (-most, most, WANTED)
     )  # fmt: skip
-    own = {s.name for s in law_block.signals}
-    return ranged(law_block, table={n: row for n, row in rows.items() if n in own})
+    return of_those(law_block, rows)
 
 
 def of_huang(control_law: Block) -> Callable[[Wheel], Block]:

@@ -7,6 +7,8 @@ and, if it stays there, reset.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from slipctl import Block, ranged
 
 FAR = "a factor of 1.6e5 on each unknown"
@@ -61,7 +63,7 @@ def fit_ranged(
         "mu": (-2, 2, FRICTION),
     }  # fmt: skip
     rows |= {f"former_{n}": row for n, row in rows.items()}
-    return _of_those(estimator, rows)
+    return of_those(estimator, rows)
 
 
 def peak_ranged(search: Block, top: float = 20.0) -> Block:
@@ -80,7 +82,7 @@ def peak_ranged(search: Block, top: float = 20.0) -> Block:
         "place": (0, top, PLACE),
         "height": (-2, 2, FRICTION),
     }
-    return _of_those(search, rows)
+    return of_those(search, rows)
 
 
 def probe_ranged(probe: Block, top: float = 20.0) -> Block:
@@ -96,7 +98,7 @@ def probe_ranged(probe: Block, top: float = 20.0) -> Block:
         "elapsed": (0, 61, "the longest that may be set, and a tick"),
         "waited": (0, 3661, "the longest that may be set"),
     }
-    return _of_those(probe, rows)
+    return of_those(probe, rows)
 
 
 def seeker_ranged(seek: Block) -> Block:
@@ -113,7 +115,7 @@ def seeker_ranged(seek: Block) -> Block:
         "awake": (0, 1, FLAG),
         "age": (0, "wait + 1", "the wait, and a tick"),
     }
-    return _of_those(seek, rows)
+    return of_those(seek, rows)
 
 
 def observer_ranged(observer: Block) -> Block:
@@ -129,10 +131,10 @@ def observer_ranged(observer: Block) -> Block:
         **dict.fromkeys(("T_L", "T_L_hat"), (-1e6, 1e6, load)),
         "T_m": (-1e6, 1e6, "eighty times the largest torque"),
     }
-    return _of_those(observer, rows)
+    return of_those(observer, rows)
 
 
-def _of_those(block: Block, rows: dict[str, tuple]) -> Block:
+def of_those(block: Block, rows: Mapping[str, tuple]) -> Block:
     """The rows of a table that the block has signals for."""
     own = {s.name for s in block.signals}
     return ranged(block, table={n: row for n, row in rows.items() if n in own})

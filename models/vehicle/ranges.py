@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from math import log, pi, sqrt
 
-from slipctl import Block, ranged
+from slipctl import Block
 from slipctl.models.common_form import T_S, Wheel
-from slipctl.models.ranges import FLAG
+from slipctl.models.ranges import FLAG, of_those
 from slipctl.models.vehicle.parts import (
     Exact,
     NoisySpeed,
@@ -53,8 +53,7 @@ def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
         "watch.idle": (0, 1e9, "it counts on where slip control rules from the start"),
         "reference.v_best": (0, max(20.0, speed[1]), "no more than the speed"),
     }
-    own = {s.name for s in block.signals}
-    return ranged(block, table={n: row for n, row in rows.items() if n in own})
+    return of_those(block, rows)
 
 
 def _speed(trip: Trip, w: Wheel) -> Row:

@@ -17,10 +17,10 @@ from slipctl import (
     Scenario,
     State,
     connect,
-    ranged,
     sampled,
     step,
 )
+from slipctl.models.ranges import of_those
 from slipctl.run.results import Loops
 from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, make
 from slipctl.studies.predictive.problems import (
@@ -89,8 +89,7 @@ GAINED = {"axle": 0.6, "car": 0.4}
 
 def held(problem: str, ctl: Block) -> Block:
     """A predictive controller with the ranges of its problem."""
-    own = {s.name for s in ctl.signals}
-    return ranged(ctl, table={n: row for n, row in RANGES[problem].items() if n in own})
+    return of_those(ctl, RANGES[problem])
 
 
 def pi(plant: Block, h: float, gains: tuple[float, float]) -> Block:

@@ -137,7 +137,8 @@ def proved(
     frama_c, n = tool(), plan.name
     texts = {f: made[f] for f in plan.files[1:]}
     text = texts[f"{n}.c"]
-    options = _options(plan, "".join(texts.values()))
+    whole = "".join(texts.values())
+    options = _options(plan, whole)
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
         (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
@@ -164,7 +165,7 @@ def proved(
             rows, _ = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
         strict = None
         if finite and not of_guards and not contracts:
-            apart = _options(plan, "".join(texts.values()), of_input=64)
+            apart = _options(plan, whole, of_input=64)
             strictly = [*command[:3], *apart, "-warn-special-float", "non-finite"]
             strict, _ = _analysed(folder, strictly, seconds)
     claims = _claims(harness(plan))
