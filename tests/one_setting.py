@@ -27,7 +27,8 @@ import numpy as np
 
 from slipctl import BadInput, Block, Case, RunFailed, Scenario, prepare
 from slipctl.block import connection, ranges
-from slipctl.models import common_form, freight_traction_control, hst_braking_control
+from slipctl.models import freight_traction_control, hst_braking_control
+from slipctl.models import ranges as models_ranges
 from slipctl.models.contact import WHEEL_LOAD, patch
 from slipctl.run import store
 from slipctl.study import doors
@@ -47,7 +48,7 @@ def without_shares() -> Iterator[None]:
     """Connections that ignore ``share``, also when a block is built again with other values."""
     kept = connection.bind
     connection.bind = lambda *_: {}
-    ranging: tuple[Any, ...] = (hst_braking_control, freight_traction_control, common_form)
+    ranging: tuple[Any, ...] = (hst_braking_control, freight_traction_control, models_ranges)
     for module in ranging:  # ends that follow a shared number; what rolls does not look at them
         module.ranged = lambda block, **_: block
     try:
