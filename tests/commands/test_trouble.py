@@ -55,6 +55,7 @@ def test_an_interrupt_behind_the_answer_changes_nothing():
 
 def test_what_an_interrupt_left_half_made_is_not_told(capfd):
     """A library's object whose end fails, because it was never whole, is no traceback."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" ignores it
 
     class Half:
         def __init__(self):
@@ -69,6 +70,7 @@ def test_what_an_interrupt_left_half_made_is_not_told(capfd):
             Half()
         except KeyboardInterrupt:
             stopping.heard()
+    signal.signal(signal.SIGINT, before)
     assert capfd.readouterr() == ("", "")
 
 
