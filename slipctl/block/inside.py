@@ -77,13 +77,15 @@ def watched() -> Iterator[Found]:
     seen: list[tuple[int, Found]] = []
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
-        own = not frame.f_globals.get("__name__", "").startswith(_NOT_OURS)
-        if event == "return" and own and len(seen) < MOST:
-            depth, outer = 0, frame.f_back
-            while outer is not None:
-                depth, outer = depth + 1, outer.f_back
-            given = frame.f_locals.items()
-            seen.append((depth, [x for n, v in given if n[0] != "_" for x in elements(n, v)]))
+        if event != "return" or len(seen) >= MOST:
+            return
+        if frame.f_globals.get("__name__", "").startswith(_NOT_OURS):
+            return
+        depth, outer = 0, frame.f_back
+        while outer is not None:
+            depth, outer = depth + 1, outer.f_back
+        given = frame.f_locals.items()
+        seen.append((depth, [x for n, v in given if n[0] != "_" for x in elements(n, v)]))
 
     try:
         with watching(watch, over=True):
@@ -112,13 +114,30 @@ def elements(name: str, value: Any) -> Found:
             (name if value.is_scalar() else f"{name}_{i}" if column else f"{name}_{i}_{j}", v)
             for (i, j), v in zip(places, value.nonzeros(), strict=True)
         ]
-        rows = [(n, ca.SX(v)) for n, v in rows]
     else:
         return []
     return [
         (n, v) for n, v in rows
         if isinstance(v, ca.SX) and v.is_scalar() and not v.is_symbolic() and not v.is_constant()
     ]  # fmt: skip
+
+
+def of_symbols(values: Sequence[Any], own: set[int], key: Callable[[Any], int]) -> list[Any]:
+    """Those of some expressions that have no symbols but some.
+
+    Most often all are: so the symbols of all are asked for at once, then those of either half.
+
+    Args:
+        values: expressions, all SX or all MX.
+        own: keys of the symbols.
+        key: what tells one symbol from another.
+    """
+    if not values or {key(s) for s in ca.symvar(ca.veccat(*values))} <= own:
+        return list(values)
+    if len(values) == 1:
+        return []
+    half = len(values) // 2
+    return of_symbols(values[:half], own, key) + of_symbols(values[half:], own, key)
 
 
 def told(f: ca.Function, found: Found) -> ca.Function:
@@ -130,17 +149,16 @@ def told(f: ca.Function, found: Found) -> ca.Function:
     """
     arguments = f.sx_in()
     own = {s.element_hash() for a in arguments for s in ca.symvar(a)}
-    inner: dict[int, tuple[str, Any]] = {}
+    first: dict[int, tuple[str, Any]] = {}
     for name, value in found:
-        if isinstance(value, ca.MX):
-            continue
-        if {s.element_hash() for s in ca.symvar(value)} <= own:
-            inner.setdefault(value.element_hash(), (re.sub("_+", "_", name).rstrip("_"), value))
+        if not isinstance(value, ca.MX):
+            first.setdefault(value.element_hash(), (name, value))
+    inner = of_symbols([v for _, v in first.values()], own, ca.SX.element_hash)
     if not inner:
         return f
-    names, values = zip(*inner.values(), strict=True)
+    names = [re.sub("_+", "_", first[v.element_hash()][0]).rstrip("_") for v in inner]
     inside = ca.Function(
-        _INSIDE, arguments, values, f.name_in(), names,
+        _INSIDE, arguments, inner, f.name_in(), names,
         {"cse": True, "allow_duplicate_io_names": True},
     )  # fmt: skip
     return ca.Function(
@@ -162,17 +180,17 @@ def function(
     names, twice = (list(inputs), list(outputs)), {"allow_duplicate_io_names": True}
     if not any(isinstance(v, ca.MX) for v in (*arguments, *results)):
         return told(ca.Function(name, arguments, results, *names, {"cse": True}), found)
-    own = {a.__hash__() for a in arguments}
-    inner: dict[int, tuple[str, Any]] = {}
+    own = {hash(a) for a in arguments}
+    first: dict[int, tuple[str, Any]] = {}
     for said, value in found:
-        if isinstance(value, ca.MX) and {s.__hash__() for s in ca.symvar(value)} <= own:
-            plain = re.sub("_+", "_", said).strip("_")
-            if plain not in _KEPT:
-                inner.setdefault(value.__hash__(), (plain, value))
+        plain = re.sub("_+", "_", said).strip("_")
+        if isinstance(value, ca.MX) and plain not in _KEPT:
+            first.setdefault(hash(value), (plain, value))
+    inner = of_symbols([v for _, v in first.values()], own, hash)
     if not inner:
         return ca.Function(name, arguments, results, *names, twice)
-    known, values = zip(*inner.values(), strict=True)
-    marked = [ca.sin(v) for v in values]  # a result that is pieces would be taken apart
+    known = [first[hash(v)][0] for v in inner]
+    marked = [ca.sin(v) for v in inner]  # a result that is pieces would be taken apart
     inside = ca.Function(_INSIDE, arguments, marked, inputs, known, twice)
     return ca.Function(name, arguments, results, *names, twice | {"cache": {_INSIDE: inside}})
 

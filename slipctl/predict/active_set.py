@@ -136,7 +136,7 @@ class ActiveSet:
         z = ca.vertcat(ca.MX.zeros(self.sizes[0] + self.sizes[1]), S, none, 1, 0, 0, 0)
         z = self.passed(z, self.passes, data, begun=True)
         if self.rescue:
-            z = Interior(self).solve(z, data)
+            z = self._interior(self.split(z)[4] != 0, z, *data)
         return Found(*self.split(z))
 
     def _marked(self, bounds: Any) -> Any:
@@ -173,15 +173,22 @@ class ActiveSet:
     def passed(self, z: Any, passes: int, data: tuple[Any, ...], begun: bool = False) -> Any:
         """Make at most so many passes from a column of :class:`Found`, open if ``begun``."""
         if self.exactly:
-            once = self._one_pass()
             for _ in range(passes):
-                z = once(z, *data)
+                z = self._once(z, *data)
             return z
         return self._passing(passes, z, *data, begun=begun)
 
     @cached_property
+    def _interior(self) -> ca.Function:
+        return Interior(self).function()
+
+    @cached_property
     def _passing(self) -> Repeated:
-        return Repeated(self._one_pass(), -4)
+        return Repeated(self._once, -4)
+
+    @cached_property
+    def _once(self) -> ca.Function:
+        return self._one_pass()
 
     @remembered
     def _one_pass(self) -> Any:

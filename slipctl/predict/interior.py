@@ -482,12 +482,11 @@ class Interior:
         which = [j for j, i in enumerate(h.capped) if i in h.hard]
         return ca.fmax(0, ca.mmax(excess[which, :] - slack[list(h.hard), :]))
 
-    def solve(self, z: Any, data: tuple[Any, ...]) -> Any:
-        """Go on from a column of :class:`~slipctl.predict.active_set.Found`, where it is open."""
+    def function(self) -> ca.Function:
+        """Function (open, z, data) -> z: it goes on from a column of ``Found`` that is open."""
         symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
         stay = ca.Function("qp_settled", symbols, [symbols[0]], ["z", *DATA], ["z_next"])
-        maybe = ca.Function.if_else("qp_rescue", self._rescue(), stay)
-        return maybe(self.of.split(z)[4] != 0, z, *data)
+        return ca.Function.if_else("qp_rescue", self._rescue(), stay)
 
 
 EASE = 1e-8

@@ -43,10 +43,16 @@ def _sources(package: str) -> Iterator[tuple[str, Path, ast.Module]]:
         name = path.parent.name if package == "studies" else path.stem
         if name.startswith("_"):
             continue
-        try:
-            yield name, path, ast.parse(path.read_text(encoding="utf-8"))
-        except SyntaxError:
-            yield name, path, ast.parse("")
+        yield name, path, _parsed(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=256)  # of a file as it is: many studies and models are looked up in a run
+def _parsed(path: Path, changed: int) -> ast.Module:
+    """What a file holds; nothing where it is no Python."""
+    try:
+        return ast.parse(path.read_text(encoding="utf-8"))
+    except SyntaxError:
+        return ast.parse("")
 
 
 def _first_line(node: ast.Module | ast.FunctionDef) -> str:
@@ -71,12 +77,6 @@ def _assigns(tree: ast.Module) -> bool:
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:
     """First line of each model module, and of each block in it, read without importing it."""
-    files = folder("models").glob("*.py")
-    return _models(tuple(sorted((str(f), f.stat().st_mtime_ns) for f in files)))
-
-
-@lru_cache(maxsize=1)  # of the files as they are: many models are looked up one after the other
-def _models(files: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, dict[str, str]]]:
     found = {}
     for name, _, tree in _sources("models"):
         blocks = {
