@@ -8,7 +8,7 @@ what a law of ``models/common_form`` may ask for; so loops differ in the law alo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,6 +47,7 @@ from slipctl.models.brakes import brake
 from slipctl.models.common_form import Wheel
 from slipctl.models.ep_valve import air_brake
 from slipctl.models.predictive_slip import predictive
+from slipctl.run.results import Loops
 from slipctl.studies.all_rails.shares import FREIGHT_SHARES, HST_SHARES, SUBWAY_SHARES, shares
 
 H = form.T_S
@@ -402,7 +403,7 @@ PLAN, STAGE = 80, 2
 """What ``nmpc`` looks ahead, and a stage of it, in ticks of the vehicle."""
 
 
-def loops(vehicle: str, ticks: int = 1, names: Sequence[str] = NAMES) -> dict[str, Block]:
+def loops(vehicle: str, ticks: int = 1, names: Sequence[str] = NAMES) -> Loops:
     """Every loop of a vehicle.
 
     Args:
@@ -416,7 +417,9 @@ def loops(vehicle: str, ticks: int = 1, names: Sequence[str] = NAMES) -> dict[st
         "nmpc": predictive(v.curve, max(1, stage // ticks), PLAN // stage,
                            smooth=SMOOTH.get(vehicle, 0.3), tick=ticks * H)
     }  # fmt: skip
-    return {n: loop(world, v.wheel, makers[n], LEAD.get(n, 1.0), ticks) for n in names}
+    return Loops({
+        n: partial(loop, world, v.wheel, makers[n], LEAD.get(n, 1.0), ticks) for n in names
+    })  # fmt: skip
 
 
 LOG = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from slipctl import (
@@ -27,6 +28,7 @@ from slipctl.models import freight_traction_control as control
 from slipctl.models.freight_traction import TRAIN
 from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.run.feeding import begun
+from slipctl.run.results import Loops
 
 H = 2e-4
 """Tick of every loop in s (a guess; the printed shape needs less than 0.31 ms)."""
@@ -218,15 +220,17 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     table_1 = rail_of(law, TABLE_1, CHANGES)
     moving = rail_of(law, MOVING, (0.0, 10.0, 20.0))
 
-    def loops(lag: float | None, noise: float) -> dict[str, Block]:
-        found = {"ideal": ideal(models)}
-        for seek in (*SEEKERS, "paper"):
-            for ending, form in FORMS.items():
-                robust = form == "robust"
-                inner = {"k_s": INNER} if robust and lag else {}
-                block = seeking(law, models[seek], form, lag, lead=robust, **inner)
-                found[f"{seek}_{ending}"] = block.with_params(**{"sensor.sigma": noise})
-        return found
+    def loop(seek: str, form: str, lag: float | None, noise: float) -> Block:
+        robust = form == "robust"
+        inner = {"k_s": INNER} if robust and lag else {}
+        block = seeking(law, models[seek], form, lag, lead=robust, **inner)
+        return block.with_params(**{"sensor.sigma": noise})
+
+    def loops(lag: float | None, noise: float) -> Loops:
+        return Loops({"ideal": partial(ideal, models)} | {
+            f"{seek}_{ending}": partial(loop, seek, form, lag, noise)
+            for seek in (*SEEKERS, "paper") for ending, form in FORMS.items()
+        })  # fmt: skip
 
     perfect, lagging = loops(None, 0.0), loops(LAG, NOISE)
     found = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from slipctl import (
@@ -40,6 +40,7 @@ from slipctl.models.subway_braking_control import (
     reaching_law,
     super_twisting,
 )
+from slipctl.run.results import Loops
 
 H = 1e-3
 """Tick of every loop in s: the control period, which the paper does not state (a guess)."""
@@ -260,41 +261,45 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     curved = three_rails(adh, TABLE_1, kappa=(0.0, 1 / 800, 1 / 400))
     moving = three_rails(adh, MOVING)
     implicit = super_twisting(discretisation="proper_implicit")
-    base = {
-        "ideal": ideal(models),
-        "smc": perfect(models, smc),
-        "sta": perfect(models, sta),
-        "sta_implicit": perfect(models, implicit),
-        "sta_printed": perfect(models, super_twisting(gains="printed")),
-        "sta_online": online(models, sta),
-        "sta_rls": online(models, sta, "recursive"),
-    }
+    base = Loops({
+        "ideal": partial(ideal, models),
+        "smc": partial(perfect, models, smc),
+        "sta": partial(perfect, models, sta),
+        "sta_implicit": partial(perfect, models, implicit),
+        "sta_printed": lambda: perfect(models, super_twisting(gains="printed")),
+        "sta_online": partial(online, models, sta),
+        "sta_rls": partial(online, models, sta, "recursive"),
+    })  # fmt: skip
+    sensors = Loops({
+        "ideal": partial(ideal, models),
+        "smc": partial(real, models, smc),
+        "sta": partial(real, models, sta),
+        "sta_implicit": partial(real, models, implicit),
+        "sta_online": partial(real_online, models, sta),
+    })  # fmt: skip
     found = [
         Case(Scenario("base", 6.0, rail, doc="brake limits, no lag, perfect sensors"), base, known),
         Case(
-            Scenario("real", 6.0, rail, doc="50 ms lag, tooth wheel, noisy speed"),
-            {"ideal": ideal(models), "smc": real(models, smc), "sta": real(models, sta),
-             "sta_implicit": real(models, implicit), "sta_online": real_online(models, sta)},
-            known,
+            Scenario("real", 6.0, rail, doc="50 ms lag, tooth wheel, noisy speed"), sensors, known
         ),
         Case(
             Scenario("curves", 6.0, curved, doc="R = 800 m from 2 s, 400 m from 4 s"),
-            {k: base[k] for k in ("ideal", "smc", "sta", "sta_printed")},
+            base.only("ideal", "smc", "sta", "sta_printed"),
             known,
         ),
         Case(
             Scenario("moving_optimum", 6.0, moving, doc="rails whose best slip differs"),
-            {k: base[k] for k in ("ideal", "smc", "sta", "sta_online", "sta_rls")},
+            base.only("ideal", "smc", "sta", "sta_online", "sta_rls"),
             _known(adh, MOVING),
         ),
-    ]  # fmt: skip
+    ]
     for name, mass in (("demand", 8000.0), ("demand_empty", 5500.0), ("demand_crush", 10000.0)):
         loads = {"plant.m": mass}
         found.append(
             Case(
                 Scenario(name, 6.0, rail, inputs={"a_demand": 0.8}, params=loads,
                          doc=f"0.8 m/s^2 wanted, {mass / 1e3:g} t, controller told 8 t"),
-                {"sta": base["sta"]},
+                base.only("sta"),
                 known,
             )
         )  # fmt: skip
