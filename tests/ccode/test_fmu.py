@@ -11,7 +11,19 @@ import pytest
 from conftest import three_rails
 from controllers import REPRESENTATIVE
 
-from slipctl import BadInput, Block, Input, Output, Param, State, law, sampled, simulate, step
+from slipctl import (
+    BadInput,
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    connect,
+    law,
+    sampled,
+    simulate,
+    step,
+)
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers, platforms
@@ -131,6 +143,28 @@ def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
         assert len(result) == len(rows) + 1
         got = np.column_stack([result[n][1:] for n in outputs])
         np.testing.assert_array_equal(got, wanted)
+
+
+def test_a_parameter_may_have_the_name_of_an_output(tmp_path: Path) -> None:
+    """A shared number T beside an output T: FMI wants a name for each."""
+
+    @law(y=Output("s"))
+    def late(u=Input("s"), T=Param("s", 2.0, "lag", lo=0, hi=9)):
+        return u + T
+
+    pair = connect("pair", {"late.u": "u", "T": "late.y"}, share={"T": "*.T"}, late=late)
+    codegen.export(pair, tmp_path, fmus=True, period=0.01)
+    for version in VERSIONS:
+        path = str(tmp_path / f"pair_fmi{version}.fmu")
+        assert validate_fmu(path) == []
+        names = [v.name for v in fmpy.read_model_description(path).modelVariables]
+        assert len(names) == len(set(names))
+        table = np.array([(0.0, 1.0), (0.05, 1.0)], [("time", float), ("u", float)])
+        result = fmpy.simulate_fmu(
+            path, stop_time=0.05, output_interval=0.01, input=table, output=["T"],
+            start_values={"parameter.T": 3.0},
+        )  # fmt: skip
+        assert result["T"][-1] == 4.0
 
 
 @pytest.fixture(scope="module")

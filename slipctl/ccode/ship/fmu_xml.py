@@ -54,13 +54,17 @@ def variables(plan: Plan) -> list[Variable]:
         ("output", "discrete", "calculated", lay.outputs),
     )  # fmt: skip
     start = plan.block.start()
-    taken = {m.name for _, _, _, g in groups for m in g if g is not lay.states}
+    outside = {m.name for m in (*lay.inputs, *lay.outputs)}
+    taken = outside | {m.name for m in (*lay.params, *lay.derived)}
     found: list[Variable] = []
     for causality, variability, initial, members in groups:
         for m in members:
             name = spelled(m.name)
+            # an output may have the name of a state or of a parameter
             if members is lay.states and m.name in taken:
-                name = f"state.{name}"  # an output may have the name of a state
+                name = f"state.{name}"
+            elif causality.endswith("arameter") and m.name in outside:
+                name = f"parameter.{name}"
             values: list[float | None] = [None] * m.size
             if causality == "input":
                 values = list(starting(m))
