@@ -11,19 +11,7 @@ import pytest
 from conftest import three_rails
 from controllers import REPRESENTATIVE
 
-from slipctl import (
-    BadInput,
-    Block,
-    Input,
-    Output,
-    Param,
-    State,
-    connect,
-    law,
-    sampled,
-    simulate,
-    step,
-)
+from slipctl import BadInput, Block, Input, Output, Param, State, law, sampled, simulate, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers, platforms
@@ -147,6 +135,7 @@ def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
 
 def test_a_parameter_may_have_the_name_of_an_output(tmp_path: Path) -> None:
     """A shared number T beside an output T: FMI wants a name for each."""
+    from slipctl import connect
 
     @law(y=Output("s"))
     def late(u=Input("s"), T=Param("s", 2.0, "lag", lo=0, hi=9)):
