@@ -183,8 +183,7 @@ def function(
     own = {hash(a) for a in arguments}
     first: dict[int, tuple[str, Any]] = {}
     for said, value in found:
-        plain = re.sub("_+", "_", said).strip("_")
-        if isinstance(value, ca.MX) and plain not in _KEPT:
+        if isinstance(value, ca.MX) and (plain := re.sub("_+", "_", said).strip("_")) not in _KEPT:
             first.setdefault(hash(value), (plain, value))
     inner = of_symbols([v for _, v in first.values()], own, hash)
     if not inner:
