@@ -28,6 +28,7 @@ from slipctl import (
     gated,
     law,
     make_block,
+    replicate,
     step,
 )
 from slipctl.block.units import parse_quantity, unit
@@ -37,6 +38,8 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive_slip import predictive
+from slipctl.models.ranges import of_those
+from slipctl.models.vehicle.failure import safe, sample, trust
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -49,7 +52,7 @@ from slipctl.models.vehicle.parts import (
     SlipSpeed,
     Trip,
 )
-from slipctl.models.vehicle.ranges import controlled
+from slipctl.models.vehicle.ranges import controlled, height_of, of_inputs
 from slipctl.study.doors import load_block
 
 WINDOW = 16
@@ -208,13 +211,14 @@ def watch(always: bool) -> Block:
         v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
         T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
+        ready=Input("1", "1 where slip control can go by the samples"),
         wake=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
         rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
         v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):
         """On from the first large slip until the demand has been the smaller torque for a while."""
-        fast = v >= v_off
+        fast = logic_and(v >= v_off, ready > 0.5)
         slips = v_s > wake * v_best
         on = if_else(fast, 1 if always else fmax(ruling, slips), 0)
         calm = logic_and(logic_and(on > 0.5, T_wanted >= T_demand), v_s <= wake * v_best)
@@ -231,14 +235,11 @@ def applied(
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     on=Input("1", "1 while slip control rules"),
-    v=Input("m/s", "measured vehicle speed"),
     T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
     lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
-    v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
-    low=Param("1", 1.0, "share of the largest torque that is applied below", ADDED, lo=0, hi=1),
 ):
     """The demand, or what slip control wants where that is less; see ``common_form.limits``."""
-    top = fmin(fmax(T_demand, 0), T_max * if_else(v >= v_off, 1, low))
+    top = fmin(fmax(T_demand, 0), T_max)
     led = T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)
     return if_else(on > 0.5, fmin(top, fmax(0, led)), top)
 
@@ -298,21 +299,58 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
     return block.with_params(**numbers_of(block, part.gains, "gains")), False
 
 
-def axle_control(trip: Trip, part: Controller) -> Block:
-    """Slip control of one axle.
+def vehicle_control(trip: Trip, part: Controller) -> Block:
+    """Slip control of all axles that have an actuator.
 
     Args:
         trip: the trip.
         part: the controller.
 
     Returns:
-        Step from ``omega``, ``v``, ``T`` (torque of the actuator) and ``T_demand`` to ``T_cmd``.
+        Step from ``omega`` and ``T`` (torque of the actuator) of each axle, ``v`` and ``T_demand``
+        to ``T_cmd`` of each. Its inputs may be anything; see :mod:`slipctl.models.vehicle.failure`.
     """
-    w = wheel(trip, getattr(part, "reference", None))
+    w, axles = wheel(trip, getattr(part, "reference", None)), len(trip.vehicle.worked)
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
         alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
-        return controlled(alone, trip, w)
+        return replicate(controlled(alone, trip, w), axles, ["T_demand"])
+    parts, wires = _axle(trip, part, w)
+    parts["sample"], parts["safe"] = sample, safe(safe_output(trip)).with_params(
+        v_off=trip.control.off, limit=trip.control.release,
+        limit_still=trip.control.release_still,
+    )  # fmt: skip
+    wires |= {
+        "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
+        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "watch.on",
+        "safe.ready": "trust.ready", "safe.stands": "trust.stands", "safe.v": "trust.v",
+        "T_cmd": "safe.T_cmd",
+    }  # fmt: skip
+    one = ("trust.v", "trust.demand")
+    common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
+    copies = {
+        name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common])
+        for name, block in parts.items()
+    }
+    judge = trust(axles, trip.vehicle.mode == "drive", **of_inputs(trip, w))
+    wires |= {
+        "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
+        "trust.T_cmd": "safe.T_h",
+    }  # fmt: skip
+    block = controlled(connect("ctl", wires, trust=judge, **copies), trip, w)
+    return block.with_params(**_numbers(block, w))
+
+
+def safe_output(trip: Trip) -> str | float:
+    """What an axle gets on which slip control cannot be relied on."""
+    given = trip.control.safe
+    if given == "":
+        return "demand" if trip.vehicle.mode == "brake" else 0.0
+    return given
+
+
+def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:
+    """Parts of the slip control of one axle, and their wires."""
     reference = part.reference or trip.reference
     settings: SlipControl = trip.control
     law_block, gated_inside = slip_law(trip, part, w)
@@ -326,31 +364,28 @@ def axle_control(trip: Trip, part: Controller) -> Block:
         "watch": watch(always).with_params(
             wake=settings.wake, rest=settings.rest, v_off=settings.off
         ),
-        "apply": applied.with_params(
-            lead=getattr(part, "lead", 1.0), v_off=settings.off, low=settings.low
-        ),
+        "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),
     }
     wires = {
-        "slip.v": "v",
-        "slip.omega": "omega",
+        "slip.v": "trust.v",
+        "slip.omega": "trust.omega",
         "meter.omega": "slip.omega_s",
         "meter.v_s": "slip.v_s",
-        "meter.T_b": "T",
+        "meter.T_b": "trust.T_b",
         "fall.F": "force.F",
-        "watch.v": "v",
+        "watch.v": "trust.v",
         "watch.v_s": "slip.v_s",
-        "watch.T_demand": "T_demand",
+        "watch.ready": "trust.ready",
+        "watch.T_demand": "trust.demand",
         "watch.T_wanted": "law.T_wanted",
         "law.on": "watch.on",
         "apply.on": "watch.on",
         "apply.T_wanted": "law.T_wanted",
-        "apply.T_demand": "T_demand",
-        "apply.T": "T",
-        "apply.v": "v",
-        "T_cmd": "apply.T_cmd",
+        "apply.T_demand": "trust.demand",
+        "apply.T": "trust.T_b",
     }
-    ports = {"v": "v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "T",
-             "T_top": "T_demand"}  # fmt: skip
+    ports = {"v": "trust.v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "trust.T_b",
+             "T_top": "trust.demand"}  # fmt: skip
     if isinstance(reference, Searched):
         curve, begin = fitted(reference)
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
@@ -359,14 +394,14 @@ def axle_control(trip: Trip, part: Controller) -> Block:
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
         parts |= found
         wires |= inner | {
-            "estimator.mu": "meter.mu_m",
-            "estimator.v_s": "meter.v_s_m",
+            "estimator.mu": "sample.mu",
+            "estimator.v_s": "sample.v_s",
             "curve.v_s": "slip.v_s",
             "force.mu": "curve.mu",
         }
     else:
         parts["reference"] = fixed(reference)
-        wires |= {"reference.v": "v", "force.mu": "meter.mu_m"}
+        wires |= {"reference.v": "trust.v", "force.mu": "meter.mu_m"}
         ports["v_best"] = "reference.v_best"
         if isinstance(part, Predictive):
             parts["curve"], ports_of_curve = known_curve()
@@ -375,8 +410,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     wires |= {f"law.{n}": ports[n] for n in law_block.inputs if n in ports}
     wires |= {f"law.{n}": ports[n.rpartition(".")[2]] for n in law_block.inputs
               if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip
-    block = controlled(connect("ctl", wires, **parts), trip, w)
-    return block.with_params(**_numbers(block, w))
+    return parts, wires
 
 
 @lru_cache(maxsize=8)
@@ -384,7 +418,10 @@ def _searched(
     curve: Block, begin: tuple[tuple[str, float], ...], noise: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    return best_slip.searched(curve, dict(begin), noise)
+    parts, wires = best_slip.searched(curve, dict(begin), noise)
+    ends = (*height_of(curve, [n for n, _ in begin]), "the law, of all estimates there are")
+    parts["search"] = of_those(parts["search"], {"value": ends, "held_value": ends})
+    return parts, wires
 
 
 def known_curve() -> tuple[Block, dict[str, str]]:
@@ -414,7 +451,7 @@ def _numbers(block: Block, w: Wheel) -> dict[str, float]:
             continue
         if last == "m" and part == "meter":
             found[name] = w.W
-        elif last == "m" and part in ("law", "fall"):
+        elif last == "m" and part in ("law", "fall", "trust"):
             found[name] = w.m
         elif last in of and part.partition(".")[0] != "estimator":
             found[name] = of[last]

@@ -69,6 +69,17 @@ def measured(text: str, *units: str) -> tuple[float, str] | str:
     return f"is {text!r}; write a number in {' or '.join(units)}, such as '12 {units[0]}'"
 
 
+def torque_of(given: str | float) -> float | str:
+    """Torque in N m from 0 on, of a number or a text with its unit; or what is wrong with it."""
+    if not isinstance(given, str):
+        return float(given)
+    try:
+        value = parse_quantity(given, "N m")
+    except BadInput as error:
+        return str(error)
+    return value if 0 <= value <= 1e6 else f"{value:g} N m is outside 0 .. 1e6 N m"
+
+
 class Part:
     """A part; it refuses numbers off range and what does not fit together."""
 
@@ -465,8 +476,29 @@ class SlipControl(Part):
 
     wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
     rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
-    off: float = number("m/s", 1.0, "speed below which it is off", lo=0, hi=10)
-    low: float = number("1", 0.3, "share of the largest torque that is applied below", lo=0, hi=1)
+    off: float = number("m/s", 1.0, "speed below which it is off and the demand is given",
+                        lo=0, hi=10)  # fmt: skip
+    safe: str | float = told("", "what an axle gets whose samples are not believed: 'demand',"
+                             " 'hold', or a torque, never above the demand; none given: the demand"
+                             " of a braked vehicle, 0 of a driven one")  # fmt: skip
+    demand_lost: str | float = told("", "demand .2 s after it is no number any more: 'largest', or a"
+                                    " torque; none given: the largest of a braked vehicle, 0 of a"
+                                    " driven one")  # fmt: skip
+    release: float = number("s", 10.0, "longest release of an axle, after which it gets the demand"
+                            " for 1 s", lo=0.1, hi=600)  # fmt: skip
+    release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
+                                  lo=0.1, hi=600)  # fmt: skip
+
+    def misfits(self) -> Iterator[Fault]:
+        """A safe output or a demand that is neither a word that there is nor a torque."""
+        for name, words in (("safe", ("demand", "hold")), ("demand_lost", ("largest",))):
+            given = getattr(self, name)
+            if isinstance(given, str) and given not in ("", *words):
+                fault = torque_of(given)
+                if isinstance(fault, str):
+                    yield name, f"is {given!r}; write {' or '.join(map(repr, words))}, or a torque"
+            elif not isinstance(given, str) and off_range(given, {"unit": "N m", "lo": 0, "hi": 1e6}):
+                yield name, off_range(given, {"unit": "N m", "lo": 0, "hi": 1e6})
 
 
 @dataclass(frozen=True, kw_only=True)

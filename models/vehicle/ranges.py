@@ -7,85 +7,139 @@ neither. A law of the user's own keeps the ranges that it declares.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import log, pi, sqrt
 
-from slipctl import Block
+import numpy as np
+from casadi import SX, Function, vertsplit
+
+from slipctl import BadInput, Block
+from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
+from slipctl.models.vehicle.failure import DRAG, NEVER, WORN
 from slipctl.models.vehicle.parts import (
     Exact,
+    Lag,
     NoisySpeed,
     NoisyWheel,
     ToothWheel,
     Trip,
-    WheelsOnly,
+    torque_of,
 )
+
+FAR_OFF = 1e6
+"""End of a range that has none of its own."""
 
 SURE = 8.0
 """Standard deviations that a noise never leaves."""
 
-Row = tuple[float, float, str, float, float]
-
 
 def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
-    """Declare the ranges of the control of one axle: of what it measures and of what it holds."""
-    speed, spin = _speed(trip, w), _wheel(trip, w)
-    turning = (*spin[:2], "as that which is measured")
-    slip = speed[1] + 1.1 * w.r * spin[1]  # radii of the axles differ by less than a tenth
+    """Declare the ranges of what the control of a vehicle holds. It judges its inputs itself."""
+    numbers = of_inputs(trip, w)
+    fastest, spin = numbers["fastest"], numbers["most"]
+    turning = (-1.1 * spin, 1.1 * spin, "as that which is believed")
+    slip = fastest + 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
-    far = 250 * w.T_max
+    top = 1.25 * w.T_max
+    most = (-top, top, "a quarter more than the largest, either way")
+    far = (-250 * w.T_max, 250 * w.T_max, "250 times the largest torque; it is limited")
+    time = (0, NEVER, "longer is not counted")
+    speed = (-2, fastest, "430 km/h, or half as much again as at the start")
     rows: dict[str, tuple] = {
-        "v": speed,
-        "omega": spin,
-        "T": (-1.25 * w.T_max, 1.25 * w.T_max, "a quarter more than the largest, either way"),
-        "T_demand": (-far, far, "250 times the largest torque; it is limited"),
         "slip.v_s": slipping,
         "slip.omega_s": turning,
         "meter.omegas": turning,
-        "meter.torques": (-1.25 * w.T_max, 1.25 * w.T_max, "as that which is measured"),
+        "meter.torques": most,
         "meter.slips": slipping,
         "meter.n": (-40, 40, "unit normal noise, none of which a controller has"),
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
+        "sample.mu": (-1e3, 1e3, "as it is measured"),
+        "sample.v_s": slipping,
         "estimator.kept": slipping,
         "watch.ruling": (0, 1, FLAG),
         "watch.on": (0, 1, FLAG),
         "watch.idle": (0, 1e9, "it counts on where slip control rules from the start"),
-        "reference.v_best": (0, max(20.0, speed[1]), "no more than the speed"),
-    }
+        "reference.v_best": (0, max(20.0, fastest), "no more than the speed"),
+        "trust.omega_h": (-spin, spin, "a wheel that spins free"),
+        "trust.mean": (-spin, spin, "a wheel that spins free"),
+        "trust.omega": turning,
+        "trust.torque": (0, w.T_max, "as commanded"),
+        "trust.T_b": most,
+        "trust.ratio_h": (1 - 2 * WORN, 1 + 2 * WORN, "no wheel is worn by more"),
+        "trust.ratio": (1 - 2 * WORN, 1 + 2 * WORN, "no wheel is worn by more"),
+        "trust.bias": (-DRAG, DRAG, "it is limited"),
+        "trust.v_h": speed,
+        "trust.v": speed,
+        "trust.demand_h": far,
+        "trust.demand": far,
+        **{f"trust.{n}": time
+           for n in ("out", "good", "still", "odd", "off", "on", "back", "age", "demand_out")},
+        "trust.ban": (0, 10, "it is set to that"),
+        "trust.learnt": (0, 1, "it is limited"),
+        "trust.seen": (0, 1, FLAG),
+    }  # fmt: skip
     return of_those(block, rows)
 
 
-def _speed(trip: Trip, w: Wheel) -> Row:
-    """Speed of the vehicle as it is measured: ends, source, change per tick and noise."""
-    most = max(120.0, 1.5 * trip.vehicle.speed)
-    part, why = trip.sensors.vehicle_speed, "430 km/h, or half as much again as at the start"
-    if isinstance(part, WheelsOnly):
-        _, _, _, change, noise = _wheel(trip, w)
-        return -1.0, most, f"{why}; as the wheels", w.r * change, w.r * noise
-    change = 10 * T_S
-    noise = 0.5 + (_noise(part, change) if isinstance(part, NoisySpeed) else 0.0)
-    return -1.0 - noise, most + noise, f"{why}; 10 m/s^2, and its sensor", change, noise
+def height_of(curve: Block, names: Sequence[str], top: float = 20.0) -> tuple[float, float]:
+    """Least and greatest value of a curve over all slips and parameters that an estimate may have.
+
+    Interval arithmetic of one box; where that has no finite ends they are far off.
+    """
+    signals = [curve.inputs["v_s"], *(curve.params[n] for n in names)]
+    x = SX.sym("x", len(signals))
+    at = dict(zip(["v_s", *names], vertsplit(x), strict=True))
+    rest = {n: SX(s.value) for n, s in curve.params.items() if not s.derived}
+    _, y = curve.expr({}, {"v_s": at.pop("v_s")}, rest | at)
+    low = np.array([[0.0], *([max(s.lo, -FAR_OFF)] for s in signals[1:])])
+    high = np.array([[top], *([min(s.hi, FAR_OFF)] for s in signals[1:])])
+    try:
+        ends = enclose(Function("curve", [x], [y["mu"]]), low, high)
+    except BadInput:
+        return -FAR_OFF, FAR_OFF
+    least, most = (float(e[0, 0]) for e in ends)
+    return max(min(least, -2.0), -FAR_OFF), min(max(most, 2.0), FAR_OFF)
 
 
-def _wheel(trip: Trip, w: Wheel) -> Row:
-    """Speed of a wheel as it is measured; it gains what twice its torque and an adhesion of 2 do.
+def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
+    """Numbers by which the inputs of a vehicle's control are judged; see ``failure.trust``.
 
     A tooth wheel tells a speed at an edge, at the latest when the wheel has turned by a tooth. From
     rest it has sqrt(2 alpha 2 pi/N) by then.
     """
-    part = trip.sensors.wheel_speed
+    vehicle, act, of = trip.vehicle, trip.actuator, trip.sensors.vehicle_speed
+    fastest = max(120.0, 1.5 * vehicle.speed)
     alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
-    change, most = alpha * T_S, 1.5 * max(120.0, trip.vehicle.speed) / w.r
-    noise = 0.1
+    noise, slow = 0.1, 0.0
+    part = trip.sensors.wheel_speed
     if isinstance(part, NoisyWheel):
-        noise += _noise(part, change)
+        noise += _noise(part, alpha * T_S)
     elif isinstance(part, ToothWheel):
-        tooth, usual = 2 * pi / part.teeth, 1.2 * max(trip.vehicle.speed, 1.0) / w.r
-        noise += sqrt(2 * alpha * tooth) + usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
+        tooth, usual = 2 * pi / part.teeth, 1.2 * max(vehicle.speed, 1.0) / w.r
+        noise += usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
+        slow = sqrt(2 * alpha * tooth)
     else:
         assert isinstance(part, Exact)
-    return -most, most, "a wheel that spins free; its torque and the rail turn it", change, noise
+    gate = 0.15
+    if isinstance(of, NoisySpeed):
+        gate += 5 * of.deviation + of.step
+    lag = act.lag if isinstance(act, Lag) else max(act.fill, act.vent)
+    full = act.torque / act.rate if isinstance(act, Lag) and act.rate else 0.0
+    lost: float = {"": w.T_max if vehicle.mode == "brake" else 0.0, "largest": w.T_max}.get(
+        trip.control.demand_lost, 0.0  # type: ignore[arg-type]
+    )
+    if trip.control.demand_lost not in ("", "largest"):
+        lost = float(torque_of(trip.control.demand_lost))
+    return {
+        "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": gate, "noise": noise,
+        "noise_slow": slow, "slow": 2 * slow,
+        "react": min(0.3 + 3 * (lag + act.dead_time) + full, 10.0), "lost": lost,
+        "v_start": vehicle.speed,
+        "omega_start": vehicle.speed / w.r,
+    }  # fmt: skip
 
 
 def _noise(part: NoisyWheel | NoisySpeed, change: float) -> float:

@@ -44,7 +44,7 @@ from slipctl.block.units import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.control import axle_control, numbers_of
+from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
     Constant,
@@ -251,12 +251,11 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
     """
     part = trip.controllers[controller] if isinstance(controller, str) else controller
     common = common or Common(trip)
-    ctl = axle_control(trip, part)
-    one = [k for k in ctl.inputs if k in ("v", "T_demand", "fall.a_R", "probe.limit")]
+    ctl = vehicle_control(trip, part)
     parts: dict[str, Block] = {
         "plant": common.plant,
         "demand": common.demand,
-        "ctl": replicate(ctl, len(trip.vehicle.worked), one),
+        "ctl": ctl,
         "slip": common.slip,
     }
     wires = {
@@ -329,7 +328,7 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     shared: dict[str, list[str]] = {
         "m": places("plant.m", "demand.m"),
         f"m_axle = m / {axles}": places("plant.train.m_axle", "ctl.meter.m", "*.m_axle"),
-        f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m")],
+        f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m", "ctl.trust.m")],
         "J": places("plant.train.J", "*.J"),
         "r": places("ctl*.r", "demand.r", "speed.r") if apart else places("plant.train.r", "*.r"),
         "g": places("plant.g", "*.g"),
@@ -345,7 +344,7 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start")]
     turn = "-1 * " if trip.vehicle.mode == "drive" else ""
     shared["omega_start = v_start / r"] = places(
-        "angle.omega_start", "wheel.omega_start", "wheel.u_start"
+        "angle.omega_start", "wheel.omega_start", "wheel.u_start", "ctl.trust.omega_start"
     )
     shared[f"omega_seen = {turn}v_start / r"] = places("ctl.meter.omega_start")
 

@@ -238,6 +238,7 @@ def _both(a: Signal, b: Signal) -> Signal:
         change=min(a.change, b.change),
         jitter=max(a.jitter, b.jitter),  # of the one sensor that both read
         stale=min(a.stale, b.stale),
+        judged=a.judged and b.judged,
         bounds=tuple(dict.fromkeys([*a.bounds, *b.bounds])),
         positive=a.positive or b.positive,
         per=a.per or b.per,

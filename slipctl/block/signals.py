@@ -87,6 +87,7 @@ class Signal:
         rising: each element of a parameter is above the one before: places of a table.
         over: parameter of these places, of one that holds the heights of a table there; of a
             matrix two, of its rows and of its columns.
+        judged: the block judges this input itself, and is given whatever comes.
     """
 
     role: str
@@ -113,6 +114,7 @@ class Signal:
     values: tuple[str, ...] = ()
     rising: bool = False
     over: str | tuple[str, ...] = ""
+    judged: bool = False
 
     def __post_init__(self) -> None:
         if self.unit in KINDS:
@@ -394,6 +396,7 @@ def Input(
     positive: str | None = None,
     per: str | None = None,
     values: tuple[str, ...] = (),
+    judged: bool = False,
 ) -> Any:
     """Declare an input; ``value`` is what it reads when no wire and no scenario feeds it.
 
@@ -402,13 +405,14 @@ def Input(
     most. ``(0, "v - 0.2")`` is a number and an expression beside it, which may name other inputs of
     the block too: it is that of their last good values. Generated C puts the last good value in the
     place of one that is outside, or further from it than noise and change since then allow. It does
-    so for ``stale`` ticks in a row; then it refuses the tick.
+    so for ``stale`` ticks in a row; then it refuses the tick. An input that is ``judged`` by the
+    block itself is handed over as it is, NaN and infinity too, and no tick is refused for it.
     """
     given = numbers_and_bounds(lo, hi, change=change, noise=noise)
     given["jitter"] = given.pop("noise", 0.0)
     return Signal(
         "input", unit, value, doc, source, shape=shape, positive=positive, per=per,
-        stale=stale, values=values, **given,
+        stale=stale, values=values, judged=judged, **given,
     )  # fmt: skip
 
 

@@ -102,9 +102,13 @@ def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.n
     most = np.finfo(np.float32 if plan.real == "float" else np.float64).max
     if plan.coupled:
         found = plan.ends_of_inputs(values)
-        return guard.accepted_together(rows, found, plan.stale, float(most), plan.period)
+        return guard.accepted_together(
+            rows, found, plan.stale, float(most), plan.period, plan.judged
+        )
     ends = plan.ends(plan.layout.inputs, values)
-    return guard.accepted(rows, *ends, plan.stale, float(most), plan.period)
+    return guard.accepted(
+        rows, *ends, plan.stale, float(most), plan.period, plan.judged
+    )
 
 
 def missed(good: np.ndarray) -> np.ndarray:

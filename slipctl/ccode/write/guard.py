@@ -152,6 +152,7 @@ def accepted(
     stale: np.ndarray,
     most: float,
     period: float | None = None,
+    judged: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the step takes of rows of inputs, and what it tells in each tick.
 
@@ -160,6 +161,7 @@ def accepted(
         lo, hi, change, noise, stale: of each element.
         most: the largest number.
         period: of a tick in s.
+        judged: whether the block judges the element itself; None for none.
     """
     ticks, n = rows.shape
     taken, told = np.zeros((ticks, n)), np.zeros(ticks, dtype=int)
@@ -169,6 +171,10 @@ def accepted(
     with np.errstate(invalid="ignore", over="ignore"):
         for k in range(n):
             column = rows[:, k]
+            if judged is not None and judged[k]:
+                taken[:, k] = column
+                told |= np.where(np.abs(column) <= most, 0, BAD_INPUT)
+                continue
             steps = np.abs(np.diff(column))
             fine = (column >= lo[k]) & (column <= hi[k])
             if fine.all() and (change[k] >= most or (steps <= noise[k] + change[k]).all()):
@@ -184,7 +190,8 @@ def accepted(
 
 
 def accepted_together(
-    rows: np.ndarray, ends: ca.Function, stale: np.ndarray, most: float, period: float | None
+    rows: np.ndarray, ends: ca.Function, stale: np.ndarray, most: float, period: float | None,
+    judged: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same where ends follow the last good values of other inputs.
 
@@ -205,6 +212,9 @@ def accepted_together(
                  memory(period, stale), most)
         for k in range(n)
     ]  # fmt: skip
+    for k in np.flatnonzero([] if judged is None else judged):
+        bad = ca.logic_not(ca.fabs(value[k]) <= most)
+        found[k] = (value[k], found[k][1], ca.if_else(bad, BAD_INPUT, 0))
     taken, ages, told = (ca.vertcat(*column) for column in zip(*found, strict=True))
     one = ca.Function("tick", [x, value], [ca.vertcat(taken, ages), taken, told])
     run = one.mapaccum(ticks)

@@ -29,6 +29,12 @@ def check_inputs(plan: Plan) -> str:
     ]
     at = 0
     for m in lay.inputs:
+        if m.signal.judged:  # by the block: it has to see what is wrong
+            many = f"_all({m.address('in->')}, {m.size}, {m.address('guard->last.')}"
+            one = f"({m.at('in->', 0)}, &{m.at('guard->last.', 0)}"
+            lines.append(f"told |= hand_over{many if m.size > 1 else one});")
+            at += m.size
+            continue
         each = [
             ", ".join(
                 [

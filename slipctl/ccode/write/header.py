@@ -75,7 +75,8 @@ def member_comment(m: Member, indent: str = "    ") -> str:
         said.append(f"changes by at most {change_text(s)} in a tick")
         said += [f"and by noise of {noise_text(s)}"] * bool(noise_text(s))
     if s.role == "input":
-        said.append(f"when bad, its last good value for {s.stale} ticks")
+        said.append("anything, judged by the model itself" if s.judged else
+                    f"when bad, its last good value for {s.stale} ticks")  # fmt: skip
     if len(s.shape) == 2:
         said.append(f"{s.shape[0]} x {s.shape[1]}, column by column")
     if s.value is not None:

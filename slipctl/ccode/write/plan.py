@@ -203,6 +203,11 @@ class Plan:
         return [(self.state_named(n), ticks) for n, ticks in counters(self.block).items()]
 
     @property
+    def judged(self) -> np.ndarray:
+        """Whether the block judges an input element itself."""
+        return np.array([m.signal.judged for m in self.layout.inputs for _ in range(m.size)])
+
+    @property
     def stale(self) -> np.ndarray:
         """Ticks for which the last good value of each input element is taken."""
         return np.array([float(m.signal.stale) for m in self.layout.inputs for _ in range(m.size)])

@@ -30,6 +30,17 @@ _SMALL = {
         "                           double stale, double *last, double *age)",
         "".join(f"    {line}\n" for line in _ACCEPT) + "    return (unsigned int)(int)bits;\n",
     ),
+    "hand_over_all": (
+        "unsigned int hand_over_all(const double *value, int n, double *last)",
+        "    unsigned int told = 0U;\n"
+        + _LOOP % "told |= hand_over(value[k], &last[k]);"
+        + "    return told;\n",
+    ),
+    "hand_over": (
+        "unsigned int hand_over(double value, double *last)",
+        "    *last = value;\n"
+        f"    return within(value, -DBL_MAX, DBL_MAX) ? 0U : {guard.BAD_INPUT}U;\n",
+    ),
     "all_can_follow": (
         "bool all_can_follow(const double *x, int n, const double *last, double change)",
         _LOOP % "if (!can_follow(x[k], last[k], change)) {\n            return false;\n        }"

@@ -1,0 +1,412 @@
+"""What a vehicle's slip control believes, and what it does where it cannot.
+
+    v, omega, T, T_demand -> trust -> slip control of each axle -> safe -> T_cmd
+
+``trust`` judges every input before anything else sees it, and hands on numbers that are finite and
+in their ranges. What it does not believe of one axle stays with that axle, and the vehicle's speed
+has a fall-back of its own. ``safe`` gives an axle its demand where slip control cannot be relied on:
+while a sample of its own is not believed, after a start, below the cut-off speed, and when it has
+been released for too long.
+
+The speed that is believed follows from the momentum of vehicle and wheels together. The rail turns
+one into the other, so their sum changes by the brakes alone, whatever the adhesion is:
+
+    v + sum_i J omega_i / (r m) falls by (sum_i T_i / (r m) + b) each second
+
+with a slow b for gradient, resistance and mass. A wheel that slides does not disturb it, and a wrong
+vehicle speed does. So the two can be told from each other, which no comparison of speeds can do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import Any
+
+from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, vertcat
+
+from slipctl import Block, Input, Output, Param, State, law, step
+from slipctl.models.common_form import ADDED, T_S
+
+HOLD = 0.2
+"""Seconds for which the last good value of an input stands for a bad one."""
+
+NEVER = 1e3
+"""A time in s that no limit is above: longer ones are not counted."""
+
+DRAG = 1.0
+"""Largest deceleration in m/s^2 by gradient, resistance and a wrong mass together."""
+
+WORN = 0.1
+"""Share by which a wheel may be smaller or larger than its controller takes for true."""
+
+SETTLED = 0.02
+"""Seconds for which samples are good before slip control goes by them: the window of the meter."""
+
+FLAG = "no or yes"
+
+
+def _all(conditions: Sequence[Any]) -> Any:
+    return reduce(logic_and, conditions)
+
+
+def _any(conditions: Sequence[Any]) -> Any:
+    return reduce(logic_or, conditions)
+
+
+def _limited(x: Any, lo: Any, hi: Any) -> Any:
+    return fmin(fmax(x, lo), hi)
+
+
+def _timed(condition: Any, time: Any, T: Any) -> Any:
+    """Time in s for which a condition has held without a break."""
+    return if_else(condition, fmin(time + T, NEVER), 0)
+
+
+class _Axle:
+    """What trust knows of one axle within a tick; numbers as expressions."""
+
+    def __init__(self, k: int, s: dict[str, Any], turn: int) -> None:
+        """Judge the sample of axle ``k`` by its range and by what can move a wheel."""
+        self.s, self.k, self.turn = s, k, turn
+        T, J, T_max = s["T"], s["J"], s["T_max"]
+        self.rail = s["r"] * s["m_axle"] * s["g"]
+        self._torque()
+        raw, last, out = s["omega"][k], s["omega_h"][k], s["out"][k]
+        braked = 1.25 * fmax(fmax(self.torque, self.modelled), 0) + 0.05 * T_max
+        way = (out + T) / J
+        noise = s["noise"] + if_else(fabs(last) < s["slow"], s["noise_slow"], 0)
+        there = turn * (raw - last)
+        moved = _all([there >= -(braked + 0.1 * self.rail) * way - noise,
+                      there <= (0.05 * T_max + 0.6 * self.rail) * way + noise])  # fmt: skip
+        ranged = logic_and(raw >= -s["most"], raw <= s["most"])
+        self.can = logic_and(ranged, logic_or(moved, out >= NEVER))
+        self.omega = if_else(self.can, raw, last)
+        self.step = if_else(out >= NEVER, 0, self.omega - last)
+        beside = s["ratio"][k] - 1
+        self.ratio = 1 + beside - _limited(beside, -s["alike"], s["alike"])
+        self.speed = self.ratio * s["r"] * self.omega
+        self.candidate = logic_and(self.can, s["ban"][k] <= 0)
+        slowed = if_else(out >= NEVER, turn * self.omega, s["mean"][k])
+        share = fmin(T / 0.1, 1)
+        self.mean = slowed + share * (turn * self.omega - slowed)
+        self.gain = s["r"] * (turn * self.omega - self.mean) / 0.1
+
+    def _torque(self) -> None:
+        """Torque: as measured while that follows the command, else as the command has it."""
+        s, k = self.s, self.k
+        given = s["T_b"][k]
+        self.modelled = s["torque"][k] + fmin(s["T"] / s["tau"], 1) * (s["T_cmd"][k] - s["torque"][k])
+        ranged = logic_and(given >= -1.25 * s["T_max"], given <= 1.25 * s["T_max"])
+        given = if_else(ranged, given, s["torque"][k])
+        apart = logic_or(logic_not(ranged), fabs(given - self.modelled) > 0.25 * s["T_max"])
+        self.odd = _timed(apart, s["odd"][k], s["T"])
+        self.follows = self.odd < s["react"]
+        self.torque = if_else(logic_and(ranged, self.odd < 0.3), given, self.modelled)
+        self.free = fmax(fabs(self.torque), fabs(self.modelled)) < fmin(
+            0.05 * s["T_max"], 0.02 * self.rail
+        )
+
+    def judge(self, v: Any, sure: Any) -> None:
+        """Judge it by the vehicle's speed: it does not pass it, and runs up when it is let go."""
+        s, k = self.s, self.k
+        speed = fabs(v)
+        slip = self.turn * (v - self.speed)
+        alike = if_else(s["learnt"][k] >= SETTLED, 0.03, WORN)
+        self.taken = logic_and(self.can, slip >= -(alike * speed + 0.6))
+        self.out = if_else(self.taken, 0, fmin(s["out"][k] + s["T"], NEVER))
+        idle = _all([self.taken, self.free, slip > fmax(0.6, 0.04 * speed), self.gain < 0.5])
+        self.still = _timed(idle, s["still"][k], s["T"])
+        self.dead = self.still > 0.25
+        rolls = _all([self.free, fabs(self.gain) < 3])
+        passes = slip < -(0.01 * speed + 0.2)
+        share = v / if_else(fabs(self.omega) > 1, s["r"] * self.omega, s["r"])
+        usable = _all([self.taken, sure, speed > 3, fabs(share - 1) <= WORN])
+        learning = logic_and(usable, rolls)
+        self.learnt = if_else(learning, fmin(s["learnt"][k] + s["T"], 1), s["learnt"][k])
+        rate = if_else(learning, s["T"] / fmax(self.learnt, s["T"]),
+                       if_else(logic_and(usable, passes), fmin(2 * s["T"], 1), 0))  # fmt: skip
+        self.learnt_ratio = s["ratio"][k] + rate * (share - s["ratio"][k])
+
+
+def _lead(axles: Sequence[_Axle], turn: int) -> tuple[Any, Any, Any]:
+    """Second of the axles that slip least, as a vehicle speed; how many are seen; their spread."""
+    none = -1e4
+    first, second, least, count = SX(none), SX(none), SX(-none), SX(0)
+    for a in axles:
+        here = if_else(a.candidate, turn * a.speed, none)
+        second = fmax(second, fmin(first, here))
+        first = fmax(first, here)
+        least = fmin(least, if_else(a.candidate, turn * a.speed, -none))
+        count = count + a.candidate
+    lead = if_else(count >= 2, second, if_else(count >= 1, first, 0))
+    return turn * lead, count, if_else(count >= 1, first - least, 0)
+
+
+class _Vehicle:
+    """What trust believes of the vehicle's speed within a tick."""
+
+    def __init__(self, s: dict[str, Any], axles: Sequence[_Axle], turn: int) -> None:
+        """Predict the speed by the momentum, and hold the sensor and the wheels against that."""
+        self.s, self.turn, n = s, turn, len(axles)
+        self.lead, self.count, self.spread = _lead(axles, turn)
+        self.seen = logic_and(s["v"] >= -2, s["v"] <= s["fastest"])
+        self.given = if_else(self.seen, s["v"], 0)
+        share = 1 / (n * s["r"] * s["m"])
+        pull = sum(a.torque for a in axles) * share
+        wheels = s["J"] * share * sum(a.step for a in axles)
+        predicted = s["v_h"] + s["T"] * (s["bias"] - turn * pull) - wheels
+        self.begins = s["age"] <= 0
+        self.predicted = if_else(self.begins, self._first(), predicted)
+        self.speed = fabs(self.predicted)
+        self.gate = s["gate"] + 0.005 * self.speed
+        self.beside = self.given - self.predicted
+        self.wheels = if_else(self.count >= 1, self.lead - self.predicted, 0)
+        sure = reduce(fmin, [s["learnt"][a.k] for a in axles])
+        ahead = turn * (self.lead - self.given)
+        passed = logic_and(self.count >= 2, ahead > if_else(sure >= SETTLED, 0.03, WORN)
+                           * self.speed + 0.6)  # fmt: skip
+        self.near = _all([self.seen, fabs(self.beside) <= self.gate, logic_not(passed)])
+
+    def _first(self) -> Any:
+        """Speed at the first tick: the sensor's, or that of wheels which agree against it."""
+        lead, given, turn = self.lead, self.given, self.turn
+        apart = fabs(lead - given) > WORN * fabs(lead) + 0.5
+        alike = _all([self.count >= 2, self.spread <= WORN * fabs(lead) + 0.5,
+                      fabs(lead) >= 0.3 * fabs(given)])  # fmt: skip
+        passed = logic_and(self.count >= 1, turn * (lead - given) > 0)
+        wheels = logic_or(logic_not(self.seen), logic_and(apart, logic_or(alike, passed)))
+        wheels = logic_and(wheels, self.count >= 1)
+        return if_else(wheels, lead, if_else(self.seen, given, self.s["v_h"]))
+
+    def sensor(self) -> Any:
+        """Whether the sensor is believed from now on."""
+        s, T = self.s, self.s["T"]
+        self.off = _timed(logic_not(self.near), s["off"], T)
+        self.on = _timed(self.near, s["on"], T)
+        slides = _all([self.seen, self.spread > WORN * self.speed + 0.5,
+                       self.turn * self.beside > 0,
+                       fabs(self.beside) < WORN * self.speed + 2.0,
+                       self.turn * (self.given - self.lead) > self.gate])  # fmt: skip
+        self.back = _timed(slides, s["back"], T)
+        stays = logic_and(s["v_ok"] > 0.5, self.off < 0.1)
+        again = logic_or(self.on >= 0.3, self.back >= 1.0)
+        at_first = logic_and(self.seen, fabs(self.beside) <= 0)
+        self.v_ok = if_else(self.begins, at_first, logic_or(stays, again))
+        return self.v_ok
+
+    def believe(self, wrong: Any) -> Any:
+        """The speed that is believed; ``wrong``: wheels that are let go show that it is not."""
+        s, T, turn = self.s, self.s["T"], self.turn
+        alike = _all([self.count >= 1, self.near,
+                      fabs(self.given - self.lead) <= self.gate + 0.01 * self.speed])  # fmt: skip
+        middle = if_else(alike, (self.beside + self.wheels) / 2, self.beside)
+        by_sensor = middle * fmin(T / if_else(alike, 0.3, 1.0), 1)
+        ahead = turn * self.wheels
+        near = -ahead <= 0.05 * self.speed + 0.3
+        down = fmax(ahead, -T * if_else(near, 0.3, 0.05))
+        by_wheels = turn * if_else(ahead > 0, fmin(ahead, 20 * T), down)
+        self.now = logic_and(self.v_ok > 0.5, self.near)
+        v = self.predicted + if_else(self.now, by_sensor, if_else(self.count >= 1, by_wheels, 0))
+        learns = _all([alike, self.now, s["age"] > 0.3])
+        self.bias = _limited(s["bias"] + if_else(learns, middle * T / 0.9, 0), -DRAG, DRAG)
+        self.v_ok = if_else(wrong, 0, self.v_ok)
+        self.v = _limited(if_else(wrong, self.lead, v), -2, s["fastest"])
+        self.now = logic_and(self.now, logic_not(wrong))
+        return if_else(self.now, self.given, self.v)
+
+
+def trust(axles: int, driven: bool, **numbers: float) -> Block:
+    """Make the judge of all inputs: what of them is believed, and what stands for the rest.
+
+    Args:
+        axles: how many have an actuator.
+        driven: the vehicle is driven; its wheels are seen in the mirror.
+        **numbers: parameters of the block.
+
+    Returns:
+        Step from ``v``, ``omega``, ``T_b``, ``T_demand``, which may be anything, and the last
+        command ``T_cmd`` to what is believed of them, and to how it is with each.
+    """
+    n, turn = axles, -1 if driven else 1
+    each = (n,)
+
+    @step(
+        v=Output("m/s", "vehicle speed that is believed"),
+        omega=Output("rad/s", "wheel speed that is believed, of a wheel of the radius r", shape=each),
+        T_b=Output("N m", "torque that is believed", positive="braking", shape=each),
+        demand=Output("N m", "torque that is demanded, as it is believed", positive="braking"),
+        ready=Output("1", "1 where slip control can go by the samples", shape=each, lo=0, hi=1),
+        ok=Output("1", "1 where the axle's own samples are believed", shape=each, lo=0, hi=1),
+        v_ok=Output("1", "1 while the sensor of the vehicle's speed is believed", lo=0, hi=1),
+        demand_ok=Output("1", "1 while the demand is a number", lo=0, hi=1),
+        follows=Output("1", "1 where the torque follows its command", shape=each, lo=0, hi=1),
+        stands=Output("1", "1 where a wheel that is let go does not run up", shape=each, lo=0, hi=1),
+        ratio=Output("1", "speed of the vehicle over that of a wheel that rolls", shape=each),
+        name="trust", choices={"axles": n, "driven": driven},
+    )  # fmt: skip
+    def judging(
+        omega_h=State("rad/s", "omega_start", "last wheel speed that was believed", shape=each),
+        out=State("s", NEVER, "time without a wheel speed to believe", shape=each),
+        good=State("s", 0.0, "time with one", shape=each),
+        ratio_h=State("1", 1.0, "vehicle's speed over that of a wheel that rolls", shape=each),
+        learnt=State("s", 0.0, "time that it was learnt in", shape=each),
+        mean=State("rad/s", "omega_start", "wheel speed, filtered", shape=each),
+        still=State("s", 0.0, "time that a wheel let go has not run up in", shape=each),
+        ban=State("s", 0.0, "time for which its speed is not to be believed", shape=each),
+        torque=State("N m", 0.0, "torque, as the commands have it", shape=each),
+        odd=State("s", 0.0, "time that the measured torque has been another", shape=each),
+        v_h=State("m/s", "v_start", "vehicle speed that was believed"),
+        bias=State("m/s^2", 0.0, "acceleration by all but the brakes"),
+        seen=State("1", 1.0, "1 while the sensor of the vehicle's speed is believed"),
+        off=State("s", 0.0, "time that it has been another"),
+        on=State("s", 0.0, "time that it has been the same"),
+        back=State("s", 0.0, "time that wheels which slide have spoken for it"),
+        age=State("s", 0.0, "time since the start"),
+        demand_h=State("N m", 0.0, "last demand that was a number"),
+        demand_out=State("s", 0.0, "time without one"),
+        v=Input("m/s", "measured vehicle speed", judged=True),
+        omega=Input("rad/s", "measured wheel speed", shape=each, judged=True),
+        T_b=Input("N m", "measured torque", positive="braking", shape=each, judged=True),
+        T_demand=Input("N m", "torque that is demanded", positive="braking", judged=True),
+        T_cmd=Input("N m", "last command", positive="braking", shape=each),
+        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+        J=Param("kg m^2", 110.0, "inertia of a wheelset", ADDED, lo=0.1, hi=1e5),
+        m=Param("kg", 8000.0, "mass of the vehicle per axle with an actuator", ADDED, lo=100, hi=1e8),
+        m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
+        g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
+        tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
+        T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+        react=Param("s", 0.8, "time within which a torque is to follow its command", ADDED, lo=0.01, hi=10),
+        gate=Param("m/s", 0.35, "what the sensor of the vehicle's speed may be off by", ADDED, lo=0.01, hi=50),
+        noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
+        slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3),
+        noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3),
+        alike=Param("1", 0.003, "wheels that differ by less are taken as equal", ADDED, lo=0, hi=0.1),
+        fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
+        most=Param("rad/s", 430.0, "largest speed of a wheel", ADDED, lo=1, hi=5000),
+        lost=Param("N m", 0.0, "demand where there is none any more", ADDED, lo=0, hi=1e8),
+        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+        v_start=Param("m/s", 20.0, "vehicle speed at the start"),
+        omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
+    ):  # fmt: skip
+        """Judge every input; see the module."""
+        s = dict(omega_h=omega_h, out=out, ratio=ratio_h, learnt=learnt, mean=mean, still=still,
+                 ban=ban, torque=torque, odd=odd, v_h=v_h, bias=bias, v_ok=seen, off=off, on=on,
+                 back=back, age=age, v=v, omega=omega, T_b=T_b, T_cmd=T_cmd, r=r, J=J, m=m,
+                 m_axle=m_axle, g=g, tau=tau, T_max=T_max, react=react, gate=gate, noise=noise,
+                 slow=slow, noise_slow=noise_slow, alike=alike, fastest=fastest, most=most,
+                 T=T)  # fmt: skip
+        own = [_Axle(k, s, turn) for k in range(n)]
+        car = _Vehicle(s, own, turn)
+        sensed = car.sensor()
+        for a in own:
+            a.judge(if_else(logic_and(sensed, car.near), car.given, car.predicted),
+                    logic_and(sensed, car.near))  # fmt: skip
+        dead = sum(a.dead for a in own)
+        wrong = _all([car.count >= 2, 2 * dead > car.count,
+                      car.spread <= 0.05 * car.speed + 0.5])  # fmt: skip
+        believed = car.believe(wrong)
+        banned = [if_else(logic_and(a.dead, logic_not(wrong)), 10.0, fmax(ban[a.k] - T, 0)) for a in own]
+        okay = [logic_and(a.out < HOLD, b <= 0) for a, b in zip(own, banned, strict=True)]
+        good_ = [_timed(k, good[a.k], T) for k, a in zip(okay, own, strict=True)]
+        omegas = [if_else(a.taken, a.omega, omega_h[a.k]) for a in own]
+        far = 250 * T_max
+        known = logic_and(T_demand >= -far, T_demand <= far)
+        missing = _timed(logic_not(known), demand_out, T)
+        wanted = if_else(known, T_demand, if_else(missing <= HOLD, demand_h, lost))
+        nxt = dict(
+            omega_h=omegas, out=[a.out for a in own], good=good_,
+            ratio_h=[a.learnt_ratio for a in own], learnt=[a.learnt for a in own],
+            mean=[a.mean for a in own],
+            still=[if_else(logic_or(wrong, a.dead), 0, a.still) for a in own], ban=banned,
+            torque=[a.modelled for a in own], odd=[a.odd for a in own],
+        )  # fmt: skip
+        nxt = {k: vertcat(*x) for k, x in nxt.items()}
+        nxt |= dict(
+            v_h=car.v, bias=car.bias, seen=car.v_ok, off=car.off, on=if_else(wrong, 0, car.on),
+            back=car.back, age=fmin(age + T, NEVER), demand_h=if_else(known, T_demand, demand_h),
+            demand_out=missing,
+        )  # fmt: skip
+        made = dict(
+            omega=[a.ratio * w for a, w in zip(own, omegas, strict=True)],
+            T_b=[a.torque for a in own], ready=[g >= SETTLED for g in good_], ok=okay,
+            follows=[a.follows for a in own], stands=[a.still > 0.1 for a in own],
+            ratio=[a.ratio for a in own],
+        )  # fmt: skip
+        made = {k: vertcat(*x) for k, x in made.items()}
+        return nxt, made | dict(v=believed, demand=wanted, v_ok=car.v_ok, demand_ok=known)
+
+    return judging.with_params(**numbers)
+
+
+def safe(mode: str | float) -> Block:
+    """Make what gives an axle its command, by slip control or without it.
+
+    Args:
+        mode: what an axle gets on which slip control cannot be relied on: ``"demand"``, ``"hold"``
+            (the last command, never above the demand) or a torque in N m (never above it).
+    """
+
+    @step(
+        T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"),
+        released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
+        name="safe", choices={"mode": mode},
+    )  # fmt: skip
+    def commanding(
+        T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
+        let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+        back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
+        slow=State("1", 0.0, "1 until the command has reached the demand", lo=0, hi=1),
+        T_slip=Input("N m", "torque by slip control, at most the demand", positive="braking"),
+        T_demand=Input("N m", "torque that is demanded", positive="braking"),
+        on=Input("1", "1 while slip control rules"),
+        ready=Input("1", "1 where slip control can go by the samples"),
+        stands=Input("1", "1 where a wheel that is let go does not run up"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+        v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
+        rate=Param("1/s", 12.0, "largest torques by which a command without slip control rises",
+                   ADDED, lo=0.1, hi=1e4),
+        limit=Param("s", 10.0, "longest release", ADDED, lo=0.1, hi=900),
+        limit_still=Param("s", 3.0, "longest release of a wheel that does not run up", ADDED,
+                          lo=0.1, hi=900),
+        again=Param("s", 1.0, "time of the demand after it", ADDED, lo=0.01, hi=10),
+        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+    ):  # fmt: skip
+        """Slip control's torque where it can be relied on, else the demand; never above that."""
+        top = _limited(T_demand, 0, T_max)
+        relied = _all([ready > 0.5, back <= 0, v >= v_off])
+        rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
+        gives = if_else(ready > 0.5, top, rests)
+        wanted = if_else(relied, fmin(T_slip, top), gives)
+        # what is not slip control's own rises slowly, and so does its way back to the demand
+        ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)
+        T_cmd = if_else(ramp, fmin(wanted, T_h + rate * T_max * T), wanted)
+        lets = _all([relied, on > 0.5, top > 0.02 * T_max,
+                     logic_or(T_cmd < 0.1 * top, T_cmd < T_h)])  # fmt: skip
+        time = _timed(lets, let_go, T)
+        over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
+        rest = if_else(over, again, fmax(back - T, 0))
+        return (
+            dict(T_h=T_cmd, let_go=if_else(over, 0, time), back=rest,
+                 slow=logic_and(ramp, T_cmd < wanted)),
+            dict(T_cmd=T_cmd, released=back > 0),
+        )  # fmt: skip
+
+    return commanding
+
+
+@law(
+    mu=Output("1", "adhesion for the estimator", positive="braking"),
+    v_s=Output("m/s", "slip speed for the estimator", positive="braking", per="speed"),
+    name="sample",
+)
+def sample(
+    mu_m=Input("1", "mean adhesion over the window", positive="braking"),
+    v_s_m=Input("m/s", "mean slip speed over the window", positive="braking", per="speed"),
+    ready=Input("1", "1 where slip control can go by the samples"),
+):
+    """What an estimator takes: (0, 0) while samples are not believed, which fits every law."""
+    good = ready > 0.5
+    return dict(mu=if_else(good, mu_m, 0), v_s=if_else(good, v_s_m, 0))
