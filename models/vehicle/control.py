@@ -194,11 +194,72 @@ def fixed(part: Reference) -> Block:
     return ratio
 
 
-def watch(always: bool) -> Block:
-    """Make what says when slip control rules.
+def floored(part: Searched, noise: float) -> Block:
+    """Make what a searched reference does not fall below, so that it cannot latch.
+
+    The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,
+    nothing more is learnt, and it stays. So it is above what the speeds may be off by. It is never
+    above the peak of the law that is fitted: a rail is best there or at less.
 
     Args:
-        always: from the start, not only when an axle slips.
+        part: the search.
+        noise: what the sensor of the vehicle's speed may be off by, in m/s.
+    """
+    curve, begin = fitted(part)
+    peak = argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
+
+    @law(
+        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
+        name="reference",
+    )
+    def reference(
+        searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
+        share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
+        most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
+                   lo=0.01, hi=20),
+    ):  # fmt: skip
+        """The searched slip, and not less than what speeds may be off by."""
+        return fmax(searched, fmin(least + share * fabs(v), most))
+
+    return reference
+
+
+def wake(always: bool) -> Block:
+    """Make what says whether slip control rules in this tick.
+
+    Args:
+        always: whenever it can, not only when an axle slips.
+    """
+
+    @law(
+        on=Output("1", "1 while slip control rules, else 0"),
+        slips=Output("1", "1 while the wheel slips by more than rolling"),
+        name="wake", choices={"always": always},
+    )  # fmt: skip
+    def waking(
+        ruling=Input("1", "1 where slip control ruled and goes on"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
+        v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
+        ready=Input("1", "1 where slip control can go by the samples"),
+        share=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
+        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
+    ):
+        """On from the first large slip, while it can go by the samples."""
+        slips = v_s > share * v_best
+        can = logic_and(v >= v_off, ready > 0.5)
+        return dict(on=if_else(can, 1 if always else fmax(ruling, slips), 0), slips=slips)
+
+    return waking
+
+
+def watch(always: bool) -> Block:
+    """Make what says when slip control gives back.
+
+    Args:
+        always: it never does.
     """
 
     @step(on=Output("1", "1 while slip control rules, else 0"), name="watch",
@@ -206,25 +267,18 @@ def watch(always: bool) -> Block:
     def watching(
         ruling=State("1", 1.0 if always else 0.0, "1 while slip control rules"),
         idle=State("s", 0.0, "how long the demand has been the smaller one"),
-        v=Input("m/s", "measured vehicle speed"),
-        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
-        v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
+        rules=Input("1", "1 while slip control rules, else 0"),
+        slips=Input("1", "1 while the wheel slips by more than rolling"),
         T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
-        ready=Input("1", "1 where slip control can go by the samples"),
-        wake=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
         rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
-        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):
-        """On from the first large slip until the demand has been the smaller torque for a while."""
-        fast = logic_and(v >= v_off, ready > 0.5)
-        slips = v_s > wake * v_best
-        on = if_else(fast, 1 if always else fmax(ruling, slips), 0)
-        calm = logic_and(logic_and(on > 0.5, T_wanted >= T_demand), v_s <= wake * v_best)
+        """It gives back when the demand has been the smaller torque for a while."""
+        calm = logic_and(logic_and(rules > 0.5, T_wanted >= T_demand), slips < 0.5)
         waited = if_else(calm, idle + T, 0)
-        stay = on if always else if_else(waited >= rest, 0, on)
-        return dict(ruling=stay, idle=waited), dict(on=on)
+        stay = rules if always else if_else(waited >= rest, 0, rules)
+        return dict(ruling=stay, idle=waited), dict(on=rules)
 
     return watching
 
@@ -322,7 +376,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     )  # fmt: skip
     wires |= {
         "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
-        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "watch.on",
+        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
         "safe.ready": "trust.ready", "safe.stands": "trust.stands", "safe.v": "trust.v",
         "T_cmd": "safe.T_cmd",
     }  # fmt: skip
@@ -361,9 +415,8 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "force": form.force,
         "fall": form.fall,
         "law": law_block if gated_inside else gated(law_block),
-        "watch": watch(always).with_params(
-            wake=settings.wake, rest=settings.rest, v_off=settings.off
-        ),
+        "wake": wake(always).with_params(share=settings.wake, v_off=settings.off),
+        "watch": watch(always).with_params(rest=settings.rest),
         "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),
     }
     wires = {
@@ -373,13 +426,16 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "meter.v_s": "slip.v_s",
         "meter.T_b": "trust.T_b",
         "fall.F": "force.F",
-        "watch.v": "trust.v",
-        "watch.v_s": "slip.v_s",
-        "watch.ready": "trust.ready",
+        "wake.v": "trust.v",
+        "wake.v_s": "slip.v_s",
+        "wake.ready": "trust.ready",
+        "wake.ruling": "watch.ruling",
+        "watch.rules": "wake.on",
+        "watch.slips": "wake.slips",
         "watch.T_demand": "trust.demand",
         "watch.T_wanted": "law.T_wanted",
-        "law.on": "watch.on",
-        "apply.on": "watch.on",
+        "law.on": "wake.on",
+        "apply.on": "wake.on",
         "apply.T_wanted": "law.T_wanted",
         "apply.T_demand": "trust.demand",
         "apply.T": "trust.T_b",
@@ -390,7 +446,9 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         curve, begin = fitted(reference)
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
         inner = dict(given)
-        ports["v_best"] = inner.pop("v_best")
+        parts["reference"] = floored(reference, of_inputs(trip, w)["gate"] - 0.1)
+        wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
+        ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
         parts |= found
         wires |= inner | {
@@ -406,7 +464,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         if isinstance(part, Predictive):
             parts["curve"], ports_of_curve = known_curve()
             ports |= ports_of_curve
-    wires["watch.v_best"] = ports["v_best"]
+    wires["wake.v_best"] = ports["v_best"]
     wires |= {f"law.{n}": ports[n] for n in law_block.inputs if n in ports}
     wires |= {f"law.{n}": ports[n.rpartition(".")[2]] for n in law_block.inputs
               if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip

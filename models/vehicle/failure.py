@@ -166,7 +166,11 @@ class _Vehicle:
         ahead = turn * (self.lead - self.given)
         passed = logic_and(self.count >= 2, ahead > if_else(sure >= SETTLED, 0.03, WORN)
                            * self.speed + 0.6)  # fmt: skip
-        self.near = _all([self.seen, fabs(self.beside) <= self.gate, logic_not(passed)])
+        self.apart = fabs(self.beside) > self.gate
+        self.alike = _all([self.seen, self.count >= 2, fabs(self.given - self.lead) <= self.gate])
+        # wheels and sensor together are right against the prediction, whatever made it wrong
+        self.near = _all([self.seen, logic_or(logic_not(self.apart), self.alike),
+                          logic_not(passed)])  # fmt: skip
 
     def _first(self) -> Any:
         """Speed at the first tick: the sensor's, or that of wheels which agree against it."""
@@ -207,8 +211,9 @@ class _Vehicle:
         down = fmax(ahead, -T * if_else(near, 0.3, 0.05))
         by_wheels = turn * if_else(ahead > 0, fmin(ahead, 20 * T), down)
         self.now = logic_and(self.v_ok > 0.5, self.near)
+        by_sensor = if_else(self.apart, self.beside, by_sensor)
         v = self.predicted + if_else(self.now, by_sensor, if_else(self.count >= 1, by_wheels, 0))
-        learns = _all([alike, self.now, s["age"] > 0.3])
+        learns = _all([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
         self.bias = _limited(s["bias"] + if_else(learns, middle * T / 0.9, 0), -DRAG, DRAG)
         self.v_ok = if_else(wrong, 0, self.v_ok)
         self.v = _limited(if_else(wrong, self.lead, v), -2, s["fastest"])
@@ -329,7 +334,9 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
             demand_out=missing,
         )  # fmt: skip
         made = dict(
-            omega=[a.ratio * w for a, w in zip(own, omegas, strict=True)],
+            # a wheel of which nothing is known any more is taken for one that rolls
+            omega=[if_else(k, a.ratio * w, believed / r)
+                   for a, w, k in zip(own, omegas, okay, strict=True)],
             T_b=[a.torque for a in own], ready=[g >= SETTLED for g in good_], ok=okay,
             follows=[a.follows for a in own], stands=[a.still > 0.1 for a in own],
             ratio=[a.ratio for a in own],

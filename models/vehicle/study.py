@@ -13,7 +13,7 @@ from slipctl.study.declaration import Figure, Study
 
 SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
-    reference=("ctl.probe.reference", "ctl.reference.v_best"), best_slip="rail.best_slip",
+    reference="ctl.reference.v_best", best_slip="rail.best_slip",
     adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
 )  # fmt: skip
 
