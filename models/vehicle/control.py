@@ -38,7 +38,6 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive_slip import predictive
-from slipctl.models.ranges import of_those
 from slipctl.models.vehicle.failure import safe, sample, trust
 from slipctl.models.vehicle.parts import (
     Controller,
@@ -52,7 +51,7 @@ from slipctl.models.vehicle.parts import (
     SlipSpeed,
     Trip,
 )
-from slipctl.models.vehicle.ranges import controlled, height_of, of_inputs
+from slipctl.models.vehicle.ranges import controlled, of_inputs, searched_ranges
 from slipctl.study.doors import load_block
 
 WINDOW = 16
@@ -477,9 +476,7 @@ def _searched(
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
     parts, wires = best_slip.searched(curve, dict(begin), noise)
-    ends = (*height_of(curve, [n for n, _ in begin]), "the law, of all estimates there are")
-    parts["search"] = of_those(parts["search"], {"value": ends, "held_value": ends})
-    return parts, wires
+    return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 
 def known_curve() -> tuple[Block, dict[str, str]]:

@@ -43,7 +43,11 @@ WORN = 0.1
 SETTLED = 0.02
 """Seconds for which samples are good before slip control goes by them: the window of the meter."""
 
-FLAG = "no or yes"
+BEHIND = 0.5
+"""Slip in m/s of the wrong sign up to which a sample is taken for one of a wheel that rolls."""
+
+MEASURED = 2.0
+"""Largest adhesion that a sample may have: twice what steel on steel can."""
 
 
 def _all(conditions: Sequence[Any]) -> Any:
@@ -414,6 +418,10 @@ def sample(
     v_s_m=Input("m/s", "mean slip speed over the window", positive="braking", per="speed"),
     ready=Input("1", "1 where slip control can go by the samples"),
 ):
-    """What an estimator takes: (0, 0) while samples are not believed, which fits every law."""
-    good = ready > 0.5
-    return dict(mu=if_else(good, mu_m, 0), v_s=if_else(good, v_s_m, 0))
+    """What an estimator takes: (0, 0) while samples are not believed, which fits every law.
+
+    So it is where the wheel is ahead of the vehicle by more than noise: no law is meant for that.
+    """
+    good = logic_and(ready > 0.5, v_s_m >= -BEHIND)
+    mu = _limited(mu_m, -MEASURED, MEASURED)
+    return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))

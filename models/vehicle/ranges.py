@@ -7,7 +7,7 @@ neither. A law of the user's own keeps the ranges that it declares.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from math import log, pi, sqrt
 
 import numpy as np
@@ -17,7 +17,7 @@ from slipctl import BadInput, Block
 from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
-from slipctl.models.vehicle.failure import DRAG, NEVER, WORN
+from slipctl.models.vehicle.failure import BEHIND, DRAG, MEASURED, NEVER, WORN
 from slipctl.models.vehicle.parts import (
     Exact,
     Lag,
@@ -27,6 +27,9 @@ from slipctl.models.vehicle.parts import (
     Trip,
     torque_of,
 )
+
+APART = 3.0
+"""Logarithm of the factor by which an estimate may be from its first guess, in each unknown."""
 
 FAR_OFF = 1e6
 """End of a range that has none of its own."""
@@ -56,7 +59,7 @@ def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
         "meter.n": (-40, 40, "unit normal noise, none of which a controller has"),
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
-        "sample.mu": (-1e3, 1e3, "as it is measured"),
+        "sample.mu": (-MEASURED, MEASURED, "it is limited"),
         "sample.v_s": slipping,
         "estimator.kept": slipping,
         "watch.ruling": (0, 1, FLAG),
@@ -84,24 +87,59 @@ def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
     return of_those(block, rows)
 
 
-def height_of(curve: Block, names: Sequence[str], top: float = 20.0) -> tuple[float, float]:
+def height_of(
+    curve: Block, over: Mapping[str, tuple[float, float]], slips: tuple[float, float]
+) -> tuple[float, float]:
     """Least and greatest value of a curve over all slips and parameters that an estimate may have.
 
     Interval arithmetic of one box; where that has no finite ends they are far off.
+
+    Args:
+        curve: law from ``v_s``.
+        over: ends of each parameter. slips: ends of the slip in m/s.
     """
-    signals = [curve.inputs["v_s"], *(curve.params[n] for n in names)]
-    x = SX.sym("x", len(signals))
+    names = list(over)
+    x = SX.sym("x", len(names) + 1)
     at = dict(zip(["v_s", *names], vertsplit(x), strict=True))
     rest = {n: SX(s.value) for n, s in curve.params.items() if not s.derived}
     _, y = curve.expr({}, {"v_s": at.pop("v_s")}, rest | at)
-    low = np.array([[0.0], *([max(s.lo, -FAR_OFF)] for s in signals[1:])])
-    high = np.array([[top], *([min(s.hi, FAR_OFF)] for s in signals[1:])])
+    box = np.array([slips, *over.values()]).clip(-FAR_OFF, FAR_OFF)
     try:
-        ends = enclose(Function("curve", [x], [y["mu"]]), low, high)
+        ends = enclose(Function("curve", [x], [y["mu"]]), box[:, :1], box[:, 1:])
     except BadInput:
         return -FAR_OFF, FAR_OFF
     least, most = (float(e[0, 0]) for e in ends)
     return max(min(least, -2.0), -FAR_OFF), min(max(most, 2.0), FAR_OFF)
+
+
+def searched_ranges(
+    parts: Mapping[str, Block], curve: Block, begin: Mapping[str, float]
+) -> dict[str, Block]:
+    """Estimator and search with ranges that follow from one another.
+
+    An estimate goes no further from its first guess than a factor of e^``APART``, and slips that an
+    estimator takes are no less than ``-BEHIND``. So what it predicts has ends, and with them its
+    residuals and the height of the peak that is searched.
+    """
+    estimator = parts["estimator"].with_params(farthest=APART)
+    wide = float(np.exp(APART))
+    free = {n: (v / wide, len(begin) * v * wide) if v > 0 else (-FAR_OFF, FAR_OFF)
+            for n, v in begin.items()}  # fmt: skip
+    low, high = height_of(curve, free, (-BEHIND, 120.0))
+    most = max(-low, high)
+    why = "the law, of all estimates there are"
+    rows = {
+        "predicted": (-most, most, why),
+        "residual": (-most - MEASURED, most + MEASURED, why),
+        "scatter": (0, (most + 2 * MEASURED) ** 2, why),
+    }
+    rows |= {f"held_{n}": row for n, row in rows.items()}
+    told = {n: (curve.params[n].lo, curve.params[n].hi) for n in begin}
+    ends = (*height_of(curve, told, (0.0, 20.0)), why)
+    return {
+        "estimator": of_those(estimator, rows),
+        "search": of_those(parts["search"], {"value": ends, "held_value": ends}),
+    }
 
 
 def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
