@@ -38,7 +38,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive_slip import predictive
-from slipctl.models.vehicle.failure import safe, sample, trust
+from slipctl.models.vehicle.failure import contained, safe, sample, trust
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -376,7 +376,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     wires |= {
         "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
         "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
-        "safe.ready": "trust.ready", "safe.stands": "trust.stands", "safe.v": "trust.v",
+        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands", "safe.v": "trust.v",
         "T_cmd": "safe.T_cmd",
     }  # fmt: skip
     one = ("trust.v", "trust.demand")
@@ -413,7 +413,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
         "force": form.force,
         "fall": form.fall,
-        "law": law_block if gated_inside else gated(law_block),
+        "law": contained(law_block if gated_inside else gated(law_block)),
         "wake": wake(always).with_params(share=settings.wake, v_off=settings.off),
         "watch": watch(always).with_params(rest=settings.rest),
         "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),

@@ -20,12 +20,16 @@ vehicle speed does. So the two can be told from each other, which no comparison 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
+import casadi as ca
+import numpy as np
 from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, vertcat
 
 from slipctl import Block, Input, Output, Param, State, law, step
+from slipctl.block.block import Exprs
 from slipctl.models.common_form import ADDED, T_S
 
 HOLD = 0.2
@@ -39,6 +43,9 @@ DRAG = 1.0
 
 WORN = 0.1
 """Share by which a wheel may be smaller or larger than its controller takes for true."""
+
+NO_END = 1e300
+"""End of a range that has none."""
 
 SETTLED = 0.02
 """Seconds for which samples are good before slip control goes by them: the window of the meter."""
@@ -373,6 +380,7 @@ def safe(mode: str | float) -> Block:
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
         on=Input("1", "1 while slip control rules"),
         ready=Input("1", "1 where slip control can go by the samples"),
+        sound=Input("1", "1 where the law's states are in their ranges"),
         stands=Input("1", "1 where a wheel that is let go does not run up"),
         v=Input("m/s", "vehicle speed that is believed"),
         T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
@@ -387,7 +395,7 @@ def safe(mode: str | float) -> Block:
     ):  # fmt: skip
         """Slip control's torque where it can be relied on, else the demand; never above that."""
         top = _limited(T_demand, 0, T_max)
-        relied = _all([ready > 0.5, back <= 0, v >= v_off])
+        relied = _all([ready > 0.5, sound > 0.5, back <= 0, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
         gives = if_else(ready > 0.5, top, rests)
         wanted = if_else(relied, fmin(T_slip, top), gives)
@@ -425,3 +433,48 @@ def sample(
     good = logic_and(ready > 0.5, v_s_m >= -BEHIND)
     mu = _limited(mu_m, -MEASURED, MEASURED)
     return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
+
+
+def contained(block: Block) -> Block:
+    """Run a step block, and begin it anew where a next state would leave its range.
+
+    In such a tick its outputs are zero and ``sound`` is 0. So what goes wrong in the slip control of
+    one axle ends there: no other axle waits for it, and no generated guard has to refuse a tick.
+
+    Args:
+        block: a step; ends of ranges that are expressions are left to the generated guards.
+    """
+    states = list(block.states.values())
+    low = ca.DM(np.concatenate([[], *(np.full(s.size, max(s.lo, -NO_END)) for s in states)]))
+    high = ca.DM(np.concatenate([[], *(np.full(s.size, min(s.hi, NO_END)) for s in states)]))
+    chosen = block.of_equations("contained", lambda: _kept_or_begun(block.f))
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        now = block.pack("param", p)
+        nxt, y = block.f(block.pack("state", x), block.pack("input", u), now)
+        sound = ca.dot(nxt >= low, nxt <= high) >= low.numel()
+        nxt, y = chosen(sound, nxt, y, block.pack("state", block.symbolic_start(p)))
+        return block.unpack("state", nxt), block.unpack("output", y) | {"sound": sound}
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return contained(parts[block.name])
+
+    sound = Output("1", "1 where its states are in their ranges", lo=0, hi=1).named("sound")
+    wide = [replace(s, lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)) for s in block.outputs.values()]
+    return Block(
+        block.name, "step", body,
+        [*states, *block.inputs.values(), *block.params.values(), *wide, sound],
+        period=block.period, sx=False, doc=f"{block.doc}\n\nIt begins anew where a state leaves"
+        " its range.", choices=block.choices | {"contained": True}, parts={block.name: block},
+        rebuild=rebuild, conditions=block.conditions, transparent=True,
+        sharing=block.sharing.through(), by_structure=True,
+    )  # fmt: skip
+
+
+def _kept_or_begun(f: ca.Function) -> ca.Function:
+    """Function (sound, next, y, start) -> (next, y): as they are, or the start and zero."""
+    x, start = ca.MX.sym("x", f.size1_out(0)), ca.MX.sym("s", f.size1_out(0))
+    y = ca.MX.sym("y", f.size1_out(1))
+    kept = ca.Function(f"{f.name()}_kept", [x, y, start], [x, y])
+    begun = ca.Function(f"{f.name()}_begun", [x, y, start], [start, ca.DM.zeros(f.size1_out(1))])
+    return ca.Function.if_else(f"{f.name()}_contained", kept, begun)
