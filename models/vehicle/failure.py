@@ -107,7 +107,9 @@ class _Axle:
         """Torque: as measured while that follows the command, else as the command has it."""
         s, k = self.s, self.k
         given = s["T_b"][k]
-        self.modelled = s["torque"][k] + fmin(s["T"] / s["tau"], 1) * (s["T_cmd"][k] - s["torque"][k])
+        self.modelled = s["torque"][k] + fmin(s["T"] / s["tau"], 1) * (
+            s["T_cmd"][k] - s["torque"][k]
+        )
         ranged = logic_and(given >= -1.25 * s["T_max"], given <= 1.25 * s["T_max"])
         given = if_else(ranged, given, s["torque"][k])
         apart = logic_or(logic_not(ranged), fabs(given - self.modelled) > 0.25 * s["T_max"])
@@ -216,16 +218,16 @@ class _Vehicle:
         alike = _all([self.count >= 1, self.near,
                       fabs(self.given - self.lead) <= self.gate + 0.01 * self.speed])  # fmt: skip
         middle = if_else(alike, (self.beside + self.wheels) / 2, self.beside)
-        by_sensor = middle * fmin(T / if_else(alike, 0.3, 1.0), 1)
+        by_sensor = middle * fmin(T / if_else(alike, 0.3, 1.5), 1)
         ahead = turn * self.wheels
         near = -ahead <= 0.05 * self.speed + 0.3
-        down = fmax(ahead, -T * if_else(near, 0.3, 0.05))
+        down = fmax(ahead, -T * if_else(near, 0.5, 0.05))
         by_wheels = turn * if_else(ahead > 0, fmin(ahead, 20 * T), down)
         self.now = logic_and(self.v_ok > 0.5, self.near)
         by_sensor = if_else(self.apart, self.beside, by_sensor)
         v = self.predicted + if_else(self.now, by_sensor, if_else(self.count >= 1, by_wheels, 0))
         learns = _all([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
-        self.bias = _limited(s["bias"] + if_else(learns, middle * T / 0.9, 0), -DRAG, DRAG)
+        self.bias = _limited(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
         self.v_ok = if_else(wrong, 0, self.v_ok)
         self.v = _limited(if_else(wrong, self.lead, v), -2, s["fastest"])
         self.now = logic_and(self.now, logic_not(wrong))
@@ -323,7 +325,9 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         wrong = _all([car.count >= 2, 2 * dead > car.count,
                       car.spread <= 0.05 * car.speed + 0.5])  # fmt: skip
         believed = car.believe(wrong)
-        banned = [if_else(logic_and(a.dead, logic_not(wrong)), 10.0, fmax(ban[a.k] - T, 0)) for a in own]
+        banned = [
+            if_else(logic_and(a.dead, logic_not(wrong)), 10.0, fmax(ban[a.k] - T, 0)) for a in own
+        ]
         okay = [logic_and(a.out < HOLD, b <= 0) for a, b in zip(own, banned, strict=True)]
         good_ = [_timed(k, good[a.k], T) for k, a in zip(okay, own, strict=True)]
         omegas = [if_else(a.taken, a.omega, omega_h[a.k]) for a in own]

@@ -497,7 +497,9 @@ class SlipControl(Part):
                 fault = torque_of(given)
                 if isinstance(fault, str):
                     yield name, f"is {given!r}; write {' or '.join(map(repr, words))}, or a torque"
-            elif not isinstance(given, str) and off_range(given, {"unit": "N m", "lo": 0, "hi": 1e6}):
+            elif not isinstance(given, str) and off_range(
+                given, {"unit": "N m", "lo": 0, "hi": 1e6}
+            ):
                 yield name, off_range(given, {"unit": "N m", "lo": 0, "hi": 1e6})
 
 

@@ -25,6 +25,7 @@ from slipctl.models.vehicle.parts import (
     NoisyWheel,
     ToothWheel,
     Trip,
+    WheelsOnly,
     torque_of,
 )
 
@@ -84,6 +85,8 @@ def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
     }  # fmt: skip
+    if "trust.v_h" not in block.states:  # nothing judges the demand
+        rows["T_demand"] = far
     return of_those(block, rows)
 
 
@@ -163,11 +166,14 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         assert isinstance(part, Exact)
     gate = 0.15
     if isinstance(of, NoisySpeed):
-        gate += 5 * of.deviation + of.step
+        gate += 5 * of.deviation + of.step + _lost(of) * 3.0 * T_S
+    elif isinstance(of, WheelsOnly):
+        gate += w.r * noise
     lag = act.lag if isinstance(act, Lag) else max(act.fill, act.vent)
     full = act.torque / act.rate if isinstance(act, Lag) and act.rate else 0.0
     lost: float = {"": w.T_max if vehicle.mode == "brake" else 0.0, "largest": w.T_max}.get(
-        trip.control.demand_lost, 0.0  # type: ignore[arg-type]
+        trip.control.demand_lost,
+        0.0,  # type: ignore[arg-type]
     )
     if trip.control.demand_lost not in ("", "largest"):
         lost = float(torque_of(trip.control.demand_lost))
@@ -180,7 +186,11 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _noise(part: NoisyWheel | NoisySpeed, change: float) -> float:
-    """Of a sensor with noise and steps, which loses samples: in 1e9 of them so many in a row."""
-    lost = log(1e-9) / log(part.dropout) if part.dropout > 0 else 0.0
-    return SURE * part.deviation + part.step + lost * change
+def _noise(part: NoisyWheel, change: float) -> float:
+    """Of a sensor with noise and steps, which loses samples."""
+    return SURE * part.deviation + part.step + _lost(part) * change
+
+
+def _lost(part: NoisyWheel | NoisySpeed) -> float:
+    """Samples that are lost in a row, once in 1e9 of them."""
+    return log(1e-9) / log(part.dropout) if part.dropout > 0 else 0.0

@@ -286,9 +286,14 @@ class Block:
         return bool(lacks) and (inside or all(n in self.inputs for n in lacks))
 
     def without_range(self) -> list[str]:
-        """Signals of which an end of the range is open, ``"input v"``, in their order."""
+        """Signals of which an end of the range is open, ``"input v"``, in their order.
+
+        An input that the block judges itself needs none.
+        """
         found = []
         for s in self.signals:
+            if s.judged:
+                continue
             follows = {b.what for b in s.bounds}
             closed = math.isfinite(s.lo) or "lo" in follows, math.isfinite(s.hi) or "hi" in follows
             if not all(closed):

@@ -297,7 +297,7 @@ def test_speed_of_wheels_leaves_the_truth_by_its_rate():
         sensors=Sensors(wheel_speed=Exact(), vehicle_speed=WheelsOnly(rate=1.5)),
         controllers={"pid": SlipLaw(kind="pid")},
     )  # fmt: skip
-    pid = loop(made, "pid").with_params(**{"ctl.watch.v_off": 100.0})  # slip control is off
+    pid = loop(made, "pid").with_params(**{"ctl.wake.v_off": 100.0})  # slip control is off
     log = simulate(pid, scenario(made), compile=False)
     v = log["speed.v_m"].values
     slope = np.polyfit(log["time"].values[-1000:], v[-1000:], 1)[0]

@@ -106,9 +106,7 @@ def taken(plan: Plan, rows: np.ndarray, values: Mapping[str, Any]) -> tuple[np.n
             rows, found, plan.stale, float(most), plan.period, plan.judged
         )
     ends = plan.ends(plan.layout.inputs, values)
-    return guard.accepted(
-        rows, *ends, plan.stale, float(most), plan.period, plan.judged
-    )
+    return guard.accepted(rows, *ends, plan.stale, float(most), plan.period, plan.judged)
 
 
 def missed(good: np.ndarray) -> np.ndarray:

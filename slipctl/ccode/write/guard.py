@@ -190,7 +190,11 @@ def accepted(
 
 
 def accepted_together(
-    rows: np.ndarray, ends: ca.Function, stale: np.ndarray, most: float, period: float | None,
+    rows: np.ndarray,
+    ends: ca.Function,
+    stale: np.ndarray,
+    most: float,
+    period: float | None,
     judged: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same where ends follow the last good values of other inputs.

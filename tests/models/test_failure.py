@@ -1,0 +1,236 @@
+"""What a vehicle's slip control believes when sensors fail, and what its axles get then."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slipctl.models.vehicle.failure import HOLD, SETTLED, WORN, safe, trust
+
+R, J, M, T_MAX, LOAD, H = 0.42, 110.0, 9500.0, 8e3, 9500.0, 1e-3
+NUMBERS = dict(r=R, J=J, m=M, m_axle=LOAD, T_max=T_MAX, tau=0.06, gate=0.35, lost=T_MAX, react=0.6)
+
+
+@lru_cache(maxsize=16)
+def judge(driven: bool, ticks: int):
+    """``trust`` of four axles over some ticks, and the block."""
+    block = trust(4, driven, **NUMBERS)
+    return block, block.f.mapaccum(ticks)
+
+
+class Car:
+    """What four axles of a car read that rolls and brakes by its torque, a row per tick."""
+
+    def __init__(self, command, speed: float = 16.0, driven: bool = False) -> None:
+        self.driven, self.ticks = driven, len(command)
+        self.command = np.array(command, dtype=float)
+        self.T_b, self.v = np.zeros((self.ticks, 4)), np.zeros(self.ticks)
+        torque, sense = 0.0, 1 if driven else -1
+        for k, c in enumerate(command):
+            torque += H / 0.06 * (c - torque)
+            speed = max(speed + sense * H * torque / R / (M + J / R**2), 0.0)
+            self.v[k], self.T_b[k] = speed, torque
+        self.omega = np.repeat(self.v[:, None], 4, axis=1) / R
+        self.T_demand = self.command.copy()
+
+    def judged(self, start: float = 16.0) -> dict[str, np.ndarray]:
+        """What is believed of it, a row per tick."""
+        block, run = judge(self.driven, self.ticks)
+        last = np.r_[0.0, self.command[:-1]][:, None].repeat(4, axis=1)
+        given = {"v": self.v, "omega": self.omega, "T_b": self.T_b, "T_demand": self.T_demand,
+                 "T_cmd": last}  # fmt: skip
+        u = np.column_stack([given[n] for n in block.inputs])
+        x = block.pack("state", block.start(v_h=start, omega_h=start / R))
+        p = block.pack("param", block.param_values())
+        y = np.array(run(x, u.T, ca.repmat(p, 1, self.ticks))[1].full()).T
+        found, at = {}, 0
+        for n, s in block.outputs.items():
+            found[n] = y[:, at : at + s.size] if s.shape else y[:, at]
+            at += s.size
+        return found
+
+
+anything = st.one_of(st.floats(), st.floats(-500, 500), st.sampled_from([0.0, 38.0, 1e308]))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(anything, anything), min_size=1, max_size=40), st.booleans())
+def test_any_bits_of_one_axle_change_nothing_of_the_others(samples, driven):
+    car = Car([4e3] * 400, driven=driven)
+    right = car.judged()
+    for k in range(400):
+        car.omega[k, 0], car.T_b[k, 0] = samples[k * len(samples) // 400]
+    wrong = car.judged()
+    assert all(np.isfinite(v).all() for v in wrong.values())
+    assert (np.abs(wrong["omega"]) < 2e3).all()
+    for n in ("omega", "T_b", "ready", "ok"):
+        np.testing.assert_array_equal(wrong[n][:, 1:], right[n][:, 1:])
+    np.testing.assert_array_equal(wrong["v"], right["v"])
+    assert (wrong["demand"] == 4e3).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(anything, st.floats(0, 5e3))
+def test_any_vehicle_speed_leaves_a_speed_near_the_truth(value, command):
+    """Whatever the sensor reads from some tick on, all axles go by a speed that is near."""
+    car = Car([command] * 2500)
+    true = car.v.copy()
+    car.v[500:] = value
+    got = car.judged()
+    assert (np.abs(got["v"] - true) < 0.75).all()
+    assert got["ready"][500:].all()
+
+
+@pytest.mark.parametrize(
+    "read",
+    [lambda v, t: 0 * v + 16.0, lambda v, t: 1.05 * v, lambda v, t: v + 0.9,
+     lambda v, t: v + 0.5 * t, lambda v, t: 0 * v + 100.0, lambda v, t: v * math.nan,
+     lambda v, t: 0 * v],
+    ids=["frozen", "5 % high", "off", "drifts", "jumps", "missing", "zero"],
+)  # fmt: skip
+def test_a_wrong_vehicle_speed_is_told_and_replaced(read):
+    car = Car([0.0] * 1000 + [5e3] * 4000)
+    true = car.v.copy()
+    car.v[1000:] = read(true[1000:], H * np.arange(4000))
+    got = car.judged()
+    off = np.abs(got["v"] - true)
+    assert got["v_ok"][-1] == 0
+    assert off.max() < 1.2  # of one that drifts by .5 m/s^2; half of the slip that is held
+    assert off[4000:].max() < 0.3
+
+
+def test_the_first_tick_takes_any_speed():
+    for speed in (2.0, 16.0, 44.0):
+        car = Car([3e3] * 40, speed=speed)
+        got = car.judged(start=16.0)
+        assert got["v"][0] == car.v[0]
+        ready = got["ready"].all(axis=1)
+        assert not ready[0] and ready[-1]
+        assert (~ready).sum() == round(SETTLED / H) - 1
+
+
+def test_a_wheel_that_is_worn_is_learnt_while_it_rolls_and_no_more_than_it_can_be():
+    for ratio in (0.92, 1.06, 0.7):
+        car = Car([0.0] * 400)
+        car.omega[:, 0] /= ratio
+        got = car.judged()
+        if abs(ratio - 1) <= WORN:
+            assert abs(got["omega"][-1, 0] * R / car.v[-1] - 1) < 0.004
+            assert got["ok"][-1].all()
+        else:
+            assert got["ok"][-1].tolist() == [0, 1, 1, 1]  # it is ahead of the vehicle
+
+
+def test_a_dead_wheel_speed_is_held_and_then_not_gone_by():
+    car = Car([4e3] * 1600)
+    car.omega[500:1500, 0] = math.nan
+    ready = car.judged()["ready"]
+    assert ready[500:, 1:].all()
+    assert np.flatnonzero(ready[500:, 0] == 0)[0] == pytest.approx(HOLD / H, abs=1)
+    assert ready[-1].all()
+
+
+def test_a_wheel_let_go_that_does_not_run_up_is_a_dead_sensor():
+    """One that stands on zero from the start, while nothing brakes it."""
+    car = Car([0.0] * 400)
+    car.omega[:, 0] = 0.0
+    got = car.judged()
+    assert got["ok"][-1].tolist() == [0, 1, 1, 1]
+    assert got["v"][-1] == car.v[-1]
+
+
+def test_a_demand_that_is_no_number_is_held_and_then_the_largest():
+    car = Car([2e3] * 400)
+    car.T_demand[100:] = math.nan
+    got = car.judged()
+    assert (got["demand"][:299] == 2e3).all()
+    assert (got["demand"][302:] == T_MAX).all()
+    assert got["demand_ok"][:100].all() and not got["demand_ok"][100:].any()
+
+
+def test_a_brake_that_does_not_follow_is_told_within_a_second():
+    for stuck in (0.0, 7e3):
+        car = Car([3e3] * 1500)
+        car.T_b[500:, 0] = stuck
+        got = car.judged()["follows"]
+        assert got[:800].all()
+        assert got[-1].tolist() == [0, 1, 1, 1]
+
+
+# ---- the command ---------------------------------------------------------------------------------
+
+
+class Command:
+    """``safe`` of one axle, tick by tick."""
+
+    def __init__(self, mode="demand", **numbers) -> None:
+        self.block = safe(mode).with_params(T_max=T_MAX, **numbers)
+        self.x = self.block.pack("state", self.block.start())
+        self.p = self.block.pack("param", self.block.param_values())
+
+    def tick(self, slip: float, demand: float, **others: float) -> float:
+        u = {"T_slip": slip, "T_demand": demand, "on": 1, "ready": 1, "sound": 1, "stands": 0,
+             "v": 10.0} | others  # fmt: skip
+        self.x, y = self.block.f(self.x, self.block.pack("input", u), self.p)
+        return float(self.block.unpack("output", y)["T_cmd"])
+
+
+@given(st.lists(st.tuples(st.floats(0, 2e4), st.floats(-1e4, 2e4), *[st.sampled_from([0, 1])] * 4,
+                          st.floats(-1, 60)), min_size=1, max_size=60),
+       st.sampled_from(["demand", "hold", 0.0, 2e3]))  # fmt: skip
+@settings(deadline=None)
+def test_release_by_the_driver_always_works(rows, mode):
+    command = Command(mode)
+    for slip, demand, on, ready, sound, stands, v in rows:
+        got = command.tick(slip, demand, on=on, ready=ready, sound=sound, stands=stands, v=v)
+        assert 0 <= got <= min(max(demand, 0), T_MAX)
+
+
+def test_an_axle_without_samples_gets_the_demand_within_a_tenth_of_a_second():
+    command = Command()
+    for _ in range(100):
+        command.tick(0.0, 5e3)
+    got = [command.tick(0.0, 5e3, ready=0, on=0) for _ in range(100)]
+    assert got[0] < 500 and got[-1] == 5e3
+    assert [
+        Command("hold").tick(0.0, 5e3, ready=0, on=0),
+        Command(1e3).tick(0.0, 5e3, ready=0, on=0),
+    ] == [5e3, 1e3]
+
+
+def test_the_first_command_is_the_demand():
+    assert Command().tick(0.0, 5e3, ready=0, on=0) == 5e3
+
+
+def test_below_the_cut_off_the_demand_is_given():
+    command = Command()
+    for _ in range(100):
+        command.tick(300.0, 5e3)
+    got = [command.tick(300.0, 5e3, v=0.9, on=0) for _ in range(200)]
+    assert max(np.diff([300.0, *got])) <= 12 * T_MAX * H * (1 + 1e-9)
+    assert got[-1] == 5e3
+
+
+@pytest.mark.parametrize(("stands", "limit"), [(0, 10.0), (1, 3.0)])
+def test_a_release_has_a_limit_and_is_tried_again(stands, limit):
+    command = Command()
+    got = np.array([command.tick(0.0, 5e3, stands=stands) for _ in range(round(2.3 * limit / H))])
+    released = got < 500
+    edges = np.flatnonzero(np.diff(np.r_[0, released, 0]))
+    longest = max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) * H
+    assert longest <= limit + 0.01
+    assert (got > 0.9 * 5e3).sum() > 0.5 / H  # the demand came in between
+    assert len(edges) >= 4  # and slip control after it
+
+
+def test_holding_a_wheel_at_its_slip_is_no_release():
+    command = Command()
+    rng = np.random.default_rng(1)
+    got = [command.tick(1500 + 300 * rng.standard_normal(), 5e3) for _ in range(15_000)]
+    assert max(got) < 4e3
