@@ -38,7 +38,8 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive_slip import predictive
-from slipctl.models.vehicle.failure import contained, safe, sample, trust
+from slipctl.models.vehicle.containment import contained
+from slipctl.models.vehicle.failure import floored, safe, sample, trust
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -193,38 +194,6 @@ def fixed(part: Reference) -> Block:
     return ratio
 
 
-def floored(part: Searched, noise: float) -> Block:
-    """Make what a searched reference does not fall below, so that it cannot latch.
-
-    The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,
-    nothing more is learnt, and it stays. So it is above what the speeds may be off by. It is never
-    above the peak of the law that is fitted: a rail is best there or at less.
-
-    Args:
-        part: the search.
-        noise: what the sensor of the vehicle's speed may be off by, in m/s.
-    """
-    curve, begin = fitted(part)
-    peak = argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
-
-    @law(
-        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
-        name="reference",
-    )
-    def reference(
-        searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
-        v=Input("m/s", "vehicle speed that is believed"),
-        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
-        share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
-        most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
-                   lo=0.01, hi=20),
-    ):  # fmt: skip
-        """The searched slip, and not less than what speeds may be off by."""
-        return fmax(searched, fmin(least + share * fabs(v), most))
-
-    return reference
-
-
 def wake(always: bool) -> Block:
     """Make what says whether slip control rules in this tick.
 
@@ -233,8 +202,8 @@ def wake(always: bool) -> Block:
     """
 
     @law(
-        on=Output("1", "1 while slip control rules, else 0"),
-        slips=Output("1", "1 while the wheel slips by more than rolling"),
+        on=Output("1", "1 while slip control rules, else 0", lo=0, hi=1),
+        slips=Output("1", "1 while the wheel slips by more than rolling", lo=0, hi=1),
         name="wake", choices={"always": always},
     )  # fmt: skip
     def waking(
@@ -376,8 +345,8 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     wires |= {
         "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
         "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
-        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands", "safe.v": "trust.v",
-        "T_cmd": "safe.T_cmd",
+        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
+        "safe.v": "trust.v", "T_cmd": "safe.T_cmd",
     }  # fmt: skip
     one = ("trust.v", "trust.demand")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
@@ -445,7 +414,8 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         curve, begin = fitted(reference)
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
         inner = dict(given)
-        parts["reference"] = floored(reference, of_inputs(trip, w)["gate"] - 0.1)
+        peak = typical_slip(reference, trip.vehicle.speed)
+        parts["reference"] = floored(peak, of_inputs(trip, w)["gate"] - 0.1)
         wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
         ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}

@@ -2,34 +2,31 @@
 
     v, omega, T, T_demand -> trust -> slip control of each axle -> safe -> T_cmd
 
-``trust`` judges every input before anything else sees it, and hands on numbers that are finite and
-in their ranges. What it does not believe of one axle stays with that axle, and the vehicle's speed
-has a fall-back of its own. ``safe`` gives an axle its demand where slip control cannot be relied on:
-while a sample of its own is not believed, after a start, below the cut-off speed, and when it has
-been released for too long.
+``trust`` judges every input before anything else sees it, and hands on numbers that are finite
+and in their ranges. What it does not believe of one axle stays with that axle, and the vehicle's
+speed has a fall-back of its own. ``safe`` gives an axle its demand where slip control cannot be
+relied on: while a sample of its own is not believed, after a start, below the cut-off speed, and
+when it has been released for too long.
 
 The speed that is believed follows from the momentum of vehicle and wheels together. The rail turns
 one into the other, so their sum changes by the brakes alone, whatever the adhesion is:
 
     v + sum_i J omega_i / (r m) falls by (sum_i T_i / (r m) + b) each second
 
-with a slow b for gradient, resistance and mass. A wheel that slides does not disturb it, and a wrong
-vehicle speed does. So the two can be told from each other, which no comparison of speeds can do.
+with a slow b for gradient, resistance and mass. A wheel that slides does not disturb it, and a
+wrong vehicle speed does. So the two can be told from each other, which no comparison of speeds
+can do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import reduce
 from typing import Any
 
-import casadi as ca
-import numpy as np
 from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, vertcat
 
 from slipctl import Block, Input, Output, Param, State, law, step
-from slipctl.block.block import Exprs
 from slipctl.models.common_form import ADDED, T_S
 
 HOLD = 0.2
@@ -43,9 +40,6 @@ DRAG = 1.0
 
 WORN = 0.1
 """Share by which a wheel may be smaller or larger than its controller takes for true."""
-
-NO_END = 1e300
-"""End of a range that has none."""
 
 SETTLED = 0.02
 """Seconds for which samples are good before slip control goes by them: the window of the meter."""
@@ -251,7 +245,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
 
     @step(
         v=Output("m/s", "vehicle speed that is believed"),
-        omega=Output("rad/s", "wheel speed that is believed, of a wheel of the radius r", shape=each),
+        omega=Output("rad/s", "believed wheel speed, of a wheel with the radius r", shape=each),
         T_b=Output("N m", "torque that is believed", positive="braking", shape=each),
         demand=Output("N m", "torque that is demanded, as it is believed", positive="braking"),
         ready=Output("1", "1 where slip control can go by the samples", shape=each, lo=0, hi=1),
@@ -259,7 +253,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         v_ok=Output("1", "1 while the sensor of the vehicle's speed is believed", lo=0, hi=1),
         demand_ok=Output("1", "1 while the demand is a number", lo=0, hi=1),
         follows=Output("1", "1 where the torque follows its command", shape=each, lo=0, hi=1),
-        stands=Output("1", "1 where a wheel that is let go does not run up", shape=each, lo=0, hi=1),
+        stands=Output("1", "1 where a wheel let go does not run up", shape=each, lo=0, hi=1),
         ratio=Output("1", "speed of the vehicle over that of a wheel that rolls", shape=each),
         name="trust", choices={"axles": n, "driven": driven},
     )  # fmt: skip
@@ -290,23 +284,23 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         T_cmd=Input("N m", "last command", positive="braking", shape=each),
         r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
         J=Param("kg m^2", 110.0, "inertia of a wheelset", ADDED, lo=0.1, hi=1e5),
-        m=Param("kg", 8000.0, "mass of the vehicle per axle with an actuator", ADDED, lo=100, hi=1e8),
+        m=Param("kg", 8000.0, "vehicle, per axle with an actuator", ADDED, lo=100, hi=1e8),
         m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
         g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
         tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
         T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-        react=Param("s", 0.8, "time within which a torque is to follow its command", ADDED, lo=0.01, hi=10),
-        gate=Param("m/s", 0.35, "what the sensor of the vehicle's speed may be off by", ADDED, lo=0.01, hi=50),
+        react=Param("s", 0.8, "time to follow a command in", ADDED, lo=0.01, hi=10),
+        gate=Param("m/s", 0.35, "largest error of the vehicle's speed", ADDED, lo=0.01, hi=50),
         noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
         slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3),
         noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3),
-        alike=Param("1", 0.003, "wheels that differ by less are taken as equal", ADDED, lo=0, hi=0.1),
+        alike=Param("1", 0.003, "wheels that differ by less are equal", ADDED, lo=0, hi=0.1),
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
         most=Param("rad/s", 430.0, "largest speed of a wheel", ADDED, lo=1, hi=5000),
         lost=Param("N m", 0.0, "demand where there is none any more", ADDED, lo=0, hi=1e8),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
-        v_start=Param("m/s", 20.0, "vehicle speed at the start"),
-        omega_start=Param("rad/s", 40.0, "wheel speed at the start"),
+        v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
+        omega_start=Param("rad/s", 40.0, "wheel speed at the start", ADDED, lo=0, hi=1e3),
     ):  # fmt: skip
         """Judge every input; see the module."""
         s = dict(omega_h=omega_h, out=out, ratio=ratio_h, learnt=learnt, mean=mean, still=still,
@@ -439,46 +433,31 @@ def sample(
     return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
 
 
-def contained(block: Block) -> Block:
-    """Run a step block, and begin it anew where a next state would leave its range.
+def floored(peak: float, noise: float) -> Block:
+    """Make what a searched reference does not fall below, so that it cannot latch.
 
-    In such a tick its outputs are zero and ``sound`` is 0. So what goes wrong in the slip control of
-    one axle ends there: no other axle waits for it, and no generated guard has to refuse a tick.
+    The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,
+    nothing more is learnt, and it stays. So it is above what the speeds may be off by. It is never
+    above the peak of the law that is fitted: a rail is best there or at less.
 
     Args:
-        block: a step; ends of ranges that are expressions are left to the generated guards.
+        peak: slip in m/s at which the law that is fitted has its peak.
+        noise: what the sensor of the vehicle's speed may be off by, in m/s.
     """
-    states = list(block.states.values())
-    low = ca.DM(np.concatenate([[], *(np.full(s.size, max(s.lo, -NO_END)) for s in states)]))
-    high = ca.DM(np.concatenate([[], *(np.full(s.size, min(s.hi, NO_END)) for s in states)]))
-    chosen = block.of_equations("contained", lambda: _kept_or_begun(block.f))
 
-    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        now = block.pack("param", p)
-        nxt, y = block.f(block.pack("state", x), block.pack("input", u), now)
-        sound = ca.dot(nxt >= low, nxt <= high) >= low.numel()
-        nxt, y = chosen(sound, nxt, y, block.pack("state", block.symbolic_start(p)))
-        return block.unpack("state", nxt), block.unpack("output", y) | {"sound": sound}
+    @law(
+        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
+        name="reference",
+    )
+    def reference(
+        searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
+        share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
+        most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
+                   lo=0.001, hi=20),
+    ):  # fmt: skip
+        """The searched slip, and not less than what speeds may be off by."""
+        return fmax(searched, fmin(least + share * fabs(v), most))
 
-    def rebuild(parts: dict[str, Block]) -> Block:
-        return contained(parts[block.name])
-
-    sound = Output("1", "1 where its states are in their ranges", lo=0, hi=1).named("sound")
-    wide = [replace(s, lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)) for s in block.outputs.values()]
-    return Block(
-        block.name, "step", body,
-        [*states, *block.inputs.values(), *block.params.values(), *wide, sound],
-        period=block.period, sx=False, doc=f"{block.doc}\n\nIt begins anew where a state leaves"
-        " its range.", choices=block.choices | {"contained": True}, parts={block.name: block},
-        rebuild=rebuild, conditions=block.conditions, transparent=True,
-        sharing=block.sharing.through(), by_structure=True,
-    )  # fmt: skip
-
-
-def _kept_or_begun(f: ca.Function) -> ca.Function:
-    """Function (sound, next, y, start) -> (next, y): as they are, or the start and zero."""
-    x, start = ca.MX.sym("x", f.size1_out(0)), ca.MX.sym("s", f.size1_out(0))
-    y = ca.MX.sym("y", f.size1_out(1))
-    kept = ca.Function(f"{f.name()}_kept", [x, y, start], [x, y])
-    begun = ca.Function(f"{f.name()}_begun", [x, y, start], [start, ca.DM.zeros(f.size1_out(1))])
-    return ca.Function.if_else(f"{f.name()}_contained", kept, begun)
+    return reference

@@ -211,12 +211,12 @@ def accepted_together(
     gone = ca.logic_or(age < 0, age >= memory(period, stale))
     known = ca.if_else(gone, value, last)  # before there is a good one it speaks for itself
     columns = [ca.vertsplit(c) for c in ends(known)]
-    found = [
+    found: list[Any] = [
         accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],
                  memory(period, stale), most)
         for k in range(n)
     ]  # fmt: skip
-    for k in np.flatnonzero([] if judged is None else judged):
+    for k in [] if judged is None else np.flatnonzero(judged).tolist():
         bad = ca.logic_not(ca.fabs(value[k]) <= most)
         found[k] = (value[k], found[k][1], ca.if_else(bad, BAD_INPUT, 0))
     taken, ages, told = (ca.vertcat(*column) for column in zip(*found, strict=True))
