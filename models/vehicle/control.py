@@ -51,6 +51,7 @@ from slipctl.models.vehicle.parts import (
     SlipLaw,
     SlipSpeed,
     Trip,
+    torque_of,
 )
 from slipctl.models.vehicle.ranges import controlled, of_inputs, searched_ranges
 from slipctl.study.doors import load_block
@@ -368,7 +369,7 @@ def safe_output(trip: Trip) -> str | float:
     given = trip.control.safe
     if given == "":
         return "demand" if trip.vehicle.mode == "brake" else 0.0
-    return given
+    return given if given in ("demand", "hold") else float(torque_of(given))
 
 
 def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:
