@@ -31,13 +31,13 @@ from slipctl import (
     replicate,
     step,
 )
-from slipctl.block.units import parse_quantity, unit
+from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
-from slipctl.models.predictive_slip import predictive
+from slipctl.models.predictive.predictive_slip import predictive
 from slipctl.models.vehicle.containment import contained
 from slipctl.models.vehicle.failure import floored, safe, sample, trust
 from slipctl.models.vehicle.parts import (
@@ -53,8 +53,8 @@ from slipctl.models.vehicle.parts import (
     Trip,
     torque_of,
 )
-from slipctl.models.vehicle.ranges import controlled, of_inputs, searched_ranges
-from slipctl.study.doors import load_block
+from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
+from slipctl.study.resolve import load_block
 
 WINDOW = 16
 """Ticks over which the adhesion is measured."""
@@ -75,14 +75,14 @@ def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
 def typical_slip(reference: Reference, speed: float) -> float:
     """Best slip in m/s for which a law is scaled: of the fitted curve, or the fixed one."""
     if isinstance(reference, Searched):
-        curve, begin = fitted(reference)
+        curve, begin = law_and_guess(reference)
         return argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
     if isinstance(reference, SlipSpeed):
         return reference.slip
     return max(reference.slip * max(speed, 1.0), reference.least)
 
 
-def fitted(part: Searched) -> tuple[Block, dict[str, float]]:
+def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     """Law that a search fits, and the first guess of its parameters.
 
     Raises:
@@ -136,7 +136,7 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
 # ---- what comes before and after a law -----------------------------------------------------------
 
 
-def seen(driven: bool) -> Block:
+def slip_from_speeds(driven: bool) -> Block:
     """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
 
     Args:
@@ -160,7 +160,7 @@ def seen(driven: bool) -> Block:
     return slip
 
 
-def fixed(part: Reference) -> Block:
+def fixed_reference(part: Reference) -> Block:
     """Make a reference that nothing searches: a slip speed, or a share of the vehicle's speed."""
     if isinstance(part, SlipSpeed):
 
@@ -300,7 +300,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         names = ("ticks", "horizon", "slip", "change", "beyond", "rate", "pole", "smooth")
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
-        return predictive(fitted(searching)[0], **settings, gate=True)(w), True
+        return predictive(law_and_guess(searching)[0], **settings, gate=True)(w), True
     if isinstance(part, SlipLaw):
         block = form.laws(driven)[part.kind](w)
     else:
@@ -337,7 +337,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
         alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
-        return replicate(controlled(alone, trip, w), axles, ["T_demand"])
+        return replicate(with_control_ranges(alone, trip, w), axles, ["T_demand"])
     parts, wires = _axle(trip, part, w)
     parts["sample"], parts["safe"] = sample, safe(safe_output(trip)).with_params(
         v_off=trip.control.off, limit=trip.control.release,
@@ -360,7 +360,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
         "trust.T_cmd": "safe.T_h",
     }  # fmt: skip
-    block = controlled(connect("ctl", wires, trust=judge, **copies), trip, w)
+    block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     return block.with_params(**_numbers(block, w))
 
 
@@ -379,7 +379,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     law_block, gated_inside = slip_law(trip, part, w)
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
-        "slip": seen(trip.vehicle.mode == "drive"),
+        "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
         "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
         "force": form.force,
         "fall": form.fall,
@@ -412,7 +412,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     ports = {"v": "trust.v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "trust.T_b",
              "T_top": "trust.demand"}  # fmt: skip
     if isinstance(reference, Searched):
-        curve, begin = fitted(reference)
+        curve, begin = law_and_guess(reference)
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
@@ -428,7 +428,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
             "force.mu": "curve.mu",
         }
     else:
-        parts["reference"] = fixed(reference)
+        parts["reference"] = fixed_reference(reference)
         wires |= {"reference.v": "trust.v", "force.mu": "meter.mu_m"}
         ports["v_best"] = "reference.v_best"
         if isinstance(part, Predictive):
@@ -446,13 +446,13 @@ def _searched(
     curve: Block, begin: tuple[tuple[str, float], ...], noise: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.searched(curve, dict(begin), noise)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 
 def known_curve() -> tuple[Block, dict[str, str]]:
     """Curve of a law that nobody estimates, for a predictive controller: its own numbers."""
-    curve, begin = fitted(Searched())
+    curve, begin = law_and_guess(Searched())
     own = {n: curve.params[n] for n in begin}
     ends = {n: {"lo": max(s.lo, -1e6), "hi": min(s.hi, 1e6)} for n, s in own.items()}
     block = make_block(

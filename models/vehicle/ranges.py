@@ -39,7 +39,7 @@ SURE = 8.0
 """Standard deviations that a noise never leaves."""
 
 
-def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
+def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of what the control of a vehicle holds. It judges its inputs itself."""
     numbers = of_inputs(trip, w)
     fastest, spin = numbers["fastest"], numbers["most"]
