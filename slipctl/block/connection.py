@@ -10,7 +10,9 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, as_block, symbol_maker
+from slipctl.block.block import Block, Exprs, as_block
+from slipctl.block.fields import Composition
+from slipctl.block.functions import symbol_maker
 from slipctl.block.sharing import Share, Sharing, bind, joined, numbers_of, read_shares
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, nearest
@@ -156,9 +158,10 @@ def connect(
             )
     doc = f"Connection of {', '.join(blocks)}."
     return Block(
-        name, kind, body, signals, period=period, doc=doc, sx=sx, parts=blocks, rebuild=rebuild,
-        wires=wires, conditions=conditions, prefixed=True,
-        sharing=sharing, by_structure=True,
+        name, kind, body, signals, period=period, doc=doc, sx=sx, conditions=conditions,
+        composition=Composition(
+            dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing, by_structure=True
+        ),
     )  # fmt: skip
 
 

@@ -128,7 +128,7 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
             if n not in found.values and np.size(v) == 1
         },
         "notes": list(found.notes),
-        "left_out": base.leaves_out,
+        "left_out": base.law_data.leaves_out,
         "peaks": [
             {**rest, curve.abscissa: place, curve.output: height}
             for rest, place, height in found.peaks
@@ -247,7 +247,7 @@ def report(found: Fitted, folder: Path) -> str:
     unit = law.outputs[found.curve.output].unit
     tail = "" if unit == "1" else f" {unit}"
     model = folder / MODEL
-    left_out = f"the law leaves out {law.leaves_out}\n" if law.leaves_out else ""
+    left_out = f"the law leaves out {law.law_data.leaves_out}\n" if law.law_data.leaves_out else ""
     known = [["known", "value", "unit", "from"]]
     values = law.param_values()
     for n, origin in found.origin.items():

@@ -77,22 +77,21 @@ def _settled(
     block: Block, settings: Mapping[str, str]
 ) -> tuple[Block, dict[str, str], dict[str, float]]:
     """Block with what stands beside it, known parameters, and inputs that do not vary."""
-    at, constants, beside = {}, {}, dict(block.beside)
+    at, constants, beside = {}, {}, dict(block.law_data.beside)
     for n, text in settings.items():
-        if n in block.beside:
-            s = block.beside[n]
+        if n in block.law_data.beside:
+            s = block.law_data.beside[n]
             number = parse_quantity(text, s.unit, f"{block.name}.{n}")
             beside[n] = replace(s, value=float(s.check(f"{block.name}.{n}", number)))
         if n in block.inputs:
             s = block.inputs[n]
             value = parse_quantity(text, s.unit, f"{block.name}.{n}")
             constants[n] = float(s.check(f"{block.name}.{n}", value))
-        elif n not in block.beside:
+        elif n not in block.law_data.beside:
             at[n] = text
     known = {n: quantity(block, n, text) for n, text in at.items()}
     new = block.with_params(**known) if known else block
-    new = new._copy(new.signals)
-    new.beside = beside
+    new = new._copy(new.signals, law_data=replace(new.law_data, beside=beside))
     return new, at, constants
 
 
