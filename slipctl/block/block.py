@@ -12,11 +12,11 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from slipctl import registry
 from slipctl.block import portable, sharing
 from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
@@ -35,14 +35,12 @@ class Block(Functions):
         return f"<{self.kind} {self.name}: {counts}>"
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     __reduce__ = portable.reduced
 
     def _repr_latex_(self) -> str:
-        from slipctl.draw import show
-
-        return show.latex(self)
+        return registry.view(self, "latex")
 
     def __getitem__(self, path: str) -> Block:
         """Return a part by its path, ``loop["plant.adh"]``."""

@@ -8,13 +8,12 @@ import io
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slipctl import __version__
+from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.units import parse_quantity
 from slipctl.commands.replay import pairs
@@ -166,7 +165,7 @@ def keys_of(law: str) -> dict[str, str]:
     homes = [m for m, (_, blocks) in doors.models().items() if name in blocks]
     if len(homes) != 1 or module not in ("", homes[0]):
         return {}
-    found = getattr(import_module(f"slipctl.models.{homes[0]}"), "KEYS", {})
+    found = getattr(registry.module("models", homes[0]), "KEYS", {})
     return dict(found.get(name, {}))
 
 

@@ -7,13 +7,13 @@ import inspect
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
@@ -69,7 +69,7 @@ class Fitted:
     peaks: tuple[tuple[dict[str, float], float, float], ...] = ()
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     @property
     def max_error(self) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from slipctl import BadInput, Block, probe
+from slipctl import BadInput, Block, probe, registry
 from slipctl.models import (
     best_slip,
     contact_reference,
@@ -23,7 +23,7 @@ from slipctl.models.hst_braking_reference import adhesion_meter
 from slipctl.models.ranges import probe_ranged
 from slipctl.models.rolling import Axles, rolling
 from slipctl.models.vehicle import control, gains, of_study, parts
-from slipctl.study import doors, trip_files
+from slipctl.study import trip_files
 
 
 def leaves(block: Block):
@@ -162,7 +162,7 @@ def test_a_swarm_flies_as_long_as_is_told():
 
 
 def test_draws_of_the_rail_are_heard_and_others_named(tmp_path: Path):
-    folder = doors.folder("models") / "vehicle" / "files"
+    folder = registry.folder("models") / "vehicle" / "files"
     text = (folder / "metro.toml").read_text(encoding="utf-8")
     text = text.replace("0.8:1.2 of plant.train.adh.c", "0.8:1.2 of rail.leaves.c, act.lag")
     path = tmp_path / "metro.toml"
