@@ -19,8 +19,8 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.recording import csv_of, read_recording
 from slipctl.run.replaying import Replayed, replay
-from slipctl.study import doors
 from slipctl.study.report import STYLE, figure, table
+from slipctl.study.request import Request
 from slipctl.study.texts import number, wrapped
 
 log = logging.getLogger("slipctl")
@@ -73,14 +73,11 @@ def load_part(name: str) -> Block:
     Raises:
         BadInput: no such block, or a whole loop.
     """
-    left, colon, right = name.rpartition(":")
-    if doors.is_written(name) or not colon or (left.endswith(".py") and not doors.has_study(left)):
-        return doors.load_block(name)
-    block = doors.load_block(name)
-    if "." not in right:
-        parts = ", ".join(f"{name}.{n}" for n in block.parts)
+    asked = Request.read(name)
+    if asked.loop and not asked.part:
+        parts = ", ".join(f"{name}.{n}" for n in asked.block.parts)
         raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
-    return block
+    return asked.block
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
