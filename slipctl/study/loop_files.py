@@ -68,7 +68,7 @@ def written(name: str, file: str) -> str:
         "",
         "[vehicle]",
         'kind = "study"                           # its equations and wires',
-        f"study = {_text(left)}",
+        f"study = {_text(asked.home)}",
         f"scenario = {_text(scenario.name)}",
         "",
         *_rail(loop, scenario),
