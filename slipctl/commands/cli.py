@@ -1,4 +1,4 @@
-"""The command line: each command is a module of its own, named in ``NAMES``.
+"""The command line: each command is a module of its own, named in ``arguments.COMMANDS``.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 
-from slipctl.commands.arguments import parser
+from slipctl.commands.arguments import COMMANDS, parser
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import stopping
 
@@ -29,13 +29,7 @@ RARELY = (100_000, 50, 100)
 """When garbage is collected: most objects of a command live to its end, and looking through them
 at Python's own pace takes a fifth of the time of a run."""
 
-NAMES = (
-    "list", "show", "new", "schema", "copy", "run", "sweep", "tune", "replay", "compare", "fit",
-    "c", "pil", "certify", "check", "docs",
-)  # fmt: skip
-"""Commands in the order of the help."""
-
-ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in NAMES}
+ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in COMMANDS}
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 
