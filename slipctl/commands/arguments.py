@@ -49,7 +49,7 @@ def parser() -> Parser:
     return top
 
 
-# ---- options of each command ----------------------------------------------------------------------
+# ---- options of each command ---------------------------------------------------------------------
 
 
 def _no_options(p: Parser) -> None:

@@ -36,6 +36,7 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import fuzz, proof, rounding
 from slipctl.ccode.check.comparison import trial_rows
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.request import Content
 from slipctl.ccode.ship.fmu import fmus
 from slipctl.ccode.write.plan import Plan
 
@@ -92,7 +93,7 @@ def module(what: str) -> Iterator[list[str]]:
     name, planned, more = ASKED[what]
     plan = Plan(block(name), **planned)
     whole = more or planned or what in FOLDERS
-    for file, text in codegen.texts(plan, **more).items():
+    for file, text in codegen.texts(plan, Content(**more)).items():
         if whole or plan.name in file:
             yield row(what, file, text, own=file in plan.files[1:])
 
