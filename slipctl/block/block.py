@@ -21,7 +21,7 @@ from slipctl.block import portable, sharing
 from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, nearest, split_options
 
 
 class Block(Functions):
@@ -429,10 +429,9 @@ def block_from(
     name: str, kind: str, body: Body, signals: Iterable[Signal], **options: Any
 ) -> Block:
     """Make a block; what belongs to its law data or composition is put there by its name."""
-    groups: dict[str, Any] = {}
-    for group, kind_of_data in (("law_data", LawData), ("composition", Composition)):
-        names = [f.name for f in fields(kind_of_data)]
-        here = {n: options.pop(n) for n in names if n in options}
-        if here:
-            groups[group] = kind_of_data(**here)
-    return Block(name, kind, body, signals, **groups, **options)
+    own = {f.name for kind_of_data in (LawData, Composition) for f in fields(kind_of_data)}
+    law_data, composition = split_options(
+        name, {n: v for n, v in options.items() if n in own}, LawData, Composition
+    )
+    rest = {n: v for n, v in options.items() if n not in own}
+    return Block(name, kind, body, signals, law_data=law_data, composition=composition, **rest)

@@ -31,14 +31,14 @@ from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
 from slipctl.ccode.report import Report as Report
-from slipctl.ccode.request import Checks, Content, split_options
+from slipctl.ccode.request import Checks, Content
 from slipctl.ccode.ship import a2l, autosar, bus, fmu, manual, sections, xcp
 from slipctl.ccode.ship.readable import readable
 from slipctl.ccode.write.header import CONTENT, header
 from slipctl.ccode.write.plan import Plan
 from slipctl.ccode.write.precision import rounded
 from slipctl.ccode.write.source import sources
-from slipctl.errors import BadInput, check_positive
+from slipctl.errors import BadInput, check_positive, split_options
 from slipctl.run.numbers import check_guards
 
 LIMIT = expected.LIMIT
@@ -143,7 +143,9 @@ def export(
     Raises:
         BadInput, RunFailed: as :func:`check`; an option that there is not.
     """
-    return _produce(block, out, name, inputs, params, period, *split_options(options))
+    return _produce(
+        block, out, name, inputs, params, period, *split_options("C", options, Content, Checks)
+    )
 
 
 # ---- making -------------------------------------------------------------------------------------

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 from slipctl.ccode.check import analysis, fuzz, proof
 from slipctl.ccode.compile import targets
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -95,21 +94,3 @@ class Checks:
             fuzz.tool()
         if self.prove:
             proof.tool()
-
-
-def split_options(options: dict[str, Any]) -> tuple[Content, Checks]:
-    """Options by name, as what they belong to.
-
-    Raises:
-        BadInput: an option that there is not.
-    """
-    groups = []
-    rest = dict(options)
-    for kind in (Content, Checks):
-        names = [f.name for f in fields(kind) if f.name in rest]
-        groups.append(kind(**{n: rest.pop(n) for n in names}))
-    if rest:
-        known = [f.name for kind in (Content, Checks) for f in fields(kind)]
-        name = next(iter(rest))
-        raise BadInput(f"C: there is no option {name}{nearest(name, known)}")
-    return groups[0], groups[1]  # type: ignore[return-value]
