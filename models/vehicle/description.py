@@ -59,7 +59,7 @@ def _faults_of_laws(trip: Trip) -> list[Fault]:
 
     tried(("rail",), lambda: rail_law(trip))
     if hasattr(trip.reference, "noise"):
-        tried(("reference",), lambda: control.fitted(trip.reference))
+        tried(("reference",), lambda: control.law_and_guess(trip.reference))
     if faults:
         return faults
     for name, part in trip.controllers.items():

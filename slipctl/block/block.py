@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import registry
-from slipctl.block import portable, sharing
+from slipctl.block import portable, shared_numbers
 from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal, evaluate, names_in
@@ -37,7 +37,7 @@ class Block(Functions):
     def _repr_html_(self) -> str:
         return registry.view(self, "html")
 
-    __reduce__ = portable.reduced
+    __reduce__ = portable.reduce_block
 
     def _repr_latex_(self) -> str:
         return registry.view(self, "latex")
@@ -101,7 +101,7 @@ class Block(Functions):
         shared = {n: v for n, v in numbers.items() if n in self.sharing.aliases}
         if shared and not set(self.states) <= set(numbers):  # what follows them does so
             rest = {n: v for n, v in numbers.items() if n not in shared}
-            meant = {sharing.number_at(self, n): v for n, v in shared.items()}
+            meant = {shared_numbers.number_at(self, n): v for n, v in shared.items()}
             return self._with_values(meant).point(**rest)
         p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
         given_x = {
@@ -150,8 +150,8 @@ class Block(Functions):
         """
         meant: dict[str, Any] = {}
         for given, value in values.items():
-            for name in sharing.targets(self, given) or [given]:
-                meant[sharing.number_at(self, name)] = value
+            for name in shared_numbers.targets(self, given) or [given]:
+                meant[shared_numbers.number_at(self, name)] = value
         for name, value in meant.items():
             signal = self.declared(name)
             if isinstance(value, str) and signal.values:
@@ -192,7 +192,7 @@ class Block(Functions):
         """Give each value to the part that owns it; what no part owns stays with this block."""
         handed: dict[str, dict[str, Any]] = {}
         own: dict[str, Any] = {}
-        shares, inner = sharing.changed(self, values)
+        shares, inner = shared_numbers.shares_after_setting(self, values)
         for name, value in inner.items():
             owner = self._owner(name)
             if owner is None:
@@ -212,7 +212,9 @@ class Block(Functions):
             block.conditions = {}  # they hold the numbers from before
         return block
 
-    def _rebuilt(self, parts: dict[str, Block], shares: Mapping[str, sharing.Share]) -> Block:
+    def _rebuilt(
+        self, parts: dict[str, Block], shares: Mapping[str, shared_numbers.Share]
+    ) -> Block:
         """The block made again of other parts, with the same shares or changed ones."""
         assert self.composition.rebuild is not None
         new = self.composition.rebuild(parts, shares) if shares else self.composition.rebuild(parts)
@@ -345,7 +347,7 @@ class Block(Functions):
             raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
         parts[head] = parts[head].swap(rest, block) if rest else block
         new = self._rebuilt(parts, {k: s.given for k, s in self.sharing.shares.items()})
-        return sharing.kept(self, new)._keep_values(self, {})
+        return shared_numbers.with_shares_of(self, new)._keep_values(self, {})
 
     def check_units(self) -> list[str]:
         """Unit errors of every equation, in the paper's letters; an empty list is a pass."""
@@ -360,9 +362,10 @@ class Block(Functions):
         return list(self.of_equations(("units", derived), self._wrong_units))
 
     def _wrong_units(self) -> list[str]:
-        from slipctl.block import formula, unit_walk, units
+        from slipctl.block.text import formula
+        from slipctl.block.units import unit_algebra, unit_walk
 
-        with units.checking_units(), formula.letters(self._body.__code__) as names:
+        with unit_algebra.checking_units(), formula.letters(self._body.__code__) as names:
             x, u, p = (self.symbols(r) for r in ("state", "input", "param"))
             n, y = self.expr(x, u, p)
             flow = self.kind == "flow"
@@ -396,7 +399,7 @@ def as_block(where: str, thing: Any) -> Block:
     raise BadInput(f"{where} is no block but of type {type(thing).__name__}; {how}")
 
 
-def about(maker: Callable[..., Block]) -> str:
+def doc_of_maker(maker: Callable[..., Block]) -> str:
     """What a block says of itself: the docstring of what makes it, without Args and the like."""
     return re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(maker) or "")[0]
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from slipctl.block.sharing import ALONE, Sharing
+from slipctl.block.shared_numbers import ALONE, Sharing
 from slipctl.block.signals import Signal, Split
-from slipctl.block.units import read_unit
-from slipctl.errors import BadInput, check_positive, known
+from slipctl.block.units.unit_algebra import read_unit
+from slipctl.errors import BadInput, check_positive, refuse_unknown_choice
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -129,7 +129,7 @@ class Fields:
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
-        known(name, "kind", kind, ("law", "flow", "step"))
+        refuse_unknown_choice(name, "kind", kind, ("law", "flow", "step"))
         if not callable(body):
             raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
         if period is not None:

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.inside import checked, watched
 from slipctl.block.signals import packed_numbers, total_size
+from slipctl.block.text.intermediates import collect_locals, with_checked_locals
 from slipctl.block.values import Values
 from slipctl.errors import BadInput, nearest
 
@@ -107,11 +107,11 @@ class Functions(Values):
             for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
         )
         groups = self.unpack("state", x), self.unpack("input", u), self.unpack("param", p)
-        with watched() as found:
+        with collect_locals() as found:
             n, y = self.expr(*groups)
         out = [self.pack("state", n), self.pack("output", y)]
         f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
-        return checked(f, self.name, found) if self.sx and not self.parts else f
+        return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
 
     def _c_name(self) -> str:
         return re.sub(r"_+", "_", self.name).strip("_")
@@ -143,13 +143,13 @@ class Functions(Values):
         ``n_<state>`` (step) and ``y_<output>``; dots of composite names become underscores.
         """
         args, names, groups = self._named_symbols()
-        with watched() as found:
+        with collect_locals() as found:
             n, y = self.expr(*groups)
         letter = "d" if self.kind == "flow" else "n"
         results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
         out = self._io_names("state", letter) + self._io_names("output", "y")
         f = ca.Function(self._c_name(), args, results, names, out)
-        return checked(f, self.name, found) if self.sx and not self.parts else f
+        return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
 
     def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
         """Exact Jacobian of an output or of a state's equation, as a named Function.

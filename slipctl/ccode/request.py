@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from slipctl.ccode.check import analysis, fuzz, proof
+from slipctl.ccode.check import analysis, fuzz
+from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.compile import targets
 from slipctl.errors import BadInput
 
@@ -62,7 +63,7 @@ class Checks:
         prove: let Frama-C's Eva prove that nothing goes wrong at run time, and that every state
             and output stays in its range, for any inputs and any number of ticks.
         search_seconds: look so long for inputs that reach what the test does not, and go on with
-            them behind the run (:mod:`slipctl.ccode.check.search`).
+            them behind the run (:mod:`slipctl.ccode.check.vectors.search`).
     """
 
     check: bool = False
@@ -93,4 +94,4 @@ class Checks:
         if self.fuzz_seconds:
             fuzz.tool()
         if self.prove:
-            proof.tool()
+            module_proof.tool()

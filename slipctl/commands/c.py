@@ -7,8 +7,9 @@ import logging
 from pathlib import Path
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check import load, search
-from slipctl.ccode.check.given import given
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.vectors import search
+from slipctl.ccode.check.vectors.vector_file import read_vectors
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
 from slipctl.study.request import Request
@@ -57,7 +58,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
     }  # fmt: skip
     if block is not None:
-        inputs = given(vectors, block) if vectors else None
+        inputs = read_vectors(vectors, block) if vectors else None
         report = codegen.export(block, out, options.module, inputs, **wanted)
     else:
         study, (loop, case) = asked.study, asked.chosen
@@ -69,12 +70,12 @@ def answer(options: argparse.Namespace, command: str) -> int:
             what = "part" if asked.part or options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         if vectors:
-            inputs = given(vectors, control)
-            _, params = codegen.recorded(loop, part, case.scenario, 1)
+            inputs = read_vectors(vectors, control)
+            _, params = codegen.record_part(loop, part, case.scenario, 1)
         else:
             log.info("running %s for its inputs", name)
             ticks = None if options.check else codegen.KEPT
-            inputs, params = codegen.recorded(loop, part, case.scenario, ticks)
+            inputs, params = codegen.record_part(loop, part, case.scenario, ticks)
         report = codegen.export(
             control, out,
             options.module or "_".join([study.name, asked.loop, *words]),

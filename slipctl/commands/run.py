@@ -21,15 +21,16 @@ from typing import Any
 
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
-from slipctl.run import stopping, store
+from slipctl.run import interrupts, store
 from slipctl.run.results import Results
-from slipctl.study import files, preparing, running, speaking
+from slipctl.study import case_setup, claim_scope, execution
+from slipctl.study.cache import Keep, key_of
 from slipctl.study.declaration import Verdict
+from slipctl.study.failure_log import note_failure
+from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
-from slipctl.study.keeping import Keep, key_of
-from slipctl.study.noting import noted
+from slipctl.study.report.texts import changes, claim_table, doubts, left_to_full, metric_table
 from slipctl.study.request import Request
-from slipctl.study.texts import changes, claim_table, doubts, left_to_full, metric_table
 
 log = logging.getLogger("slipctl")
 
@@ -53,13 +54,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     )
     plain = None if options.full or options.scenarios else {} if chosen else keep.logs()
     left: list[str] = []
-    cases, _ = preparing.prepare(
+    cases, _ = case_setup.prepare(
         study, settings=asked.settings, loops=options.loops, scenarios=options.scenarios,
         plain=plain, left=left, built=(asked.cases, models),
     )  # fmt: skip
-    changed = preparing.in_words(options.swaps, options.settings)
+    changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
-    results = running.new_results(study, cases, options.quick, changed, () if chosen else left)
+    results = execution.new_results(study, cases, options.quick, changed, () if chosen else left)
     with Cores(options.jobs) as cores:
         return _Run(options, command, results, models, keep, cores, experiments).answer()
 
@@ -87,8 +88,8 @@ class _Run:
         self._metrics("running, or ended before its end")
         judged = cache(self._claims)  # once, while figures are drawn
         try:
-            sections = files.early_sections(results, self.cores, running.load_logs)
-            running.run(
+            sections = results_folder.early_sections(results, self.cores, execution.load_logs)
+            execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
                 report=self.progress, results=results, keep=self.keep, command=self.command,
@@ -99,13 +100,15 @@ class _Run:
             self._metrics()
             self._save(
                 "report.html",
-                lambda: files.save_pages(results, judged, out, self.command, self.cores, sections),
+                lambda: results_folder.save_pages(
+                    results, judged, out, self.command, self.cores, sections
+                ),
             )
             verdicts = judged()
         except KeyboardInterrupt:
-            stopping.heard()
+            interrupts.note_interrupt()
             self._stopped()
-            raise KeyboardInterrupt(stopping.KEPT) from None
+            raise KeyboardInterrupt(interrupts.KEPT) from None
         if self.options.json:
             print(self._json())
         else:
@@ -127,16 +130,20 @@ class _Run:
 
     def _metrics(self, state: str = "") -> None:
         results, out = self.results, self.keep.out
-        self._save("metrics.json", lambda: files.save_metrics(results, out, self.command, state))
-        self._save("tables.json", lambda: files.save_tables(results, out, self.command))
+        self._save(
+            "metrics.json", lambda: results_folder.save_metrics(results, out, self.command, state)
+        )
+        self._save("tables.json", lambda: results_folder.save_tables(results, out, self.command))
 
     def _claims(self, state: str = "") -> list[Verdict]:
         results, o = self.results, self.options
-        changed = speaking.changes(results, o.settings, o.swaps, self.models)
-        verdicts = running.judge_all(results, changed)
+        changed = claim_scope.changes(results, o.settings, o.swaps, self.models)
+        verdicts = execution.judge_all(results, changed)
         self._save(
             "claims.json",
-            lambda: files.save_claims(results, verdicts, self.keep.out, self.command, state),
+            lambda: results_folder.save_claims(
+                results, verdicts, self.keep.out, self.command, state
+            ),
         )
         return verdicts
 
@@ -150,11 +157,13 @@ class _Run:
         state = f"This run was {STOPPED}."
         self._save(
             "report.html",
-            lambda: files.save_stopped(self.results, verdicts, self.keep.out, self.command, state),
+            lambda: results_folder.save_stopped(
+                self.results, verdicts, self.keep.out, self.command, state
+            ),
         )
 
     def _save(self, what: str, write: Callable[[], Any]) -> None:
-        with noted(self.results, what):
+        with note_failure(self.results, what):
             write()
 
     def _json(self) -> str:

@@ -14,13 +14,13 @@ import numpy as np
 
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
-from slipctl.run import sweep_export
-from slipctl.run.ensemble import World
 from slipctl.run.results import Case
-from slipctl.run.sweeping import Sweep, sweep
+from slipctl.run.sweep import sweep_export
+from slipctl.run.sweep.ensemble import World
+from slipctl.run.sweep.sweep_runs import Sweep, sweep
 from slipctl.study.declaration import Study
+from slipctl.study.report.texts import number, wrap_table
 from slipctl.study.request import Request
-from slipctl.study.texts import number, wrapped
 
 log = logging.getLogger("slipctl")
 
@@ -134,4 +134,4 @@ def report(found: Sweep) -> str:
         rows.append([name, unit, *map(number, cells)])
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
-    return "\n".join([*head, "", wrapped(rows, widths), "", tail])
+    return "\n".join([*head, "", wrap_table(rows, widths), "", tail])

@@ -6,13 +6,13 @@ import argparse
 import logging
 from pathlib import Path
 
-from slipctl.design import page, written
-from slipctl.design.promises import of_loop
+from slipctl.design import gain_files, page
+from slipctl.design.promises import promises_of_loop
 from slipctl.design.tune import Stopped, Tuned, tune
 from slipctl.draw import plots
 from slipctl.errors import BadInput
-from slipctl.run import stopping, store
-from slipctl.run.ensemble import Ensemble, load_ensemble
+from slipctl.run import interrupts, store
+from slipctl.run.sweep.ensemble import Ensemble, load_ensemble
 from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
@@ -35,7 +35,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
             scenario=case.scenario, signals=study.signals, known=case.known,
-            gains=of_loop(study.gains, loop, case.scenario.name), out=out,
+            gains=promises_of_loop(study.gains, loop, case.scenario.name), out=out,
             samples=options.samples, seed=options.seed, runs=options.runs,
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
@@ -46,19 +46,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
     except Stopped as stopped:
         write_gains(stopped.best, out, command)
         raise KeyboardInterrupt(
-            f"{out / 'gains.toml'} has the best so far; the same line goes on; {stopping.KEPT}"
+            f"{out / 'gains.toml'} has the best so far; the same line goes on; {interrupts.KEPT}"
         ) from None
     write_gains(found, out, command)
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:
-        said = written.certificate_of(found, command, asked.settings, asked.swaps)
+        said = gain_files.certificate_of(found, command, asked.settings, asked.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
     if found.front:
-        store.write_json(out / "front.json", written.front_of(found, command))
+        store.write_json(out / "front.json", gain_files.front_of(found, command))
         plots.save(page.front_picture(found), out, "front", command)
     store.write_text(out / "report.html", page.page(found, command))
     if options.json:
-        print(store.json_text(written.found_of(found, command) | {"folder": str(out)}).rstrip())
+        print(store.json_text(gain_files.found_of(found, command) | {"folder": str(out)}).rstrip())
         return 0
     print(page.text(found))
     names = ["gains.toml", *(["certificate.json"] if certified else []),
@@ -69,7 +69,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
 
 def write_gains(found: Tuned, out: Path, command: str) -> None:
     """Write ``gains.toml``."""
-    store.write_text(out / "gains.toml", written.gains_text(found, command))
+    store.write_text(out / "gains.toml", gain_files.gains_text(found, command))
 
 
 def _world_of(options: argparse.Namespace) -> tuple[Request, Ensemble]:

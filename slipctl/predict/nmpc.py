@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from slipctl.block.block import Block, about, as_block
+from slipctl.block.block import Block, as_block, doc_of_maker
 from slipctl.errors import BadInput, check_whole, split_options
-from slipctl.predict.asked import (
+from slipctl.predict.controller import Controller
+from slipctl.predict.options.arguments import (  # fmt: skip
     Limit,
     Limits,
     Problem,
@@ -16,19 +17,18 @@ from slipctl.predict.asked import (
     bounds_of,
     by_name,
     check_numbers,
-    previewed,
+    preview_names,
     rates_of,
     scale_of,
     tied_of,
     weights_of,
-)  # fmt: skip
-from slipctl.predict.controller import Controller
-from slipctl.predict.growing import STRETCH, lengths, stretched
-from slipctl.predict.horizon import Horizon
-from slipctl.predict.limits import Soft, limits_of
-from slipctl.predict.offset import pushed, with_unknown
-from slipctl.predict.scenarios import TOGETHER, Factors, factors_of
-from slipctl.predict.terminal import with_lqr, with_matrix
+)
+from slipctl.predict.options.limits import Soft, limits_of
+from slipctl.predict.options.offset import with_constant_rates, with_unknown
+from slipctl.predict.options.scenarios import TOGETHER, Factors, factors_of
+from slipctl.predict.options.terminal import with_lqr, with_matrix
+from slipctl.predict.stages.horizon import Horizon
+from slipctl.predict.stages.stage_lengths import STRETCH, lengths, with_time_scale
 
 
 def nmpc(
@@ -57,10 +57,10 @@ def nmpc(
         h: length of a stage and period of the controller in s.
         horizon: number of stages.
         name: name of the block.
-        **options: what is minimised (:class:`slipctl.predict.asked.Problem`: ``weights``,
+        **options: what is minimised (:class:`slipctl.predict.options.arguments.Problem`: ``weights``,
             ``terminal``, ``preview``, ``path``, ...), within what
-            (:class:`slipctl.predict.asked.Limits`: ``bounds``, ``rates``, ``soft``, ``hard``), and
-            how (:class:`slipctl.predict.asked.Solver`: ``iterations``, ``solver``, ...).
+            (:class:`slipctl.predict.options.arguments.Limits`: ``bounds``, ``rates``, ``soft``, ``hard``), and
+            how (:class:`slipctl.predict.options.arguments.Solver`: ``iterations``, ``solver``, ...).
 
     Returns:
         A step block with period h. Outputs: the controls, ``status``, ``passes`` made, and
@@ -95,13 +95,13 @@ def nmpc(
     weigh = weights_of(where, weighed, by_name(where, "weights", wish.weights))
     driven, unknown = plant, None
     if wish.offset_free != ():
-        plant, unknown = pushed(where, plant, wish.offset_free, list(full.values()))
+        plant, unknown = with_constant_rates(where, plant, wish.offset_free, list(full.values()))
     factors = _factors(where, plant, wish, list(full.values()), horizon)
     if factors:
         softs = {f"{n}.{i}": s for n, s in softs.items() for i in range(len(factors))}
     long = lengths(where, wish.grow, int(horizon))
     problem = Horizon.of(
-        stretched(plant) if long else plant, cost, controls, wish.end_names, softs, horizon, h,
+        with_time_scale(plant) if long else plant, cost, controls, wish.end_names, softs, horizon, h,
         wish.method, wish.substeps, {c: scale_of(*ends[c]) for c in controls}, laws, long, factors,
         wish.shared or 0,
     )  # fmt: skip
@@ -111,7 +111,7 @@ def nmpc(
     return Controller(
         where, problem, controls, ends, rate, softs, weigh, tied, solver, ahead
     ).block(
-        name, h, [driven, cost, *laws.values()], (wish.method, wish.substeps), about(nmpc)
+        name, h, [driven, cost, *laws.values()], (wish.method, wish.substeps), doc_of_maker(nmpc)
     )  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def _ahead(
     own = (STRETCH, TOGETHER, *(problem.unknown.names if problem.unknown else ()))
     held = [n for n in problem.held if n not in own]
     named = [b for pair in ends.values() for b in pair]
-    ahead = previewed(where, wish.preview, [*held, *named])
+    ahead = preview_names(where, wish.preview, [*held, *named])
     if wish.moves is not None and any(b in ahead for b in named):
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return ahead

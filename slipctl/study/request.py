@@ -13,8 +13,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput
-from slipctl.study import doors, preparing, trip_files
-from slipctl.study.blaming import blame
+from slipctl.study import case_setup, resolve
+from slipctl.study.failures import blame
+from slipctl.study.files import trip_files
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -56,14 +57,16 @@ class Request:
             BadInput: a file of the name that is not there or cannot be run; a file of gains that
                 holds none.
         """
-        made = cls(name, settings=tuple(preparing.opened(settings)), swaps=tuple(swaps), **more)
-        if doors.is_written(name):
+        made = cls(
+            name, settings=tuple(case_setup.open_gain_files(settings)), swaps=tuple(swaps), **more
+        )
+        if resolve.is_written(name):
             return made
         left, colon, right = name.rpartition(":")
         if not colon:
-            study = name in doors.studies() or name.endswith(".py") or trip_files.is_trip(name)
+            study = name in resolve.studies() or name.endswith(".py") or trip_files.is_trip(name)
             return replace(made, home=name if study else "")
-        if left.endswith(".py") and not doors.has_study(left):
+        if left.endswith(".py") and not resolve.has_study(left):
             return made
         whole, _, part = right.partition(".")
         loop, _, scenario = whole.partition("@")
@@ -89,12 +92,12 @@ class Request:
     @cached_property
     def study(self) -> Study:
         """The study, or the one of the file."""
-        return doors.load_study(self.home or self.name)
+        return resolve.load_study(self.home or self.name)
 
     @cached_property
     def models(self) -> dict[str, Any]:
         """Models of the study, with the swaps done."""
-        return preparing.read_swaps(self.study, self.swaps)
+        return case_setup.read_swaps(self.study, self.swaps)
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -112,7 +115,7 @@ class Request:
             BadInput: no such loop or scenario; what cannot be set.
         """
         scenario = self.scenario or self.declared[1].scenario.name
-        cases, _ = preparing.prepare(
+        cases, _ = case_setup.prepare(
             self.study, settings=self.settings, loops=[self.loop], scenarios=[scenario],
             built=(self.cases, self.models),
         )  # fmt: skip
@@ -122,7 +125,7 @@ class Request:
     def declared(self) -> tuple[Block, Case]:
         """The loop as the study has it, and the first case that has it."""
         wanted = f"{self.loop}@{self.scenario}" if self.scenario else self.loop
-        return doors.pick_loop(self.study, self.cases, wanted)
+        return resolve.pick_loop(self.study, self.cases, wanted)
 
     @property
     def chosen(self) -> tuple[Block, Case]:
@@ -135,8 +138,8 @@ class Request:
     def block(self) -> Block:
         """Block that the name stands for: a loop, a part of it, a model, an equation."""
         if not self.loop:
-            return doors.load_block(self.name)
-        from slipctl.run.replaying import part_of
+            return resolve.load_block(self.name)
+        from slipctl.run.logs.replay import part_of
 
         return part_of(self.declared[0], self.part) if self.part else self.declared[0]
 
@@ -151,6 +154,6 @@ class Request:
         if self.loop:
             return self
         if self.home or self.name.endswith((".py", ".toml")):
-            raise doors.no_loop(self.name, self.study)
-        doors.load_block(self.name)  # says what it is not
+            raise resolve.no_loop(self.name, self.study)
+        resolve.load_block(self.name)  # says what it is not
         raise BadInput(f"{self.name} is no loop; write STUDY:LOOP")

@@ -11,9 +11,9 @@ import numpy as np
 
 from slipctl import Block, Context, Experiment, Fitted, Results, Table, fit, registry
 from slipctl.draw import plots
-from slipctl.models import contact
-from slipctl.models.contact import SURFACES, peak, polach
-from slipctl.models.hst_traction_peaks import peaks
+from slipctl.models.wang_2025.hst_traction_peaks import peaks
+from slipctl.models.wheel_rail import contact
+from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 
 SPEEDS = (1.0, 5.0, 20.0, 40.0, 69.0)
 """Train speeds of the table and of the figures, in m/s."""

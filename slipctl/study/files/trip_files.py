@@ -1,0 +1,102 @@
+"""Files that describe a vehicle: ``metro.toml`` is a study, ``metro.toml:pid`` a loop of it.
+
+Such a file has a table ``[vehicle]``. What may stand in it is declared in
+the parts that are registered for them; a fault is told with its line, and all faults at once.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slipctl import registry
+from slipctl.errors import Faults
+from slipctl.study.files import equation_files
+
+if TYPE_CHECKING:
+    from slipctl.study.declaration import Study
+
+
+def is_trip(path: str) -> bool:
+    """Whether a path names a file that describes a vehicle.
+
+    A file that cannot be read as TOML is one where it has such a table's head, so that its fault
+    is told as a trip's.
+    """
+    if not path.endswith(".toml"):
+        return False
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+    except (OSError, ValueError):
+        return False
+    return re.search(r"(?m)^\s*(\[\s*vehicle\s*[\].]|vehicle\s*[.=])", text) is not None
+
+
+def load_trip(path: str) -> Any:
+    """Trip that a file describes, as it is now.
+
+    Raises:
+        BadInput: it cannot be read.
+        Faults: what is wrong in it, each with its line.
+    """
+    text, _ = equation_files.read(path)
+    return _trip(path, text)
+
+
+@lru_cache(maxsize=8)  # of the text: a file may be edited while slipctl runs
+def _trip(path: str, text: str) -> Any:
+    """Trip of a text, which stands in that file."""
+    from slipctl.study.files import declared_parts
+
+    content = tomllib.loads(text)
+    trip, faults = declared_parts.read(vehicle_files().root(content), content)
+    if trip is not None:
+        faults = vehicle_files().faults(trip)
+    if faults:
+        lines = [_line(path, text, keys, why) for keys, why in faults]
+        raise Faults(sorted(lines, key=_number))
+    return trip
+
+
+def vehicle_files() -> Any:
+    """What is registered to read such files: its roots, their faults, and the study of one."""
+    return registry.load(registry.FILES, "vehicle")
+
+
+def _line(path: str, text: str, keys: tuple[str | int, ...], why: str) -> str:
+    """Fault with file, line and path."""
+    dotted = ".".join(str(k) for k in keys)
+    if not dotted:
+        return f"{path}: {why}"
+    return f"{path}, line {equation_files.line_of(text, keys)}: {dotted}: {why}"
+
+
+def _number(line: str) -> int:
+    found = re.search(r", line (\d+): ", line)
+    return int(found[1]) if found else 0
+
+
+def load(path: str) -> Study:
+    """Study of a file that describes a vehicle.
+
+    Raises:
+        Faults: what is wrong in it.
+    """
+    equation_files.READ.add(Path(path).resolve())
+    trip = load_trip(path)
+    name = re.sub(r"\W", "_", Path(path).stem) or "trip"
+    made: Study = vehicle_files().study(trip, name, f"described in {Path(path).name}")
+    return made
+
+
+def schema_text() -> str:
+    """JSON schema of such files, as text."""
+    import json
+
+    from slipctl.study.files import declared_parts
+
+    said = declared_parts.schema(vehicle_files().roots, "A vehicle on its way, as slipctl reads it")
+    return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
