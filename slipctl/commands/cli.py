@@ -35,7 +35,12 @@ NAMES = (
 )  # fmt: skip
 """Commands in the order of the help."""
 
-ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in NAMES}
+_PLACES = {
+    "list": "library.contents", "show": "library.show", "new": "library.new",
+    "schema": "library.schema", "copy": "library.copy", "docs": "library.docs",
+    "certify": "certificates.certify", "check": "certificates.check",
+}  # fmt: skip
+ANSWERS = {name: f"slipctl.commands.{_PLACES.get(name, name)}" for name in NAMES}
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 
