@@ -20,7 +20,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from slipctl.commands.arguments import parser
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import BadInput, RunFailed, check_one_tree
 from slipctl.run import interrupts
 
 log = logging.getLogger("slipctl")
@@ -81,6 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interrupts.raise_interrupts():
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+            check_one_tree()
             _talk(options)
             home = import_module(ANSWERS[options.command])
             code: int = home.answer(options, _written(arguments))
