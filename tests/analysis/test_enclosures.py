@@ -1,7 +1,6 @@
 """Ranges that are proved hold what is sampled, and are not much wider."""
 
 import importlib
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -10,11 +9,10 @@ from casadi import acos, asin, sin
 from enclosures import LAWS, case, compared, default
 
 import slipctl as sc
-import slipctl.models
 from slipctl import BadInput
 from slipctl.analysis.bounds import _of_column, enclosure
 from slipctl.certify.enclosure import largest
-from slipctl.study.resolve import load_block
+from slipctl.study.resolve import load_block, model_files
 
 
 @pytest.mark.parametrize("name", LAWS)

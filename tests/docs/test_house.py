@@ -41,7 +41,19 @@ PLACES = {
 }  # fmt: skip
 """Prepositions, and adverbs that stand like one."""
 
-NOUNS = {"bed", "feed", "need", "red", "seed", "speed", "bearing", "ring", "spring", "string"}
+NOUNS = {
+    "bed",
+    "feed",
+    "need",
+    "red",
+    "seed",
+    "speed",
+    "bearing",
+    "ring",
+    "spring",
+    "string",
+    "swing",
+}
 """What only looks like a participle or a gerund."""
 
 ALLOWED = {
