@@ -72,3 +72,19 @@ def module(package: str, name: str) -> ModuleType:
 def view(thing: Any, format: str) -> str:
     """What a notebook shows of a thing: ``"html"`` or ``"latex"``."""
     return str(load(VIEWS, format)(thing))
+
+
+def check_one_tree() -> None:
+    """Refuse an engine and models of two clones: their numbers would be those of neither.
+
+    Raises:
+        BadInput: a package of models or studies is not from where slipctl is.
+    """
+    engine = Path(__file__).resolve().parent
+    for package in entries(PACKAGES):
+        there = folder(package).resolve()
+        if there not in (engine / package, engine.parent / package):
+            raise BadInput(
+                f"slipctl is that of {engine.parent} and {package_name(package)} that of"
+                f" {there.parent}; install one tree: pip install -e {engine.parent}"
+            )

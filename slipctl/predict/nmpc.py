@@ -57,10 +57,10 @@ def nmpc(
         h: length of a stage and period of the controller in s.
         horizon: number of stages.
         name: name of the block.
-        **options: what is minimised (:class:`slipctl.predict.options.arguments.Problem`: ``weights``,
-            ``terminal``, ``preview``, ``path``, ...), within what
-            (:class:`slipctl.predict.options.arguments.Limits`: ``bounds``, ``rates``, ``soft``, ``hard``), and
-            how (:class:`slipctl.predict.options.arguments.Solver`: ``iterations``, ``solver``, ...).
+        **options: fields of ``Problem`` (``weights``, ``terminal``, ``preview``, ``path``, ...),
+            what is minimised; of ``Limits`` (``bounds``, ``rates``, ``soft``, ``hard``), within
+            what; of ``Solver`` (``iterations``, ``solver``, ...), how. They stand in
+            :mod:`slipctl.predict.options.arguments`.
 
     Returns:
         A step block with period h. Outputs: the controls, ``status``, ``passes`` made, and
@@ -101,9 +101,9 @@ def nmpc(
         softs = {f"{n}.{i}": s for n, s in softs.items() for i in range(len(factors))}
     long = lengths(where, wish.grow, int(horizon))
     problem = Horizon.of(
-        with_time_scale(plant) if long else plant, cost, controls, wish.end_names, softs, horizon, h,
-        wish.method, wish.substeps, {c: scale_of(*ends[c]) for c in controls}, laws, long, factors,
-        wish.shared or 0,
+        with_time_scale(plant) if long else plant, cost, controls, wish.end_names, softs, horizon,
+        h, wish.method, wish.substeps, {c: scale_of(*ends[c]) for c in controls}, laws, long,
+        factors, wish.shared or 0,
     )  # fmt: skip
     problem = replace(problem, damped=solver.damping != 0, exact=solver.hessian == "exact")
     problem = _with_end(where, problem, wish, weigh, unknown)
