@@ -21,7 +21,7 @@ from slipctl.block import portable, shared_numbers
 from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.errors import BadInput, nearest, split_options
+from slipctl.errors import BadInput, nearest
 
 
 class Block(Functions):
@@ -432,9 +432,9 @@ def block_from(
     name: str, kind: str, body: Body, signals: Iterable[Signal], **options: Any
 ) -> Block:
     """Make a block; what belongs to its law data or composition is put there by its name."""
-    own = {f.name for kind_of_data in (LawData, Composition) for f in fields(kind_of_data)}
-    law_data, composition = split_options(
-        name, {n: v for n, v in options.items() if n in own}, LawData, Composition
-    )
-    rest = {n: v for n, v in options.items() if n not in own}
-    return Block(name, kind, body, signals, law_data=law_data, composition=composition, **rest)
+    groups: dict[str, Any] = {}
+    for group, made in (("law_data", LawData), ("composition", Composition)):
+        own = {f.name: options.pop(f.name) for f in fields(made) if f.name in options}
+        if own:
+            groups[group] = made(**own)
+    return Block(name, kind, body, signals, **groups, **options)
