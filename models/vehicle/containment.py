@@ -14,7 +14,7 @@ NO_END = 1e300
 """End of a range that has none."""
 
 
-def contained(block: Block) -> Block:
+def contained_block(block: Block) -> Block:
     """Run a step block, and begin it anew where a next state would leave its range.
 
     In such a tick its outputs are zero and ``sound`` is 0. So what goes wrong in the slip control
@@ -36,7 +36,7 @@ def contained(block: Block) -> Block:
         return block.unpack("state", nxt), block.unpack("output", y) | {"sound": sound}
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return contained(parts[block.name])
+        return contained_block(parts[block.name])
 
     sound = Output("1", "1 where its states are in their ranges", lo=0, hi=1).named("sound")
     wide = [replace(s, lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)) for s in block.outputs.values()]

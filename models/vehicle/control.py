@@ -38,8 +38,8 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.containment import contained
-from slipctl.models.vehicle.failure import floored, safe, sample, trust
+from slipctl.models.vehicle.containment import contained_block
+from slipctl.models.vehicle.failure import reference_with_floor, safe_command, sample, trust
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -339,7 +339,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
         return replicate(with_control_ranges(alone, trip, w), axles, ["T_demand"])
     parts, wires = _axle(trip, part, w)
-    parts["sample"], parts["safe"] = sample, safe(safe_output(trip)).with_params(
+    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip)).with_params(
         v_off=trip.control.off, limit=trip.control.release,
         limit_still=trip.control.release_still,
     )  # fmt: skip
@@ -383,7 +383,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
         "force": form.force,
         "fall": form.fall,
-        "law": contained(law_block if gated_inside else gated(law_block)),
+        "law": contained_block(law_block if gated_inside else gated(law_block)),
         "wake": wake(always).with_params(share=settings.wake, v_off=settings.off),
         "watch": watch(always).with_params(rest=settings.rest),
         "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),
@@ -416,7 +416,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
-        parts["reference"] = floored(peak, of_inputs(trip, w)["gate"] - 0.1)
+        parts["reference"] = reference_with_floor(peak, of_inputs(trip, w)["gate"] - 0.1)
         wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
         ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}

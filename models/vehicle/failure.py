@@ -356,7 +356,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
     return judging.with_params(**numbers)
 
 
-def safe(mode: str | float) -> Block:
+def safe_command(mode: str | float) -> Block:
     """Make what gives an axle its command, by slip control or without it.
 
     Args:
@@ -433,7 +433,7 @@ def sample(
     return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
 
 
-def floored(peak: float, noise: float) -> Block:
+def reference_with_floor(peak: float, noise: float) -> Block:
     """Make what a searched reference does not fall below, so that it cannot latch.
 
     The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,

@@ -481,9 +481,9 @@ class SlipControl(Part):
     safe: str | float = text_field("", "what an axle gets whose samples are not believed: 'demand',"
                              " 'hold', or a torque, never above the demand; none given: the demand"
                              " of a braked vehicle, 0 of a driven one")  # fmt: skip
-    demand_lost: str | float = text_field("", "demand .2 s after it is no number any more: 'largest', or"
-                                    " a torque; none given: the largest of a braked vehicle, 0 of a"
-                                    " driven one")  # fmt: skip
+    demand_lost: str | float = text_field("", "demand .2 s after it is no number any more:"
+                                    " 'largest', or a torque; none given: the largest of a"
+                                    " braked vehicle, 0 of a driven one")  # fmt: skip
     release: float = number("s", 10.0, "longest release of an axle, after which it gets the demand"
                             " for 1 s", lo=0.1, hi=600)  # fmt: skip
     release_still: float = number("s", 3.0, "longest release of an axle that does not run up",

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slipctl.models.vehicle.failure import HOLD, SETTLED, WORN, safe, trust
+from slipctl.models.vehicle.failure import HOLD, SETTLED, WORN, safe_command, trust
 
 R, J, M, T_MAX, LOAD, H = 0.42, 110.0, 9500.0, 8e3, 9500.0, 1e-3
 NUMBERS = dict(r=R, J=J, m=M, m_axle=LOAD, T_max=T_MAX, tau=0.06, gate=0.35, lost=T_MAX, react=0.6)
@@ -172,7 +172,7 @@ class Command:
     """``safe`` of one axle, tick by tick."""
 
     def __init__(self, mode="demand", **numbers) -> None:
-        self.block = safe(mode).with_params(T_max=T_MAX, **numbers)
+        self.block = safe_command(mode).with_params(T_max=T_MAX, **numbers)
         self.x = self.block.pack("state", self.block.start())
         self.p = self.block.pack("param", self.block.param_values())
 
