@@ -9,6 +9,7 @@ import numpy as np
 
 from slipctl import Block, Output
 from slipctl.block.block import Exprs
+from slipctl.block.fields import Composition
 
 NO_END = 1e300
 """End of a range that has none."""
@@ -43,10 +44,10 @@ def contained_block(block: Block) -> Block:
     return Block(
         block.name, "step", body,
         [*states, *block.inputs.values(), *block.params.values(), *wide, sound],
-        period=block.period, sx=False, doc=f"{block.doc}\n\nIt begins anew where a state leaves"
-        " its range.", choices=block.choices | {"contained": True}, parts={block.name: block},
-        rebuild=rebuild, conditions=block.conditions, transparent=True,
-        sharing=block.sharing.through(), by_structure=True,
+        period=block.period, sx=False,
+        doc=f"{block.doc}\n\nIt begins anew where a state leaves its range.",
+        choices=block.choices | {"contained": True}, conditions=block.conditions,
+        composition=Composition.around(block, rebuild),
     )  # fmt: skip
 
 
