@@ -41,7 +41,7 @@ def metrics() -> str:
 
     units = _units()
     rows = []
-    for name, (_, text) in METRICS.items():
+    for name, text in ((n, d.meaning) for n, d in METRICS.items()):
         unit = " or ".join(units.get(name, [])) or "see the run"
         meaning = text.replace("|", r"\|")
         rows.append(f"| `{name}` | {unit} | {meaning} |")

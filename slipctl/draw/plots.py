@@ -15,17 +15,18 @@ import numpy as np
 
 from slipctl.block.units import scaled
 from slipctl.draw import live
+from slipctl.draw.distributions import limit_line
+from slipctl.draw.distributions import spread as spread
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
-    COLOURS,
     GREY,
     ORANGE,
-    PALETTE,
     RAILS,
     apart,
     colour,
     dash,
+    hues_of,
     label,
     logarithmic,
     names_below,
@@ -84,13 +85,14 @@ def traces(
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
     dashes = apart([panel.curves for panel in drawn], behind)
     dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
+    hues = hues_of(list(results.data[scenario]))
     with style():
         for axis, panel in zip(axes[:, 0], drawn, strict=True):
             first, others, unit = panel.first, panel.others, panel.unit
             for loop in [n for n in behind if n in panel.curves]:
                 said = (names or {}).get(loop, loop)
                 line = stroke(
-                    axis, panel.curves[loop], color=colour(loop), ls=dashes[loop], label=said,
+                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=said,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
                 entries.setdefault(said, line)
@@ -144,7 +146,7 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     """
     logs = {loop: results.log(scenario, loop) for loop in loops}
     fig, axes = panels(len(loops), height=1.5, sharex=True)
-    roles = results.study.signals
+    roles, hues = results.study.signals, hues_of(list(results.data[scenario]))
     case = next(c for c in results.cases if c.scenario.name == scenario)
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
@@ -153,7 +155,7 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
             s = samples(log, slip, None)[1]
             s = roles.slip_sign(log) * s
             rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
-            stroke(axis, (t, rim), color=colour(loop), label=f"rim, {loop}")
+            stroke(axis, (t, rim), color=hues[loop], label=f"rim, {loop}")
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
             axis.set_ylabel(label("speed", "m/s"))
             axis.set_xlim(0.0, _last(results, case))
@@ -256,7 +258,7 @@ def lines(
         axis = axes[0, 0]
     assert axis is not None
     with style():
-        hues = _hues(list(curves))
+        hues = hues_of(list(curves))
         long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
                 if len(np.atleast_1d(xs)) > 1}  # fmt: skip
         lines_of: dict[str, Any] = apart([long], list(long))
@@ -296,13 +298,6 @@ def _seen(ys: Any, logarithmic: bool) -> np.ndarray:
 def _line(name: str, hues: Mapping[str, str]) -> Any:
     """Solid, but for a loop whose colour occurs twice, and for the bound."""
     return dash(name, list(hues)) if hues[name] == colour(name) else "-"
-
-
-def _hues(names: Sequence[str]) -> dict[str, str]:
-    """Loops have their colour; other names take the palette in order."""
-    if any(n in COLOURS or n.partition("_")[0] in COLOURS for n in names):
-        return {n: colour(n) for n in names}
-    return {n: PALETTE[k % len(PALETTE)] for k, n in enumerate(names)}
 
 
 def laws(
@@ -369,7 +364,7 @@ def bars(
         axis = axes[0, 0]
     assert axis is not None
     members = list(dict.fromkeys(m for group in groups.values() for m in group))
-    hues = _hues(members)
+    hues = hues_of(members)
     width = 0.8 / max(len(members), 1)
     with style():
         for k, member in enumerate(members):
@@ -381,7 +376,7 @@ def bars(
                 hatch = "///" if "_printed" in member else None
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip
-        _limit(axis, limit)
+        limit_line(axis, limit)
         axis.set_xticks(range(len(groups)), names_below(groups))
         axis.grid(visible=False, axis="x")
         if log:
@@ -402,62 +397,6 @@ def _wrap(text: str, width: int = 24) -> str:
         return text
     at = min(spaces, key=lambda k: abs(k - len(text) / 2))
     return f"{text[:at]}\n{text[at + 1 :]}"
-
-
-def spread(
-    groups: Mapping[str, Sequence[float]],
-    y: tuple[str, str],
-    *,
-    axis: Axes | None = None,
-    log: bool = False,
-    title: str = "",
-    limit: tuple[str, float] | None = None,
-) -> Figure:
-    """Spread of many runs: every run a dot, the middle half a box, the median a line.
-
-    Args:
-        groups: values by group; a loop's name has the loop's colour.
-        y: what it is, and its unit.
-        axis: draw here instead of in a new figure.
-        log: logarithmic values.
-        title: above the panel.
-        limit: name and height of a line to compare with.
-    """
-    fig = axis.get_figure() if axis is not None else None
-    if axis is None:
-        fig, axes = panels(height=2.8)
-        axis = axes[0, 0]
-    assert axis is not None
-    hues = _hues(list(groups))
-    with style():
-        for k, (name, values) in enumerate(groups.items()):
-            v = np.array([x for x in values if x is not None and np.isfinite(x)], dtype=float)
-            if not len(v):
-                continue
-            golden = (np.arange(len(v)) * 0.618034) % 1 - 0.5  # spread evenly, always the same
-            axis.plot(k + 0.3 * golden, v, "o", ms=2.5, color=hues[name], alpha=0.45, mew=0)
-            low, middle, high = np.quantile(v, [0.25, 0.5, 0.75])
-            axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
-            axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
-        if log:
-            logarithmic(axis)
-        _limit(axis, limit)
-        axis.set_xticks(range(len(groups)), names_below(groups))
-        axis.set_xlim(-0.6, len(groups) - 0.4)
-        axis.grid(visible=False, axis="x")
-        axis.set_ylabel(label(*y))
-        axis.set_title(title)
-    return fig  # type: ignore[return-value]
-
-
-def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
-    """Line to compare with, and its name."""
-    if limit is not None:
-        axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
-        axis.annotate(
-            limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
-            textcoords="offset points", ha="right", fontsize=8,
-        )  # fmt: skip
 
 
 # ---- files --------------------------------------------------------------------------------------

@@ -222,9 +222,10 @@ def _metrics(results: Results) -> str:
 
 def _told(label: str) -> Html | str:
     """Label of a metric's row, with the meaning of the metric a click away."""
-    meaning = METRICS.get(re.split(r" \[|,", label)[0], (None, ""))[1]
-    if not meaning:
+    name = re.split(r" \[|,", label)[0]
+    if name not in METRICS:
         return label
+    meaning = METRICS[name].meaning
     said = re.sub(r"`(.+?)`", r"<code>\1</code>", escape(meaning, quote=False))
     said = f'<p class="soft">{said}</p>'
     return Html(f"<details><summary>{escape(label)}</summary>{said}</details>")

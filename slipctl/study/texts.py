@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.units import scaled
-from slipctl.run.metrics import BETTER, METRICS, NEEDS, Metric
+from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.results import Results
 from slipctl.study.declaration import (
     CHANGED,
@@ -46,6 +46,11 @@ def number(value: Any, digits: int = 4) -> str:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}" if e else mantissa
     return str(value)
+
+
+def number_or_never(value: float | None, digits: int = 4) -> str:
+    """Write a number of an event: *never* where it is infinite."""
+    return "never" if value is not None and math.isinf(value) else number(value, digits)
 
 
 def telling(values: Sequence[Any], digits: int) -> int:
@@ -194,9 +199,10 @@ def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[i
 def _best(name: str, values: Mapping[int, Any], digits: int) -> list[int]:
     """Columns whose number, as it is shown, is at the better end."""
     known = {k: v for k, v in values.items() if v is not None}
-    if name not in BETTER or not known or len(values) < 2:
+    better = METRICS[name].better
+    if not better or not known or len(values) < 2:
         return []
-    end = (min if BETTER[name] == "low" else max)(known.values())
+    end = (min if better == "low" else max)(known.values())
     best = [k for k, v in known.items() if number(v, digits) == number(end, digits)]
     return best if len(best) < len(values) else []
 
@@ -284,7 +290,7 @@ def absent(results: Results, scenario: str) -> list[str]:
     by_reason: dict[tuple[str, str], list[str]] = {}
     loops, signals = results.metrics[scenario], results.study.signals
     limits = getattr(results.study, "limits", {})
-    for name, needs in NEEDS.items():
+    for name, needs in ((n, d.needs) for n, d in METRICS.items() if d.needs):
         if not any(name in m for m in loops.values()) and name not in limits:
             continue
         reasons: dict[str, list[str]] = {}
@@ -292,8 +298,6 @@ def absent(results: Results, scenario: str) -> list[str]:
             log = results.data[scenario][loop]
             missing = [r.replace("_", " ") for r in needs if signals.find(r, log) is None]
             why = f"no {' and no '.join(missing)}" if missing else ""
-            if not why and name == "stopping_distance":
-                why = "no standstill"
             if why:
                 reasons.setdefault(why, []).append(loop)
         for why, names in reasons.items():
