@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 from pathlib import Path
 
+from slipctl.commands.progress import Progress
 from slipctl.design import page, written
 from slipctl.design.promises import of_loop
 from slipctl.design.tune import Stopped, Tuned, tune
@@ -33,6 +35,12 @@ def answer(options: argparse.Namespace, command: str) -> int:
     options.settings = preparing.opened(options.settings)
     study, case, loop, ensemble = _case(options)
     name = f"{options.name.rpartition(':')[0]}:{loop}@{case.scenario.name}"
+    progress = Progress(4 if options.prove else 3, sys.stderr, options.quiet)
+
+    def tell(line: str) -> None:
+        progress.end()
+        log.info("%s", line)
+
     try:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
@@ -41,7 +49,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             samples=options.samples, seed=options.seed, runs=options.runs,
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
-            tell=log.info,
+            tell=tell, progress=progress,
             about={"loop": name, "set": options.settings,
                    "swapped": options.swaps, "command": command},
         )  # fmt: skip
@@ -50,6 +58,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise KeyboardInterrupt(
             f"{out / 'gains.toml'} has the best so far; the same line goes on; {stopping.KEPT}"
         ) from None
+    finally:
+        progress.end()
     write_gains(found, out, command)
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:
