@@ -15,7 +15,7 @@ from slipctl.block.block import Block, as_block
 from slipctl.block.signals import Signal, total_size
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
-from slipctl.run.doubts import told_run, watched
+from slipctl.run.doubts import estimates_off, told_run, watched
 from slipctl.run.feeding import begun, feeds, pieces, rail_values
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
@@ -485,5 +485,9 @@ class Log(Mapping[str, np.ndarray]):
             provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
         if lines := self.told():
             provenance["told"] = "\n".join(lines)
+        if self.watched is not None:
+            scenario = self.scenario.but(params={}, start={})
+            off = [vars(e) for e in estimates_off(self.loop, scenario, self.watched)]
+            provenance |= {"estimates_off": json.dumps(off)} if off else {}
         coordinate = ("time", self._time, {"units": "s", "long_name": "time"})
         return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)

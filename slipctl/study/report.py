@@ -25,18 +25,19 @@ from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
 from slipctl.study.page_style import STYLE as STYLE
 from slipctl.study.provenance import provenance
+from slipctl.study.remarks import answer_lines, estimator_remarks, warnings_of_runs
 from slipctl.study.texts import (
     absent,
     answers,
     changes,
     count,
-    doubts,
     judged,
     left_out,
     left_to_full,
     limits_broken,
     number,
     ranked_rows,
+    sections_line,
     times,
     tolerance_text,
 )
@@ -87,6 +88,8 @@ def page(
     if results.tables:
         sections.append(("Experiments", _experiments(results)))
     sections += [(n.capitalize(), texts[n]) for n in written if n in texts]
+    if remarks := _remarks(results):
+        sections.append(("Estimators", remarks))
     sections.append(("Provenance", _provenance(results, command)))
     named = [(title.lower(), title, text) for title, text in sections]
     contents = "".join(f'<li><a href="#{key}">{title}</a></li>' for key, title, _ in named)
@@ -95,7 +98,7 @@ def page(
     left = f"<p>{escape(left_to_full(results))}</p>" if results.left else ""
     doubted = "".join(
         f'<p class="quick">{escape(line)}.<br><span class="soft">{escape(where)}</span></p>'
-        for line, where in doubts(results)
+        for line, where in warnings_of_runs(results)
     )
     quick = '<p class="quick">A quick run: shorter or fewer runs than the study proper.</p>'
     failed = "".join(
@@ -117,6 +120,7 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
+{_answer(results)}
 {stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
@@ -124,6 +128,25 @@ def page(
 </body>
 </html>
 """
+
+
+def _answer(results: Results) -> str:
+    """The answer of a study; of a vehicle, a line for each controller."""
+    if results.study.short:
+        return f"<p><b>In short.</b> {escape(results.study.short)}</p>"
+    if results.study.claims:
+        return ""
+    lines = [line for s in results.metrics for line in answer_lines(results, s).values()]
+    return f"<ul>{''.join(f'<li>{escape(line)}.</li>' for line in lines)}</ul>" if lines else ""
+
+
+def _remarks(results: Results) -> str:
+    """What is to be doubted of the estimators, and all numbers of it."""
+    out = []
+    for r in estimator_remarks(results):
+        out.append(f"<p>{escape(f'{r.scenario}/{r.loop}: {r.text}')}.</p>")
+        out += [f'<p class="soft">{escape(n)}.</p>' for n in r.numbers]
+    return "".join(out)
 
 
 def constant(results: Results) -> dict[str, Callable[[], str]]:
@@ -212,7 +235,12 @@ def _metrics(results: Results) -> str:
             ]  # fmt: skip
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
         if any(best for _, best in rows):
-            out.append('<p class="soft">Bold: the best of a row, the bound left out.</p>')
+            out.append(
+                '<p class="soft">Bold: the best of a row, of the loops that keep the limits'
+                " and stop where another one does; the bound is left out.</p>"
+            )
+        if beside := sections_line(results, scenario):
+            out.append(f'<p class="soft">{escape(beside)}.</p>')
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
                 [*left_out(results.metrics[scenario], getattr(results.study, "limits", ())),

@@ -134,7 +134,7 @@ def _pictures(sweeps: Mapping[str, Sweep], command: str) -> str:
                      limit=limit)  # fmt: skip
         if pairs:
             base = next(iter(columns))
-            differences({n: factor * d for n, d in pairs.items()}, base,
+            differences({n: list(factor * d) for n, d in pairs.items()}, base,
                         (f"difference of {metric}", unit), axis=axes[1, 0])  # fmt: skip
         meaning = METRICS[metric].meaning
         said = (
@@ -172,7 +172,8 @@ def _failures(sweeps: Mapping[str, Sweep]) -> str:
     """The first runs of each loop that miss a limit or broke off, with their numbers."""
     out = []
     for name, one in sweeps.items():
-        rows, many = [], 0
+        rows: list[list[str]] = []
+        many = 0
         axes = [a.name for a in one.plan.axes]
         for run, numbers, metrics, why in one.runs:
             missed = limits_missed(metrics, one.limits)
