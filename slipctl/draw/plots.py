@@ -38,7 +38,15 @@ from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
-from slipctl.draw.panels import meaning, named, samples, shown
+from slipctl.draw.panels import (
+    arrivals,
+    chosen_axle,
+    each_axle,
+    meaning,
+    named,
+    samples,
+    shown,
+)
 from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.run.results import NotRun
 
@@ -63,6 +71,9 @@ def traces(
 ) -> Figure:
     """Logged signals over time, one panel each, the loops in their colours.
 
+    Of what each axle has its own, all panels show one and the same axle, that which slips most; the
+    shading is that of this axle. On a page another one may be chosen.
+
     Args:
         results: what was run.
         scenario: the scenario.
@@ -80,7 +91,8 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    drawn = [shown(results, scenario, logs, wanted, span) for wanted in signals]
+    axle = chosen_axle(results, logs, signals)
+    drawn = [shown(results, scenario, logs, wanted, span, axle or 0) for wanted in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
     dashes = apart([panel.curves for panel in drawn], behind)
@@ -95,17 +107,20 @@ def traces(
                     axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=said,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
+                if loop in panel.axles:
+                    live.axles(line, panel.curves[loop][0], panel.axles[loop])
                 entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = scaled(unit)
-            axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)), unit))
+            of = f", axle {axle + 1}" if axle is not None and panel.axles else ""
+            axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)) + of, unit))
             if limits and first in limits:
                 axis.set_ylim(*(factor * edge for edge in limits[first]))
         case = next(c for c in results.cases if c.scenario.name == scenario)
         axes[0, 0].set_xlim(*(span or (0.0, _last(results, case))))
         for axis in axes[:, 0]:
-            bands(axis, results, scenario, title=axis is axes[0, 0])
+            bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle)
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
             order = [(names or {}).get(loop, loop) for loop in chosen]
@@ -142,24 +157,34 @@ def _references(
 def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     """Speed of the vehicle and of its rim over time, a panel for each loop.
 
-    The rim of a vehicle with several axles is that of the axle which slips most.
+    The rim of a vehicle with several axles is that of the axle which slips most; the rail is shaded
+    as this axle is on it. All panels have one axis of speeds.
     """
     logs = {loop: results.log(scenario, loop) for loop in loops}
-    fig, axes = panels(len(loops), height=1.5, sharex=True)
+    fig, axes = panels(len(loops), height=1.5, sharex=True, sharey=True)
     roles, hues = results.study.signals, hues_of(list(results.data[scenario]))
     case = next(c for c in results.cases if c.scenario.name == scenario)
+    axle = chosen_axle(results, logs, ["slip"])
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
             t, v = samples(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
-            s = samples(log, slip, None)[1]
-            s = roles.slip_sign(log) * s
-            rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
-            stroke(axis, (t, rim), color=hues[loop], label=f"rim, {loop}")
+            by_ratio = log[slip].attrs.get("units") != "m/s"
+
+            def rim(s: Any, v: Any = v, by_ratio: bool = by_ratio, log: Any = log) -> Any:
+                s = roles.slip_sign(log) * s
+                return v * (1 - s) if by_ratio else v - s
+
+            s = samples(log, slip, None, axle or 0)[1]
+            line = stroke(axis, (t, rim(s)), color=hues[loop], label=f"rim, {loop}")
+            every = each_axle(log, slip, None)
+            if every is not None:
+                live.axles(line, t, rim(every, v=v[:, None]))
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
-            axis.set_ylabel(label("speed", "m/s"))
+            of = f", axle {axle + 1}" if axle is not None else ""
+            axis.set_ylabel(label(f"speed{of}", "m/s"))
             axis.set_xlim(0.0, _last(results, case))
-            bands(axis, results, scenario, title=axis is axes[0, 0])
+            bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle, loop=loop)
         axes[-1, 0].set_xlabel("time [s]")
         for axis in axes[:, 0]:
             axis.legend()
@@ -202,17 +227,44 @@ def _last(results: Results, case: Case) -> float:
     return max(float(log["time"].values[-1]) for log in logs.values())
 
 
-def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:
-    """Shade the rail conditions behind a panel over time and name them above it."""
+def bands(
+    axis: Axes, results: Results, scenario: str, title: bool = True, axle: int | None = None,
+    loop: str = "",
+) -> None:  # fmt: skip
+    """Shade the rail conditions behind a panel over time and name them above it.
+
+    Args:
+        axis, results, scenario: where, of what.
+        title: whether they are named.
+        axle: from 0 on, the one whose rail it is; None is where the vehicle is.
+        loop: whose run it is; the first one where none is given.
+    """
     case = next(c for c in results.cases if c.scenario.name == scenario)
     rail = case.scenario.rail
     if rail is None or len(rail.sections) < 2:
         return
     logs = results.data.get(scenario, {})
-    starts = [0.0, *next(iter(logs.values())).attrs.get("rail_changes_s", [])]
-    ends = [*starts[1:], _last(results, case)]
+    log = logs.get(loop) or next(iter(logs.values()))
+
+    def spans(of: int | None) -> list[tuple[float, float]]:
+        changes = list(log.attrs.get("rail_changes_s", []))
+        if of is not None and rail.by == "position":
+            changes = arrivals(results, log, rail.starts[1:], of) or changes
+        starts = [0.0, *changes]
+        return list(zip(starts, [*starts[1:], _last(results, case)], strict=True))
+
+    many = _axles(results, log) if axle is not None and rail.by == "position" else 0
+    names = [(s.condition or "").replace("_", " ") for s in rail.sections]
+    hues = [RAILS.get((s.condition or "").partition("_")[0], "#FFFFFF") for s in rail.sections]
+    if many:
+        told = names if title else [""] * len(names)
+        live.bands(axis, [
+            [(*ends, hue, name) for ends, hue, name in zip(spans(k), hues, told, strict=False)]
+            for k in range(many)
+        ])  # fmt: skip
+    ends = spans(axle)
     left, right = axis.get_xlim()
-    for section, a, b in zip(rail.sections, starts, ends, strict=False):
+    for section, (a, b) in zip(rail.sections, ends, strict=False):
         a, b = max(a, left), min(b, right)
         if a >= b:
             continue
@@ -226,6 +278,12 @@ def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> No
                           textcoords="offset points", ha="center", va="bottom",
                           fontsize=8, color="#555555")  # fmt: skip
     axis.set_xlim(left, right)
+
+
+def _axles(results: Results, log: Any) -> int:
+    """Axles of a run, by its slip."""
+    name = results.study.signals.find("slip", log)
+    return int(np.prod(log[name].shape[1:], dtype=int)) if name else 0
 
 
 def lines(
