@@ -248,12 +248,12 @@ def bands(
 
     def spans(of: int | None) -> list[tuple[float, float]]:
         changes = list(log.attrs.get("rail_changes_s", []))
-        if of is not None and rail.by == "position":
-            changes = arrivals(results, log, rail.starts[1:], of) or changes
+        if of is not None and rail.by != "time":
+            changes = arrivals(results, log, list(rail.starts[1:]), of) or changes
         starts = [0.0, *changes]
         return list(zip(starts, [*starts[1:], _last(results, case)], strict=True))
 
-    many = _axles(results, log) if axle is not None and rail.by == "position" else 0
+    many = _axles(results, log) if axle is not None and rail.by != "time" else 0
     names = [(s.condition or "").replace("_", " ") for s in rail.sections]
     hues = [RAILS.get((s.condition or "").partition("_")[0], "#FFFFFF") for s in rail.sections]
     if many:

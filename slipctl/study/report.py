@@ -368,7 +368,8 @@ def _loops(results: Results) -> str:
     for key, places in inside.items():
         said = _places(places, list(loops))
         drawing = image(diagram.drawn([levels[key]]), f"block diagram of {said}")
-        out.append(f"<h3>Inside {escape(said)}</h3><div class='diagram'>{drawing}</div>")
+        head = f"<summary>Inside {escape(said)}</summary>"
+        out.append(f"<details>{head}<div class='diagram'>{drawing}</div></details>")
     return "".join(out)
 
 
