@@ -53,6 +53,40 @@ def metrics() -> str:
     return head + "\n".join(rows) + "\n"
 
 
+def file_keys() -> str:
+    """Each table of a vehicle's file with its keys: meaning, unit, default, range."""
+    from slipctl.commands.listing import kinds
+    from slipctl.desk.declared import keys_of
+    from slipctl.models.vehicle.parts import Trip
+
+    top = {"name": "", "doc": "What stands at the top of the file.",
+           "keys": [vars(k) for k in keys_of(Trip) if k.default != "as below"]}  # fmt: skip
+    parts = [
+        "# All keys of a vehicle's file\n\nMade from the declaration by `python docs/make_reference.py`;"
+        " `slipctl list kinds` prints the same, and\n`slipctl schema` gives it to an editor. How the"
+        " tables work together is told in [your own vehicle](own_vehicle.md).\nA number of a table"
+        ' that has a unit is written with one, any of its kind: `"60 ms"`. Gains of the laws stand\n'
+        "as they are on the metro car of `slipctl new metro`.\n"
+    ]
+    for row in (top, *kinds()):
+        table, _, kind = row["name"].rpartition(".") if _of_a_kind(row) else (row["name"], "", "")
+        head = f"`[{table}]`" + (f', `kind = "{kind}"`' if kind else "") if row["name"] else "Top"
+        parts.append(f"## {head}\n\n{row['doc'].replace('``', '`')}\n")
+        keys = [*row["keys"], *row.get("gains", ())]
+        if keys:
+            parts.append("| key | meaning | unit | default | range |\n|---|---|---|---|---|\n" + "\n".join(
+                f"| `{k['name']}` | {k['meaning']} | {k['unit']} | {k['default']} | {k['range']} |"
+                for k in keys) + "\n")  # fmt: skip
+    return "\n".join(parts)
+
+
+def _of_a_kind(row: dict[str, Any]) -> bool:
+    """Whether the last part of a row's name is a kind, not a table."""
+    plain = ("", "vehicle", "rail", "rail.sections", "rail.gradient", "sensors", "control",
+             "limits", "ensemble", "certify")  # fmt: skip
+    return row["name"] not in plain
+
+
 def _units() -> dict[str, list[str]]:
     """Units of each metric in the evidence of the studies."""
     found: dict[str, set[str]] = {}
@@ -71,4 +105,8 @@ def _units() -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    sys.exit(made(DOCS / "commands.md", commands()) | made(DOCS / "metrics.md", metrics()))
+    sys.exit(
+        made(DOCS / "commands.md", commands())
+        | made(DOCS / "metrics.md", metrics())
+        | made(DOCS / "file_keys.md", file_keys())
+    )

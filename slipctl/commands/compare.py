@@ -208,7 +208,7 @@ def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, A
             beyond.append(bool(low > 0 or high < 0))
             continue
         there = m is not None and first is not None
-        apart.append(_minus(m, first) if there else None)
+        apart.append(_minus(m, first) if there and (m != first or np.isfinite(m)) else None)
         paired.append(None)
         beyond.append(bool(there and _apart(spread[0], spread[k], first, m)))
     unit = next((s.units[metric] for s in sides if metric in s.units), "1")

@@ -35,6 +35,7 @@ from slipctl.draw.looks import (
 )
 from slipctl.draw.looks import BLUE as BLUE
 from slipctl.draw.looks import GREEN as GREEN
+from slipctl.draw.looks import PALETTE as PALETTE
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
