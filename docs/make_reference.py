@@ -1,4 +1,4 @@
-"""Write docs/commands.md and docs/metrics.md: ``python docs/make_reference.py [--check]``."""
+"""Write the pages of commands, metrics and keys: ``python docs/make_reference.py [--check]``."""
 
 from __future__ import annotations
 
@@ -53,6 +53,15 @@ def metrics() -> str:
     return head + "\n".join(rows) + "\n"
 
 
+KEYS_HEAD = """# All keys of a vehicle's file
+
+Made from the declaration by `python docs/make_reference.py`; `slipctl list kinds` prints the
+same, and `slipctl schema` gives it to an editor. How the tables work together is told in
+[your own vehicle](own_vehicle.md). A number that has a unit is written with one, any of its kind:
+`"60 ms"`. Gains of the laws stand as they are on the metro car of `slipctl new metro`.
+"""
+
+
 def file_keys() -> str:
     """Each table of a vehicle's file with its keys: meaning, unit, default, range."""
     from slipctl.commands.listing import kinds
@@ -61,22 +70,17 @@ def file_keys() -> str:
 
     top = {"name": "", "doc": "What stands at the top of the file.",
            "keys": [vars(k) for k in keys_of(Trip) if k.default != "as below"]}  # fmt: skip
-    parts = [
-        "# All keys of a vehicle's file\n\nMade from the declaration by `python docs/make_reference.py`;"
-        " `slipctl list kinds` prints the same, and\n`slipctl schema` gives it to an editor. How the"
-        " tables work together is told in [your own vehicle](own_vehicle.md).\nA number of a table"
-        ' that has a unit is written with one, any of its kind: `"60 ms"`. Gains of the laws stand\n'
-        "as they are on the metro car of `slipctl new metro`.\n"
-    ]
+    parts = [KEYS_HEAD]
     for row in (top, *kinds()):
         table, _, kind = row["name"].rpartition(".") if _of_a_kind(row) else (row["name"], "", "")
         head = f"`[{table}]`" + (f', `kind = "{kind}"`' if kind else "") if row["name"] else "Top"
         parts.append(f"## {head}\n\n{row['doc'].replace('``', '`')}\n")
         keys = [*row["keys"], *row.get("gains", ())]
         if keys:
-            parts.append("| key | meaning | unit | default | range |\n|---|---|---|---|---|\n" + "\n".join(
-                f"| `{k['name']}` | {k['meaning']} | {k['unit']} | {k['default']} | {k['range']} |"
-                for k in keys) + "\n")  # fmt: skip
+            columns = ("meaning", "unit", "default", "range")
+            lines = [f"| `{k['name']}` | {' | '.join(k[c] for c in columns)} |" for k in keys]
+            top_ = ["| key | meaning | unit | default | range |", "|---|---|---|---|---|"]
+            parts.append("\n".join([*top_, *lines]) + "\n")
     return "\n".join(parts)
 
 

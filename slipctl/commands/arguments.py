@@ -111,8 +111,10 @@ def parser() -> Parser:
 
     p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
     p.add_argument(
-        "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
-    )
+        "name", metavar="STUDY:LOOP", nargs="?",
+        help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP; STUDY or FILE.toml alone takes all loops on"
+        " the same draws",
+    )  # fmt: skip
     p.add_argument(
         "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
         help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
@@ -234,7 +236,12 @@ def parser() -> Parser:
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
     p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
-    p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
+    p.add_argument(
+        "folders",
+        metavar="DIR",
+        nargs="+",
+        help="folder of a run, of a sweep, or of several sweeps",
+    )
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
     p = command("fit", "Fit a law to a measured curve, or a flow (coasting, brake_step) to logs.")

@@ -198,7 +198,10 @@ def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, A
     spread = [
         [q[0], q[2]] if q and v.size > 1 else None for q, v in zip(shares, values, strict=True)
     ]
-    first, apart, paired, beyond = middle[0], [], [], []
+    first = middle[0]
+    apart: list[float | None] = []
+    paired: list[list[float] | None] = []
+    beyond: list[bool] = []
     for k, m in enumerate(middle[1:], start=1):
         each = _paired(sides[0], every[0], sides[k], every[k])
         if each is not None:
@@ -207,10 +210,13 @@ def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, A
             paired.append([low, high])
             beyond.append(bool(low > 0 or high < 0))
             continue
-        there = m is not None and first is not None
-        apart.append(_minus(m, first) if there and (m != first or np.isfinite(m)) else None)
         paired.append(None)
-        beyond.append(bool(there and _apart(spread[0], spread[k], first, m)))
+        if m is None or first is None or (m == first and np.isinf(m)):
+            apart.append(None)
+            beyond.append(False)
+            continue
+        apart.append(_minus(m, first))
+        beyond.append(_apart(spread[0], spread[k], first, m))
     unit = next((s.units[metric] for s in sides if metric in s.units), "1")
     return {"metric": metric, "unit": unit, "values": middle, "spread": spread,
             "never": [int(np.isinf(v).sum()) for v in values], "difference": apart,

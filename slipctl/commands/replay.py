@@ -189,7 +189,7 @@ def page(
 <p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
 <h2>Figures</h2>{pictures}
 <h2>Residuals and innovations</h2>{compared}
-<h2>What was put in order</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
+<h2>What was changed in the log</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
 <h2>Provenance</h2><pre>{escape(command)}
 slipctl {__version__}</pre>
 <script>{live.script()}</script>

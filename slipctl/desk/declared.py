@@ -275,7 +275,7 @@ def keys_of(kind: Any) -> list[Key]:
 def _default(f: Field[Any]) -> str:
     if f.default is MISSING and f.default_factory is MISSING:
         return "must be given"
-    value = f.default_factory() if f.default is MISSING else f.default  # type: ignore[misc]
+    value = f.default_factory() if callable(f.default_factory) else f.default
     if value is None or value == "" or value == {} or value == []:
         return "none"
     if is_dataclass(value):

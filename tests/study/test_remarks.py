@@ -25,7 +25,7 @@ def log(v, s, off=None, told=""):
     if off:
         attrs["estimates_off"] = json.dumps([{
             "what": "adhesion curve", "axle": 1, "start": off[0], "stop": off[1],
-            "to_end": off[1] >= T[-1], "numbers": "theta is off by 3.2",
+            "to_end": bool(off[1] >= T[-1]), "numbers": "theta is off by 3.2",
         }])  # fmt: skip
     return xarray.Dataset(
         {n: ("time", np.broadcast_to(x, T.shape), {"units": units[n]}) for n, x in data.items()},
