@@ -64,9 +64,9 @@ same, and `slipctl schema` gives it to an editor. How the tables work together i
 
 def file_keys() -> str:
     """Each table of a vehicle's file with its keys: meaning, unit, default, range."""
-    from slipctl.commands.listing import kinds
-    from slipctl.desk.declared import keys_of
+    from slipctl.commands.library.contents import kinds
     from slipctl.models.vehicle.parts import Trip
+    from slipctl.study.files.declared_parts import keys_of
 
     top = {"name": "", "doc": "What stands at the top of the file.",
            "keys": [vars(k) for k in keys_of(Trip) if k.default != "as below"]}  # fmt: skip

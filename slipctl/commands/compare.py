@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from slipctl.errors import BadInput
-from slipctl.run import store, sweep_store
+from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.spread import quantiles
-from slipctl.run.sweeping import open_sweep
-from slipctl.study.texts import number, number_or_never, wrapped
+from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.sweep_runs import open_sweep
+from slipctl.study.report.texts import number, number_or_never, wrap_table
 
 TOLD = ("study", "quick", "seed", "slipctl_version", "casadi_version", "numpy_version")
 """What a run says of itself that is compared, beside its parameters."""
@@ -62,7 +63,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if len(names) < 2:
         raise BadInput("compare takes two folders or more; write slipctl compare A B")
     sides = [read(name) for name in names]
-    changed, tables = changes(sides), compared(sides)
+    changed, tables = changes(sides), metric_rows(sides)
     if options.json:
         print(store.json_text({"format": store.FORMAT, "changed": changed, "metrics": tables}))
         return 0
@@ -165,7 +166,7 @@ def changes(sides: Sequence[Side]) -> list[dict[str, Any]]:
     return rows
 
 
-def compared(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
+def metric_rows(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
     """Rows of metrics for each loop that all have, or for the only loop of each."""
     common = [k for k in sides[0].metrics if all(k in s.metrics for s in sides)]
     pairs = [(k, [k] * len(sides)) for k in common]
@@ -271,7 +272,7 @@ def metric_tables(
     """Tables of metrics, and what their cells mean; differences of many sides have their own.
 
     Args:
-        names: of the sides. tables: of :func:`compared`.
+        names: of the sides. tables: of :func:`metric_rows`.
     """
     parts = []
     every = [r for t in tables.values() for r in t]
@@ -301,7 +302,7 @@ def metric_tables(
 
 
 def tells_apart(row: Mapping[str, Any]) -> bool:
-    """Whether a row of :func:`compared` says that the sides differ."""
+    """Whether a row of :func:`metric_rows` says that the sides differ."""
     return len({number(v) for v in row["values"]}) > 1 or any(d for d in row["difference"])
 
 
@@ -333,4 +334,4 @@ def _signed(value: float | None) -> str:
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    return wrapped(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])
+    return wrap_table(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])

@@ -16,14 +16,15 @@ import numpy as np
 from slipctl.commands import compare
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
-from slipctl.run import store, sweep_export
-from slipctl.run.ensemble import World
+from slipctl.run import store
 from slipctl.run.results import Case
 from slipctl.run.spread import CONFIDENCE, quantiles
-from slipctl.run.sweeping import Sweep, sweep
-from slipctl.study import doors, preparing, sweep_page
+from slipctl.run.sweep import sweep_export
+from slipctl.run.sweep.ensemble import World
+from slipctl.run.sweep.sweep_runs import Sweep, sweep
+from slipctl.study import case_setup, resolve, sweep_page
 from slipctl.study.declaration import Study
-from slipctl.study.texts import number, number_or_never, wrapped
+from slipctl.study.report.texts import number, number_or_never, wrap_table
 
 log = logging.getLogger("slipctl")
 
@@ -44,7 +45,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
-    options.settings = preparing.opened(options.settings)
+    options.settings = case_setup.open_gain_files(options.settings)
     study, case, together = _case(options)
     loops = list(case.loops)
     if together and options.export:
@@ -120,7 +121,7 @@ def _tell_together(
     if len(sides) == 1:
         parts.append(report(first))
     else:
-        (_, rows), *_ = compare.compared(sides).items()
+        (_, rows), *_ = compare.metric_rows(sides).items()
         told = {"metric": [r for r in rows if compare.tells_apart(r)]}
         parts += compare.metric_tables(list(found), told)
         parts.append(f"slipctl compare {out} has all metrics")
@@ -135,21 +136,21 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, bool]:
     left, colon, right = options.name.rpartition(":")
     if not colon:
         left, at, scenario = options.name.partition("@")
-        if left not in doors.studies() and not left.endswith((".py", ".toml")):
-            doors.load_block(options.name)  # says what it is not
+        if left not in resolve.studies() and not left.endswith((".py", ".toml")):
+            resolve.load_block(options.name)  # says what it is not
             raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
-        study = doors.load_study(left)
-        names = [c.scenario.name for c in doors.build_cases(study)]
+        study = resolve.load_study(left)
+        names = [c.scenario.name for c in resolve.build_cases(study)]
         if at and scenario not in names:
             raise BadInput(f"{study.name} has no scenario {scenario!r}{nearest(scenario, names)}")
         scenario = scenario or next((n for n in study.ensembles if n in names), names[0])
         loops: list[str] = []
     else:
-        study = doors.load_study(left)
+        study = resolve.load_study(left)
         loop, _, scenario = right.partition("@")
-        scenario = scenario or doors.find_loop(study, right)[1].scenario.name
+        scenario = scenario or resolve.find_loop(study, right)[1].scenario.name
         loops = [loop]
-    cases, _ = preparing.prepare(
+    cases, _ = case_setup.prepare(
         study, settings=options.settings, swaps=options.swaps, loops=loops, scenarios=[scenario]
     )
     return study, cases[0], not loops
@@ -231,4 +232,4 @@ def report(found: Sweep) -> str:
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
     note = ["", NEVER] if rows[0][-1] == "never" else []
-    return "\n".join([*head, "", wrapped(rows, widths), *note, "", tail])
+    return "\n".join([*head, "", wrap_table(rows, widths), *note, "", tail])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import METRICS, Metric
 
@@ -236,7 +236,7 @@ class Score:
         return f"{self.mean_reached():.6g}{never}" if lost < len(self.values) else "never reached"
 
 
-def paired(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
+def paired_difference(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
     """Mean difference of values on the same draws, and its standard error.
 
     Who loses more draws is infinitely far behind. Where both lose as many, the draws count that

@@ -15,20 +15,21 @@ import numpy as np
 from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.certify.promise import CERTIFIED
-from slipctl.design import judging, statement
+from slipctl.design import judgement, statement
 from slipctl.design.fronts import FrontSearch
-from slipctl.design.judging import Judged, Slice
-from slipctl.design.polish import Polished, polish
+from slipctl.design.gain_search import HELD_OUT, RUNS, TRAINING, Candidate, Search, goals_of_loop
+from slipctl.design.judgement import Judged, Slice
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
 from slipctl.design.rolls import FILE, Rolls
-from slipctl.design.tuning import HELD_OUT, RUNS, TRAINING, Candidate, Search, wanted
+from slipctl.design.slopes.polish import Polished, polish
 from slipctl.errors import BadInput, RunFailed, check_whole
-from slipctl.run import machine, stopping, sweep_store
-from slipctl.run.ensemble import Ensemble, World
+from slipctl.run import interrupts, machine
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known
 from slipctl.run.roles import Signals
+from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.ensemble import Ensemble, World
 from slipctl.study.declaration import Gains
 
 
@@ -161,7 +162,9 @@ def tune(
     _apart(frees, world)
     numbers = {f.name: f.now for f in frees}
     there = _metrics_of_first(world, numbers, samples)
-    goals, limits, proved = wanted(objective, subject_to, there, name, [g.name for g in gains])
+    goals, limits, proved = goals_of_loop(
+        objective, subject_to, there, name, [g.name for g in gains]
+    )
     if runs is None:
         runs = RUNS * len(frees) * len(goals)
     check_whole("--runs", runs, 1)
@@ -196,15 +199,15 @@ def tune(
                 best = search.best
             rolls.end()
             rolls.begin(f"{held_out} held-out draws", 2 * held_out)
-            judged = judging.judge(search, held_out)
+            judged = judgement.judge(search, held_out)
             rolls.end()
-            rolls.begin("one number at a time", judging.runs_of_slices(search))
-            along = tuple(judging.slices(search))
+            rolls.begin("one number at a time", judgement.runs_of_slices(search))
+            along = tuple(judgement.slices(search))
             rolls.end()
             stated = statement.prove(search) if prove else None
             rolls.end()
         except KeyboardInterrupt:
-            stopping.heard()
+            interrupts.note_interrupt()
             raise Stopped(_with(found, search.best, None, ())) from None
         return replace(_with(found, best, judged, along, stated), polished=polished)
     finally:

@@ -227,7 +227,7 @@ def share(figures: Iterable[Live]) -> int:
     return int(np.clip(ALL * 3 / 4 / 4 / max(many, 1), LEAST, POINTS))
 
 
-def thinned(t: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, bool]:
+def thin_curve(t: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, bool]:
     """A curve of at most so many points: of each column its smallest and its largest value.
 
     Returns:
@@ -278,7 +278,7 @@ def _told(panel: Panel, span: tuple[float, float], points: int) -> Mapping[str, 
 def _packed_curve(
     t: np.ndarray, y: np.ndarray, span: tuple[float, float], points: int
 ) -> dict[str, Any]:
-    t, y, pairs = thinned(t, y, points)
+    t, y, pairs = thin_curve(t, y, points)
     seen = y[np.isfinite(y)]
     ends = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 0.0)
     return {"pairs": pairs, "ends": ends, "x": _packed(t, *span), "y": _packed(y, *ends)}

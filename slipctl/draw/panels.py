@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import worst
 
@@ -28,7 +28,7 @@ class Panel(NamedTuple):
     axles: dict[str, Any]
 
 
-def shown(
+def make_panel(
     results: Results,
     scenario: str,
     logs: Mapping[str, Any],
@@ -42,7 +42,7 @@ def shown(
         BadInput: no loop logs it.
     """
     first, *others = [wanted] if isinstance(wanted, str) else wanted
-    found = {loop: n for loop, log in logs.items() if (n := named(results, log, first))}
+    found = {loop: n for loop, log in logs.items() if (n := logged_name(results, log, first))}
     if not found:
         known = [str(n) for log in logs.values() for n in log]
         raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
@@ -57,7 +57,9 @@ def shown(
     unit = str(signal.attrs.get("units", "1"))
     every = {loop: each_axle(logs[loop], name, span) for loop, name in found.items()}
     axles = {loop: a for loop, a in every.items() if a is not None}
-    return Panel(first, others, curves, rough, _said(first, meaning(signal, name)), unit, axles)
+    return Panel(
+        first, others, curves, rough, _said(first, short_meaning(signal, name)), unit, axles
+    )
 
 
 def _said(wanted: str, text: str) -> str:
@@ -65,12 +67,12 @@ def _said(wanted: str, text: str) -> str:
     return wanted.replace("_", " ") if text.startswith("signal with") else text
 
 
-def meaning(signal: Any, name: str) -> str:
+def short_meaning(signal: Any, name: str) -> str:
     """Meaning of a signal, up to its first comma."""
     return str(signal.attrs.get("long_name") or name).partition(",")[0]
 
 
-def named(results: Results, log: Any, wanted: str) -> str | None:
+def logged_name(results: Results, log: Any, wanted: str) -> str | None:
     """Logged name of a role or of a name; None if the log has neither."""
     if wanted in log:
         return wanted
@@ -95,7 +97,7 @@ def samples(
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
-    return t, scaled(str(log[name].attrs.get("units", "1")))[0] * y
+    return t, display_scale(str(log[name].attrs.get("units", "1")))[0] * y
 
 
 def each_axle(log: Any, name: str, span: tuple[float, float] | None) -> np.ndarray | None:
@@ -111,13 +113,13 @@ def chosen_axle(results: Results, logs: Mapping[str, Any], wanted: Sequence[Any]
     firsts = [w if isinstance(w, str) else w[0] for w in wanted]
     many = [
         n for log in logs.values() for w in firsts
-        if (n := named(results, log, w)) and np.prod(log[n].shape[1:], dtype=int) > 1
+        if (n := logged_name(results, log, w)) and np.prod(log[n].shape[1:], dtype=int) > 1
     ]  # fmt: skip
     if not many:
         return None
     largest: dict[int, float] = {}
     for log in logs.values():
-        name = named(results, log, "slip") or many[0]
+        name = logged_name(results, log, "slip") or many[0]
         if name in log:
             each = np.abs(np.asarray(log[name].values).reshape(log.sizes["time"], -1)).max(axis=0)
             for k, v in enumerate(each):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import live
 from slipctl.draw.distributions import limit_line
 from slipctl.draw.distributions import spread as spread
@@ -23,11 +23,11 @@ from slipctl.draw.looks import (
     GREY,
     ORANGE,
     RAILS,
-    apart,
     colour,
     dash,
     hues_of,
     label,
+    line_styles,
     logarithmic,
     names_below,
     panels,
@@ -43,10 +43,10 @@ from slipctl.draw.panels import (
     arrivals,
     chosen_axle,
     each_axle,
-    meaning,
-    named,
+    logged_name,
+    make_panel,
     samples,
-    shown,
+    short_meaning,
 )
 from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.run.results import NotRun
@@ -93,10 +93,10 @@ def traces(
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
     axle = chosen_axle(results, logs, signals)
-    drawn = [shown(results, scenario, logs, wanted, span, axle or 0) for wanted in signals]
+    drawn = [make_panel(results, scenario, logs, wanted, span, axle or 0) for wanted in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
-    dashes = apart([panel.curves for panel in drawn], behind)
+    dashes = line_styles([panel.curves for panel in drawn], behind)
     dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
     hues = hues_of(list(results.data[scenario]))
     with style():
@@ -113,7 +113,7 @@ def traces(
                 entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
-            factor, unit = scaled(unit)
+            factor, unit = display_scale(unit)
             of = f", axle {axle + 1}" if axle is not None and panel.axles else ""
             axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)) + of, unit))
             if limits and first in limits:
@@ -142,14 +142,14 @@ def _references(
     entries: dict[str, Any],
 ) -> None:
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
-    found = {loop: n for loop, log in logs.items() if (n := named(results, log, wanted))}
+    found = {loop: n for loop, log in logs.items() if (n := logged_name(results, log, wanted))}
     drawn: list[np.ndarray] = []
     for loop, name in found.items():
         values = logs[loop][name].values
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        said = meaning(logs[loop][name], name)
+        said = short_meaning(logs[loop][name], name)
         curve = samples(logs[loop], name, span)
         line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
         entries.setdefault(said, line)
@@ -320,7 +320,7 @@ def lines(
         hues = hues_of(list(curves))
         long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
                 if len(np.atleast_1d(xs)) > 1}  # fmt: skip
-        lines_of: dict[str, Any] = apart([long], list(long))
+        lines_of: dict[str, Any] = line_styles([long], list(long))
         for name, (xs, ys) in curves.items():
             own = _line(name, hues)
             dashes = lines_of.get(name, own) if own == "-" else own
@@ -465,21 +465,21 @@ def load() -> None:
     """Import what drawing needs, ahead of the first figure."""
     import matplotlib.figure  # noqa: F401
 
-    import slipctl.draw.saving  # noqa: F401
+    import slipctl.draw.figure_files  # noqa: F401
 
 
 def svg_text(fig: Figure, stamp: str = "") -> str:
     """Figure as SVG, the same text every time; ``stamp`` is what it says of itself."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.svg_text(fig, stamp)
+    return figure_files.svg_text(fig, stamp)
 
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time; ``stamp`` is what it says of itself."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.pictures(fig, stamp)[1]
+    return figure_files.pictures(fig, stamp)[1]
 
 
 def mark_quick(fig: Figure) -> None:
@@ -491,6 +491,6 @@ def mark_quick(fig: Figure) -> None:
 
 def save(fig: Figure, folder: Path, stem: str, stamp: str = "") -> str:
     """Write a figure as PNG and SVG; gives the SVG."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.save(fig, folder, stem, stamp)
+    return figure_files.save(fig, folder, stem, stamp)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.block.units import scaled
-from slipctl.run.doubts import EstimateOff
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import Metric, Run
 from slipctl.run.results import Results
+from slipctl.run.warnings.doubts import EstimateOff
 from slipctl.run.waveform import rms
-from slipctl.study.preparing import told_before
-from slipctl.study.texts import beyond, number
+from slipctl.study.case_setup import warnings_before_run
+from slipctl.study.report.texts import number, values_beyond_limit
 
 HELD = 1.5
 """The slip was held all the same: its error was at most so many times that of the other time."""
@@ -29,7 +29,7 @@ KMH = 3.6
 
 def answer_lines(results: Results, scenario: str) -> dict[str, str]:
     """What each loop reached in a scenario, in a line, by loop."""
-    missed = beyond(results, scenario)
+    missed = values_beyond_limit(results, scenario)
     lines = {}
     for loop, metrics in results.metrics[scenario].items():
         run = Run(results.data[scenario][loop], results.study.signals)
@@ -129,7 +129,7 @@ def _fared(run: Run, off: EstimateOff) -> tuple[bool, str]:
         and rms(error[then]) <= HELD * rms(error[rest])
     ):
         return True, "the controller held the slip all the same"
-    factor, unit = scaled(run.unit("slip"))
+    factor, unit = display_scale(run.unit("slip"))
     most = number(factor * float(signed[then].max()) if then.any() else 0.0, 3)
     return (
         False,
@@ -151,7 +151,10 @@ def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
             late = str(log.attrs.get("told", "")) if log is not None else ""
             known = {n for r in remarks if (r.scenario, r.loop) == (scenario, name)
                      for n in r.numbers}  # fmt: skip
-            for line in [*told_before(loop, case.scenario), *filter(None, late.split("\n"))]:
+            for line in [
+                *warnings_before_run(loop, case.scenario),
+                *filter(None, late.split("\n")),
+            ]:
                 if line not in known:
                     by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
     for r in remarks:

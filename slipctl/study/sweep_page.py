@@ -11,16 +11,16 @@ from html import escape
 import numpy as np
 
 from slipctl import __version__
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import plots
 from slipctl.draw.distributions import differences
 from slipctl.draw.looks import pretty
 from slipctl.run.metrics import METRICS
 from slipctl.run.spread import limits_missed, quantiles
-from slipctl.run.swept import Sweep
-from slipctl.study.page_style import STYLE
-from slipctl.study.report import image, table
-from slipctl.study.texts import number, number_or_never
+from slipctl.run.sweep.sweep_results import Sweep
+from slipctl.study.report.page_style import STYLE
+from slipctl.study.report.report_page import image, table
+from slipctl.study.report.texts import number, number_or_never
 
 SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)
 HEAD = ("least", "5 %", "median", "95 %", "largest", "never")
@@ -88,7 +88,7 @@ def _limits(sweeps: Mapping[str, Sweep]) -> str:
     units = next(iter(sweeps.values())).units
     head = ["loop", "within all limits", "95 % interval of the share"]
     for n, limit in limits.items():
-        factor, unit = scaled(units[n][0] if n in units else "1")
+        factor, unit = display_scale(units[n][0] if n in units else "1")
         head.append(
             f"runs that miss {n} ≤ {number(factor * limit)} {pretty(unit)}".replace(" 1", "")
         )
@@ -121,7 +121,7 @@ def _pictures(sweeps: Mapping[str, Sweep], command: str) -> str:
     out = []
     limits = next(iter(sweeps.values())).limits
     for metric in _metrics_to_draw(sweeps):
-        factor, unit = scaled(
+        factor, unit = display_scale(
             next(s.units[metric][0] for s in sweeps.values() if metric in s.units)
         )
         columns = {n: factor * s.column(metric) for n, s in sweeps.items() if metric in s.units}
@@ -200,7 +200,7 @@ def _value(metrics: Mapping[str, object], name: str) -> str:
 def _spread(name: str, one: Sweep, named: bool) -> str:
     rows: list[Sequence[str]] = []
     for metric, unit, values in one.labelled():
-        factor, shown = scaled(unit)
+        factor, shown = display_scale(unit)
         shares = quantiles(factor * values, SHARES)
         if np.isnan(shares[0]):
             continue

@@ -11,7 +11,7 @@ import xarray
 
 from slipctl.run.metrics import Run, measure
 from slipctl.run.roles import Signals
-from slipctl.study import doors
+from slipctl.study import resolve
 from slipctl.study.remarks import answer_lines, estimator_remarks, warnings_of_runs
 
 T = np.arange(0, 20, 0.01)
@@ -76,6 +76,6 @@ def test_the_answer_of_a_study_is_that_of_its_page(name):
     with open(f"docs/{name}.md", encoding="utf-8") as file:
         text = file.read()
     short = " ".join(text.partition("## In short\n\n")[2].partition("\n\n")[0].split())
-    study = doors.load_study(name)
+    study = resolve.load_study(name)
     assert study.short == short
     assert study.headline in {c.id for c in study.claims}
