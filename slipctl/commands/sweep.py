@@ -22,9 +22,11 @@ from slipctl.run.spread import CONFIDENCE, quantiles
 from slipctl.run.sweep import sweep_export
 from slipctl.run.sweep.ensemble import World
 from slipctl.run.sweep.sweep_runs import Sweep, sweep
-from slipctl.study import case_setup, resolve, sweep_page
+from slipctl.study import case_setup
 from slipctl.study.declaration import Study
 from slipctl.study.report.texts import number, number_or_never, wrap_table
+from slipctl.study.request import Request
+from slipctl.study.sweep_page import page
 
 log = logging.getLogger("slipctl")
 
@@ -45,20 +47,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
-    options.settings = case_setup.open_gain_files(options.settings)
-    study, case, together = _case(options)
+    asked, case, together = _asked(options)
     loops = list(case.loops)
     if together and options.export:
         raise BadInput("--export writes one loop; name it, STUDY:LOOP")
     out = Path(options.out)
     places = {n: out / n if together else out for n in loops}
     # all of them are checked before the first one runs
-    worlds = {n: None if options.varied else _world(study, case, n, options) for n in loops}
+    worlds = {n: None if options.varied else _world(asked.study, case, n, options) for n in loops}
     progress = Progress(len(loops), sys.stderr, options.quiet)
     found: dict[str, Sweep] = {}
     try:
         for name in loops:
-            found[name] = _sweep(options, command, study, case, name, places[name], worlds[name],
+            found[name] = _sweep(options, command, asked, case, name, places[name], worlds[name],
                                  progress)  # fmt: skip
     finally:
         progress.end()
@@ -75,7 +76,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             only.save(options.export)
             if not options.json:
                 print(f"\n{options.export}")
-    store.write_text(out / "report.html", sweep_page.page(found, command))
+    store.write_text(out / "report.html", page(found, command))
     if not options.json:
         print(f"\n{out / 'report.html'}")
     for name, one in found.items():
@@ -87,17 +88,18 @@ def answer(options: argparse.Namespace, command: str) -> int:
 
 
 def _sweep(
-    options: argparse.Namespace, command: str, study: Study, case: Case, name: str, out: Path,
+    options: argparse.Namespace, command: str, asked: Request, case: Case, name: str, out: Path,
     world: World | None, progress: Progress,
 ) -> Sweep:  # fmt: skip
     """Run what is missing of one loop."""
+    study = asked.study
     return sweep(
         case.loops[name], case.scenario, options.varied, out,
         samples=options.samples, seed=options.seed, design=options.design,
         signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
         compile=not options.no_compile, progress=lambda share: progress(f"sweep of {name}", share),
-        about={"loop": f"{study.name}:{name}", "set": options.settings,
-               "swapped": options.swaps, "command": command, "limits": dict(study.limits)},
+        about={"loop": f"{study.name}:{name}", "set": list(asked.settings),
+               "swapped": list(asked.swaps), "command": command, "limits": dict(study.limits)},
         world=world, scheduler=options.scheduler or "", mixed=options.mixed,
     )  # fmt: skip
 
@@ -128,32 +130,27 @@ def _tell_together(
     print("\n\n".join(parts))
 
 
-def _case(options: argparse.Namespace) -> tuple[Study, Case, bool]:
-    """Study and case that a name stands for, and whether all of its loops are meant.
+def _asked(options: argparse.Namespace) -> tuple[Request, Case, bool]:
+    """What a name stands for, its case with what was set, and whether all loops are meant.
 
-    What was set and swapped is in the case, which has the loops that are to run and no other.
+    The case has the loops that are to run and no other.
     """
-    left, colon, right = options.name.rpartition(":")
-    if not colon:
-        left, at, scenario = options.name.partition("@")
-        if left not in resolve.studies() and not left.endswith((".py", ".toml")):
-            resolve.load_block(options.name)  # says what it is not
-            raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
-        study = resolve.load_study(left)
-        names = [c.scenario.name for c in resolve.build_cases(study)]
-        if at and scenario not in names:
-            raise BadInput(f"{study.name} has no scenario {scenario!r}{nearest(scenario, names)}")
-        scenario = scenario or next((n for n in study.ensembles if n in names), names[0])
-        loops: list[str] = []
-    else:
-        study = resolve.load_study(left)
-        loop, _, scenario = right.partition("@")
-        scenario = scenario or resolve.find_loop(study, right)[1].scenario.name
-        loops = [loop]
+    name, at, scenario = options.name, "", ""
+    if ":" not in name:
+        name, at, scenario = name.partition("@")
+    asked = Request.read(name, options.settings, options.swaps)
+    if asked.loop or not asked.home:
+        asked = asked.needs_loop()
+        return asked, asked.case, False
+    names = [c.scenario.name for c in asked.cases]
+    if at and scenario not in names:
+        raise BadInput(f"{asked.study.name} has no scenario {scenario!r}{nearest(scenario, names)}")
+    scenario = scenario or next((n for n in asked.study.ensembles if n in names), names[0])
     cases, _ = case_setup.prepare(
-        study, settings=options.settings, swaps=options.swaps, loops=loops, scenarios=[scenario]
-    )
-    return study, cases[0], not loops
+        asked.study, settings=asked.settings, scenarios=[scenario],
+        built=(asked.cases, asked.models),
+    )  # fmt: skip
+    return asked, cases[0], True
 
 
 def _world(study: Study, case: Case, loop: str, options: argparse.Namespace) -> World:

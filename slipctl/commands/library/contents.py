@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import textwrap
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
+from slipctl.study.files import trip_files
 from slipctl.study.report.texts import number
+
+if TYPE_CHECKING:
+    from slipctl.block.signals import Signal
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -54,8 +58,6 @@ def kinds() -> list[Row]:
     """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys."""
     from slipctl.study.files import declared_parts
 
-    parts = importlib.import_module("slipctl.models.vehicle.parts")
-    form = importlib.import_module("slipctl.models.common_form")
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()
 
@@ -67,8 +69,9 @@ def kinds() -> list[Row]:
             "doc": (cls.__doc__ or "").partition("\n")[0],
             "keys": [vars(k) for k in declared_parts.keys_of(cls)], "needed": needed,
         }  # fmt: skip
-        if cls is parts.SlipLaw:
-            row |= {"doc": form.MEANINGS[kind], "gains": _gains(form, kind)}
+        if (describe := getattr(cls, "law_of_kind", None)) is not None:
+            meaning, gains = describe(kind)
+            row |= {"doc": meaning, "gains": _gains(gains)}
         return row
 
     def of(part: type, path: str) -> None:
@@ -89,7 +92,7 @@ def kinds() -> list[Row]:
                 if not f.name.startswith(("controllers", "reference")):
                     of(cls, f"{where}.")
 
-    of(parts.Trip, "")
+    of(trip_files.vehicle_files().roots[0], "")
     return rows
 
 
@@ -98,9 +101,8 @@ def _items(hint: Any) -> tuple[Any, ...]:
     return tuple(a for a in getattr(hint, "__args__", ()) if isinstance(a, type))
 
 
-def _gains(form: Any, law: str) -> list[Row]:
+def _gains(found: Sequence[Signal]) -> list[Row]:
     """Gains of a law that a file may set, as keys; last names where they are alone."""
-    found = form.gains_of_law(law)
     last = [s.name.rpartition(".")[2] for s in found]
     return [
         {"name": n if last.count(n) == 1 else s.name, "meaning": s.doc,
