@@ -494,13 +494,6 @@ class SlipLaw(Part):
         default_factory=dict, metadata={"rest": True, "doc": "parameters of the law by name"}
     )
 
-    @classmethod
-    def law_of_kind(cls, kind: str) -> tuple[str, list[Any]]:
-        """What a law does, in a sentence, and the gains that a file may set of it."""
-        from slipctl.models import common_form
-
-        return common_form.MEANINGS[kind], common_form.gains_of_law(kind)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Predictive(Part):

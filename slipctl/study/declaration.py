@@ -383,9 +383,7 @@ class Study:
                 raise BadInput(f"study {self.name} has two claims {c.id!r}")
             seen.add(c.id)
         if self.headline and self.headline not in seen:
-            raise BadInput(
-                f"study {self.name} has no claim {self.headline!r}{nearest(self.headline, seen)}"
-            )
+            raise BadInput(f"study {self.name} has no claim {self.headline!r}")
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

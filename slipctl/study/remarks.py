@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -164,3 +165,25 @@ def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
         (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
         for line, runs in by_line.items()
     ]
+
+
+# ---- in a page ----------------------------------------------------------------------------------
+
+
+def answer_html(results: Results) -> str:
+    """The answer of a study; of a vehicle, a line for each controller."""
+    if results.study.short:
+        return f"<p><b>In short.</b> {escape(results.study.short)}</p>"
+    if results.study.claims:
+        return ""
+    lines = [line for s in results.metrics for line in answer_lines(results, s).values()]
+    return f"<ul>{''.join(f'<li>{escape(line)}.</li>' for line in lines)}</ul>" if lines else ""
+
+
+def remarks_html(results: Results) -> str:
+    """What is to be doubted of the estimators, and all numbers of it."""
+    out = []
+    for r in estimator_remarks(results):
+        out.append(f"<p>{escape(f'{r.scenario}/{r.loop}: {r.text}')}.</p>")
+        out += [f'<p class="soft">{escape(n)}.</p>' for n in r.numbers]
+    return "".join(out)

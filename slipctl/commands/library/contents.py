@@ -58,6 +58,7 @@ def kinds() -> list[Row]:
     """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys."""
     from slipctl.study.files import declared_parts
 
+    files = trip_files.vehicle_files()
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()
 
@@ -69,9 +70,8 @@ def kinds() -> list[Row]:
             "doc": (cls.__doc__ or "").partition("\n")[0],
             "keys": [vars(k) for k in declared_parts.keys_of(cls)], "needed": needed,
         }  # fmt: skip
-        if (describe := getattr(cls, "law_of_kind", None)) is not None:
-            meaning, gains = describe(kind)
-            row |= {"doc": meaning, "gains": _gains(gains)}
+        if where.startswith("controllers") and (law := files.law_of_kind(kind)) is not None:
+            row |= {"doc": law[0], "gains": _gains(law[1])}
         return row
 
     def of(part: type, path: str) -> None:
@@ -92,7 +92,7 @@ def kinds() -> list[Row]:
                 if not f.name.startswith(("controllers", "reference")):
                     of(cls, f"{where}.")
 
-    of(trip_files.vehicle_files().roots[0], "")
+    of(files.roots[0], "")
     return rows
 
 

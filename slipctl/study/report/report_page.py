@@ -24,7 +24,7 @@ from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
 from slipctl.study.provenance import provenance
-from slipctl.study.remarks import answer_lines, estimator_remarks, warnings_of_runs
+from slipctl.study.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.page_style import STYLE as STYLE
 from slipctl.study.report.texts import (
     absent,
@@ -88,7 +88,7 @@ def page(
     if results.tables:
         sections.append(("Experiments", _experiments(results)))
     sections += [(n.capitalize(), texts[n]) for n in written if n in texts]
-    if remarks := _remarks(results):
+    if remarks := remarks_html(results):
         sections.append(("Estimators", remarks))
     sections.append(("Provenance", _provenance(results, command)))
     named = [(title.lower(), title, text) for title, text in sections]
@@ -120,7 +120,7 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
-{_answer(results)}
+{answer_html(results)}
 {stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
@@ -128,25 +128,6 @@ def page(
 </body>
 </html>
 """
-
-
-def _answer(results: Results) -> str:
-    """The answer of a study; of a vehicle, a line for each controller."""
-    if results.study.short:
-        return f"<p><b>In short.</b> {escape(results.study.short)}</p>"
-    if results.study.claims:
-        return ""
-    lines = [line for s in results.metrics for line in answer_lines(results, s).values()]
-    return f"<ul>{''.join(f'<li>{escape(line)}.</li>' for line in lines)}</ul>" if lines else ""
-
-
-def _remarks(results: Results) -> str:
-    """What is to be doubted of the estimators, and all numbers of it."""
-    out = []
-    for r in estimator_remarks(results):
-        out.append(f"<p>{escape(f'{r.scenario}/{r.loop}: {r.text}')}.</p>")
-        out += [f'<p class="soft">{escape(n)}.</p>' for n in r.numbers]
-    return "".join(out)
 
 
 def constant(results: Results) -> dict[str, Callable[[], str]]:
