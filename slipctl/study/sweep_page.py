@@ -141,7 +141,9 @@ def _pictures(sweeps: Mapping[str, Sweep], command: str) -> str:
             f"{metric}: {meaning}. Each dot is a run, the box the middle half, the bar the median."
         )
         if pairs:
-            said += " Below, differences of runs on the same draws, in order."
+            said += (
+                " Below, differences on the same draws, in order; two that never came differ by 0."
+            )
         svg = plots.svg_text(fig, command)
         out.append(f"<figure>{image(svg, said)}<figcaption>{escape(said)}</figcaption></figure>")
     return "".join(out)
