@@ -14,8 +14,8 @@ import numpy as np
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
-from slipctl.run.spread import quantiles
 from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import open_sweep
 from slipctl.study.report.texts import number, number_or_never, wrap_table
 

@@ -18,15 +18,15 @@ from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
 from slipctl.run import store
 from slipctl.run.results import Case
-from slipctl.run.spread import CONFIDENCE, quantiles
 from slipctl.run.sweep import sweep_export
 from slipctl.run.sweep.ensemble import World
+from slipctl.run.sweep.spread import CONFIDENCE, quantiles
 from slipctl.run.sweep.sweep_runs import Sweep, sweep
 from slipctl.study import case_setup
 from slipctl.study.declaration import Study
+from slipctl.study.report.sweep_page import page
 from slipctl.study.report.texts import number, number_or_never, wrap_table
 from slipctl.study.request import Request
-from slipctl.study.sweep_page import page
 
 log = logging.getLogger("slipctl")
 

@@ -22,7 +22,7 @@ from slipctl.draw.looks import (
     panels,
     style,
 )
-from slipctl.run.spread import quantiles
+from slipctl.run.sweep.spread import quantiles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

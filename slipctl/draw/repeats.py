@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 
-def folded(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+def fold_repeats(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """Write equations that differ only in an index, one up from row to row, as one."""
     out: list[tuple[str, str]] = []
     at = 0

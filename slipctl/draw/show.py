@@ -228,7 +228,7 @@ def _text_rows(leaf: Block) -> list[str]:
     if (waits := repeats.dead_time(plain)) is not None:
         left, right, ticks = waits
         return [f"{left} = {right}, {ticks} ticks before"]
-    rows = repeats.folded(plain)
+    rows = repeats.fold_repeats(plain)
     shown = _aligned(rows[:LINES])
     if len(rows) > LINES:
         shown.append(f"... and more, {leaf.f.n_instructions()} operations in all")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from slipctl.run.roles import Bounded, Names, Signals, first_of
-from slipctl.run.waveform import ripple, rms, settling, worst
+from slipctl.run.waveform import ripple, rms, settling_time, worst
 
 if TYPE_CHECKING:
     import xarray
@@ -306,7 +306,7 @@ def _settling(run: Run, wanted: str) -> Metric | None:
     if error is None or band is None:
         return None
     time, error = run.time[run.moving], error[run.moving]
-    found = [settling(time, error, a, b, band) for a, b in run.stretches]
+    found = [settling_time(time, error, a, b, band) for a, b in run.stretches]
     return Metric(found, "s", run.rows)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def settling(
+def settling_time(
     time: np.ndarray, error: np.ndarray, start: float, stop: float, band: float
 ) -> float | None:
     """Time in s from ``start`` until ``error`` stays in the band up to ``stop``; None if never."""

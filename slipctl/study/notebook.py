@@ -20,7 +20,7 @@ from slipctl.estimate.curve_fit import Fitted
 from slipctl.estimate.log_fit.record import FittedOverTime
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Loops
-from slipctl.run.spread import quantiles
+from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import Sweep
 from slipctl.study.declaration import Study
 from slipctl.study.report.report_page import equations, image, table

@@ -32,7 +32,7 @@ from slipctl.models.huang_2020.subway_braking import (
 )
 from slipctl.models.huang_2020.subway_braking_control import super_twisting as super_twisting_law
 from slipctl.run import build
-from slipctl.run.metrics import settling
+from slipctl.run.metrics import settling_time
 from slipctl.studies.bench.best_possible import against_optimum
 from slipctl.studies.subway_braking import estimation
 from slipctl.studies.subway_braking.leaves import leaves
@@ -67,7 +67,7 @@ def ripple_by_rail(log: Any) -> list[float]:
 def settling_by_rail(log: Any, band: float = 0.05) -> list[float | None]:
     """Time in s until |v_s - v_s*| stays below the band in m/s on each rail; None if never."""
     error, time = log["plant.wheel.v_s"].values - log["v_opt"].values, log["time"].values
-    return [settling(time, error, s.start * H, s.stop * H, band) for s in spans(log)]
+    return [settling_time(time, error, s.start * H, s.stop * H, band) for s in spans(log)]
 
 
 def steady_error(log: Any) -> float:

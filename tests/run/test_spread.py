@@ -13,9 +13,15 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from slipctl.run.metrics import METRICS
-from slipctl.run.spread import count_kept, limits_missed, quantiles, share_interval, value_in_run
+from slipctl.run.sweep.spread import (
+    count_kept,
+    limits_missed,
+    quantiles,
+    share_interval,
+    value_in_run,
+)
 from slipctl.run.sweep.sweep_results import Sweep
-from slipctl.study import sweep_page
+from slipctl.study.report import sweep_page
 
 finite = st.floats(-1e6, 1e6)
 

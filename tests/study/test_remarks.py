@@ -12,7 +12,7 @@ import xarray
 from slipctl.run.metrics import Run, measure
 from slipctl.run.roles import Signals
 from slipctl.study import resolve
-from slipctl.study.remarks import answer_lines, estimator_remarks, warnings_of_runs
+from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
 
 T = np.arange(0, 20, 0.01)
 SIGNALS = Signals(speed="v", slip="s", reference="r")

@@ -14,8 +14,8 @@ import numpy as np
 from slipctl import registry
 from slipctl.errors import BadInput
 from slipctl.run.metrics import METRICS
-from slipctl.run.spread import Kept, count_kept, value_in_run
 from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.spread import Kept, count_kept, value_in_run
 from slipctl.run.sweep.sweep_plan import Axis, Plan
 
 if TYPE_CHECKING:

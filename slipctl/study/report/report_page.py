@@ -24,8 +24,8 @@ from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
 from slipctl.study.provenance import provenance
-from slipctl.study.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.page_style import STYLE as STYLE
+from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.texts import (
     absent,
     answers,

@@ -16,7 +16,7 @@ from slipctl.draw import plots
 from slipctl.draw.distributions import differences
 from slipctl.draw.looks import pretty
 from slipctl.run.metrics import METRICS
-from slipctl.run.spread import limits_missed, quantiles
+from slipctl.run.sweep.spread import limits_missed, quantiles
 from slipctl.run.sweep.sweep_results import Sweep
 from slipctl.study.report.page_style import STYLE
 from slipctl.study.report.report_page import image, table
