@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench import reach
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import coverage, rounding
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write.plan import Plan
-from slipctl.studies.bench import reach
 from slipctl.study import doors
 
 pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")

@@ -26,7 +26,7 @@ from slipctl.design.gradients import Slopes
 from slipctl.design.tune import tune
 from slipctl.run import build
 from slipctl.run.ensemble import World
-from slipctl.studies.bench.peers.slip_nmpc import axle, make
+from slipctl.studies.predictive.slip_problem import axle, make
 
 SIGNALS = Signals(speed="plant.v", slip="plant.s", reference="s_ref")
 SCENARIO = Scenario("go", 0.8, inputs={"mu_p": 0.2, "s_ref": 0.02})

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.loops.closed_loop import ClosedLoop, Wrong
 from slipctl.ccode import codegen
 from slipctl.ccode.check import function_proof, proof
-from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
 from slipctl.ccode.check.logged import recorded
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile import compilers

@@ -12,8 +12,8 @@ from slipctl.draw import show
 from slipctl.predict.curved import MOST, Curved, convex
 from slipctl.predict.horizon import Horizon, Soft
 from slipctl.predict.linearised import linearised
-from slipctl.studies.bench.peers.slip_nmpc import axle, cost
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import axle, cost
+from slipctl.studies.predictive.slip_problem import make as slip
 
 
 @flow()

@@ -6,7 +6,7 @@ from slipctl import Case, Context
 from slipctl.models.contact import polach
 from slipctl.models.ep_valve import THETA, air_brake
 from slipctl.models.hst_braking import plant
-from slipctl.studies.bench.best_possible import against_optimum, between
+from slipctl.studies.best_possible import against_optimum, between
 from slipctl.studies.freight_traction import experiments
 from slipctl.studies.freight_traction import loops as freight
 from slipctl.studies.hst_braking import loops as hst

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from errata import shows
 
+from bench.peers.bench_pso import bench_pso
 from slipctl import identify, misfit_search
 from slipctl.models.freight_resistance import (
     BOX,
@@ -16,7 +17,6 @@ from slipctl.models.freight_resistance import (
 )
 from slipctl.models.freight_traction import resistance
 from slipctl.run import build
-from slipctl.studies.bench.peers.bench_pso import bench_pso
 from slipctl.studies.freight_traction import identification as study
 
 SEEDS = range(1, 101)
