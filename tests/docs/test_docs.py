@@ -344,7 +344,8 @@ def test_names_of_files_and_tests_exist(page):
     text = page.read_text(encoding="utf-8")
     for name in re.findall(r"`(test_\w+)`", text):
         assert name in names_of_tests(), f"{page.name}: {name}"
-    file = r"`((?:slipctl|models|studies|bench|tests|docs)/[\w/]+\.\w+)`(?!:\n\n```)"  # those it writes
+    # but those it writes
+    file = r"`((?:slipctl|models|studies|bench|tests|docs)/[\w/]+\.\w+)`(?!:\n\n```)"
     for name in re.findall(file, text):
         assert (ROOT / name).exists(), f"{page.name}: {name}"
 
