@@ -39,6 +39,8 @@ from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.ship.fmu import fmus
 from slipctl.ccode.write.plan import Plan
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "written_text.csv"
 HEAD = ["what", "file", "code", "with comments", "functions"]
 VERSIONS = f"CasADi {ca.CasadiMeta.version()} and NumPy {np.__version__}"

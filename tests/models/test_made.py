@@ -48,6 +48,8 @@ from slipctl.models import (
     subway_braking_control,
 )
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "made.csv"
 POINT = (0.54, 1.2, 1.0)
 SMALL = rolling.Axles((2, 1), (0.0, 3.0), (True, False))

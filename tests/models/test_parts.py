@@ -25,6 +25,8 @@ from slipctl.models.vehicle import parts as trip_parts
 from slipctl.models.vehicle.trip import case
 from slipctl.study import doors, trip_files
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 FOLDER = Path(__file__).parent / "parts"
 
 VEHICLES = {
