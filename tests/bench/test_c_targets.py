@@ -14,6 +14,8 @@ from bench import c_targets
 from bench.c_targets import Controller, Wanted
 from slipctl.study import doors
 
+pytestmark = pytest.mark.second
+
 SHORT = 0.05
 needs_arm = pytest.mark.skipif(
     shutil.which("arm-none-eabi-gcc") is None, reason="no arm-none-eabi-gcc here"

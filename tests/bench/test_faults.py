@@ -19,6 +19,8 @@ from slipctl.ccode.write import guard
 from slipctl.run import store
 from slipctl.study import doors
 
+pytestmark = pytest.mark.second
+
 try:
     compilers.compilers()
 except BadInput:

@@ -11,7 +11,10 @@ from bench import sweeps
 from slipctl import open_sweep, prepare
 from slipctl.run import build
 
-pytestmark = pytest.mark.skipif(build.compiler() is None, reason="needs a C compiler")
+pytestmark = [
+    pytest.mark.skipif(build.compiler() is None, reason="needs a C compiler"),
+    pytest.mark.second,
+]
 
 
 def test_the_roll_alone_is_that_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:

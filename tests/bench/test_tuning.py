@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bench import tuning
+
+pytestmark = pytest.mark.second
 
 
 def test_a_search_is_told():

@@ -17,6 +17,8 @@ from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers, platforms
 from slipctl.models import brakes, subway_braking
 
+pytestmark = pytest.mark.second
+
 fmpy = pytest.importorskip("fmpy")
 validate_fmu = pytest.importorskip("fmpy.validation").validate_fmu
 if compilers.found() is None:

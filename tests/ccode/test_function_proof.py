@@ -19,6 +19,8 @@ from slipctl.ccode.write.plan import Plan
 from slipctl.errors import RunFailed
 from slipctl.predict.repeating import Repeated, scan
 
+pytestmark = pytest.mark.second
+
 _STAGES = 20
 
 

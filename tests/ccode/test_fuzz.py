@@ -18,6 +18,8 @@ from slipctl.ccode.check import fuzz
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.write.plan import Plan
 
+pytestmark = pytest.mark.second
+
 SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "0"))
 """How long each controller is fuzzed; 0 takes the runs below, the same ones every time."""
 

@@ -35,6 +35,8 @@ from slipctl.ccode.write.precision import drawn
 from slipctl.commands import cli
 from slipctl.study import doors, processor
 
+pytestmark = pytest.mark.second
+
 
 @pytest.fixture(scope="module")
 def board() -> None:

@@ -15,6 +15,8 @@ from slipctl.ccode.check import proof
 from slipctl.ccode.write.plan import Plan
 from slipctl.study import doors
 
+pytestmark = pytest.mark.second
+
 try:
     proof.tool()
     HAS_TOOL = True

@@ -18,7 +18,10 @@ from slipctl.ccode.compile import compilers
 from slipctl.ccode.write.plan import Plan
 from slipctl.study import doors
 
-pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+pytestmark = [
+    pytest.mark.skipif(compilers.found() is None, reason="no C compiler here"),
+    pytest.mark.second,
+]
 
 EVIDENCE = Path(__file__).parents[2] / "docs/evidence/reach.json"
 SHIPPED = json.loads(EVIDENCE.read_text(encoding="utf-8"))["numbers"]["reach"]["controllers"]

@@ -14,6 +14,8 @@ from bench.faults import controllers
 from slipctl.block.block import Block
 from slipctl.run import build
 
+pytestmark = pytest.mark.second
+
 HELD, BACK = 2.0, 0.1
 """Times in s at the limit, and until the command has left it."""
 

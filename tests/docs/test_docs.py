@@ -47,11 +47,13 @@ def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", PAGES)
 def test_code_of_the_page_runs(name, tmp_path):
     run_page(DOCS / name, tmp_path / "empty")
 
 
+@pytest.mark.second
 def test_python_of_the_readme_runs(tmp_path):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     code = re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
@@ -97,6 +99,7 @@ def wheel_of(folder: Path) -> Path | None:
     return next(folder.glob("*.whl"))
 
 
+@pytest.mark.second
 def test_tutorial_runs(tmp_path, needs_compiler):
     """From a wheel in a fresh environment, which sees the libraries installed here."""
     wheel = wheel_of(tmp_path)
@@ -279,6 +282,7 @@ def results(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.second
 def test_tables_of_metrics_are_what_the_study_gives(results):
     spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
     maker = importlib.util.module_from_spec(spec)

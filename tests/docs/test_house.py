@@ -1,0 +1,71 @@
+"""docs/measure_house.py: its rules, and the rows of the house that are reached stay reached."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SPEC = importlib.util.spec_from_file_location("measure_house", ROOT / "docs" / "measure_house.py")
+assert SPEC is not None
+house = sys.modules["measure_house"] = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(house)
+
+REACHED = {
+    "files to touch: a controller", "files to touch: a metric", "files to touch: a kind of plant",
+}  # fmt: skip
+"""What is reached joins here, and stays."""
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return {r.what: r for r in house.static()}
+
+
+def test_what_was_reached_stays_reached(rows):
+    assert rows.keys() >= REACHED
+    assert [rows[what] for what in sorted(REACHED) if not rows[what].reached] == []
+
+
+def test_a_row_that_is_reached_joins_the_list(rows):
+    """So none is lost again unseen."""
+    assert {what for what, r in rows.items() if r.reached} - REACHED == set()
+
+
+@pytest.mark.second
+def test_a_run_of_a_file_is_counted():
+    found = {r.what: r.now for r in house.running()}
+    assert found["Python calls of `run metro.toml --set m=40t`"] > 1e4
+    assert found["resolutions of its name"] >= 1
+
+
+@pytest.mark.parametrize("name", ["told", "of", "checking", "kept", "rolled"])
+def test_a_bare_participle_is_seen(name):
+    assert house.bare(name)
+
+
+@pytest.mark.parametrize("name", ["speed", "string", "warnings_of_run", "cache", "sampled"])
+def test_a_noun_is_none(name):
+    assert not house.bare(name)
+
+
+def test_a_circle_is_of_those_that_come_back_to_themselves():
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": set()}
+    assert max(house.circles(graph), key=len) == {"b", "c"}
+
+
+def test_the_walk_leads_from_the_command_to_the_slip():
+    """Ten steps of CONTRIBUTING: each names a function that stands there, the ninth the line."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    steps = re.findall(r"^(\d+)\. `([\w/]+\.py)`, `(\w+)`:(.*)$", text, re.M)
+    assert [int(number) for number, *_ in steps] == list(range(1, 11))
+    for _, file, name, says in steps:
+        source = (ROOT / file).read_text(encoding="utf-8")
+        assert re.search(rf"^(def|class) {name}\b", source, re.M), (file, name)
+        for line in re.findall(r"\*\*`(.+?)`\*\*", says):
+            assert line in source, (file, line)
+    assert "plant.wheel.v_s" in (ROOT / "studies/subway_braking/study.py").read_text("utf-8")
