@@ -28,6 +28,8 @@ from slipctl.run import build
 from slipctl.run.ensemble import World
 from slipctl.studies.predictive.slip_problem import axle, make
 
+pytestmark = pytest.mark.second
+
 SIGNALS = Signals(speed="plant.v", slip="plant.s", reference="s_ref")
 SCENARIO = Scenario("go", 0.8, inputs={"mu_p": 0.2, "s_ref": 0.02})
 NOW = {"ctl.weight_e_u": 0.3, "ctl.weight_e_xi": 5.0, "ctl.plant.tau": 0.06, "plant.m_q": 5200.0}

@@ -25,6 +25,8 @@ from slipctl.run.sweeping import Measured
 from slipctl.run.swept import Sweep
 from slipctl.study.doors import find_loop, load_study
 
+pytestmark = pytest.mark.second
+
 TOY = Path(__file__).parents[1] / "toy_study.py"
 LOOP = "soft"
 VARY = ["plant.car.m=6t:10t"]

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from slipctl import Case, Context
 from slipctl.models.contact import polach
 from slipctl.models.ep_valve import THETA, air_brake
@@ -12,6 +14,8 @@ from slipctl.studies.freight_traction import loops as freight
 from slipctl.studies.hst_braking import loops as hst
 from slipctl.studies.hst_traction import loops as train
 from slipctl.studies.hst_traction import regret as traction_regret
+
+pytestmark = pytest.mark.second
 
 
 def test_hst_braking_lies_between_the_bound_and_every_loop():

@@ -19,6 +19,8 @@ from slipctl.models.freight_traction import resistance
 from slipctl.run import build
 from slipctl.studies.freight_traction import identification as study
 
+pytestmark = pytest.mark.second
+
 SEEDS = range(1, 101)
 PRINTED = swarm_settings("printed-21")
 GRID = np.linspace(0, 20, 3000)

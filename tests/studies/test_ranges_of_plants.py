@@ -9,6 +9,8 @@ from slipctl.commands.cli import main
 from slipctl.models import ep_valve, freight_traction, hst_braking, hst_traction, subway_braking
 from slipctl.models.brakes import brake
 
+pytestmark = pytest.mark.second
+
 PLANTS = {
     "subway_braking": lambda: subway_braking.plant(brake=brake(lag=True)),
     "hst_braking": lambda: hst_braking.plant(brake=ep_valve.air_brake("lag")),

@@ -15,6 +15,8 @@ from slipctl import Results
 from slipctl.study import doors, preparing, running
 from slipctl.study.declaration import judge
 
+pytestmark = pytest.mark.second
+
 ALL = os.environ.get("REASONS") == "all"
 
 CHANGES = {
