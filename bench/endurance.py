@@ -21,11 +21,11 @@ from casadi import cos, if_else, sin
 from bench.loops import long_run
 from slipctl import Output, Param, State, connect, step
 from slipctl.ccode import codegen
-from slipctl.ccode.write.header import bit
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.header import bit
+from slipctl.ccode.module.plan import Plan
 from slipctl.run import store
 from slipctl.studies.hst_traction.loops import H
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 @step(
@@ -109,7 +109,7 @@ def run(subject: Subject, ticks: int) -> dict[str, Any]:
         that grew, and ``why`` it may; ``covariance``: mean of each variance in the same tenths.
     """
     study, _, name = subject.loop.partition(":")
-    loop, case = doors.find_loop(doors.load_study(study), name)
+    loop, case = resolve.find_loop(resolve.load_study(study), name)
     if subject.driven:
         wires = {f"train.{n}": f"course.{n}" for n in course.outputs}
         loop = connect("loop", wires, course=course, train=loop)

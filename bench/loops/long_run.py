@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile import compilers as cc
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
 from slipctl.errors import RunFailed
 
 PARTS = 10

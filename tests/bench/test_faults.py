@@ -13,11 +13,11 @@ from bench.loops.closed_loop import ClosedLoop, Wrong
 from bench.loops.wrong_samples import KINDS, Fault
 from bench.state_shifts import kept
 from slipctl import BadInput, Input, Output, Param, State, c_module, ranged, simulate, step
-from slipctl.ccode.check.logged import recorded
+from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
+from slipctl.ccode.module import guard
 from slipctl.run import store
-from slipctl.study import doors
+from slipctl.study import resolve
 
 pytestmark = pytest.mark.second
 
@@ -32,7 +32,7 @@ CANNOT_BE = ("NaN", "infinity", "10000", "65535", "times 2", "times 1e30", "flip
 @pytest.fixture(scope="module")
 def eppfc():
     """Loop and scenario of the estimator-based controller with its sensors."""
-    loop, case = doors.find_loop(doors.load_study("hst_braking"), "eppfc@real")
+    loop, case = resolve.find_loop(resolve.load_study("hst_braking"), "eppfc@real")
     return loop, case.scenario
 
 
@@ -59,7 +59,7 @@ def test_other_inputs_that_are_missing_do_no_harm(eppfc, tmp_path):
 def closed(name, folder):
     """The loop of a controller, which is a compiled module with the parameters of its run."""
     _, loop, part, scenario = next(faults.controllers([name]))
-    _, params = recorded(loop, part, scenario, 1)
+    _, params = record_part(loop, part, scenario, 1)
     module = c_module(loop[part], folder, "ctl", period=loop.period).compile().load()
     return ClosedLoop(loop, part, scenario, module.reset(**params))
 
@@ -110,7 +110,7 @@ def test_the_loop_in_c_is_that_of_python(tmp_path):
         _, loop, part, scenario = next(faults.controllers([name]))
         scenario = scenario.but(duration=0.5)
         data = simulate(loop, scenario)
-        _, params = recorded(loop, part, scenario, 1)
+        _, params = record_part(loop, part, scenario, 1)
         module = c_module(loop[part], tmp_path / part, "ctl", period=loop.period)
         whole = ClosedLoop(loop, part, scenario, module.compile().load().reset(**params))
         course = whole.run(whole.ticks)

@@ -16,7 +16,7 @@ from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import fuzz
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 
 pytestmark = pytest.mark.second
 
@@ -32,7 +32,7 @@ try:
 except BadInput:
     HAS_FUZZER = False
 needs_fuzzer = pytest.mark.skipif(not HAS_FUZZER, reason="no clang with libFuzzer here")
-needs_compiler = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+needs_compiler = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
 
 @step(
@@ -57,7 +57,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
     def one(name: str) -> tuple[str, dict]:
         plan = Plan(REPRESENTATIVE[name](), "fuzzed", 1e-3)
         runs = None if SECONDS else RUNS.get(name, 1000)
-        return name, fuzz.fuzzed(plan, codegen.texts(plan), SECONDS, runs=runs)
+        return name, fuzz.run_fuzzer(plan, codegen.texts(plan), SECONDS, runs=runs)
 
     with ThreadPoolExecutor(2) as pool:
         found = dict(pool.map(one, REPRESENTATIVE))
@@ -70,7 +70,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
 @needs_fuzzer
 def test_the_fuzzer_finds_nothing_in_what_is_sound() -> None:
     plan = Plan(sums)
-    assert fuzz.fuzzed(plan, codegen.texts(plan), 0, runs=20_000)["passed"]
+    assert fuzz.run_fuzzer(plan, codegen.texts(plan), 0, runs=20_000)["passed"]
 
 
 @needs_fuzzer
@@ -89,7 +89,7 @@ def test_the_fuzzer_finds_what_is_broken(old: str, new: str, finding: str) -> No
     plan = Plan(sums)
     made = codegen.texts(plan)
     spoilt = changed(made, "sums", old, new)
-    said = fuzz.fuzzed(plan, spoilt, 0, runs=20_000)
+    said = fuzz.run_fuzzer(plan, spoilt, 0, runs=20_000)
     assert not said["passed"]
     assert finding in said["said"]
     assert said["input"]

@@ -13,7 +13,7 @@ from bench.programs import (
     problem,
     reference,
 )
-from slipctl.predict.active_set import Found
+from slipctl.predict.qp.active_set import Found
 
 
 @pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
