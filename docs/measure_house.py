@@ -19,22 +19,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "docs"))
+
+from test_names import is_equation, says_nothing
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 APART = "certify"
-ALONE = re.compile(
-    "about|across|again|alike|apart|around|at|before|begun|behind|below|beneath|beside|between|beyond"
-    "|broken|built|by|chosen|drawn|either|for|found|from|further|given|grown|heard|held|here|hidden"
-    "|in|inside|into|kept|known|later|made|meant|near|of|off|on|only|over|per|plus|proven|said|seen"
-    "|sent|shown|spelt|spoken|taken|there|through|to|together|told|under|unbroken|upon|with|within"
-    "|without|withstood|written|[a-z]{3,}ing|[a-z]{3,}ed"
-)
-"""Participles, gerunds, prepositions: names that say nothing when they stand alone."""
-
-NOUNS = re.compile(
-    "heading|king|ring|spring|string|swing|thing|wing|bed|feed|need|seed|speed|shed|weed|sampled"
-)
-"""Words that look like these and are none, or a public name of ``slipctl``."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +39,6 @@ class Row:
     @property
     def reached(self) -> bool:
         return self.now <= self.wanted
-
-
-def bare(name: str) -> bool:
-    """Whether a name is one participle, gerund or preposition."""
-    return bool(ALONE.fullmatch(name)) and not NOUNS.fullmatch(name)
 
 
 def sources(apart: bool = True) -> Iterator[Path]:
@@ -125,9 +111,10 @@ def static() -> Iterator[Row]:
     yield Row("most files side by side", max(beside.values()), 15)
     yield Row("files above 500 lines", sum(lines(p) > 500 for p in sources()), 0)
     trees = {p: ast.parse(p.read_text(encoding="utf-8")) for p in sources(apart=False)}
-    public = [n.name for t in trees.values() for n in t.body if isinstance(n, ast.FunctionDef)]
-    yield Row("public functions with a bare name", sum(map(bare, public)), 10)
-    yield Row("modules with a bare name", sum(bare(p.stem) for p in trees), 0)
+    public = [n.name for t in trees.values() for n in t.body
+              if isinstance(n, ast.FunctionDef) and not is_equation(n)]  # fmt: skip
+    yield Row("public functions whose names say nothing", sum(map(says_nothing, public)), 10)
+    yield Row("modules whose names say nothing", sum(says_nothing(p.stem) for p in trees), 0)
     yield Row("files in the largest circle", largest_circle(), 0)
     longest = max(f.end_lineno - f.lineno + 1 for p in sources()  # type: ignore[operator]
                   for f in functions(trees[p]))  # fmt: skip

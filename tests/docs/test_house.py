@@ -38,16 +38,6 @@ def test_a_run_of_a_file_is_counted():
     assert found["resolutions of its name"] >= 1
 
 
-@pytest.mark.parametrize("name", ["told", "of", "checking", "kept", "rolled"])
-def test_a_bare_participle_is_seen(name):
-    assert house.bare(name)
-
-
-@pytest.mark.parametrize("name", ["speed", "string", "warnings_of_run", "cache", "sampled"])
-def test_a_noun_is_none(name):
-    assert not house.bare(name)
-
-
 def test_a_circle_is_of_those_that_come_back_to_themselves():
     graph = {"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": set()}
     assert max(house.circles(graph), key=len) == {"b", "c"}
