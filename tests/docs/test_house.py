@@ -16,7 +16,9 @@ house = sys.modules["measure_house"] = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(house)
 
 REACHED = {
-    "files to touch: a controller", "files to touch: a metric", "files to touch: a kind of plant",
+    "most files side by side", "public functions whose names say nothing",
+    "modules whose names say nothing", "files to touch: a controller", "files to touch: a metric",
+    "files to touch: a kind of plant",
 }  # fmt: skip
 """What is reached joins here, and stays."""
 
