@@ -162,7 +162,7 @@ def test_the_quick_part_of_the_suite_passes_as_on_windows(tmp_path):
     """Without fork, timers and signals of POSIX, and with ``sys.platform`` of Windows."""
     script = tmp_path / "windows.py"
     script.write_text(WINDOWS, encoding="utf-8")
-    quick = ["run/test_rail.py", "estimate/test_fitting.py", "study/test_jobs.py"]
+    quick = ["run/test_rail.py", "estimate/test_curve_fit.py", "study/test_jobs.py"]
     done = subprocess.run(
         [sys.executable, str(script), "-n", "0", "-p", "no:cacheprovider", "-x",
          "-k", "not confidence and not wherever",  # numbers of fits: no system has a say in them

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from test_estimate import burckhardt, plane
 from test_filtering import SHAPE, THREE, car, wheel
-from test_fitting import line, polach, synthetic
+from test_curve_fit import line, polach, synthetic
 from test_identification import data
 from test_over_time import coasted, stepped
 
