@@ -100,6 +100,19 @@ _REFUSED = {
     },
 }  # fmt: skip
 
+_SPOKEN = {
+    **dict.fromkeys(("U/min", "U/Min", "Upm", "UPM", "RPM", "Rpm", "rev/min", "r/min"), "rpm"),
+    **dict.fromkeys(("U/s", "rev/s", "r/s", "rps"), "turn/s"),
+    **dict.fromkeys(("Km/h", "KM/H", "km/H", "KM/h", "kmh", "Kmh", "KMH", "KPH", "Kph", "kmph",
+                     "km/hr", "km/std"), "km/h"),
+    **dict.fromkeys(("MPH", "Mph"), "mph"), **dict.fromkeys(("Bar", "BAR"), "bar"),
+    **dict.fromkeys(("Prozent", "Percent", "pct"), "%"),
+    **dict.fromkeys(("Promille", "promille", "permil"), "‰"),
+    **dict.fromkeys(("Sek", "sek", "Sec", "SEC", "Sekunden", "secs"), "s"),
+    **dict.fromkeys(("KN", "Kn"), "kN"), **dict.fromkeys(("mps", "MPS"), "m/s"), "KNm": "kN m",
+}  # fmt: skip
+"""Units as people write them who have no table at hand, by what they mean."""
+
 _BASE = {
     "meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
     "candela": "cd",
@@ -128,6 +141,9 @@ def unit(text: str) -> Unit:
     """
     if not isinstance(text, str):
         raise BadInput(f"a unit is a text such as 'm/s^2', not {text!r}")
+    text = _SPOKEN.get(text.strip(), text)
+    if offset := re.search(r"°\s*[CFRK]\b", text):
+        raise BadInput(f"unit {text!r} has {offset[0]}, a scale with an offset; write K")
     try:
         found = _Reader(text).read()
     except OverflowError:
@@ -325,6 +341,7 @@ def refuse_count(text: str) -> None:
     Raises:
         BadInput: 1/min, Hz and the like, without rad, deg or rpm.
     """
+    text = _SPOKEN.get(text.strip(), text)
     a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
     if a.dims == _dims(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
         raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
@@ -349,8 +366,14 @@ def scaled(unit: str) -> tuple[float, str]:
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.DOTALL)
 
 
+_ONE_IN = re.compile(r"\s*([+-]?)\s*1\s*(?:in\s|:)\s*(\d*[1-9]\d*(?:\.\d+)?)\s*")
+"""A gradient as people say it, 1 in 25 or 1:25."""
+
+
 def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     """Read ``"8.2t"``, ``"20 km/h"`` or ``"8200"`` as a number in the wanted unit.
+
+    A pure number may be a gradient, ``"1 in 25"``.
 
     Args:
         text: number and unit; a plain number is in the wanted unit already.
@@ -362,6 +385,8 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     """
     name = f"{where} " if where else ""
     text = str(text).replace("−", "-")
+    if (ratio := _ONE_IN.fullmatch(text)) and not unit(wanted).dims:
+        return float(f"{ratio[1]}1") / float(ratio[2]) / unit(wanted).scale
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise BadInput(

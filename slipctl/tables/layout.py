@@ -1,0 +1,294 @@
+"""The layout of a text: encoding, what stands between cells, lines before the head, units."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from slipctl.errors import BadInput
+from slipctl.tables.clock import is_time
+from slipctl.tables.heads import is_unit_row
+from slipctl.tables.numerals import is_empty, is_number
+
+LARGEST = 2**28
+"""Bytes of a text that is read whole."""
+
+PREAMBLE = 200
+"""Rows among which the head is looked for."""
+
+MARKS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", "  ": "two blanks or more", " ": "blanks"}
+"""What may stand between cells."""
+
+TYPES = frozenset(
+    "float double real single int integer uint16 int16 uint32 int32 uint8 int8 float32 float64 bool boolean"
+    " string text number datetime char str".split()
+)  # fmt: skip
+
+_SETTING = re.compile(r"\s*#\s*set\s+(\w+)\s*=\s*(.+?)\s*")
+_ERROR = re.compile(r"\s*#(N/?[AV]|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!|WERT!|BEZUG!|ZAHL!)", re.I)
+"""What a spreadsheet writes for a number it has not; a row that begins so is no comment."""
+
+Row = tuple[int, list[str]]
+
+
+@dataclass
+class Layout:
+    """A text as rows.
+
+    Attributes:
+        head: cells of the head.
+        units: cells of a row of units, as long as the head, empty where there is none.
+        rows: line and cells of each row, as many as the head has.
+        mark: between cells.
+        settings: ``name = value`` of comments ``# set name = value``, with their lines.
+        done: how the text was read.
+        notes: what was left out.
+    """
+
+    head: list[str]
+    units: list[str]
+    rows: list[Row]
+    mark: str
+    settings: list[tuple[int, str, str]]
+    done: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def text_of(path: Path) -> tuple[str, str]:
+    """Text of a file, and its encoding.
+
+    Raises:
+        BadInput: no such file, no text, too large.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise BadInput(f"{path} has {size >> 20} MB; cut it into files of at most"
+                           f" {LARGEST >> 20} MB")  # fmt: skip
+        raw = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise BadInput(f"cannot read {str(path)!r}: {error}") from None
+    coding = "utf-8-sig"
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        coding = "utf-16"
+    elif b"\0" in raw[:4096]:
+        odd, even = raw[1:4096:2].count(0), raw[:4096:2].count(0)
+        coding = "utf-16-le" if odd > 0.7 * len(raw[1:4096:2]) and not even else "utf-16-be" if (
+            even > 0.7 * len(raw[:4096:2]) and not odd) else ""  # fmt: skip
+    try:
+        text = raw.decode(coding) if coding else "\0"
+    except UnicodeDecodeError:
+        text, coding = ("\0", "") if coding != "utf-8-sig" else (_western(raw), "cp1252")
+    if "\0" in text:
+        raise BadInput(f"{path} is no text; save it as CSV, a head and a row per sample")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return text, "utf-8" if coding == "utf-8-sig" else coding
+
+
+def _western(raw: bytes) -> str:
+    return raw.decode("cp1252", errors="replace")
+
+
+def layout_of(path: Path) -> Layout:
+    """Read the layout of a text.
+
+    Raises:
+        BadInput: no text, no head above rows of numbers, rows that do not fit the head; says which.
+    """
+    text, coding = text_of(path)
+    lines = text.split("\n")
+    settings, declared = [], ""
+    for k, line in enumerate(lines):
+        if said := _SETTING.fullmatch(line):
+            settings.append((k + 1, said[1], said[2]))
+        if k < 3 and (sep := re.fullmatch(r'\s*"?sep=(.)"?[;,\t|]*\s*', line)):
+            declared, lines[k] = sep[1], ""
+    marks, broken = [declared] if declared else list(MARKS), ""
+    found = []
+    for mark in marks:
+        try:
+            found += [x] if (x := _tried(lines, mark)) else []
+        except csv.Error as error:
+            broken = broken or f"{path}: {error}; quotes stand in pairs"
+    if not found and broken:
+        raise BadInput(broken)
+    if not found:
+        raise BadInput(f"{path} has no head above rows of numbers; write one, such as"
+                       " time [s];speed [km/h], and a row for each sample")  # fmt: skip
+    top = max(s for s, _, _ in found)
+    best = [x for x in found if x[0] == top]
+    _, mark, tables = best[0]
+    layout = _of_rows(path, mark, tables, lines)
+    layout.settings = settings
+    layout.done.insert(0, f"{path}: read as {coding}, {MARKS.get(mark, repr(mark))} between cells")
+    return layout
+
+
+def _rows(lines: Sequence[str], mark: str) -> list[Row]:
+    """Line and cells of each row that is no comment and has a cell."""
+    if mark in ("  ", " "):
+        pattern = r"\s{2,}|\t" if mark == "  " else r"\s+"
+        parted = [(k, re.split(pattern, x.strip())) for k, x in enumerate(lines, 1) if x.strip()]
+        return [r for r in parted if not _comment(r[1][0])]
+    kept = ["" if _comment(x) else x for x in lines]
+    reader = csv.reader(io.StringIO("\n".join(kept), newline=""), delimiter=mark,
+                        skipinitialspace=mark != "\t", strict=True)  # fmt: skip
+    found, before = [], 0
+    for cells in reader:
+        line, before = before + 1, reader.line_num
+        if reader.line_num - line > 20:
+            raise csv.Error(f"line {line}: a quote is not closed")
+        if any(c.strip() for c in cells):
+            found.append((line, [c.strip() for c in cells]))
+    return found
+
+
+def _comment(line: str) -> bool:
+    return line.lstrip().startswith("#") and not _ERROR.match(line)
+
+
+def _kind(cells: Sequence[str]) -> str:
+    """Whether a row is one of a head (words alone), of data (a number or a time), or neither."""
+    some = [c for c in cells if c]
+    if any(is_number(c) or is_time(c) for c in some):
+        return "data"
+    if len(some) > 1 and not all(is_empty(c) for c in some):
+        return "head"
+    return "gap" if all(is_empty(c) for c in cells) and len(cells) > 1 else ""
+
+
+@dataclass
+class _Tables:
+    """Rows with their kinds, and the groups of heads that data follow."""
+
+    rows: list[Row]
+    kinds: list[str]
+    groups: list[tuple[int, int]]
+
+
+def _tried(lines: Sequence[str], mark: str) -> tuple[float, str, _Tables] | None:
+    """How well a mark parts the text: share of rows that fit the head, and are numbers."""
+    rows = _rows(lines, mark)
+    tables = _grouped(rows)
+    if not tables.groups:
+        rows = _rows([re.sub(r"^\s*#+\s*", "", x) if _comment(x) and not _SETTING.fullmatch(x) else x
+                      for x in lines[:PREAMBLE]] + list(lines[PREAMBLE:]), mark)  # fmt: skip
+        tables = _grouped(rows)
+    if not tables.groups:
+        return None
+    start, stop = tables.groups[-1]
+    width = len(rows[stop - 1][1])
+    body = rows[stop : stop + 300]
+    fit = sum(len(c) == width for _, c in body) / len(body)
+    cells = [c for _, r in body for c in r]
+    good = sum(is_number(c) or is_time(c) or is_empty(c) for c in cells) / max(1, len(cells))
+    return round(good, 2) + 0.5 * round(fit, 2) - 0.1 * (mark in ("  ", " ")), mark, tables
+
+
+def _grouped(rows: list[Row]) -> _Tables:
+    kinds = [_kind(c) for _, c in rows]
+    groups, k = [], 0
+    while k < len(rows):
+        if kinds[k] != "head":
+            k += 1
+            continue
+        end = k
+        while end < len(rows) and kinds[end] == "head":
+            end += 1
+        if kinds[end : end + 2] in (["data", "data"], ["data", "gap"], ["gap", "data"], ["data"]):
+            groups.append((k, end))
+        k = end
+    return _Tables(rows, kinds, groups)
+
+
+def _of_rows(path: Path, mark: str, tables: _Tables, lines: Sequence[str]) -> Layout:
+    """The table below the last head; heads that stand again between runs are left out."""
+    rows, notes = tables.rows, []
+    parts = [(_head_of(rows[a:b]), a, b) for a, b in tables.groups]
+    (at, head, units), _, stop = parts[-1]
+    same = [p for p in parts if p[0][1] == head]
+    first = same[0]
+    if parts.index(first) + len(same) != len(parts):
+        raise BadInput(f"{path}, line {rows[stop - 1][0]}: two tables in one file; cut it there")
+    before = [p for p in parts if p[2] <= first[1]]
+    if before and sum(tables.kinds[b] == "data" for b in range(before[-1][2], first[1])) > 30:
+        raise BadInput(f"{path}, line {rows[first[1]][0]}: a second table begins; cut the file there")
+    (at, head, units), _, stop = first
+    skipped = {k for (_, a, b) in same[1:] for k in range(a, b)}
+    if skipped:
+        notes.append(f"{path}: the head stands again in line {rows[same[1][1]][0]}"
+                     + f" and {len(same) - 2} times more" * (len(same) > 2))  # fmt: skip
+    end = max(k for k, kind in enumerate(tables.kinds) if kind == "data") + 1
+    if end < len(rows):
+        notes.append(f"{path}: {len(rows) - end} lines behind the table left out, the first in line"
+                     f" {rows[end][0]}")  # fmt: skip
+    body = [r for k, r in enumerate(rows[stop:end], stop) if k not in skipped]
+    if not any(units) and len(body) > 2 and _is_unit_row_with_ones(body[0][1], head):
+        units, body = body[0][1], body[1:]
+    done = [f"{path}: head in line {at}" + (f" behind {at - 1} other lines" if at > 1 else "")
+            + (", units in a row of their own" if any(units) else "")]  # fmt: skip
+    layout = Layout(head, units, body, mark, [], done, notes)
+    _fit_rows(path, layout)
+    if not layout.rows:
+        raise BadInput(f"{path} has no whole row below its head")
+    return layout
+
+
+def _head_of(group: Sequence[Row]) -> tuple[int, list[str], list[str]]:
+    """Line and cells of the head among rows of words, and the row of units."""
+    rows = [r for r in group if not all(c.lower() in TYPES for c in r[1] if c)] or list(group)
+    line, cells = rows[-1]
+    if len(rows) > 1:
+        above = rows[-2]
+        if is_unit_row(cells, above[1]):
+            return above[0], above[1], cells
+        if len(above[1]) == len(cells) and is_unit_row(above[1], cells):
+            return line, cells, above[1]
+    return line, cells, []
+
+
+def _is_unit_row_with_ones(cells: Sequence[str], head: Sequence[str]) -> bool:
+    """Whether a row of units has a 1 in it, which is a number too."""
+    return is_unit_row(cells, head) and all(c == "1" for c in cells if is_number(c))
+
+
+def _fit_rows(path: Path, layout: Layout) -> None:
+    """Give all rows as many cells as the head; refuse what does not fit."""
+    head = layout.head
+    while head and not head[-1]:
+        head.pop()
+    width = len(head)
+    for line, cells in layout.rows:
+        beyond = [c for c in cells[width:] if c]
+        if beyond:
+            comma = "; a decimal comma between commas? Part cells by ;" if layout.mark == "," else ""
+            raise BadInput(f"{path}, line {line} has {len(cells)} cells, its head {width}:"
+                           f" {beyond[0][:20]!r} is beyond it{comma}")  # fmt: skip
+    if layout.mark == ",":
+        for k, name in enumerate(head[1:], 1):
+            stray = next((r for r in layout.rows if not name and len(r[1]) > k and r[1][k]), None)
+            if stray:
+                raise BadInput(f"{path}, line {stray[0]}: cell {k + 1}, {stray[1][k][:20]!r}, has no"
+                               " name in the head; a decimal comma between commas? Part cells by"
+                               " ;")  # fmt: skip
+    whole = [(n, c[:width]) for n, c in layout.rows if len(c) >= width]
+    short = [(n, c) for n, c in layout.rows if len(c) < width]
+    last = whole[-1][0] if whole else 0
+    below = [r for r in short if r[0] > last]
+    inside = [r for r in short if r[0] < last]
+    if len(inside) > max(3, 0.05 * len(layout.rows)):
+        n, c = inside[0]
+        raise BadInput(f"{path}, line {n} has {len(c)} cells, its head {width}, and {len(inside) - 1}"
+                       " lines more are so; write all cells of a row")  # fmt: skip
+    for rows, what in ((inside, "rows with fewer cells than the head"),
+                       (below, "lines behind the table")):  # fmt: skip
+        if rows:
+            layout.notes.append(f"{path}: {len(rows)} {what} left out, the first in line {rows[0][0]}")
+    layout.rows = whole
+    layout.units = (layout.units + [""] * width)[:width]
