@@ -41,7 +41,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
     mapping, beside = pairs("--map", options.mapped), pairs("--beside", options.beside)
     names = {m for n in block.inputs for m in (n, n.rpartition(".")[2]) if n not in mapping}
     recording = read_recording(
-        options.log, options.time or "", gap, [*mapping.values(), *beside.values(), *names],
+        options.log,
+        options.time or "",
+        gap,
+        [*mapping.values(), *beside.values(), *names],
         options.decimal or "",
     )
     found = replay(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,6 +119,7 @@ def points(
     for n, s in signals.items():
         if expression := reads.get(n, ""):
             missing = [k for k in names_in(expression) if k not in given]
+            _check_single(table, missing)
             lost = [k for k in missing if k in unknown]
             if lost:
                 raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
@@ -137,7 +138,9 @@ def points(
         elif n in known or (n != output and s.value is not None):
             found[n] = np.full(many, float(given[n]))
         else:
-            raise BadInput(_lacking(law, source, n, names, law.readings.get(n, ""), [n]))
+            reading = law.readings.get(n, "")
+            _check_single(table, [n, *names_in(reading)] if reading else [n])
+            raise BadInput(_lacking(law, source, n, names, reading, [n]))
     whole = np.isfinite(np.array(list(found.values()))).all(axis=0)
     if not whole.all():
         k = int(np.flatnonzero(~whole)[0])
@@ -163,7 +166,6 @@ class Columns(Mapping[str, np.ndarray]):
 
     Attributes:
         units: by identifier, empty where the head says none.
-        many: rows.
         lines: of the rows.
     """
 
@@ -185,6 +187,7 @@ class Columns(Mapping[str, np.ndarray]):
 
     @property
     def many(self) -> int:
+        """Rows."""
         return len(self.lines)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -203,10 +206,11 @@ def _expressions(
     table: Table | Mapping[str, Any], data: Columns, signals: Mapping[str, Any],
     columns: Mapping[str, str],
 ) -> tuple[dict[str, str], list[str]]:  # fmt: skip
-    """Expressions with identifiers for the columns, whose units they may tell, and lines on that."""
+    """Expressions with an identifier for each column, whose unit they may tell, and lines on it."""
     if not isinstance(table, Table):
         return {n: spelt(e) for n, e in columns.items()}, []
-    found, notes = {}, []
+    found: dict[str, str] = {}
+    notes: list[str] = []
     for n, text in columns.items():
         said = expression_of(text, table)
         found[n] = spelt(said.text)
@@ -214,6 +218,13 @@ def _expressions(
             wanted = signals[n].unit if said.plain else ""
             data.units[spelt(key)] = unit_of_column(table, column, said.told[key], wanted, notes)
     return found, [f"{table.path}: {line}" for line in notes]
+
+
+def _check_single(table: Table | Mapping[str, Any], names: Iterable[str]) -> None:
+    """Refuse a name that two columns have."""
+    for n in names:
+        if isinstance(table, Table) and n in table.twice:
+            table.find(n)
 
 
 def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:

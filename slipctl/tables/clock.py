@@ -73,7 +73,11 @@ def _day(text: str) -> dict[str, int] | None:
         for order in orders:
             parts = dict(zip(order, (match[1], match[3], match[4]), strict=True))
             year = int(parts["y"]) + (2000 if len(parts["y"]) == 2 else 0)
-            month = parts["m"] if parts["m"].isdigit() else MONTHS.get(parts["m"].lower().rstrip("."), 0)
+            month = (
+                parts["m"]
+                if parts["m"].isdigit()
+                else MONTHS.get(parts["m"].lower().rstrip("."), 0)
+            )
             try:
                 found[order] = date(year, int(month), int(parts["d"])).toordinal()
             except ValueError:
@@ -107,7 +111,9 @@ def is_time(text: str) -> bool:
     return bool((not day or _day(day)) and (not clock or _clock(clock)) and (day or clock))
 
 
-def seconds_of(cells: Sequence[str], rows: Sequence[int], where: str) -> tuple[list[Fraction | None], int, bool]:
+def seconds_of(
+    cells: Sequence[str], rows: Sequence[int], where: str
+) -> tuple[list[Fraction | None], int]:
     """Seconds of each cell, None of an empty one.
 
     Args:
@@ -116,8 +122,7 @@ def seconds_of(cells: Sequence[str], rows: Sequence[int], where: str) -> tuple[l
         where: file, column and what a row is called.
 
     Returns:
-        The seconds; after how many the clock begins anew, 0 where it does not; whether there are
-        dates.
+        The seconds, and after how many the clock begins anew, 0 where it does not.
 
     Raises:
         BadInput: a cell that is no time, or dates of which day and month cannot be told apart.
@@ -149,12 +154,15 @@ def seconds_of(cells: Sequence[str], rows: Sequence[int], where: str) -> tuple[l
         for order, each in days.items():
             each.append(said.get(order))
     if not dated:
-        return clocks, min(wraps, default=0) if len(set(wraps)) == 1 else 0, False
-    return _joined(days, clocks, rows, where), 0, True
+        return clocks, wraps[0] if len(set(wraps)) == 1 else 0
+    return _joined(days, clocks, rows, where), 0
 
 
 def _joined(
-    days: dict[str, list[int | None]], clocks: list[Fraction | None], rows: Sequence[int], where: str
+    days: dict[str, list[int | None]],
+    clocks: list[Fraction | None],
+    rows: Sequence[int],
+    where: str,
 ) -> list[Fraction | None]:
     """Seconds of dates and clock times, in the one order of day and month that fits all."""
     some = [k for k, c in enumerate(clocks) if c is not None]
@@ -167,7 +175,7 @@ def _joined(
         k = next((k for k in some if all(d[k] is None for d in days.values())), some[0])
         raise BadInput(f"{where} {rows[k]}: the dates are not written alike")
     if len(set(ways.values())) > 1:  # day and month change within the log
-        likely = {o: w for o, w in ways.items() if all(0 <= b - a <= 1 for a, b in zip(w, w[1:], strict=False))}
+        likely = {o: w for o, w in ways.items() if all(0 <= b - a <= 1 for a, b in pairwise(w))}
         if len(likely) != 1:
             raise BadInput(f"{where} {rows[some[0]]}: which is the day and which the month cannot"
                            " be told; write 2024-05-01")  # fmt: skip

@@ -34,7 +34,11 @@ class Expression:
 
 def identifier_of(name: str) -> str:
     """Identifier for a column of any name: the name itself if it is one."""
-    return name if name.isidentifier() else re.sub(r"\W", "_", f"{name}__").lstrip("_0123456789") or "c__"
+    return (
+        name
+        if name.isidentifier()
+        else re.sub(r"\W", "_", f"{name}__").lstrip("_0123456789") or "c__"
+    )
 
 
 def expression_of(text: str, table: Table) -> Expression:
@@ -45,29 +49,31 @@ def expression_of(text: str, table: Table) -> Expression:
     """
     text = text.strip()
     names = {n: n for n in table.cells} | {h: n for n, h in table.heads.items() if h}
-    for flags in (0, re.IGNORECASE):
-        parts = [_edged(n) for n in sorted(names, key=len, reverse=True)]
-        pattern = re.compile(rf"({'|'.join(parts)})(?:\s*\[([^\]]*)\])?", flags)
-        lower = {n.lower(): c for n, c in names.items()}
-        columns: dict[str, str] = {}
-        told: dict[str, str] = {}
+    found = _found(text, names, 0)
+    return found if found.columns else _found(text, names, re.IGNORECASE)
 
-        def put(match: re.Match[str], lower: Mapping[str, str] = lower) -> str:
-            column = names.get(match[1]) or lower[match[1].lower()]
-            key = identifier_of(column)
-            while columns.get(key, column) != column:
-                key += "_"
-            said = (match[2] or "").strip()
-            if said and told.get(key) and said != told[key]:
-                raise BadInput(f"{column} is told in {told[key]} and in {said}; write one")
-            columns[key] = column
-            told[key] = said or told.get(key, "")
-            return key
 
-        found = pattern.sub(put, text) if parts else text
-        if columns:
-            break
-    return Expression(found, columns, told)
+def _found(text: str, names: Mapping[str, str], flags: int) -> Expression:
+    """The columns in a text, by name or by head."""
+    parts = [_edged(n) for n in sorted(names, key=len, reverse=True)]
+    pattern = re.compile(rf"({'|'.join(parts)})(?:\s*\[([^\]]*)\])?", flags)
+    lower = {n.lower(): c for n, c in names.items()}
+    columns: dict[str, str] = {}
+    told: dict[str, str] = {}
+
+    def put(match: re.Match[str]) -> str:
+        column = names.get(match[1]) or lower[match[1].lower()]
+        key = identifier_of(column)
+        while columns.get(key, column) != column:
+            key += "_"
+        said = (match[2] or "").strip()
+        if said and told.get(key) and said != told[key]:
+            raise BadInput(f"{column} is told in {told[key]} and in {said}; write one")
+        columns[key] = column
+        told[key] = said or told.get(key, "")
+        return key
+
+    return Expression(pattern.sub(put, text) if parts else text, columns, told)
 
 
 def _edged(name: str) -> str:
@@ -100,7 +106,9 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
         notes.append(f"{column} is in {told} as told; its head has {head!r}, which is not known")
         head = ""
     named = unit_in_name(column, told or head or wanted) if told or head or wanted else ""
-    said = {w: u for w, u in (("as told", told), ("by its head", head), ("by its name", named)) if u}
+    said = {
+        w: u for w, u in (("as told", told), ("by its head", head), ("by its name", named)) if u
+    }
     first = next(iter(said.values()), "")
     for who, u in said.items():
         if not unit(u).same(unit(first)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 
 from slipctl.block.units import dimension_equal, unit
 from slipctl.errors import BadInput
@@ -20,7 +21,9 @@ SURE = frozenset(
 )  # fmt: skip
 """Units that nobody takes for a word, behind a name without brackets."""
 
-LETTERS = frozenset(("s", "m", "N", "h", "V", "A", "t", "kg", "Pa", "K", "J", "W", "min", "sec", "mm", "km"))
+LETTERS = frozenset(
+    ("s", "m", "N", "h", "V", "A", "t", "kg", "Pa", "K", "J", "W", "min", "sec", "mm", "km")
+)
 """Units that only stand behind a name with ``in``, a comma or a slash."""
 
 IN_NAMES = {
@@ -28,7 +31,8 @@ IN_NAMES = {
     **dict.fromkeys(("mps", "mpers"), "m/s"), **dict.fromkeys(("rpm", "upm"), "rpm"),
     **dict.fromkeys(("radps", "rads"), "rad/s"), **dict.fromkeys(("mps2", "mss"), "m/s^2"),
     **{n.lower(): n for n in ("bar", "mbar", "kPa", "hPa", "psi", "kN", "daN", "Nm", "kNm", "kW")},
-    **dict.fromkeys(("percent", "pct", "prozent"), "%"), **dict.fromkeys(("permille", "promille"), "‰"),
+    **dict.fromkeys(("percent", "pct", "prozent"), "%"),
+    **dict.fromkeys(("permille", "promille"), "‰"),
     "degc": "degC", "degf": "degF",
 }  # fmt: skip
 """Units within a name, such as speed_kmh."""
@@ -107,7 +111,7 @@ def words(name: str) -> list[str]:
 def unit_in_name(name: str, wanted: str) -> str:
     """Unit of the wanted dimension that a name holds, such as km/h in speed_kmh; else empty."""
     parts = words(name)
-    pairs = [a + "per" + b for a, b in zip(parts, parts[1:], strict=False) if (a, b) in
+    pairs = [a + "per" + b for a, b in pairwise(parts) if (a, b) in
              (("km", "h"), ("m", "s"))]  # fmt: skip
     table = IN_TIMES if dimension_equal(wanted, "s") else IN_NAMES
     found = {table[w] for w in (*parts[1:], *pairs) if w in table}

@@ -11,11 +11,16 @@ from pathlib import Path
 
 from slipctl.errors import BadInput
 from slipctl.tables.clock import is_time
-from slipctl.tables.heads import is_unit_row
+from slipctl.tables.heads import is_unit, is_unit_row
 from slipctl.tables.numerals import is_empty, is_number
 
 LARGEST = 2**28
 """Bytes of a text that is read whole."""
+
+COMMAS = "; a decimal comma between commas? Part cells by ;"
+
+LONGEST = 2**17
+"""Letters of a line."""
 
 PREAMBLE = 200
 """Rows among which the head is looked for."""
@@ -24,9 +29,11 @@ MARKS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", "  ": "two blanks or m
 """What may stand between cells."""
 
 TYPES = frozenset(
-    "float double real single int integer uint16 int16 uint32 int32 uint8 int8 float32 float64 bool boolean"
-    " string text number datetime char str".split()
+    ("float", "double", "real", "single", "int", "integer", "uint8", "int8", "uint16", "int16",
+     "uint32", "int32", "float32", "float64", "bool", "boolean", "string", "text", "number",
+     "datetime", "char", "str")
 )  # fmt: skip
+"""Words of a row below the head that says how columns are stored."""
 
 _SETTING = re.compile(r"\s*#\s*set\s+(\w+)\s*=\s*(.+?)\s*")
 _ERROR = re.compile(r"\s*#(N/?[AV]|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!|WERT!|BEZUG!|ZAHL!)", re.I)
@@ -77,7 +84,7 @@ def text_of(path: Path) -> tuple[str, str]:
     coding = "utf-8-sig"
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         coding = "utf-16"
-    elif b"\0" in raw[:4096]:
+    elif b"\0" in raw[:4096] and len(raw) > 8:
         odd, even = raw[1:4096:2].count(0), raw[:4096:2].count(0)
         coding = "utf-16-le" if odd > 0.7 * len(raw[1:4096:2]) and not even else "utf-16-be" if (
             even > 0.7 * len(raw[:4096:2]) and not odd) else ""  # fmt: skip
@@ -105,6 +112,9 @@ def layout_of(path: Path) -> Layout:
     lines = text.split("\n")
     settings, declared = [], ""
     for k, line in enumerate(lines):
+        if len(line) > LONGEST:
+            raise BadInput(f"{path}, line {k + 1} has {len(line)} letters; a row has {LONGEST} at"
+                           " most")  # fmt: skip
         if said := _SETTING.fullmatch(line):
             settings.append((k + 1, said[1], said[2]))
         if k < 3 and (sep := re.fullmatch(r'\s*"?sep=(.)"?[;,\t|]*\s*', line)):
@@ -160,6 +170,8 @@ def _kind(cells: Sequence[str]) -> str:
         return "data"
     if len(some) > 1 and not all(is_empty(c) for c in some):
         return "head"
+    if len(some) == 1 and len(cells) > 1 and is_unit(some[0].strip("[]() ")):
+        return "head"  # a row of one unit
     return "gap" if all(is_empty(c) for c in cells) and len(cells) > 1 else ""
 
 
@@ -177,12 +189,13 @@ def _tried(lines: Sequence[str], mark: str) -> tuple[float, str, _Tables] | None
     rows = _rows(lines, mark)
     tables = _grouped(rows)
     if not tables.groups:
-        rows = _rows([re.sub(r"^\s*#+\s*", "", x) if _comment(x) and not _SETTING.fullmatch(x) else x
-                      for x in lines[:PREAMBLE]] + list(lines[PREAMBLE:]), mark)  # fmt: skip
+        said = [re.sub(r"^\s*#+\s*", "", x) if _comment(x) and not _SETTING.fullmatch(x) else x
+                for x in lines[:PREAMBLE]]  # fmt: skip
+        rows = _rows(said + list(lines[PREAMBLE:]), mark)
         tables = _grouped(rows)
     if not tables.groups:
         return None
-    start, stop = tables.groups[-1]
+    stop = tables.groups[-1][1]
     width = len(rows[stop - 1][1])
     body = rows[stop : stop + 300]
     fit = sum(len(c) == width for _, c in body) / len(body)
@@ -218,7 +231,9 @@ def _of_rows(path: Path, mark: str, tables: _Tables, lines: Sequence[str]) -> La
         raise BadInput(f"{path}, line {rows[stop - 1][0]}: two tables in one file; cut it there")
     before = [p for p in parts if p[2] <= first[1]]
     if before and sum(tables.kinds[b] == "data" for b in range(before[-1][2], first[1])) > 30:
-        raise BadInput(f"{path}, line {rows[first[1]][0]}: a second table begins; cut the file there")
+        raise BadInput(
+            f"{path}, line {rows[first[1]][0]}: a second table begins; cut the file there"
+        )
     (at, head, units), _, stop = first
     skipped = {k for (_, a, b) in same[1:] for k in range(a, b)}
     if skipped:
@@ -235,8 +250,6 @@ def _of_rows(path: Path, mark: str, tables: _Tables, lines: Sequence[str]) -> La
             + (", units in a row of their own" if any(units) else "")]  # fmt: skip
     layout = Layout(head, units, body, mark, [], done, notes)
     _fit_rows(path, layout)
-    if not layout.rows:
-        raise BadInput(f"{path} has no whole row below its head")
     return layout
 
 
@@ -267,28 +280,36 @@ def _fit_rows(path: Path, layout: Layout) -> None:
     for line, cells in layout.rows:
         beyond = [c for c in cells[width:] if c]
         if beyond:
-            comma = "; a decimal comma between commas? Part cells by ;" if layout.mark == "," else ""
+            comma = (
+                "; a decimal comma between commas? Part cells by ;" if layout.mark == "," else ""
+            )
             raise BadInput(f"{path}, line {line} has {len(cells)} cells, its head {width}:"
                            f" {beyond[0][:20]!r} is beyond it{comma}")  # fmt: skip
     if layout.mark == ",":
         for k, name in enumerate(head[1:], 1):
             stray = next((r for r in layout.rows if not name and len(r[1]) > k and r[1][k]), None)
             if stray:
-                raise BadInput(f"{path}, line {stray[0]}: cell {k + 1}, {stray[1][k][:20]!r}, has no"
-                               " name in the head; a decimal comma between commas? Part cells by"
-                               " ;")  # fmt: skip
+                raise BadInput(f"{path}, line {stray[0]}: cell {k + 1}, {stray[1][k][:20]!r}, has"
+                               f" no name in the head{COMMAS}")  # fmt: skip
     whole = [(n, c[:width]) for n, c in layout.rows if len(c) >= width]
     short = [(n, c) for n, c in layout.rows if len(c) < width]
     last = whole[-1][0] if whole else 0
     below = [r for r in short if r[0] > last]
     inside = [r for r in short if r[0] < last]
+    if not whole:
+        n, c = short[0]
+        raise BadInput(
+            f"{path}, line {n} has {len(c)} cells, its head {width}, and no line has all"
+        )
     if len(inside) > max(3, 0.05 * len(layout.rows)):
         n, c = inside[0]
-        raise BadInput(f"{path}, line {n} has {len(c)} cells, its head {width}, and {len(inside) - 1}"
-                       " lines more are so; write all cells of a row")  # fmt: skip
+        raise BadInput(f"{path}, line {n} has {len(c)} cells, its head {width}; so have"
+                       f" {len(inside) - 1} others; write all cells of a row")  # fmt: skip
     for rows, what in ((inside, "rows with fewer cells than the head"),
                        (below, "lines behind the table")):  # fmt: skip
         if rows:
-            layout.notes.append(f"{path}: {len(rows)} {what} left out, the first in line {rows[0][0]}")
+            layout.notes.append(
+                f"{path}: {len(rows)} {what} left out, the first in line {rows[0][0]}"
+            )
     layout.rows = whole
     layout.units = (layout.units + [""] * width)[:width]

@@ -159,8 +159,11 @@ def column_of(cells: Sequence[str]) -> Column:
 def _mixed(shapes: Collection[str], reading: tuple[str, str]) -> bool:
     """Whether 79.200 would be thousands beside 79,2: more likely two people wrote the column."""
     d, g = reading
-    return bool(g) and g in ".," and any(d in s for s in shapes) and any(
-        g in s and d not in s for s in shapes
+    return (
+        bool(g)
+        and g in ".,"
+        and any(d in s for s in shapes)
+        and any(g in s and d not in s for s in shapes)
     )
 
 
@@ -205,6 +208,7 @@ def refuse(
     where: str, line: str, rows: Sequence[int], column: Column, cells: Sequence[str], told: str
 ) -> BadInput:
     """Why a column cannot be read: its row and its cause."""
+
     def at(k: int) -> str:
         return f"{cells[k].strip()[:30]!r} in {line} {rows[k]}"
 

@@ -51,11 +51,13 @@ def in_order(
     Raises:
         BadInput: fewer than two times, times too coarse or in no order.
     """
-    rows = list(np.flatnonzero(np.isfinite(t)))
+    rows = [int(k) for k in np.flatnonzero(np.isfinite(t))]
     notes = []
     if len(rows) < t.size:
         first = int(np.flatnonzero(~np.isfinite(t))[0])
-        notes.append(f"{t.size - len(rows)} rows without a time left out, the first in {place(first)}")
+        notes.append(
+            f"{t.size - len(rows)} rows without a time left out, the first in {place(first)}"
+        )
     if len(set(t[rows])) < 2:
         raise BadInput(f"{where} has fewer than two different times")
     steps = np.diff(t[rows])
@@ -146,7 +148,8 @@ def unwrapped(t: np.ndarray, period: float) -> tuple[np.ndarray, list[int]]:
 
     Only a step that is short once the period is added is one; other steps back stay.
     """
-    found, at = t.copy(), []
+    found = t.copy()
+    at: list[int] = []
     if not period:
         return found, at
     rows = np.flatnonzero(np.isfinite(t))

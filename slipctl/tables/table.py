@@ -84,7 +84,7 @@ class Table:
     def column(self, name: str) -> numerals.Column:
         """The numbers of a column of texts, as written."""
         if name not in self._read:
-            self._read[name] = numerals.column_of(self.cells[name])
+            self._read[name] = numerals.column_of(self.cells[name].tolist())
         return self._read[name]
 
     def numbers(self, name: str) -> np.ndarray:
@@ -110,7 +110,9 @@ class Table:
             reading = numerals.decided(column, self.decimal, marks, self.mark)
         where = f"{self.path}: {name}"
         if reading is None:
-            raise numerals.refuse(where, self.line, self.lines, column, cells, self.decimal)
+            raise numerals.refuse(
+                where, self.line, self.lines, column, cells.tolist(), self.decimal
+            )
         self._tell(name, column, reading)
         found = column.values(reading)
         if (np.abs(found) > LARGEST).any():
@@ -131,8 +133,10 @@ class Table:
         grouped = [k for s, k in column.firsts.items() if group and group in s]
         if grouped:
             cell = str(self.cells[name][grouped[0]]).strip()
-            self.notes.append(f"{name}: {group!r} parts thousands, so {cell} in {self.line}"
-                              f" {self.lines[grouped[0]]} is {column.values(reading)[grouped[0]]:g}")
+            self.notes.append(
+                f"{name}: {group!r} parts thousands, so {cell} in {self.line}"
+                f" {self.lines[grouped[0]]} is {column.values(reading)[grouped[0]]:g}"
+            )
 
 
 def named_columns(heads: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -57,7 +57,7 @@ def seconds_of_table(table: Table, wanted: str = "") -> tuple[np.ndarray, list[s
     where = f"{table.path}: {name}"
     if cells.dtype != object or _are_numbers(cells):
         return _of_numbers(table, name, told), [name]
-    if told and not is_time_unit(told) or told not in ("", "s") and is_unit(told):
+    if (told and not is_time_unit(told)) or (told not in ("", "s") and is_unit(told)):
         raise BadInput(f"{where} is told in {told}, but {cells[0]!r} in {table.line}"
                        f" {table.lines[0]} is no number")  # fmt: skip
     texts = ["" if is_empty(c) else c.strip() for c in cells]
@@ -66,7 +66,7 @@ def seconds_of_table(table: Table, wanted: str = "") -> tuple[np.ndarray, list[s
         texts = [f"{d.strip()} {c}" if c and not is_empty(d) else "" for d, c in
                  zip(table.cells[day], texts, strict=True)]  # fmt: skip
         table.notes.append(f"times are {day} and {name}")
-    found, period, _ = clock.seconds_of(texts, table.lines, f"{where}: {table.line}")
+    found, period = clock.seconds_of(texts, table.lines, f"{where}: {table.line}")
     first = next((f for f in found if f is not None), 0)
     t = np.array([np.nan if f is None else float(f - first) for f in found])
     t, again = unwrapped(t, period)
@@ -125,8 +125,8 @@ def _unit(table: Table, name: str, told: str) -> str:
 
 
 def _are_numbers(cells: np.ndarray) -> bool:
-    some = [c for c in cells if not is_empty(c)]
-    return all(is_number(c) for c in some[:100]) and all(is_number(c) for c in some[100:])
+    first = next((c for c in cells if not is_empty(c)), "0")
+    return is_number(first)
 
 
 def _day_column(table: Table, name: str, texts: list[str]) -> str:
