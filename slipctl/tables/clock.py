@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import date
 from fractions import Fraction
+from itertools import pairwise
 
 from slipctl.errors import BadInput
 
@@ -175,7 +176,7 @@ def _joined(
         k = next((k for k in some if all(d[k] is None for d in days.values())), some[0])
         raise BadInput(f"{where} {rows[k]}: the dates are not written alike")
     if len(set(ways.values())) > 1:  # day and month change within the log
-        likely = {o: w for o, w in ways.items() if all(0 <= b - a <= 1 for a, b in pairwise(w))}
+        likely = {o: w for o, w in ways.items() if all(abs(b - a) <= 1 for a, b in pairwise(w))}
         if len(likely) != 1:
             raise BadInput(f"{where} {rows[some[0]]}: which is the day and which the month cannot"
                            " be told; write 2024-05-01")  # fmt: skip

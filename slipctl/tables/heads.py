@@ -11,7 +11,7 @@ from slipctl.block.units import dimension_equal, unit
 from slipctl.errors import BadInput
 
 _BRACKETS = re.compile(r"^(.*?)[\s_]*(?:\[([^\]]*)\]|\(([^()]*)\)|\{([^}]*)\}|<([^>]*)>)\s*$")
-_SPOKEN = re.compile(r"^(.+?)(?:\s+in\s+|\s*,\s*|\s*/\s*)\(?([^\s()]+(?: [^\s()]+)?)\)?$")
+_SPOKEN = re.compile(r"^(.+?)(?:\s*,\s*|\s*/\s*)\(?([^\s()]+(?: [^\s()]+)?)\)?$")
 _BLANK = re.compile(r"^(.+?)(?:\s+([^\s_]+)|_([^\s_]+/[^\s_]+))$")
 
 SURE = frozenset(
@@ -24,7 +24,7 @@ SURE = frozenset(
 LETTERS = frozenset(
     ("s", "m", "N", "h", "V", "A", "t", "kg", "Pa", "K", "J", "W", "min", "sec", "mm", "km")
 )
-"""Units that only stand behind a name with ``in``, a comma or a slash."""
+"""Units that only stand behind a name with a comma or a slash."""
 
 IN_NAMES = {
     **dict.fromkeys(("kmh", "kph", "kmph", "kmperh"), "km/h"), "mph": "mph",
@@ -93,6 +93,9 @@ def name_and_unit(head: str) -> tuple[str, str]:
         said = next(g for g in match.groups()[1:] if g is not None).strip()
         name = match[1].strip().removesuffix("/").rstrip() if "(" in head else match[1].strip()
         return name, "1" if said in ("", "-", "--", "1") else said
+    match = re.fullmatch(r"(.+?)\s+in\s+\(?(\S+)\)?", head)
+    if match and (match[2] == "-" or is_unit(match[2]) or is_offset(match[2])):
+        return match[1], "1" if match[2] == "-" else match[2]
     match = _SPOKEN.match(head)
     if match and (match[2] in SURE or match[2] in LETTERS):
         return match[1].strip(), match[2]

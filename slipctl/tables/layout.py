@@ -11,7 +11,7 @@ from pathlib import Path
 
 from slipctl.errors import BadInput
 from slipctl.tables.clock import is_time
-from slipctl.tables.heads import is_unit, is_unit_row
+from slipctl.tables.heads import is_offset, is_unit, is_unit_row
 from slipctl.tables.numerals import is_empty, is_number
 
 LARGEST = 2**28
@@ -163,6 +163,10 @@ def _comment(line: str) -> bool:
     return line.lstrip().startswith("#") and not _ERROR.match(line)
 
 
+def _may_be_unit(text: str) -> bool:
+    return is_unit(text) or is_offset(text)
+
+
 def _kind(cells: Sequence[str]) -> str:
     """Whether a row is one of a head (words alone), of data (a number or a time), or neither."""
     some = [c for c in cells if c]
@@ -170,7 +174,7 @@ def _kind(cells: Sequence[str]) -> str:
         return "data"
     if len(some) > 1 and not all(is_empty(c) for c in some):
         return "head"
-    if len(some) == 1 and len(cells) > 1 and is_unit(some[0].strip("[]() ")):
+    if len(some) == 1 and len(cells) > 1 and _may_be_unit(some[0].strip("[]() ")):
         return "head"  # a row of one unit
     return "gap" if all(is_empty(c) for c in cells) and len(cells) > 1 else ""
 
@@ -214,7 +218,8 @@ def _grouped(rows: list[Row]) -> _Tables:
         end = k
         while end < len(rows) and kinds[end] == "head":
             end += 1
-        if kinds[end : end + 2] in (["data", "data"], ["data", "gap"], ["gap", "data"], ["data"]):
+        below = [x for x in kinds[end : end + 9] if x and x != "gap"][:2]
+        if below in (["data", "data"], ["data"]):
             groups.append((k, end))
         k = end
     return _Tables(rows, kinds, groups)

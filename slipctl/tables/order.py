@@ -113,11 +113,13 @@ def _walk(
 
 
 def _hole(t: np.ndarray, kept: list[int], last: int, row: int, usual: float) -> int | None:
-    """Where a late row goes: between two rows that are as far apart as if one were missing."""
+    """Where a late row goes: between two rows that are so far apart as if some were missing."""
     for at in range(len(kept) - 1, max(last, len(kept) - LATE - 1), -1):
         low, high = t[kept[at - 1]], t[kept[at]]
         if low < t[row] < high:
-            return at if min(t[row] - low, high - t[row]) >= 0.75 * usual else None
+            parts = np.array([t[row] - low, high - t[row]]) / usual
+            fits = parts.min() >= 0.75 and parts.sum() <= LATE + 2
+            return at if fits and (np.abs(parts - np.round(parts)) <= 0.25).all() else None
     return None
 
 

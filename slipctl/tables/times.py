@@ -25,6 +25,9 @@ from slipctl.tables.table import Table
 SLOW, FAST = 10.0, 1e-5
 """Steps in s that a log has not: beyond them times without a unit are refused."""
 
+DAYS = (36525.0, 55000.0)
+"""Days of a spreadsheet, from 2000 to 2050."""
+
 EPOCHS = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
 """Size of the seconds since 1970, in each unit; from .9 (1998) to 2.5 (2049) times this."""
 
@@ -160,6 +163,9 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
         if told:
             day = datetime.fromtimestamp(float(first) * factor(told, "s"), UTC)
             table.notes.append(f"{name} has no unit; read in {told} since 1970, {day:%Y-%m-%d} on")
+        elif DAYS[0] < first < DAYS[1] and 1e-4 < 86400 * step < SLOW and step < FAST * SLOW:
+            told = "d"
+            table.notes.append(f"{name} has no unit; read in days, as spreadsheets count them")
         elif step >= SLOW or 0 < step < FAST or re.match(r"(19|20)\d{12}$", f"{float(first):.0f}"):
             raise BadInput(f"{where} has no unit, and s would be {step:.3g} s from row to row; say"
                            f" the unit by --time '{name}[ms]'")  # fmt: skip
