@@ -140,6 +140,7 @@ def export(
     rates: bool = False,
     counter: bool = False,
     search_seconds: int = 0,
+    byte_order: str = "little",
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -175,6 +176,7 @@ def export(
             twice or late.
         search_seconds: look so long for inputs that reach what the test does not, and go on with
             them behind the run (:mod:`slipctl.ccode.check.search`).
+        byte_order: of the processor, ``"little"`` or ``"big"``, for the description in A2L.
 
     Returns:
         What was written; printable.
@@ -188,7 +190,7 @@ def export(
         platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
         places=(const_section, calibration_section), with_xcp=with_xcp,
         with_autosar=with_autosar, rates=rates, counter=counter,
-        search_seconds=search_seconds,
+        search_seconds=search_seconds, byte_order=byte_order,
     )  # fmt: skip
 
 
@@ -219,6 +221,7 @@ def _produce(
     rates: bool = False,
     counter: bool = False,
     search_seconds: int = 0,
+    byte_order: str = "little",
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
@@ -239,7 +242,7 @@ def _produce(
     built_for = chosen(platforms) if fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
-    plan = Plan(block, name, period, real, rates, counter)
+    plan = Plan(block, name, period, real, rates, counter, byte_order)
     check_guards(block)
     made = texts(plan, scaled, *places, with_xcp, with_autosar)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]

@@ -341,6 +341,10 @@ def parser() -> Parser:
         help="write an instance of the parameters, too, in this section",
     )  # fmt: skip
     p.add_argument(
+        "--byte-order", choices=("little", "big"), default="little",
+        help="of the processor, for the A2L (little, as ARM and x86)",
+    )  # fmt: skip
+    p.add_argument(
         "--xcp", action="store_true",
         help="write an XCP slave too, and a program for the emulated board that has it",
     )  # fmt: skip

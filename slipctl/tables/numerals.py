@@ -159,12 +159,9 @@ def column_of(cells: Sequence[str]) -> Column:
 def _mixed(shapes: Collection[str], reading: tuple[str, str]) -> bool:
     """Whether 79.200 would be thousands beside 79,2: more likely two people wrote the column."""
     d, g = reading
-    return (
-        bool(g)
-        and g in ".,"
-        and any(d in s for s in shapes)
-        and any(g in s and d not in s for s in shapes)
-    )
+    if not g or g not in ".," or any(d in s and g in s for s in shapes):
+        return False
+    return any(d in s for s in shapes) and any(g in s for s in shapes)
 
 
 def _other(shape: str, firsts: Mapping[str, int]) -> int:
