@@ -47,7 +47,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
     mapped = pairs("--map", options.mapped)
     result, columns = _measured(block, mapped)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
-    records, notes, rule = [], [], options.resample or "hold"
+    records, notes, done, rule = [], [], [], options.resample or "hold"
     for file in options.curve:
         known = {n for n in (*block.inputs, *block.states, *block.outputs) if n not in mapped}
         recording = read_recording(
@@ -58,16 +58,19 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         result, record = _record(block, recording, result, columns, constants, rule)
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
+        done += recording.table.done
     found = fit_over_time(
         block, records, result,
         [n.strip() for n in options.unknown.split(",")] if options.unknown is not None else None,
         start=pairs("--start", options.starts), at=at, delay=options.delay or "",
         rule=rule,
     )  # fmt: skip
+    for line in done:
+        log.info("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
         log.warning("%s", line)
     keys = keys_of(options.law)
-    store.write_json(folder / "fit.json", payload(found, options.law, notes, command))
+    store.write_json(folder / "fit.json", payload(found, options.law, [*done, *notes], command))
     store.write_text(folder / "residuals.csv", residuals_text(found))
     if keys:
         store.write_text(folder / KEYS_FILE, keys_text(found, keys))

@@ -63,6 +63,7 @@ class Replayed:
         compared: outputs beside the recording.
         gaps: ends in s of the stretches without samples.
         notes: what was converted, filled and left out, a line each.
+        done: how the file was read, a line each.
     """
 
     block: Block
@@ -70,6 +71,7 @@ class Replayed:
     compared: list[Compared] = field(default_factory=list)
     gaps: list[tuple[float, float]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    done: list[str] = field(default_factory=list)
 
     @property
     def innovations(self) -> list[str]:
@@ -191,7 +193,7 @@ def replay(
     data = data.drop_attrs(deep=False).assign_attrs(
         {k: v for k, v in data.attrs.items() if k not in ("seed", "noise", "rail_changes_s")}
     )
-    found = Replayed(block, data, gaps=gaps, notes=notes)
+    found = Replayed(block, data, gaps=gaps, notes=notes, done=log.table.done)
     keep = found.outside_gaps()
     for name, source in pairs.items():
         if name not in data:
