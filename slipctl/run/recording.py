@@ -178,7 +178,7 @@ def _table_of_columns(source: str, columns: Columns, decimal: str) -> Table:
     rows = range(1, (arrays[0].size if arrays else 0) + 1)
     return table_of(
         source, list(columns.values), arrays, [columns.units[n] for n in columns.values], rows,
-        line="row", notes=columns.notes, decimal=decimal,
+        line="row", notes=columns.notes, decimal=decimal, typed=columns.typed,
         others=named_columns(columns.others)[0] if columns.others else (),
     )  # fmt: skip
 

@@ -36,6 +36,7 @@ class Columns:
         own: rows that belong to a column, where not all do.
         spacing: usual distance in s of the rows of the fastest column, likewise.
         notes: what had to be put in order.
+        typed: columns of times by their type.
     """
 
     values: dict[str, np.ndarray] = field(default_factory=dict)
@@ -45,6 +46,7 @@ class Columns:
     own: dict[str, np.ndarray] = field(default_factory=dict)
     spacing: float = 0.0
     notes: list[str] = field(default_factory=list)
+    typed: list[str] = field(default_factory=list)
 
 
 def reader(path: Path) -> Callable[..., Columns] | None:
@@ -105,6 +107,7 @@ def parquet(path: Path, wanted: Collection[str] | None) -> Columns:
             found.values[name], unit = _numbers(pyarrow, table[name])
             about = schema.field(name).metadata or {}
             told = about.get(b"unit") or about.get(b"units") or b""
+            found.typed += [name_and_unit(name)[0]] if unit else []
             found.units[name] = unit or told.decode("utf-8", errors="replace")
     except BadInput:
         raise

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from slipctl.errors import BadInput
@@ -21,6 +22,9 @@ COMMAS = "; a decimal comma between commas? Part cells by ;"
 
 LONGEST = 2**17
 """Letters of a line."""
+
+SAMPLE = 600
+"""Lines by which it is decided what stands between cells."""
 
 PREAMBLE = 200
 """Rows among which the head is looked for."""
@@ -119,28 +123,25 @@ def layout_of(path: Path) -> Layout:
             settings.append((k + 1, said[1], said[2]))
         if k < 3 and (sep := re.fullmatch(r'\s*"?sep=(.)"?[;,\t|]*\s*', line)):
             declared, lines[k] = sep[1], ""
-    marks, broken = [declared] if declared else list(MARKS), ""
-    found = []
-    for mark in marks:
-        try:
-            found += [x] if (x := _tried(lines, mark)) else []
-        except csv.Error as error:
-            broken = broken or f"{path}: {error}; quotes stand in pairs"
-    if not found and broken:
-        raise BadInput(broken)
-    if not found:
-        raise BadInput(f"{path} has no head above rows of numbers; write one, such as"
-                       " time [s];speed [km/h], and a row for each sample")  # fmt: skip
-    top = max(s for s, _, _ in found)
-    best = [x for x in found if x[0] == top]
-    _, mark, tables = best[0]
-    layout = _of_rows(path, mark, tables, lines)
+    scores: dict[str, float] = {}
+    try:
+        for mark in [declared] if declared else MARKS:
+            tables = _tables(lines[:SAMPLE], mark, strict=False)
+            if tables.groups:
+                scores[mark] = _score(tables, mark)
+        if not scores:
+            raise BadInput(f"{path} has no head above rows of numbers; write one, such as"
+                           " time [s];speed [km/h], and a row for each sample")  # fmt: skip
+        mark = max(scores, key=lambda m: scores[m])
+        layout = _of_rows(path, mark, _tables(lines, mark, strict=True))
+    except csv.Error as error:
+        raise BadInput(f"{path}: {error}; quotes stand in pairs") from None
     layout.settings = settings
     layout.done.insert(0, f"{path}: read as {coding}, {MARKS.get(mark, repr(mark))} between cells")
     return layout
 
 
-def _rows(lines: Sequence[str], mark: str) -> list[Row]:
+def _rows(lines: Sequence[str], mark: str, strict: bool) -> list[Row]:
     """Line and cells of each row that is no comment and has a cell."""
     if mark in ("  ", " "):
         pattern = r"\s{2,}|\t" if mark == "  " else r"\s+"
@@ -148,14 +149,15 @@ def _rows(lines: Sequence[str], mark: str) -> list[Row]:
         return [r for r in parted if not _comment(r[1][0])]
     kept = ["" if _comment(x) else x for x in lines]
     reader = csv.reader(io.StringIO("\n".join(kept), newline=""), delimiter=mark,
-                        skipinitialspace=mark != "\t", strict=True)  # fmt: skip
+                        skipinitialspace=mark != "\t", strict=strict)  # fmt: skip
     found, before = [], 0
     for cells in reader:
         line, before = before + 1, reader.line_num
         if reader.line_num - line > 20:
             raise csv.Error(f"line {line}: a quote is not closed")
-        if any(c.strip() for c in cells):
-            found.append((line, [c.strip() for c in cells]))
+        pure = [c.strip() for c in cells]
+        if any(pure):
+            found.append((line, pure))
     return found
 
 
@@ -167,10 +169,14 @@ def _may_be_unit(text: str) -> bool:
     return is_unit(text) or is_offset(text)
 
 
+_is_plain = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?").fullmatch
+"""Whether a cell is a number, said quickly."""
+
+
 def _kind(cells: Sequence[str]) -> str:
     """Whether a row is one of a head (words alone), of data (a number or a time), or neither."""
     some = [c for c in cells if c]
-    if any(is_number(c) or is_time(c) for c in some):
+    if any(_is_plain(c) for c in some) or any(is_number(c) or is_time(c) for c in some):
         return "data"
     if len(some) > 1 and not all(is_empty(c) for c in some):
         return "head"
@@ -188,24 +194,29 @@ class _Tables:
     groups: list[tuple[int, int]]
 
 
-def _tried(lines: Sequence[str], mark: str) -> tuple[float, str, _Tables] | None:
-    """How well a mark parts the text: share of rows that fit the head, and are numbers."""
-    rows = _rows(lines, mark)
-    tables = _grouped(rows)
-    if not tables.groups:
-        said = [re.sub(r"^\s*#+\s*", "", x) if _comment(x) and not _SETTING.fullmatch(x) else x
-                for x in lines[:PREAMBLE]]  # fmt: skip
-        rows = _rows(said + list(lines[PREAMBLE:]), mark)
-        tables = _grouped(rows)
-    if not tables.groups:
-        return None
+def _tables(lines: Sequence[str], mark: str, strict: bool) -> _Tables:
+    """Rows of a text, with the last comment as its head where it has no other.
+
+    Raises:
+        csv.Error: a quote that is not closed.
+    """
+    tables = _grouped(_rows(lines, mark, strict))
+    if tables.groups:
+        return tables
+    said = [re.sub(r"^\s*#+\s*", "", x) if _comment(x) and not _SETTING.fullmatch(x) else x
+            for x in lines[:PREAMBLE]]  # fmt: skip
+    return _grouped(_rows(said + list(lines[PREAMBLE:]), mark, strict))
+
+
+def _score(tables: _Tables, mark: str) -> float:
+    """How well a mark parts the text: share of rows that fit the head, and of numbers."""
     stop = tables.groups[-1][1]
-    width = len(rows[stop - 1][1])
-    body = rows[stop : stop + 300]
+    width = len(tables.rows[stop - 1][1])
+    body = tables.rows[stop : stop + 300]
     fit = sum(len(c) == width for _, c in body) / len(body)
     cells = [c for _, r in body for c in r]
     good = sum(is_number(c) or is_time(c) or is_empty(c) for c in cells) / max(1, len(cells))
-    return round(good, 2) + 0.5 * round(fit, 2) - 0.1 * (mark in ("  ", " ")), mark, tables
+    return round(good, 2) + 0.5 * round(fit, 2) - 0.1 * (mark in ("  ", " "))
 
 
 def _grouped(rows: list[Row]) -> _Tables:
@@ -225,12 +236,12 @@ def _grouped(rows: list[Row]) -> _Tables:
     return _Tables(rows, kinds, groups)
 
 
-def _of_rows(path: Path, mark: str, tables: _Tables, lines: Sequence[str]) -> Layout:
+def _of_rows(path: Path, mark: str, tables: _Tables) -> Layout:
     """The table below the last head; heads that stand again between runs are left out."""
     rows, notes = tables.rows, []
     parts = [(_head_of(rows[a:b]), a, b) for a, b in tables.groups]
     (at, head, units), _, stop = parts[-1]
-    same = [p for p in parts if p[0][1] == head]
+    same = [p for p in parts if p[0][1] == head and (p[0][2] == units or not units)]
     first = same[0]
     if parts.index(first) + len(same) != len(parts):
         raise BadInput(f"{path}, line {rows[stop - 1][0]}: two tables in one file; cut it there")
@@ -276,6 +287,17 @@ def _is_unit_row_with_ones(cells: Sequence[str], head: Sequence[str]) -> bool:
     return is_unit_row(cells, head) and all(c == "1" for c in cells if is_number(c))
 
 
+def _check_split(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse whole numbers behind whole numbers that begin with a zero, as the 05 of 79,05."""
+    for before, cells in pairwise(zip(*(c for _, c in rows), strict=True)):
+        odd = next((k for k, c in enumerate(cells) if len(c) > 1 and c[0] == "0" and c.isdigit()),
+                   None)  # fmt: skip
+        if odd is not None and all(c.isdigit() for pair in zip(before, cells, strict=True)
+                                   for c in pair if c):  # fmt: skip
+            line, cell = rows[odd][0], f"{before[odd]},{cells[odd]}"
+            raise BadInput(f"{path}, line {line}: {cell!r} looks like one number{COMMAS}")
+
+
 def _fit_rows(path: Path, layout: Layout) -> None:
     """Give all rows as many cells as the head; refuse what does not fit."""
     head = layout.head
@@ -316,5 +338,7 @@ def _fit_rows(path: Path, layout: Layout) -> None:
             layout.notes.append(
                 f"{path}: {len(rows)} {what} left out, the first in line {rows[0][0]}"
             )
+    if layout.mark == ",":
+        _check_split(path, whole)
     layout.rows = whole
     layout.units = (layout.units + [""] * width)[:width]

@@ -27,13 +27,20 @@ _PLAIN = str.maketrans({"−": "-", "\u00a0": " ", "\u202f": " ", "\u2009": " ",
 _DIGITS = str.maketrans("12345678", "99999999")
 _FORMULA = re.compile(r'="(.*)"')
 
+_SIMPLE = re.compile(r"[+-]?([0-9]+)(?:([.,])([0-9]+))?").fullmatch
+"""Most numbers; what decides how these are read is quickly told."""
+
+_EXPONENT = re.compile("[eEdD]").search
+
 READINGS = [(d, g) for d in ".," for g in ("", ".", ",", " ", "'") if g != d]
 
 
 def plain_cell(text: str) -> str:
     """A cell without what a spreadsheet puts around it: ``="0.5"``, typographic signs, blanks."""
-    text = text.strip().translate(_PLAIN)
-    formula = _FORMULA.fullmatch(text)
+    text = text.strip()
+    if not text.isascii():
+        text = text.translate(_PLAIN)
+    formula = _FORMULA.fullmatch(text) if text.startswith("=") else None
     return formula[1].strip() if formula else text
 
 
@@ -50,7 +57,7 @@ def is_number(text: str) -> bool:
 def _shape(number: str) -> str:
     """What decides how a number is read: its marks and digits, each 1 .. 9 as 9."""
     body = number.lstrip("+-").translate(_DIGITS)
-    mantissa = re.split("[eEdD]", body)[0]
+    mantissa = re.split("[eEdD]", body)[0] if _EXPONENT(body) else body
     first, last = (c if c in "0,." else "9" for c in (mantissa[0], mantissa[-1]))
     inner = mantissa[1:-1].replace("0", "9")
     return first + (inner + last) * (len(mantissa) > 1) + "E" * (len(body) > len(mantissa))
@@ -129,7 +136,16 @@ def column_of(cells: Sequence[str]) -> Column:
     found: list[str | None] = []
     firsts: dict[str, int] = {}
     wrong = None
+    seen = set()
     for k, cell in enumerate(cells):
+        if simple := _SIMPLE(cell):
+            found.append(simple[0])
+            whole, mark, rest = simple[1], simple[2], simple[3]
+            key = (len(whole), whole[0] == "0", mark, rest and (len(rest), rest[-1] == "0"))
+            if key not in seen:
+                seen.add(key)
+                firsts.setdefault(_shape(simple[0]), k)
+            continue
         text = plain_cell(cell)
         if text.lower() in EMPTY:
             found.append(None)

@@ -35,6 +35,7 @@ class Table:
         decimal: the decimal mark, if a person told it.
         mark: between the cells of a text.
         others: columns that were not read.
+        typed: columns of times by their type, in s.
         twice: names that several columns have, none of which is read.
     """
 
@@ -50,6 +51,7 @@ class Table:
     decimal: str = ""
     mark: str = ""
     others: Sequence[str] = ()
+    typed: Collection[str] = ()
     twice: Collection[str] = ()
     _read: dict[str, numerals.Column] = field(default_factory=dict)
     _numbers: dict[str, np.ndarray] = field(default_factory=dict)

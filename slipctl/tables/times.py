@@ -32,6 +32,10 @@ EPOCHS = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
 """Size of the seconds since 1970, in each unit; from .9 (1998) to 2.5 (2049) times this."""
 
 
+_COMPACT = re.compile(r"0\d{5}(?:[.,]\d*)?|(?:19|20)\d{6}[ T]?\d{6}(?:[.,]\d*)?").fullmatch
+"""Digits of a clock time or a date that stand together."""
+
+
 def is_time_name(name: str) -> bool:
     """Whether a column may hold times or dates by its name."""
     pure = name_and_unit(name)[0]
@@ -92,9 +96,9 @@ def _column(table: Table, wanted: str) -> tuple[str, str]:
         said, own = time_in_name(n), table.units[n]
         if said is None or (own and not is_time_unit(own)) or (n == "T" and k and not own):
             continue
-        ranked.append((said[0], n))
+        ranked.append((said[0], n == "T", n))
     if ranked:
-        return min(ranked)[1], ""
+        return min(ranked)[2], ""
     for n in table.cells:
         if is_time_unit(table.units[n]) or (
             table.cells[n].dtype == object and clock.is_time(str(table.cells[n][0]))
@@ -110,6 +114,8 @@ def _column(table: Table, wanted: str) -> tuple[str, str]:
 
 def _unit(table: Table, name: str, told: str) -> str:
     """Unit of the times by all who say one; refused where they differ."""
+    if name in table.typed:
+        return "s"
     head, named = table.units[name], (time_in_name(name) or (0, ""))[1]
     if len(words(name)) == 1 and words(name)[0] == named:
         named = ""
@@ -149,6 +155,10 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
     """Times that are numbers, in s from the first one on."""
     cells = table.cells[name]
     t = cells if cells.dtype.kind in "iu" else table.numbers(name)
+    if cells.dtype == object and (odd := [k for k, c in enumerate(cells) if _COMPACT(c)]):
+        raise BadInput(f"{table.path}: {name}: {cells[odd[0]]!r} in {table.line}"
+                       f" {table.lines[odd[0]]} may be hours, minutes and seconds; write"
+                       " hh:mm:ss.f")  # fmt: skip
     finite = t[np.isfinite(t)]
     if not finite.size:
         return np.full(len(t), np.nan)
@@ -166,7 +176,7 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
         elif DAYS[0] < first < DAYS[1] and 1e-4 < 86400 * step < SLOW and step < FAST * SLOW:
             told = "d"
             table.notes.append(f"{name} has no unit; read in days, as spreadsheets count them")
-        elif step >= SLOW or 0 < step < FAST or re.match(r"(19|20)\d{12}$", f"{float(first):.0f}"):
+        elif step >= SLOW or 0 < step < FAST:
             raise BadInput(f"{where} has no unit, and s would be {step:.3g} s from row to row; say"
                            f" the unit by --time '{name}[ms]'")  # fmt: skip
         else:

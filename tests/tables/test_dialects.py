@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def is_true(t: np.ndarray, v: np.ndarray) -> bool:
         return False
     steps = np.diff(t)
     ends = [0, *(np.flatnonzero((steps > 0.5) | (steps < 0.02)) + 1), t.size]
-    for a, b in zip(ends, ends[1:], strict=False):
+    for a, b in pairwise(ends):
         fits = [
             s
             for s in range(true.size)
@@ -57,8 +58,8 @@ def verdict(seed: int, file: Path) -> str:
     try:
         t, v, _ = read(seed, file)
     except BadInput as error:
-        assert "\n" not in str(error)
-        return f"refused: {error}"
+        lines = str(error).splitlines()
+        return f"refused: {lines[0]}" if len(lines) == 1 else "refused in several lines"
     return "right" if is_true(t, v) else "wrong"
 
 
@@ -68,7 +69,7 @@ def test_a_log_is_read_right_or_refused(block: int, tmp_path: Path) -> None:
     said = {}
     for seed in range(block * DRAWS // 10, (block + 1) * DRAWS // 10):
         said[seed] = verdict(seed, tmp_path / "log.csv")
-    wrong = [seed for seed, x in said.items() if x == "wrong"]
+    wrong = [seed for seed, x in said.items() if x in ("wrong", "refused in several lines")]
     assert not wrong, [dialect_of(s).said for s in wrong]
     refused = sum(x != "right" for x in said.values())
     assert refused <= math.ceil(0.6 * len(said)), said
