@@ -66,7 +66,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         rule=rule,
     )  # fmt: skip
     for line in done:
-        log.info("%s", line)
+        log.debug("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
         log.warning("%s", line)
     keys = keys_of(options.law)

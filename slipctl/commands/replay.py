@@ -53,7 +53,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         compile=not options.no_compile,
     )  # fmt: skip
     for line in found.done:
-        log.info("%s", line)
+        log.debug("%s", line)
     for note in found.notes:
         log.warning("%s", note)
     rows = statistics(found)

@@ -158,7 +158,7 @@ def points(
     if many <= len(unknown):
         raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
                        f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
-    return curve, [*told, *notes]
+    return curve, [*told, *(data.with_names(n) for n in notes)]
 
 
 class Columns(Mapping[str, np.ndarray]):
@@ -189,6 +189,12 @@ class Columns(Mapping[str, np.ndarray]):
     def many(self) -> int:
         """Rows."""
         return len(self.lines)
+
+    def with_names(self, text: str) -> str:
+        """A line with the names of the file for identifiers that were made of them."""
+        for made, name in self._names.items() if isinstance(self.table, Table) else ():
+            text = text.replace(made, name) if not name.isidentifier() else text
+        return text
 
     def __getitem__(self, name: str) -> np.ndarray:
         if isinstance(self.table, Table):
