@@ -11,9 +11,9 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import evaluate, names_in
-from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
+from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
-from slipctl.estimate.heads import read_heads, spelt
+from slipctl.estimate.heads import python_name, read_heads
 from slipctl.tables.columns import expression_of, identifier_of, unit_of_column
 from slipctl.tables.heads import is_unit
 from slipctl.tables.table import Table
@@ -172,11 +172,11 @@ class Columns(Mapping[str, np.ndarray]):
     def __init__(self, table: Table | Mapping[str, Any]) -> None:
         self.table = table
         if isinstance(table, Table):
-            self._names = {spelt(identifier_of(n)): n for n in table.cells}
+            self._names = {python_name(identifier_of(n)): n for n in table.cells}
             self.units = {i: table.units[n] for i, n in self._names.items()}
             self.lines = list(table.lines)
             return
-        values = {spelt(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+        values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
         if not values or len({v.size for v in values.values()}) != 1:
             raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
         for n, v in values.items():
@@ -214,15 +214,17 @@ def _expressions(
 ) -> tuple[dict[str, str], list[str]]:  # fmt: skip
     """Expressions with an identifier for each column, whose unit they may tell, and lines on it."""
     if not isinstance(table, Table):
-        return {n: spelt(e) for n, e in columns.items()}, []
+        return {n: python_name(e) for n, e in columns.items()}, []
     found: dict[str, str] = {}
     notes: list[str] = []
     for n, text in columns.items():
         said = expression_of(text, table)
-        found[n] = spelt(said.text)
+        found[n] = python_name(said.text)
         for key, column in said.columns.items():
             wanted = signals[n].unit if said.plain else ""
-            data.units[spelt(key)] = unit_of_column(table, column, said.told[key], wanted, notes)
+            data.units[python_name(key)] = unit_of_column(
+                table, column, said.told[key], wanted, notes
+            )
     return found, [f"{table.path}: {line}" for line in notes]
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from slipctl.block.units import unit
+from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput
 from slipctl.tables.heads import is_unit, unit_in_name
 from slipctl.tables.table import Table

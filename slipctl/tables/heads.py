@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
-from slipctl.block.units import dimension_equal, unit
+from slipctl.block.units.unit_algebra import dimension_equal, unit
 from slipctl.errors import BadInput
 
 _BRACKETS = re.compile(r"^(.*?)[\s_]*(?:\[([^\]]*)\]|\(([^()]*)\)|\{([^}]*)\}|<([^>]*)>)\s*$")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slipctl.block.units import unit
+from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, nearest
 from slipctl.tables import numerals
 from slipctl.tables.heads import is_unit, name_and_unit

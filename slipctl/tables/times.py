@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from slipctl.block.units import dimension_equal, factor, unit
+from slipctl.block.units.unit_algebra import dimension_equal, factor, unit
 from slipctl.errors import BadInput
 from slipctl.tables import clock
 from slipctl.tables.heads import (

@@ -12,8 +12,8 @@ from dialects import dialect_of, speeds
 
 from slipctl import BadInput
 from slipctl.models.trials import coasting
-from slipctl.run.mapping import source_of
-from slipctl.run.recording import read_recording
+from slipctl.run.logs.log_signals import source_of
+from slipctl.run.logs.recorded_log import read_recording
 
 DRAWS = 200
 

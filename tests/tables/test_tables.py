@@ -10,10 +10,10 @@ import pytest
 from dialects import speeds
 
 from slipctl import BadInput
-from slipctl.block.units import parse_quantity, unit
+from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.models.trials import coasting
-from slipctl.run.mapping import source_of
-from slipctl.run.recording import Recording, read_recording
+from slipctl.run.logs.log_signals import source_of
+from slipctl.run.logs.recorded_log import Recording, read_recording
 
 V = [3.6 * v for v in speeds()][:400]
 HEAD = "t [s];v [km/h]\n"
