@@ -10,7 +10,9 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
+from importlib.util import find_spec
 from numbers import Integral, Number, Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 
@@ -332,3 +334,22 @@ def _told(kind: Any) -> str:
     if kind is Any:
         return "anything"
     return getattr(origin or kind, "__name__", str(kind))
+
+
+def check_one_tree() -> None:
+    """Refuse an engine and models of two clones: their numbers would be those of neither.
+
+    Raises:
+        BadInput: ``slipctl.models`` or ``slipctl.studies`` is not from where ``slipctl`` is.
+    """
+    engine = Path(__file__).resolve().parent
+    for name in ("models", "studies"):
+        spec = find_spec(f"slipctl.{name}")
+        places = spec.submodule_search_locations if spec else None
+        there = Path(next(iter(places))).resolve() if places else None
+        if there not in (engine / name, engine.parent / name):
+            raise BadInput(
+                f"slipctl is that of {engine.parent} and slipctl.{name} that of"
+                f" {there.parent if there else 'nowhere'}; install one tree: pip install -e"
+                f" {engine.parent}"
+            )

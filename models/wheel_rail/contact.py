@@ -7,9 +7,9 @@ Signs: the creep v_s = v_w - v is the rim's speed minus the train's, so traction
     mu_vf = mu_0 [(1 - A) exp(-B |v_s|) + A]                                    (7)
     s_x   = v_s/max(|v|, v_min)                                                 (8)
 
-Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in v_s. Valid
-from standstill on: the floor v_min is added here, because (8) divides by zero there. What is wrong
-in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
+Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in
+v_s. Valid from standstill on: the floor v_min is added here, because (8) divides by zero there.
+What is wrong in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
 """
 
 from __future__ import annotations

@@ -107,7 +107,8 @@ def check(
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
         difference per output and state, ``passed`` whether all stay within their ``limit``:
-        1e-12 of the largest value in double. For float see :mod:`slipctl.ccode.check.vectors.expected_outputs`.
+        1e-12 of the largest value in double. For float see
+        :mod:`slipctl.ccode.check.vectors.expected_outputs`.
 
     Raises:
         BadInput: as :func:`c_module`; no compiler; inputs that do not fit.

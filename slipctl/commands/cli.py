@@ -20,7 +20,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from slipctl.commands.arguments import parser
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import BadInput, RunFailed, check_one_tree
 from slipctl.run import interrupts
 
 log = logging.getLogger("slipctl")
@@ -35,7 +35,12 @@ NAMES = (
 )  # fmt: skip
 """Commands in the order of the help."""
 
-ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in NAMES}
+_PLACES = {
+    "list": "library.contents", "show": "library.show", "new": "library.new",
+    "schema": "library.schema", "copy": "library.copy", "docs": "library.docs",
+    "certify": "certificates.certify", "check": "certificates.check",
+}  # fmt: skip
+ANSWERS = {name: f"slipctl.commands.{_PLACES.get(name, name)}" for name in NAMES}
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 
@@ -76,6 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interrupts.raise_interrupts():
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+            check_one_tree()
             _talk(options)
             home = import_module(ANSWERS[options.command])
             code: int = home.answer(options, _written(arguments))

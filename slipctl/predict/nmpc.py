@@ -83,14 +83,14 @@ def nmpc(
         terminal: what counts in the last stage. Names of outputs of the cost, by default all that
             do not depend on the control; or a law of residuals of its own (their weights stand in
             ``weights`` too). Or ``"lqr"``, the cost to go of the linear quadratic regulator
-            (:mod:`slipctl.predict.options.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with the
-            best steady state x_s. The last two are of the plant linearised at ``at``, with the
+            (:mod:`slipctl.predict.options.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with
+            the best steady state x_s. The last two are of the plant linearised at ``at``, with the
             parameters and weights given here: what is set later does not change them. x_s follows
             the held inputs, linearly.
         offset_free: what is not known and constant, so that no offset stays: held inputs of the
             plant (a load, an adhesion), or states whose rate lacks something. Each tick estimates
-            it from what the last one missed (:mod:`slipctl.predict.options.offset`); ``offset_share`` of
-            that is learnt. It is no input of the controller then.
+            it from what the last one missed (:mod:`slipctl.predict.options.offset`);
+            ``offset_share`` of that is learnt. It is no input of the controller then.
         at: the point for these two: values of states, controls and held inputs, else declared ones.
         preview: held inputs, and bounds with a name, that are known ahead: such an input of the
             controller is an array of horizon + 1 values, now and after each stage.
@@ -116,8 +116,8 @@ def nmpc(
             by its length, a rate from the middle of one to that of the next.
         iterations: real-time iterations per tick.
         hessian: ``"gauss_newton"``, or ``"exact"`` with the curvature of residuals, prices and
-            equations, made convex (:mod:`slipctl.predict.stages.exact_hessian`). It is for large residuals and
-            for prices; limits are soft ones with squares then.
+            equations, made convex (:mod:`slipctl.predict.stages.exact_hessian`). It is for large
+            residuals and for prices; limits are soft ones with squares then.
         damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
         search: shorten the step of an iteration where cost and misses of the stages do not fall
@@ -257,7 +257,8 @@ def nmpc(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
         (int(passes), int(rescue), bool(deadline)), solver, ahead, float(damping), bool(split),
         bool(search),
-    ).block(name, h, [driven, cost, *laws.values()], (method, substeps), doc_of_maker(nmpc))  # fmt: skip
+    ).block(name, h, [driven, cost, *laws.values()], (method, substeps),
+            doc_of_maker(nmpc))  # fmt: skip
 
 
 def _all_names(given: Sequence[Any]) -> bool:

@@ -38,12 +38,19 @@ def folder(package: str) -> Path:
 
 
 def _sources(package: str) -> Iterator[tuple[str, Path, ast.Module]]:
-    inside = "*/study.py" if package == "studies" else "*.py"
-    for path in sorted(folder(package).glob(inside)):
-        name = path.parent.name if package == "studies" else path.stem
-        if name.startswith("_"):
-            continue
-        yield name, path, _parsed(path, path.stat().st_mtime_ns)
+    if package == "studies":
+        found = {path.parent.name: path for path in folder(package).glob("*/study.py")}
+    else:
+        found = model_files()
+    for name in sorted(n for n in found if not n.startswith("_")):
+        yield name, found[name], _parsed(found[name], found[name].stat().st_mtime_ns)
+
+
+def model_files() -> dict[str, Path]:
+    """File of each model by its name, whatever folder of ``models`` it is in."""
+    here = folder("models")
+    papers = [path for path in here.glob("*/*.py") if path.parent.name != "vehicle"]
+    return {path.stem: path for path in (*here.glob("*.py"), *papers)}
 
 
 @lru_cache(maxsize=256)  # of a file as it is: many studies and models are looked up in a run
@@ -371,6 +378,6 @@ def model_source(name: str) -> tuple[str, str, str]:
     if module not in known or block not in (*known[module][1], "block"):
         names = [*known, *(b for _, blocks in known.values() for b in blocks)]
         raise BadInput(f"there is no model {name!r}{_meant(name, names, 'slipctl list')}")
-    text = (folder("models") / f"{module}.py").read_text(encoding="utf-8")
+    text = model_files()[module].read_text(encoding="utf-8")
     text = re.sub(r"(?m)^(\s*from )\.(?=\w)", r"\1slipctl.models.", text)
     return module, block, re.sub(r"(?m)^(\s*from )\.(?= import)", r"\1slipctl.models", text)

@@ -123,9 +123,11 @@ def checked(what: str) -> Iterator[list[str]]:
     plan = Plan(block(name), **planned)
     text = of_plan(plan)
     made = {
-        "harness.c": module_proof.harness(plan), "options": " ".join(module_proof._options(plan, text)),
+        "harness.c": module_proof.harness(plan),
+        "options": " ".join(module_proof._options(plan, text)),
         "written out": module_proof.written_out(text), "any": module_proof.any_results(plan, text),
-        "claims": str(module_proof._claims(module_proof.harness(plan))), "fuzz.c": fuzz.harness(plan),
+        "claims": str(module_proof._claims(module_proof.harness(plan))),
+        "fuzz.c": fuzz.harness(plan),
         "binding": CModule(Path("."), plan).binding, "inexact": str(float_error.inexact(text)),
         "rows": vectors(trial_rows(plan)), "narrow": vectors(trial_rows(plan, 1e-2)),
     }  # fmt: skip

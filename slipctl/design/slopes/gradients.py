@@ -35,7 +35,7 @@ JUMPS = {
     for n, said in (("SIGN", "a sign"), ("FLOOR", "a quantiser"), ("CEIL", "a quantiser"),
                     ("EQ", "an equality"), ("NE", "an equality"))
 }  # fmt: skip
-"""Operations that jump wherever they change; comparisons may be kinks, and :func:`slope_error` tells."""
+"""Operations that jump where they change; comparisons may be kinks: :func:`slope_error` tells."""
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 """Steps of the central differences that guard a slope, as shares of each number."""
