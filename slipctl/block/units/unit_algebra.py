@@ -17,7 +17,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NoReturn
 
-from slipctl.block.unit_spellings import ONE_IN, REFUSED, SPOKEN
+from slipctl.block.units.spellings import ONE_IN, REFUSED, SPOKEN
 from slipctl.errors import BadInput, nearest
 
 Dims = tuple[tuple[str, Fraction], ...]
