@@ -9,10 +9,9 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
-from importlib.util import find_spec
 from numbers import Integral, Number, Real
-from pathlib import Path
 from typing import Any, TypeVar
 
 
@@ -336,20 +335,17 @@ def _told(kind: Any) -> str:
     return getattr(origin or kind, "__name__", str(kind))
 
 
-def check_one_tree() -> None:
-    """Refuse an engine and models of two clones: their numbers would be those of neither.
+def split_options(where: str, options: Mapping[str, Any], *kinds: type) -> list[Any]:
+    """Options by name, as the dataclasses that they are fields of, one of each kind.
 
     Raises:
-        BadInput: ``slipctl.models`` or ``slipctl.studies`` is not from where ``slipctl`` is.
+        BadInput: an option that no kind has.
     """
-    engine = Path(__file__).resolve().parent
-    for name in ("models", "studies"):
-        spec = find_spec(f"slipctl.{name}")
-        places = spec.submodule_search_locations if spec else None
-        there = Path(next(iter(places))).resolve() if places else None
-        if there not in (engine / name, engine.parent / name):
-            raise BadInput(
-                f"slipctl is that of {engine.parent} and slipctl.{name} that of"
-                f" {there.parent if there else 'nowhere'}; install one tree: pip install -e"
-                f" {engine.parent}"
-            )
+    names = [f.name for kind in kinds for f in fields(kind)]
+    for name in options:
+        if name not in names:
+            raise BadInput(f"{where} has no option {name}{nearest(name, names)}")
+    return [
+        kind(**{f.name: options[f.name] for f in fields(kind) if f.name in options})
+        for kind in kinds
+    ]

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 
-from slipctl.errors import BadInput, check_one_tree
+from slipctl.errors import BadInput
+from slipctl.registry import check_one_tree
 
 try:
     check_one_tree()

@@ -212,9 +212,7 @@ def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
 
     return make_block(
         "polach", "law", body, inputs=polach.inputs.values(), params=polach.params.values(),
-        outputs=polach.outputs.values(), conditions=surfaces, readings=polach.readings,
-        expects=polach.expects, follows=polach.follows, beside=polach.beside,
-        leaves_out=polach.leaves_out,
+        outputs=polach.outputs.values(), conditions=surfaces, law_data=polach.law_data,
         choices={} if form == "consistent" else {"form": form}, doc=polach.doc,
     )  # fmt: skip
 

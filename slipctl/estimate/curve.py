@@ -58,7 +58,7 @@ def parameters_of_columns(
     """Parameters that a column gives; refuses one that varies, and a second value of anything."""
     data, found = Columns(table), {}
     for n, u in data.units.items():
-        signals = {**law.inputs, **law.params, **law.beside}
+        signals = {**law.inputs, **law.params, **law.law_data.beside}
         if n not in signals:
             continue
         s = signals[n]
@@ -84,7 +84,7 @@ def parameters_of_columns(
 
 def quantity(law: Block, name: str, value: Any, where: str = "") -> float:
     """Value of an input or parameter, from a number in its unit or a text with a unit."""
-    signals = {**law.beside, **law.inputs, **law.params}
+    signals = {**law.law_data.beside, **law.inputs, **law.params}
     if name not in signals:
         raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
                        f"{nearest(name, signals)}")  # fmt: skip
@@ -138,7 +138,7 @@ def points(
         elif n in known or (n != output and s.value is not None):
             found[n] = np.full(many, float(given[n]))
         else:
-            reading = law.readings.get(n, "")
+            reading = law.law_data.readings.get(n, "")
             _check_single(table, [n, *names_in(reading)] if reading else [n])
             raise BadInput(_lacking(law, source, n, names, reading, [n]))
     whole = np.isfinite(np.array(list(found.values()))).all(axis=0)

@@ -43,7 +43,7 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         BadInput: all parts have one rate, or the controller is not written by parts.
     """
     made = plan.equations
-    if not made.functions or plan.block.split:
+    if not made.functions or plan.block.composition.split:
         raise BadInput(
             f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
         )

@@ -210,8 +210,8 @@ def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source
     for n in tree.names:
         if n in columns:
             continue
-        if n in block.beside:
-            known = block.beside[n]
+        if n in block.law_data.beside:
+            known = block.law_data.beside[n]
             if known.value is None:
                 raise BadInput(f"{text} needs {n}, {known.doc} [{known.unit}]; --set {n}=VALUE")
             numbers[n], units[n] = float(known.value), known.unit
