@@ -42,6 +42,10 @@ TOLERANCE = 1e-7
 """Residual that a stage may leave, as a share of the load of an axle."""
 
 
+LEFT = 1.0
+"""Residual in N above which contact force and law disagree."""
+
+
 @dataclass(frozen=True)
 class Axles:
     """Axles of a train, alike ones as one.
@@ -173,11 +177,11 @@ def rolling(
         Output("m/s", "smallest creep of an axle", per="speed", **traction).named("v_s_min"),
         Output("N", "force of motors and brakes at the rims", **traction).named("F_rim"),
         Output("W", "power of the motors").named("P_drive"),
-        Output("W", "power that the brakes take").named("P_brake"),
-        Output("W", "power that the bearings take").named("P_bearing"),
-        Output("W", "power that the sliding contacts take").named("P_slip"),
+        Output("W", "power that the brakes take", lo=0).named("P_brake"),
+        Output("W", "power that the bearings take", lo=0).named("P_bearing"),
+        Output("W", "power that the sliding contacts take", lo=0).named("P_slip"),
         Output("W", "power that running resistance and gradient take").named("P_d"),
-        Output("N", "largest residual of the step").named("residual"),
+        Output("N", "largest residual of the step", lo=0, hi=LEFT).named("residual"),
     ]
     if motors:
         speed = Output("rad/s", "speed of a driven axle").named("omega_d")

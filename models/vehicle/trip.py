@@ -44,6 +44,7 @@ from slipctl.block.units import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import axle_control, numbers_of
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
@@ -98,7 +99,15 @@ def rail_law(trip: Trip) -> Block:
     # what one condition sets is set in all, so that none keeps what the one before left
     names = dict.fromkeys(n for c in used for n in known[c])
     whole = {n: float(block.params[n].value) for n in names}
-    return block.with_conditions(**{c: whole | known[c] for c in used})
+    vehicle, conditions = trip.vehicle, {c: whole | known[c] for c in used}
+    wrong = law_faults(block, conditions, vehicle.speed, vehicle.mode == "drive")
+    faults = [
+        f"rail.conditions.{c}: {why}" if c in track.conditions else f"rail.law: on {c}, {why}"
+        for c, why in wrong
+    ]
+    if faults:
+        raise Faults(faults)
+    return block.with_conditions(**conditions)
 
 
 def rail(trip: Trip) -> Rail:

@@ -14,7 +14,7 @@ DEGREE = 8
 FINE = 2 * np.pi * np.arange(64) / 64
 
 WRITTEN = 1e10
-"""Steps from 0 to the largest number of a row that is written. A proof may be any numbers, and those
+"""Steps from 0 to the largest number of a row that is written. A proof may be any numbers; those
 that are found end in digits that depend on the processor, at 1e-13 or so."""
 
 TIE = 1e-9

@@ -1,4 +1,4 @@
-"""What gives reason to doubt a run: estimates that stay off, limits that stay active, wires."""
+"""What gives reason to doubt a run: ranges, energy, estimates that stay off, limits, wires."""
 
 from __future__ import annotations
 
@@ -21,6 +21,12 @@ LONG = 1.0
 MOST = 0.5
 """Share of a run above which a limit is active for most of it."""
 
+ROUNDED = 1e-9
+"""Share of a range by which a state may be beyond it."""
+
+GIVEN = 1e-3
+"""Share of what a power moves that it may give back: it is of the mean of a tick."""
+
 Values = Mapping[Any, Any]
 
 
@@ -32,6 +38,7 @@ def watched(loop: Block) -> set[str]:
         found.add(loop._sibling(n, "P"))
     if found:  # for where the axles are
         found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}
+    found |= {n for n, _ in _ranged(loop)} | {n for n, _ in _taking(loop)}
     known = {**loop.states, **loop.outputs}
     return {n for n in found if n in known}
 
@@ -40,13 +47,18 @@ def told_run(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """What the log of a whole run gives reason to doubt, one line each.
 
     An estimate is doubted that is off by more than three of its own deviations for longer than a
-    second. So is a limit that is active for more than half of the run.
+    second. So is a limit that is active for more than half of the run, a state that leaves the
+    range that it declares, a step whose residual does, and a power that takes (its range begins at
+    0) where it gives energy.
 
     Args:
         loop, scenario: the run.
         log: ``time`` and the signals of :func:`watched`, by name, a row per tick.
     """
-    return [*_stays_off(loop, scenario, log), *_limited(loop, log)]
+    return [
+        *_off_range(loop, log), *_giving(loop, log), *_stays_off(loop, scenario, log),
+        *_limited(loop, log),
+    ]  # fmt: skip
 
 
 def told_loop(loop: Block, scenario: Scenario) -> list[str]:
@@ -228,6 +240,58 @@ def _limited(loop: Block, log: Values) -> Iterator[str]:
             where = f" of axle {axle + 1}" if len(share) > 1 else ""
             size = f"{float(np.max(params[limit])):.4g} {loop.params[limit].unit}"
             yield f"{n}{where} is at its limit, {size}, for {100 * share[axle]:.0f} % of the run"
+
+
+# ---- ranges and energy ---------------------------------------------------------------------------
+
+
+def _ranged(loop: Block) -> Iterator[tuple[str, Signal]]:
+    """States and residuals with a range of their own, which follows no parameter."""
+    residuals = {n: s for n, s in loop.outputs.items() if n.rpartition(".")[2] == "residual"}
+    for n, s in {**loop.states, **residuals}.items():
+        if np.isfinite([s.lo, s.hi]).any() and not any(b.what in ("lo", "hi") for b in s.bounds):
+            yield n, s
+
+
+def _off_range(loop: Block, log: Values) -> Iterator[str]:
+    for n, s in _ranged(loop):
+        if n not in log:
+            continue
+        values = np.asarray(log[n], dtype=float).reshape(len(log["time"]), -1)
+        near = ROUNDED * max(abs(e) for e in (s.lo, s.hi) if np.isfinite(e))
+        off = ((values < s.lo - near) | (values > s.hi + near)).any(axis=1)
+        if off.any():
+            k = int(np.argmax(off))
+            far = values[np.unravel_index(np.argmax(np.maximum(s.lo - values, values - s.hi)),
+                                          values.shape)]  # fmt: skip
+            unit = "" if s.unit == "1" else f" {s.unit}"
+            yield (
+                f"{n} leaves its range, {s.lo:g} .. {s.hi:g}{unit}, at {log['time'][k]:.4g} s, and"
+                f" is {far:.4g}{unit} at most: what it is a model of does not reach so far"
+            )
+
+
+def _taking(loop: Block) -> Iterator[tuple[str, Signal]]:
+    """Powers that take energy and give none: their range begins at 0."""
+    for n, s in loop.outputs.items():
+        if s.unit == "W" and s.lo == 0:
+            yield n, s
+
+
+def _giving(loop: Block, log: Values) -> Iterator[str]:
+    time = np.asarray(log["time"])
+    for n, _ in _taking(loop):
+        if n not in log or time.size < 2:
+            continue
+        power = np.asarray(log[n], dtype=float).reshape(len(time), -1)
+        energy = np.cumsum(power, axis=0) * (time[1] - time[0])
+        given = np.max(np.maximum.accumulate(energy, axis=0) - energy)
+        moved = np.sum(np.abs(power)) * (time[1] - time[0])
+        if given > GIVEN * moved + 1.0:
+            yield (
+                f"{n} takes power, and gives {given:.4g} J in this run: energy from nowhere; look"
+                " for a sign, or a law that pushes the way it should hold"
+            )
 
 
 # ---- before a run --------------------------------------------------------------------------------
