@@ -16,7 +16,8 @@ from typing import Any, Literal
 import numpy as np
 
 from slipctl import BadInput
-from slipctl.block.units import parse_quantity
+from slipctl.block.units import parse_quantity, split_quantity
+from slipctl.block.units import unit as unit_of
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -53,6 +54,15 @@ def off_range(value: float, meta: Mapping[str, Any]) -> str:
 
 STANDSTILL = "standstill"
 """What ends a trip when the vehicle has stopped."""
+
+
+def _size(text: str) -> float | None:
+    """Number of a text in SI, whatever it is of; None where it is none."""
+    try:
+        value, name = split_quantity(text.strip())
+        return float(value) * (unit_of(name).scale if name else 1.0)
+    except (BadInput, ValueError):
+        return None
 
 
 def measured(text: str, *units: str) -> tuple[float, str] | str:
@@ -93,6 +103,21 @@ class Part:
         return iter(())
 
 
+TICK = 1e-3
+"""Sample time of a trip in s; that of ``slipctl.models.common_form``."""
+
+
+def _off_ticks(name: str, value: float) -> Iterator[Fault]:
+    """A time that would be rounded."""
+    ticks = value / TICK
+    if abs(ticks - round(ticks)) > 1e-6:
+        low, high = int(ticks), int(ticks) + 1
+        yield name, (
+            f"{1e3 * value:g} ms is no whole number of samples of {1e3 * TICK:g} ms; write"
+            f" '{1e3 * TICK * low:g} ms' or '{1e3 * TICK * high:g} ms'"
+        )
+
+
 # ---- vehicle and actuator ------------------------------------------------------------------------
 
 
@@ -104,6 +129,10 @@ class Davis(Part):
     a: float = number("N", 0.0, "constant part", lo=0, hi=1e7)
     b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6)
     c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5)
+
+
+_LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
+"""What an axle's distance to the next one follows from, in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,6 +182,8 @@ class Vehicle(Part):
                 yield name, f"has {len(given)} values for {self.axles} axles"
         if self.places is not None and (self.places[:1] != (0.0,) or self._unsorted()):
             yield "places", "must begin with 0 m and rise from axle to axle"
+        if isinstance(self.radius, (int, float)) or len(self.radius) == self.axles:
+            yield from self._impossible()
         if self.driven is not None:
             if self.mode == "brake":
                 yield "driven", "is for a driven vehicle; write mode = 'drive'"
@@ -160,6 +191,26 @@ class Vehicle(Part):
                 yield "driven", "must name each driven axle once"
             if any(k > self.axles for k in self.driven):
                 yield "driven", f"names axle {max(self.driven):g} of {self.axles}"
+
+    def _impossible(self) -> Iterator[Fault]:
+        """Wheels that would stand in each other; more that turns than there is."""
+        places, radii = self.behind, self.radii
+        for k, (a, b) in enumerate(pairwise(places) if len(places) == self.axles else ()):
+            room = radii[k] + radii[k + 1]
+            if b - a < room:
+                name = "places" if self.places is not None else _LENGTHS[min(k % 4, 3)]
+                name = "wheelbase" if self.axles == 2 else name
+                yield name, (
+                    f"axles {k + 1} and {k + 2} are {b - a:g} m apart; wheels of {radii[k]:g} m and"
+                    f" {radii[k + 1]:g} m need {room:g} m"
+                )
+                break
+        turning = sum(self.wheel_inertia / r**2 for r in radii)
+        if self.inertia is not None and self.total and turning > self.total:
+            yield "inertia", (
+                f"the wheelsets are as heavy as {turning:.4g} kg at the rims, the vehicle is"
+                f" {self.total:.4g} kg; write the inertia of one wheelset"
+            )
 
     def _unsorted(self) -> bool:
         places = self.places or ()
@@ -218,6 +269,10 @@ class Lag(Part):
     rate: float | None = number("N m/s", None, "largest rate of the torque", lo=1, hi=1e9)
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
 
+    def misfits(self) -> Iterator[Fault]:
+        """A dead time that is no whole number of ticks."""
+        yield from _off_ticks("dead_time", self.dead_time)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Valve(Part):
@@ -230,6 +285,10 @@ class Valve(Part):
     band: float = number("1", 0.005, "pressure error that it holds at, of the full pressure",
                          lo=0, hi=0.5)  # fmt: skip
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+
+    def misfits(self) -> Iterator[Fault]:
+        """A dead time that is no whole number of ticks."""
+        yield from _off_ticks("dead_time", self.dead_time)
 
 
 # ---- rail and demand -----------------------------------------------------------------------------
@@ -547,7 +606,11 @@ class Drawn(Part):
     scale: Mapping[str, str] = told({}, "factors and what each multiplies, '0.8:1.2 of c'")
 
     def misfits(self) -> Iterator[Fault]:
-        """An ensemble that is empty."""
+        """An ensemble that is empty, a range that is none."""
+        for name, text in self.draw.items():
+            ends = [_size(end) for end in str(text).split(":")]
+            if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
+                yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
         if not (self.draw or self.scale or self.seeds):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from slipctl.models.vehicle.gains import gains, uncertified
-from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.parts import Trip, measured
 from slipctl.models.vehicle.trip import case
 from slipctl.run.ensemble import Ensemble
 from slipctl.run.roles import Signals
@@ -36,6 +37,21 @@ def _slip(results: Any) -> Any:
     from slipctl.draw import plots
 
     return plots.traces(results, "base", signals=("slip", "torque", "position"))
+
+
+def remarks(trip: Trip) -> Iterator[str]:
+    """What of a trip has no effect on any run, a line each."""
+    used = {s.condition for s in trip.rail.sections}
+    for name in trip.rail.conditions:
+        if name not in used:
+            yield f"rail.conditions.{name}: no section has this condition"
+    for k, section in enumerate(trip.rail.sections):
+        if section.time is not None and section.time >= trip.duration:
+            yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
+    until = getattr(trip.demand, "until", "")
+    found = measured(until, "s", "m") if until else ""
+    if isinstance(found, tuple) and found[1] == "s" and found[0] >= trip.duration:
+        yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
 
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
@@ -70,6 +86,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
+        remarks=tuple(remarks(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),

@@ -36,8 +36,7 @@ def watched(loop: Block) -> set[str]:
     for n, s, names in _judged(loop):
         found |= {n, *names.values(), *(loop._sibling(n, k) for k in names_in(s.deviation))}
         found.add(loop._sibling(n, "P"))
-    if found:  # for where the axles are
-        found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}
+    found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}  # for where the axles are
     found |= {n for n, _ in _ranged(loop)} | {n for n, _ in _taking(loop)}
     known = {**loop.states, **loop.outputs}
     return {n for n in found if n in known}
@@ -56,8 +55,8 @@ def told_run(loop: Block, scenario: Scenario, log: Values) -> list[str]:
         log: ``time`` and the signals of :func:`watched`, by name, a row per tick.
     """
     return [
-        *_off_range(loop, log), *_giving(loop, log), *_stays_off(loop, scenario, log),
-        *_limited(loop, log),
+        *_unreached(loop, scenario, log), *_off_range(loop, log), *_giving(loop, log),
+        *_stays_off(loop, scenario, log), *_limited(loop, log),
     ]  # fmt: skip
 
 
@@ -240,6 +239,33 @@ def _limited(loop: Block, log: Values) -> Iterator[str]:
             where = f" of axle {axle + 1}" if len(share) > 1 else ""
             size = f"{float(np.max(params[limit])):.4g} {loop.params[limit].unit}"
             yield f"{n}{where} is at its limit, {size}, for {100 * share[axle]:.0f} % of the run"
+
+
+# ---- what a run does not come to -----------------------------------------------------------------
+
+
+def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
+    """Sections of the rail that begin beyond the run, and an end that it has not come to."""
+    time = np.asarray(log["time"])
+    rail, end = scenario.rail, scenario.end
+    if not time.size:
+        return
+    if rail is not None and rail.by != "time":
+        name = loop.find("x" if rail.by == "position" else rail.by, "state")
+        far = float(np.max(log[name])) if name in log else np.inf
+        late = [s for s in rail.starts if s > far]
+        if late:
+            yield (
+                f"{len(late)} of {len(rail.starts)} sections of the rail begin at {late[0]:g} m or"
+                f" beyond; the run ends at {far:.4g} m"
+            )
+    if end is None or end.signal not in log or end.above is None:
+        return
+    if not end.there(np.asarray(log[end.signal]).reshape(len(time), -1)).any():
+        yield (
+            f"{end.signal} does not come to {end.above:g}, where the run was to end; it ends after"
+            f" {scenario.duration:g} s"
+        )
 
 
 # ---- ranges and energy ---------------------------------------------------------------------------

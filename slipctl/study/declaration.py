@@ -348,6 +348,7 @@ class Study:
         ensembles: what ``slipctl tune`` draws, by scenario; the first that has the loop is taken.
         limits: largest accepted value of a metric, in its own unit; a run above one is marked.
         uncertified: why a loop has no gains to certify, by its name.
+        remarks: what of it has no effect on any run, a line each; each run tells them.
     """
 
     name: str
@@ -367,6 +368,7 @@ class Study:
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     uncertified: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))

@@ -310,7 +310,8 @@ def doubts(results: Results) -> list[tuple[str, str]]:
         for name, loop in case.loops.items():
             log = results.data.get(scenario, {}).get(name)
             late = str(log.attrs.get("told", "")) if log is not None else ""
-            for line in [*told_before(loop, case.scenario), *filter(None, late.split("\n"))]:
+            before = [*getattr(results.study, "remarks", ()), *told_before(loop, case.scenario)]
+            for line in [*before, *filter(None, late.split("\n"))]:
                 by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
     return [
         (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
