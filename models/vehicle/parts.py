@@ -112,9 +112,12 @@ def _off_ticks(name: str, value: float) -> Iterator[Fault]:
     ticks = value / TICK
     if abs(ticks - round(ticks)) > 1e-6:
         low, high = int(ticks), int(ticks) + 1
-        yield name, (
-            f"{1e3 * value:g} ms is no whole number of samples of {1e3 * TICK:g} ms; write"
-            f" '{1e3 * TICK * low:g} ms' or '{1e3 * TICK * high:g} ms'"
+        yield (
+            name,
+            (
+                f"{1e3 * value:g} ms is no whole number of samples of {1e3 * TICK:g} ms; write"
+                f" '{1e3 * TICK * low:g} ms' or '{1e3 * TICK * high:g} ms'"
+            ),
         )
 
 
@@ -200,16 +203,22 @@ class Vehicle(Part):
             if b - a < room:
                 name = "places" if self.places is not None else _LENGTHS[min(k % 4, 3)]
                 name = "wheelbase" if self.axles == 2 else name
-                yield name, (
-                    f"axles {k + 1} and {k + 2} are {b - a:g} m apart; wheels of {radii[k]:g} m and"
-                    f" {radii[k + 1]:g} m need {room:g} m"
+                yield (
+                    name,
+                    (
+                        f"axles {k + 1} and {k + 2} are {b - a:g} m apart; wheels of"
+                        f" {radii[k]:g} m and {radii[k + 1]:g} m need {room:g} m"
+                    ),
                 )
                 break
         turning = sum(self.wheel_inertia / r**2 for r in radii)
         if self.inertia is not None and self.total and turning > self.total:
-            yield "inertia", (
-                f"the wheelsets are as heavy as {turning:.4g} kg at the rims, the vehicle is"
-                f" {self.total:.4g} kg; write the inertia of one wheelset"
+            yield (
+                "inertia",
+                (
+                    f"the wheelsets are as heavy as {turning:.4g} kg at the rims, the vehicle is"
+                    f" {self.total:.4g} kg; write the inertia of one wheelset"
+                ),
             )
 
     def _unsorted(self) -> bool:
