@@ -18,11 +18,11 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block import portable, sharing
-from slipctl.block.inside import checked, watched
+from slipctl.block.inside import checked, evaluated, watched
 from slipctl.block.sharing import ALONE, Sharing
 from slipctl.block.signals import Signal, Split, evaluate, names_in, packed_numbers, total_size
 from slipctl.block.units import read_unit
-from slipctl.errors import BadInput, check_positive, known, nearest
+from slipctl.errors import BadInput, check_positive, known, listed, nearest, shown
 
 Exprs = dict[str, Any]
 Body = Any
@@ -103,15 +103,18 @@ class Block:
         solves: tuple[Sequence[tuple[str, str]], Mapping[str, Block]] | None = None,
         split: Split | None = None,
     ) -> None:
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
-                f"a block's name must be a letter, then letters, digits, _; not {name!r}"
+                f"a block's name must be a letter, then letters, digits, _; not {shown(name)}"
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
-        known(name, "kind", kind, ("law", "flow", "step"))
+        known(name, "kind", kind if isinstance(kind, str) else "", ("law", "flow", "step"))
+        signals = listed(f"{name}: its signals", signals, Signal)
         if not callable(body):
-            raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
+            raise BadInput(
+                f"{name}: its body is {shown(body)}; give a function (x, u, p) -> (n, y)"
+            )
         if period is not None:
             check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
@@ -673,7 +676,7 @@ class Block:
 
     def expr(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         """Evaluate the body on CasADi expressions by name; returns (x' or x+, outputs)."""
-        n, y = self._body(x, u, p)
+        n, y = evaluated(f"{self.name}.expr", self._body, self._signals, (x, u, p))
         self._complete("state", n, "derivative" if self.kind == "flow" else "next state")
         self._complete("output", y, "output")
         return _columns(n), _columns(y)
@@ -809,10 +812,10 @@ class Block:
         Raises:
             BadInput: unknown name.
         """
-        wanted = [wrt] if isinstance(wrt, str) else list(wrt)
+        wanted = listed(f"{self.name}.jacobian", wrt if not isinstance(wrt, str) else [wrt], str)
         args, names, groups = self._named_symbols()
-        n, y = self.expr(*groups)
-        results = {**n, **y}
+        results = {k: v for part in self.expr(*groups) for k, v in part.items()}
+        listed(f"{self.name}.jacobian", [of], str)
         if of not in results:
             raise BadInput(f"{self.name} has no output or state {of!r}{nearest(of, results)}")
         known = {**groups[0], **groups[1], **groups[2]}

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipctl.block import expression
-from slipctl.errors import BadInput, Faults, check_number, check_whole, known, nearest
+from slipctl.errors import BadInput, Faults, check_number, check_whole, known, nearest, shown
 
 
 class Split(NamedTuple):
@@ -253,7 +253,7 @@ class Signal:
         except (TypeError, ValueError):
             raise BadInput(
                 f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
-                f" in {self.unit}, not {value!r}"
+                f" in {self.unit}, not {shown(value)}"
             ) from None
 
     def finite(self, where: str, value: Any) -> np.ndarray:
