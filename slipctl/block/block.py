@@ -113,7 +113,7 @@ class Block:
         signals = listed(f"{name}: its signals", signals, Signal)
         if not callable(body):
             raise BadInput(
-                f"{name}: its body is {shown(body)}; give a function (x, u, p) -> (n, y)"
+                f"{name}: its body is {shown(body)}, no function (x, u, p) -> (n, y)"
             )
         if period is not None:
             check_positive(f"{name}: period", period, "s")
