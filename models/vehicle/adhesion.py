@@ -7,6 +7,7 @@ the wheel on the rail, and the step of ``slipctl.models.rolling`` has no root fo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -40,15 +41,18 @@ def law_faults(
     s, v = ca.SX.sym("s"), ca.SX.sym("v")
     mu = train.expr({}, {"v_s": s, "v": v}, p)[1]["mu"]
     curve = ca.Function("curve", [s, v, *p.values()], [mu])
-    reach = speed + BEYOND if driven else max(speed, 1.0)
-    slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, 600)])
-    sides = [(side, at) for at in (max(speed, 1.0), 1.0) for side in (1.0, -1.0)]
     for name, values in conditions.items():
-        numbers = [values.get(n, signal.value) for n, signal in train.params.items()]
-        rows = (side * np.array(curve(side * slips[None, :], at, *numbers)) for side, at in sides)
-        fault = next((text for row in rows if (text := _fault(slips, row.ravel()))), "")
-        if fault:
-            yield name, fault
+        known = train.param_values(**values)
+        numbers = [known[n] for n in train.params]
+        for at, side in product((max(speed, 1.0), 1.0), (1.0, -1.0)):
+            # a braked wheel slips by the speed at most; and a ratio above 1 is no law's
+            reach = at + BEYOND if driven and "lam" not in law.inputs else at
+            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, 600)])
+            rows = np.array(curve(side * slips[None, :], at, *numbers))
+            fault = _fault(slips, side * rows.ravel())
+            if fault:
+                yield name, fault
+                break
 
 
 def _fault(slips: np.ndarray, mu: np.ndarray) -> str:

@@ -112,9 +112,7 @@ class Block:
         known(name, "kind", kind if isinstance(kind, str) else "", ("law", "flow", "step"))
         signals = listed(f"{name}: its signals", signals, Signal)
         if not callable(body):
-            raise BadInput(
-                f"{name}: its body is {shown(body)}, no function (x, u, p) -> (n, y)"
-            )
+            raise BadInput(f"{name}: its body is {shown(body)}, no function (x, u, p) -> (n, y)")
         if period is not None:
             check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc, self.sx = name, kind, period, doc, sx
