@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from slipctl.models.vehicle.gains import gains, uncertified
-from slipctl.models.vehicle.parts import Trip, measured
+from slipctl.models.vehicle.gains import gains, reasons_without_certificate
+from slipctl.models.vehicle.parts import Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
-from slipctl.run.ensemble import Ensemble
 from slipctl.run.roles import Signals
+from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.study.declaration import Figure, Study
 
 SIGNALS = Signals(
@@ -49,7 +49,7 @@ def remarks(trip: Trip) -> Iterator[str]:
         if section.time is not None and section.time >= trip.duration:
             yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
     until = getattr(trip.demand, "until", "")
-    found = measured(until, "s", "m") if until else ""
+    found = number_with_unit(until, "s", "m") if until else ""
     if isinstance(found, tuple) and found[1] == "s" and found[0] >= trip.duration:
         yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
@@ -85,7 +85,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
+        ensembles=ensembles, gains=gains(trip), uncertified=reasons_without_certificate(trip),
         remarks=tuple(remarks(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),

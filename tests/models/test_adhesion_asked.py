@@ -11,8 +11,8 @@ import slipctl.models.vehicle.trip as trips
 from slipctl import simulate
 from slipctl.errors import BadInput
 from slipctl.models.vehicle.adhesion import law_faults
-from slipctl.study.doors import load_block
-from slipctl.study.trip_files import load_trip
+from slipctl.study.files.trip_files import load_trip
+from slipctl.study.resolve import load_block
 
 FILE = """
 duration = "{duration}"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from slipctl.predict.active_set import Found
+from slipctl.predict.qp.active_set import Found
 from slipctl.studies.bench.programs import (
     MORE,
     RIGHT,

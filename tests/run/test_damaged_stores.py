@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from slipctl.errors import BadInput
-from slipctl.run import sweep_store as stores
 from slipctl.run.metrics import Metric
+from slipctl.run.sweep import sweep_store as stores
 
 ABOUT = {"format": 1, "samples": 3, "axes": [], "study": "s", "loop": "l"}
 
