@@ -1,7 +1,7 @@
 """Whether a law is one of adhesion: it opposes slip, is 0 at 0, and carries less than the load.
 
-A law that pushes a wheel the way it slips gives energy; one above 1 carries more than what presses
-the wheel on the rail, and the step of ``slipctl.models.wheel_rail.axles`` has no root for it in its bracket.
+A law that pushes a wheel the way it slips gives energy. One above 1 carries more than what presses
+the wheel on the rail; the step of ``slipctl.models.wheel_rail.axles`` brackets no root of it.
 """
 
 from __future__ import annotations
