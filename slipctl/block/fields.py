@@ -133,7 +133,9 @@ class Fields:
         refuse_unknown_choice(name, "kind", kind, ("law", "flow", "step"))
         signals = listed(f"{name}: its signals", signals, Signal)
         if not callable(body):
-            raise BadInput(f"{name}: its body is {shown(body)}, no function (x, u, p) -> (n, y)")
+            raise BadInput(
+                f"{name}: its body is {shown(body)}; give a function (x, u, p) -> (n, y)"
+            )
         if period is not None:
             check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc = name, kind, period, doc
