@@ -75,7 +75,7 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
     """
     if not isinstance(given, Real) or (isinstance(given, int) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
-        raise BadInput(f"{what} takes a number{told}, not {shown(given)}")
+        raise BadInput(f"{what} takes a number{told}, not {value_text(given)}")
 
 
 def check_positive(what: str, given: Any, unit: str = "1") -> None:
@@ -109,7 +109,7 @@ def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) 
     """
     whole = isinstance(given, Integral) or (isinstance(given, Real) and float(given).is_integer())
     if not (whole and least <= given and (most is None or given <= most)):
-        told = given if isinstance(given, Real) else shown(given)
+        told = given if isinstance(given, Real) else value_text(given)
         wanted = f">= {least}" if most is None else f"in {least}..{most}"
         raise BadInput(f"{what} = {told} must be a whole number {wanted}")
 
@@ -207,11 +207,11 @@ def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
             if _nested(one):
                 return f"{where}: {told} is nested deeper than {DEEPEST} lists"
             if not _is(one, kind):
-                return f"{where}: {told} is {shown(one)}, which is no {_told(kind)}"
+                return f"{where}: {told} is {value_text(one)}, which is no {_told(kind)}"
     return ""
 
 
-def listed(where: str, given: Any, kind: type) -> list[Any]:
+def list_of_kind(where: str, given: Any, kind: type) -> list[Any]:
     """A list of what all is of a kind.
 
     Raises:
@@ -220,7 +220,7 @@ def listed(where: str, given: Any, kind: type) -> list[Any]:
     matrix = hasattr(given, "sparsity")  # of CasADi, which are not iterable by design
     found = list(given) if isinstance(given, Iterable) and not matrix else [None]
     if not all(isinstance(one, kind) for one in found):
-        raise BadInput(f"{where}: give a list of {kind.__name__}, not {shown(given)}")
+        raise BadInput(f"{where}: give a list of {kind.__name__}, not {value_text(given)}")
     return found
 
 
@@ -237,7 +237,7 @@ def _nested(value: Any) -> bool:
     return True
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value as it is written, where that is short and can be."""
     try:
         text = repr(value)

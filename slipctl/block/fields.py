@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from slipctl.block.shared_numbers import ALONE, Sharing
 from slipctl.block.signals import Signal, Split
 from slipctl.block.units.unit_algebra import read_unit
-from slipctl.errors import BadInput, check_positive, listed, refuse_unknown_choice, shown
+from slipctl.errors import BadInput, check_positive, list_of_kind, refuse_unknown_choice, value_text
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -125,16 +125,16 @@ class Fields:
     ) -> None:
         if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
-                f"a block's name must be a letter, then letters, digits, _; not {shown(name)}"
+                f"a block's name must be a letter, then letters, digits, _; not {value_text(name)}"
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
-        kind = kind if isinstance(kind, str) else shown(kind)
+        kind = kind if isinstance(kind, str) else value_text(kind)
         refuse_unknown_choice(name, "kind", kind, ("law", "flow", "step"))
-        signals = listed(f"{name}: its signals", signals, Signal)
+        signals = list_of_kind(f"{name}: its signals", signals, Signal)
         if not callable(body):
             raise BadInput(
-                f"{name}: its body is {shown(body)}; give a function (x, u, p) -> (n, y)"
+                f"{name}: its body is {value_text(body)}; give a function (x, u, p) -> (n, y)"
             )
         if period is not None:
             check_positive(f"{name}: period", period, "s")

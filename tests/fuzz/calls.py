@@ -136,7 +136,7 @@ VALID: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
 }  # fmt: skip
 
 
-def nested(depth: int) -> list[Any]:
+def lists_in_lists(depth: int) -> list[Any]:
     """A list in a list in a list."""
     found: list[Any] = []
     for _ in range(depth):
@@ -158,7 +158,7 @@ WRONG: tuple[Any, ...] = (
     [], [1, "x"], [None], (), {}, {"x": 1}, {1: 2}, {"v": None}, {"x": math.nan}, object(), int,
     lambda *a: None, np.array([]), np.array([math.nan]), np.array(["x"]), ca.SX.sym("s"), tick,
     hump, slice(3), range(0), set(), float, "unit^", 10**400,
-    nested(3000),
+    lists_in_lists(3000),
 )  # fmt: skip
 
 

@@ -268,7 +268,7 @@ def named_inside(f: ca.Function) -> ca.Function | None:
     return f.cache().get(_INSIDE)
 
 
-def evaluated(
+def values_of_body(
     where: str, body: Callable[..., Any], signals: Mapping[str, Mapping[str, Any]], given: Any
 ) -> Any:  # fmt: skip
     """What a body gives of states, inputs and parameters by name.
