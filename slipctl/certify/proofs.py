@@ -105,7 +105,7 @@ def trusted(system: System, numbers: Mapping[str, Fraction]) -> Mapping[str, Cri
     """
     if registry.of_the_house(system):
         return system.asked(numbers)
-    return system.loop.criteria() if system.loop else {}
+    return system.loop.criteria(numbers) if system.loop else {}
 
 
 def refuters(system: System) -> Mapping[str, Refuter]:
@@ -124,7 +124,9 @@ def promised(system: System, numbers: Mapping[str, Fraction], by: Mapping[str, E
              for name, c in system.asked(numbers).items() if c.proves or c.refutes]  # fmt: skip
     words += [f"what {name} is declared to refute: nobody replayed it" for name in system.refuters]
     if system.loop:
-        words.append("that its tick is what runs: it is taken from the declaration")
+        words.append(
+            "that its tick is what runs: it is taken from the declaration, without rounding"
+        )
     return replace(promise, not_promised=(*promise.not_promised, *words))
 
 

@@ -5,9 +5,9 @@ Who declares a system brings its equations, one tick of it, and nothing that has
     proof      cells that hold the start set, and whose images, whatever pushes, lie in these cells
     refutation a start and what pushes in each tick, after which a state is beyond its bound
 
-Both are computed from the tick with enclosures that are rounded outwards. The tick is written with
-+ - * / and the functions ``sgn``, ``root`` and ``clip`` of this module, so that it takes floats and
-intervals. Two states or three at most: the number of cells grows with their power.
+Both are computed from the tick as it is read into operations (``tick_source``), with enclosures
+that are rounded outwards. It is plain Python with + - * /, comparisons and the functions of this
+module. Two states or three at most: the number of cells grows with their power.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from itertools import product
 from typing import Any
 
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.outward import Interval
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
+from slipctl.certify.tick_code import TickCode
+from slipctl.certify.tick_source import Symbol, code_of_tick
 from slipctl.errors import BadInput
 
 DIGITS = 25
@@ -56,6 +58,7 @@ class Loop:
     start: Mapping[str, str]
     pushed: Mapping[str, str]
     stays: Mapping[str, str]
+    _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
 
     def targets(self) -> dict[str, Target]:
         """Clauses of its promise, one for each state that has to stay."""
@@ -68,20 +71,33 @@ class Loop:
         """Its start set in words."""
         return "every " + " and ".join(f"|{x}| <= {{{n}}}" for x, n in self.start.items())
 
-    def criteria(self) -> dict[str, Criterion]:
+    def code(self, numbers: Numbers) -> TickCode:
+        """Its tick as operations, for numbers of these names.
+
+        Raises:
+            BadInput: the tick is not written for a proof.
+        """
+        names = tuple(numbers)
+        if names not in self._codes:
+            groups = (names, tuple(self.start), tuple(self.pushed))
+            self._codes[names] = code_of_tick(self.tick, groups, tuple(self.start))
+        return self._codes[names]
+
+    def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
         """What proves its clauses."""
         evidence = Evidence(lambda n: _find(self, n), lambda n, e: _check(self, n, e))
         return {"cells": Criterion(
             "cells that no tick leaves", proves=tuple(self.targets()),
-            covers=(*self.pushed.values(), *self.start.values(), *self._taken()), evidence=evidence,
+            covers=self._covered(numbers), evidence=evidence,
         )}  # fmt: skip
 
-    def _taken(self) -> set[str]:
-        """Numbers that the tick takes as they are: what it never looks at is not withstood."""
-        seen = _Seen()
-        with suppress(ArithmeticError, ValueError):  # what it took until then
-            self.tick(seen, dict.fromkeys(self.start, 0.5), dict.fromkeys(self.pushed, 0.5))
-        return seen.names
+    def _covered(self, numbers: Numbers) -> tuple[str, ...]:
+        """Numbers that its next states depend on: what the tick never looks at is not withstood."""
+        used = self.code(numbers).depends()
+        return (
+            *(n for d, n in self.pushed.items() if f"d_{d}" in used), *self.start.values(),
+            *(n for n in numbers if f"n_{n}" in used),
+        )  # fmt: skip
 
     def refuters(self) -> dict[str, Refuter]:
         """What refutes them."""
@@ -94,49 +110,50 @@ class Loop:
         }  # fmt: skip
 
 
-class _Seen(dict[str, float]):
-    """Numbers, all of them 1, that remember which were asked for."""
-
-    def __init__(self) -> None:
-        self.names: set[str] = set()
-
-    def __missing__(self, name: str) -> float:
-        self.names.add(name)
-        return 1.0
-
-    def get(self, name: str, default: Any = None) -> float:
-        """Value of a number."""
-        return self[name]
-
-
-# ---- functions that take floats and intervals ---------------------------------------------------
+# ---- functions for a tick: they take floats, intervals, and what a tick is read with ------------
 
 
 def sgn(x: Any) -> Any:
     """Sign; of an interval that holds 0 all of -1 to 1."""
     if isinstance(x, Interval):
-        low, high = x.ends()
-        return _span(Fraction((low > 0) - (low <= 0)), Fraction((high >= 0) - (high < 0)))
+        return x.sgn()
+    if isinstance(x, Symbol):
+        return Symbol(x._session, x._session.writer.sign(x._at))
     return (x > 0) - (x < 0)
 
 
 def root(x: Any) -> Any:
     """Square root; of what is negative 0."""
     if isinstance(x, Interval):
-        low, high = x.ends()
-        if high <= 0:
-            return _span(Fraction(0), Fraction(0))
-        top = _span(high, high).sqrt().ends()[1]
-        return _span(_span(low, low).sqrt().ends()[0] if low > 0 else Fraction(0), top)
+        return x.maximum(0).sqrt()
+    if isinstance(x, Symbol):
+        return x._made("max", x, 0)._made("sqrt", x._made("max", x, 0))
     return math.sqrt(max(x, 0.0))
 
 
-def clip(x: Any, low: Any, high: Any) -> Any:
-    """Value limited to a range of two rationals."""
+def exp(x: Any) -> Any:
+    """Exponential."""
     if isinstance(x, Interval):
-        a, b = (min(max(end, Fraction(low)), Fraction(high)) for end in x.ends())
-        return _span(a, b)
+        return x.exp()
+    return x._made("exp", x) if isinstance(x, Symbol) else math.exp(x)
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """Value limited to a range, min(max(x, low), high)."""
+    if isinstance(x, Interval):
+        return x.maximum(low).minimum(high)
+    for one in (x, low, high):
+        if isinstance(one, Symbol):
+            return one._made("min", one._made("max", x, low), high)
     return min(max(x, low), high)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """``yes`` where a condition holds, else ``no``."""
+    for one in (condition, yes, no):
+        if isinstance(one, Symbol):
+            return one._made("choose", condition, yes, no)
+    return yes if condition else no
 
 
 def _span(low: Fraction, high: Fraction) -> Interval:
@@ -168,21 +185,18 @@ class _Grid:
         Raises:
             DoesNotHold: it may end outside of all.
         """
-        states = {}
+        given = dict(self._fixed)
         for x, i, reach in zip(self.loop.start, cell, self.reach, strict=True):
             size = 2 * reach / self.count
-            states[x] = _span(i * size - reach, (i + 1) * size - reach)
-        after = _ticked(self.loop, self._enclosed, states, self._pushed)
-        yield from self._touched([_ends(after[x]) for x in self.loop.start])
+            given[f"x_{x}"] = _span(i * size - reach, (i + 1) * size - reach)
+        after = self.loop.code(self.numbers).run(given)
+        yield from self._touched([after[x].ends() for x in self.loop.start])
 
-    @property
-    def _enclosed(self) -> dict[str, Interval]:
-        return {k: Interval.of(v, DIGITS) for k, v in self.numbers.items()}
-
-    @property
-    def _pushed(self) -> dict[str, Interval]:
+    @cached_property
+    def _fixed(self) -> dict[str, Interval]:
         numbers = self.numbers
-        return {d: _span(-numbers[n], numbers[n]) for d, n in self.loop.pushed.items()}
+        pushed = {f"d_{d}": _span(-numbers[n], numbers[n]) for d, n in self.loop.pushed.items()}
+        return {f"n_{k}": Interval.of(v, DIGITS) for k, v in numbers.items()} | pushed
 
     def _touched(self, spans: Sequence[tuple[Fraction, Fraction]]) -> Iterator[tuple[int, ...]]:
         ranges = []
@@ -194,25 +208,6 @@ class _Grid:
             last = max(math.ceil((high + reach) * scale) - 1, first)
             ranges.append(range(first, last + 1))
         yield from product(*ranges)
-
-
-def _ticked(loop: Loop, n: Numbers, states: Values, pushed: Values) -> Values:
-    """Enclosure of a tick.
-
-    Raises:
-        BadInput: the tick is not written for enclosures.
-    """
-    try:
-        return loop.tick(n, states, pushed)
-    except TypeError as error:
-        raise BadInput(
-            f"the tick takes no enclosures ({error}); write it with + - * / and with sgn, root and"
-            " clip of slipctl.certify.tick_sets"
-        ) from None
-
-
-def _ends(x: Any) -> tuple[Fraction, Fraction]:
-    return x.ends() if isinstance(x, Interval) else (Fraction(x), Fraction(x))
 
 
 def _find(loop: Loop, n: Numbers) -> Entries | None:
@@ -303,6 +298,7 @@ def _run(
     in the next tick. With an odd one it holds a random corner for some ticks.
     """
     rng, plain = random.Random(seed), {k: float(v) for k, v in n.items()}
+    ticked = _on_floats(loop, n)
     corners = [dict(zip(loop.pushed, s, strict=True))
                for s in product((-1, 1), repeat=len(loop.pushed))]  # fmt: skip
     signs = {x: rng.choice((-1, 1)) for x in loop.start}
@@ -315,15 +311,26 @@ def _run(
     for i in range(ticks):
         try:
             if seed % 2 == 0:
-                tried = [(loop.tick(plain, states, push), s) for push, s in pushes]
+                tried = [(ticked(states, push), s) for push, s in pushes]
                 states, signs = max(tried, key=lambda t: abs(t[0][state or next(iter(t[0]))]))
             else:
                 held = rng.choice(pushes) if i % stay == 0 else held
-                states, signs = loop.tick(plain, states, held[0]), held[1]
+                states, signs = ticked(states, held[0]), held[1]
         except (ArithmeticError, ValueError):
             return
         kept.append(signs)
         yield states
+
+
+def _on_floats(loop: Loop, n: Numbers) -> Callable[[Values, Values], dict[str, float]]:
+    """Next states of states and what pushes, in floats."""
+    run, numbers = loop.code(n).compiled(), [float(v) for v in n.values()]
+
+    def ticked(states: Values, pushed: Values) -> dict[str, float]:
+        found = run(*numbers, *states.values(), *pushed.values())
+        return dict(zip(loop.start, found, strict=True))
+
+    return ticked
 
 
 def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
@@ -342,12 +349,15 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
     entry = mapping(given, ("start", "pushed"), "run", True)
-    states: Values = _read(entry["start"], loop.start, n, "run.start")
-    enclosed = {k: Interval.of(v, 2 * DIGITS) for k, v in n.items()}
+    states = _read(entry["start"], loop.start, n, "run.start")
+    code = loop.code(n)
+    given = {f"n_{k}": Interval.of(v, 2 * DIGITS) for k, v in n.items()}
     pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
     for i, one in enumerate(pushed):
-        states = _ticked(loop, enclosed, states, _read(one, loop.pushed, n, f"run.pushed[{i}]"))
-    low, high = _ends(states[state])
+        push = _read(one, loop.pushed, n, f"run.pushed[{i}]")
+        given |= {f"x_{x}": v for x, v in states.items()} | {f"d_{d}": v for d, v in push.items()}
+        states = code.run(given)
+    low, high = states[state].ends()
     limit = n[loop.stays[state]]
     if not (low > limit or high < -limit):
         raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
