@@ -124,14 +124,17 @@ def asked(tick, **numbers):
 def test_comparisons_and_literals_of_a_tick_are_what_python_does():
     """Each branch counts where its condition holds, and only there."""
     assert asked(lambda n, x, d: {"x": 0.5 * x["x"] + d["w"]}) == CERTIFIED
-    assert asked(lambda n, x, d: {"x": 0.0 if x["x"] > 0 else x["x"] / 2}) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": (0 if x["x"] > 0 else x["x"] / 2) + d["w"]}) == CERTIFIED
     kicked = lambda n, x, d: {"x": x["x"] / 2 + (5 if x["x"] == 0 else 0)}  # noqa: E731
     assert asked(kicked, x0=F(0), W=F(0)) == REFUTED
     assert asked(kicked) != CERTIFIED
-    assert asked(lambda n, x, d: {"x": x["x"] / 2 + (5 if x["x"] > 4 else 0)}) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": x["x"] / 2 + (5 if x["x"] > 4 else 0)}, W=F(0)) == CERTIFIED
     assert asked(lambda n, x, d: {"x": max(min(x["x"], 0.3), -0.3) + d["w"]}) == CERTIFIED
     assert asked(lambda n, x, d: {"x": 2 * x["x"] if x["x"] else d["w"]}) == REFUTED
-    assert asked(lambda n, x, d: {"x": abs(x["x"]) ** 2 / 4 - (-1 < x["x"] < 1) / 10}) == CERTIFIED
+    assert (
+        asked(lambda n, x, d: {"x": abs(x["x"]) ** 2 / 4 - (-1 < x["x"] < 1) / 10}, W=F(0))
+        == CERTIFIED
+    )
 
 
 COUNT = [0]
