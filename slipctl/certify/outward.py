@@ -195,6 +195,10 @@ class Interval:
         """Whether it is a single number, as a condition that is not open."""
         return self.low.compare(self.high) == 0
 
+    def one_way(self) -> bool | None:
+        """What a decided condition says, the same everywhere."""
+        return not self.low.is_zero()
+
     def touches_zero(self) -> bool:
         """Whether it holds zero or what is below."""
         return self.low <= 0

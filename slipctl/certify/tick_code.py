@@ -34,6 +34,10 @@ MOST_STEPS = 50_000
 """Most operations of a tick."""
 
 
+OPEN = ""
+"""In the place of a slope: why there is none."""
+
+
 class OpenJump(DoesNotHold):
     """A condition that is open over a set, so that the tick jumps there and has no slope."""
 
@@ -95,6 +99,9 @@ class TickCode:
                 continue
             parts = [found[i] for i in args]
             slopes.append(self._slope(operation, args, parts, found[at], slopes, k))
+        for i in self.outputs.values():
+            if OPEN in slopes[i]:
+                raise OpenJump(slopes[i][OPEN])
         return (
             {n: found[i] for n, i in self.outputs.items()},
             {n: slopes[i] for n, i in self.outputs.items()},
@@ -105,15 +112,17 @@ class TickCode:
         slopes: Sequence[Mapping[str, Any]], k: int,
     ) -> dict[str, Any]:  # fmt: skip
         if operation in ("less", "less_equal", "equal"):
-            if not _decided(value):
-                raise OpenJump(f"condition {self.spelled(k)} is open")
-            return {}
+            return {} if value.decided() else {OPEN: f"condition {self.spelled(k)} is open"}
         if operation == "choose":
-            if not _decided(parts[0]):
-                raise OpenJump(f"condition {self.spelled(args[0] - len(self.inputs))} is open")
+            if not parts[0].decided():
+                spelled = self.spelled(args[0] - len(self.inputs))
+                return {OPEN: slopes[args[0]].get(OPEN, f"condition {spelled} is open")}
             return _chosen(parts[0], slopes[args[1]], slopes[args[2]])
+        for i in args:
+            if OPEN in slopes[i]:
+                return {OPEN: slopes[i][OPEN]}
         if operation == "sqrt" and parts[0].touches_zero():
-            raise OpenJump(f"the root {self.spelled(k)} comes to zero, where it has no slope")
+            return {OPEN: f"the root {self.spelled(k)} comes to zero, where it has no slope"}
         weights = _WEIGHTS[operation](parts, value)
         total: dict[str, Any] = {}
         for i, weight in zip(args, weights, strict=True):
@@ -242,12 +251,14 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "less": "<", "less_equ
           "equal": "=="}  # fmt: skip
 
 
-def _decided(condition: Any) -> bool:
-    """Whether a condition is decided over each box."""
-    return bool(condition.decided())
-
-
 def _chosen(condition: Any, yes: Mapping[str, Any], no: Mapping[str, Any]) -> dict[str, Any]:
+    """Slopes of what a decided condition chooses; what it leaves out may jump."""
+    one = condition.one_way()
+    if one is not None:
+        return dict(yes if one else no)
+    for part in (yes, no):
+        if OPEN in part:
+            return {OPEN: part[OPEN]}
     zero = condition * 0
     return {n: condition.choose(yes.get(n, zero), no.get(n, zero)) for n in {**yes, **no}}
 

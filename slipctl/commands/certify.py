@@ -142,7 +142,7 @@ def answers(
             loop, _ = doors.pick_loop(study, cases, gains.loop)
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        report = systems.report(catalogue.system(gains.system), numbers)
+        report = systems.report(catalogue.system_of_gains(gains, loop), numbers)
         own = report.criteria.get(gains.condition)
         costs = dict(gains.costs(loop)) if gains.costs else {}
         found.append(Answer(gains, report, own.holds if own else None, needs(report), costs))
@@ -155,10 +155,10 @@ def needs(report: Report) -> str:
     Those are the criteria whose failure refutes the promise; where none fails, the ones that would
     have proved it.
     """
-    criteria = catalogue.SYSTEMS[report.system].criteria
+    criteria = {**catalogue.SYSTEMS, **catalogue.OF_LOOPS}[report.system].criteria
     failing = {k: f for k, f in report.criteria.items() if f.holds is False}
-    hard = {k: f for k, f in failing.items() if criteria[k].refutes}
-    soft = {k: f for k, f in failing.items() if criteria[k].proves}
+    hard = {k: f for k, f in failing.items() if k in criteria and criteria[k].refutes}
+    soft = {k: f for k, f in failing.items() if k in criteria and criteria[k].proves}
     if report.verdict != systems.CERTIFIED:
         missing = []
         for name, f in (hard or soft).items():
@@ -203,7 +203,7 @@ def certify_study(
         study = doors.load_study(name)
     if out is not None:
         gains, loop = certify_loop.one(name, settings)
-        system = catalogue.system(gains.system)
+        system = catalogue.system_of_gains(gains, loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         write(system, systems.checked(system, numbers), out)
         of = [gains]

@@ -308,6 +308,7 @@ class Gains:
         condition: criterion that the paper itself states for its gains, ``"printed_48"``.
         source: of the gains.
         costs: function of the loop to the share of a bound left with half of a range, by its name.
+        made: function of the loop that makes the system where it is one of this loop alone.
     """
 
     name: str
@@ -318,6 +319,7 @@ class Gains:
     condition: str = ""
     source: str = ""
     costs: Callable[[Block], Mapping[str, float]] | None = None
+    made: Callable[[Block], Any] | None = None
 
     def __post_init__(self) -> None:
         check_kinds("Gains", Gains, vars(self))
