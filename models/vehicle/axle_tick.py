@@ -53,10 +53,7 @@ class AxleTick:
         self.trip, self.part, self.goal, self.steady = trip, part, goal, steady
         self.falls, self.given = falls, dict(given)
         now = loop.values_by_place()
-        block, _ = slip_law(trip, part, wheel(trip, part.reference))
-        own = {n: float(np.max(now[f"ctl.law.{n}"])) for n, s in block.params.items()
-               if f"ctl.law.{n}" in now and not s.derived}  # fmt: skip
-        self.law = block.with_params(**own)
+        self.law = loop_law(trip, part, loop)
         self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
         self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
         self.made: dict[tuple[Any, ...], Built] = {}
@@ -153,6 +150,15 @@ def gain_of(law: Block) -> str:
         law: the law.
     """
     return next((k for k in law.params if k.rpartition(".")[2] == "K"), "")
+
+
+def loop_law(trip: Trip, part: SlipLaw | OwnLaw, loop: Block) -> Block:
+    """Law of a controller with the numbers that it has in a loop."""
+    now = loop.values_by_place()
+    block, _ = slip_law(trip, part, wheel(trip, part.reference))
+    own = {n: float(np.max(now[f"ctl.law.{n}"])) for n, s in block.params.items()
+           if f"ctl.law.{n}" in now and not s.derived}  # fmt: skip
+    return block.with_params(**own)
 
 
 class _Rest:

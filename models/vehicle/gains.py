@@ -267,8 +267,6 @@ SYSTEMS: dict[str, tuple[str, str, tuple[str, str]]] = {
 NUMBERS: dict[str, Asked] = {"sta": _twisting, "smc": _reaching, "efc": _linear, "hosm": _higher}
 
 NONE = {
-    "pid": "its integral and its limits have no criterion here: it"
-    " does not cancel the adhesion, whose slope has both signs",
     "eppfc_barrier": "its barrier is not that of a system here",
     "barrier": "its robust form is not that of a system here",
     "nmpc": "what it does is the solution of a program at each"

@@ -559,6 +559,10 @@ class Assumed(Part):
     error: float = number("1", 0.1, "share by which a fitted adhesion may be wrong", lo=0, hi=1)
     tube: float = number("1", 0.05, "share of the best slip within which the slip is held",
                          lo=1e-3, hi=0.5)  # fmt: skip
+    push: float = number("m/s^2", 0.1, "what pushes the slip of an axle in any way, beside what the"
+                         " other axles do", lo=0, hi=100)  # fmt: skip
+    noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
+                          hi=10)  # fmt: skip
 
 
 # ---- all of it -----------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from slipctl.models.vehicle import axle_loops
 from slipctl.models.vehicle.gains import gains, uncertified
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.trip import case
@@ -69,7 +70,8 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
+        ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
+        uncertified=axle_loops.uncertified(trip, uncertified(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),

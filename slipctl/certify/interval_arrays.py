@@ -25,8 +25,10 @@ class Boxes:
     __array_ufunc__ = None
 
     def __init__(self, low: Any, high: Any) -> None:
-        self.low = np.where(np.isnan(low), -np.inf, low)
-        self.high = np.where(np.isnan(high), np.inf, high)
+        self.low, self.high = low, high
+        if np.isnan(low).any() or np.isnan(high).any():
+            self.low = np.where(np.isnan(low), -np.inf, low)
+            self.high = np.where(np.isnan(high), np.inf, high)
 
     @classmethod
     def around(cls, low: Fraction, high: Fraction, many: int = 1) -> Boxes:
@@ -59,8 +61,14 @@ class Boxes:
     def __mul__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
         with np.errstate(invalid="ignore"):
+            p, q = self.low * o.low, self.low * o.high
+            r, s = self.high * o.low, self.high * o.high
+        low = np.minimum(np.minimum(p, q), np.minimum(r, s))
+        high = np.maximum(np.maximum(p, q), np.maximum(r, s))
+        if np.isnan(low).any():  # zero times infinity is zero
             ends = [_product(a, b) for a in (self.low, self.high) for b in (o.low, o.high)]
-        return _outwards(np.minimum.reduce(ends), np.maximum.reduce(ends))
+            low, high = np.minimum.reduce(ends), np.maximum.reduce(ends)
+        return _outwards(low, high)
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -183,7 +191,8 @@ def _outwards(low: np.ndarray, high: np.ndarray, units: int = 1) -> Boxes:
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Product of ends, in which zero times infinity is zero."""
-    return np.where((a == 0) | (b == 0), 0.0, a * b)
+    with np.errstate(invalid="ignore"):
+        return np.where((a == 0) | (b == 0), 0.0, a * b)
 
 
 def _below(value: Fraction) -> float:

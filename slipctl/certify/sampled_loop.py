@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 from slipctl.certify.interval_arrays import Boxes
 from slipctl.certify.outward import Interval
 from slipctl.certify.tick_code import TickCode
@@ -83,9 +85,8 @@ def placed(loop: SampledLoop, cell: Cell, make: Make, box: Sequence[Range] | Non
            push: Sequence[Range] | None = None) -> dict[str, Any]:  # fmt: skip
     """Enclosures of all inputs: states about their rest, pushes, parameters in their cell."""
     given: dict[str, Any] = {}
-    for k, (name, (low, high)) in enumerate(zip(loop.slow, cell.slow, strict=True)):
+    for name, (low, high) in zip(loop.slow, cell.slow, strict=True):
         given[f"p_{name}"] = make(low, high)
-        del k
     for i, name in enumerate(loop.states):
         away = [sorted((a - m) * moves[i] for a in ends)
                 for ends, m, moves in zip(cell.slow, cell.middles(), cell.moves, strict=True)]  # fmt: skip
@@ -211,7 +212,8 @@ def _in_parts(
     """By row the slopes along an axis, in parts from -size to size."""
     n = len(loop.states)
     name = f"x_{loop.states[j]}" if j < n else f"d_{loop.pushes[j - n]}"
-    found: dict[int, list[Range]] = {i: [] for i in rows}
+    given = placed(loop, cell, make, wide, pushed)
+    places = []
     for k in range(-PARTS, PARTS):
         part = (size * k / PARTS, size * (k + 1) / PARTS)
         box, push = list(wide), list(pushed)
@@ -219,10 +221,28 @@ def _in_parts(
             box[j] = part
         else:
             push[j - n] = part
-        slopes = slope_ranges(loop, placed(loop, cell, make, box, push), [name])
+        places.append(placed(loop, cell, make, box, push)[name])
+    if isinstance(places[0], Boxes):  # all parts at once
+        together = Boxes(np.concatenate([p.low for p in places]),
+                         np.concatenate([p.high for p in places]))  # fmt: skip
+        _, slopes = loop.code.slopes({**given, name: together}, [name])
+        return {i: _ends_of_each(slopes[loop.states[i]].get(name), len(places)) for i in rows}
+    found: dict[int, list[Range]] = {i: [] for i in rows}
+    for place in places:
+        slopes_here = slope_ranges(loop, {**given, name: place}, [name])
         for i in rows:
-            found[i].append(slopes.get((i, name), (Fraction(0), Fraction(0))))
+            found[i].append(slopes_here.get((i, name), (Fraction(0), Fraction(0))))
     return found
+
+
+def _ends_of_each(value: Boxes | None, many: int) -> list[Range]:
+    """Ends of each of so many boxes."""
+    if value is None:
+        return [(Fraction(0), Fraction(0))] * many
+    low, high = np.broadcast_to(value.low, many), np.broadcast_to(value.high, many)
+    if not (np.isfinite(low) & np.isfinite(high)).all():
+        raise ArithmeticError("nothing bounds a slope")
+    return [(Fraction(a), Fraction(b)) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
 
 
 def _integral(parts: Sequence[Range], wanted: Fraction, size: Fraction) -> Range:

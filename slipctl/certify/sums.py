@@ -174,8 +174,9 @@ class _Search:
         start = most @ np.array([float(s) for s in self.bounds.start])
         linear = by_push @ self.push + start
         box = linear * (1 + ROOM) + 1e-12
+        bends = self._bends(box)
         for _ in range(80):
-            added = self._added(A, box)
+            added = self._added(A, box, bends)
             half = (added[:, 1] - added[:, 0]) / 2
             middle = self._middle(A, added.mean(axis=1))
             new = linear + by_row @ half + middle
@@ -186,9 +187,11 @@ class _Search:
             box = np.maximum(box, new * (1 + ROOM))
         raise NoProof("what the ticks add grows faster than the box that holds it")
 
-    def _added(self, A: np.ndarray, box: np.ndarray) -> np.ndarray:
+    def _added(
+        self, A: np.ndarray, box: np.ndarray, bends: frozenset[tuple[int, int]]
+    ) -> np.ndarray:
         """Ends of the remainders over a box, by row."""
-        nominal = Nominal(self._rational(A), self._rational(self.B), self._bends(box))
+        nominal = Nominal(self._rational(A), self._rational(self.B), bends)
         try:
             found = remainders(self.loop, self.cell, nominal, [Fraction(z) for z in box.tolist()],
                                self.bounds.push, boxes)  # fmt: skip

@@ -142,10 +142,13 @@ def answers(
             loop, _ = doors.pick_loop(study, cases, gains.loop)
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        report = systems.report(catalogue.system_of_gains(gains, loop), numbers)
+        system = catalogue.system_of_gains(gains, loop)
+        report = systems.report(system, numbers)
         own = report.criteria.get(gains.condition)
         costs = dict(gains.costs(loop)) if gains.costs else {}
-        found.append(Answer(gains, report, own.holds if own else None, needs(report), costs))
+        why = getattr(system.loop, "why", ())
+        wants = f"no proof: {why[0]}" if why else needs(report)
+        found.append(Answer(gains, report, own.holds if own else None, wants, costs))
     return found
 
 
