@@ -73,7 +73,9 @@ class AxleTick:
         T, lag, v = float(n["T"]), float(n["lag"]), float(n["v"])
         ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
         if ticks > MOST_DEAD:
-            raise BadInput(f"a dead time of {ticks} ticks is too long for a proof; at most {MOST_DEAD}")
+            raise BadInput(
+                f"a dead time of {ticks} ticks is too long for a proof; at most {MOST_DEAD}"
+            )
         law = self.law
         if n.get("K") is not None:
             law = law.with_params(**{gain_of(law): float(n["K"])})
@@ -118,9 +120,9 @@ class AxleTick:
         values = {k: float(x) for k, x in self.falls.param_values().items()} | self.given
         u = {"v_s": s} | ({"v": ca.SX(v)} if "v" in self.falls.inputs else {})
         whole = self.falls.f.expand()
-        packed = (self.falls.pack("input", {k: u[k] for k in self.falls.inputs}),
-                  self.falls.pack("param", {k: ca.SX(values[k]) for k in self.falls.params}))  # fmt: skip
-        y = whole(ca.SX(0, 1), *packed)[1]
+        inputs = self.falls.pack("input", {k: u[k] for k in self.falls.inputs})
+        params = self.falls.pack("param", {k: ca.SX(values[k]) for k in self.falls.params})
+        y = whole(ca.SX(0, 1), inputs, params)[1]
         return ca.Function("fall", [s], [self.falls.unpack("output", y)["D"]])
 
     def _controlled(
@@ -137,8 +139,8 @@ class AxleTick:
         g = applied.f.expand()
         ports = {"T_wanted": wanted, "T_demand": ca.SX(self.T_max), "T": T_b, "on": ca.SX(1),
                  "v": ca.SX(v)}  # fmt: skip
-        limits = {k: ca.SX(float(x)) for k, x in
-                  applied.with_params(T_max=self.T_max, lead=self.lead).param_values().items()}  # fmt: skip
+        own = applied.with_params(T_max=self.T_max, lead=self.lead)
+        limits = {k: ca.SX(float(x)) for k, x in own.param_values().items()}
         y = g(ca.SX(0, 1), applied.pack("input", ports), applied.pack("param", limits))[1]
         return after, applied.unpack("output", y)["T_cmd"]
 
@@ -200,13 +202,17 @@ class _Rest:
 
     def _newton(self, height: float) -> tuple[np.ndarray, np.ndarray]:
         settled = self._settled(height)
-        tries = [(0, 0.0)] + [(k, size) for size in (1.0, -1.0, 0.3, -0.3) for k in range(self.kept)]
+        tries = [(0, 0.0)] + [
+            (k, size) for size in (1.0, -1.0, 0.3, -0.3) for k in range(self.kept)
+        ]
         for k, size in tries:
             x = settled.copy()
             if size:
                 x[self.many - self.kept + k] += size * settled[1]
             for _ in range(30):
-                after, J = (np.array(part) for part in self.f(np.concatenate([x, [0, 0, 0, height]])))
+                after, J = (
+                    np.array(part) for part in self.f(np.concatenate([x, [0, 0, 0, height]]))
+                )
                 off = after[:, 0] - x
                 if np.abs(off).max() < 1e-10 * max(1.0, np.abs(x).max()):
                     if abs(x[0] - self.goal) < 1e-6 * self.goal:

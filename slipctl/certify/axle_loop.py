@@ -1,8 +1,8 @@
 """System ``axle_loop``: a controller as it runs, behind lag and dead time, near its rest.
 
 The tick is that of the controller's own block and of a short axle, made by who asks (a vehicle
-file). A proof holds this tick, so that ``check`` needs no vehicle: it says what the tick in the file
-does. It is the tick of the vehicle as far as the file says where it comes from.
+file). A proof holds this tick, so that ``check`` needs no vehicle: it says what the tick in the
+file does. That it is the tick of the vehicle is the word of who made the file.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ NUMBERS = {
     "least": Number("1", "least height of the adhesion curve over that of the file"),
     "most": Number("1", "largest height of the adhesion curve over that of the file"),
     "goal": Number("m/s", "slip at rest"),
-    "K": Number("1/s", "gain of the law", optional=True, low="any"),
+    "K": Number("1/s", "gain of the law", optional=True),
     "band": Number("m/s", "wanted largest distance of the slip from its rest", optional=True,
                    role=TARGET),
     "places": Number("1", "cells of the height of the curve", 1.0, role=ASIDE),
@@ -143,7 +144,7 @@ class LoopQuestion:
         """Cells of the height between both ends."""
         low, high, many = Fraction(n["least"]), Fraction(n["most"]), int(n.get("places", 1))
         ends = [low + (high - low) * k / many for k in range(many + 1)]
-        return list(zip(ends[:-1], ends[1:], strict=True))
+        return list(pairwise(ends))
 
     def _check(self, n: Numbers, given: Entries) -> None:
         entry = mapping(given, ("tick", "states", "pushes", "slow", "cells"), "evidence", True)
@@ -174,7 +175,9 @@ class LoopQuestion:
         built = self.build(n)
         try:
             for part in (n["least"], n["most"]):
-                found = worst_run(built, Fraction(part), self._bounds(built.loop, n), float(n["band"]))
+                found = worst_run(
+                    built, Fraction(part), self._bounds(built.loop, n), float(n["band"])
+                )
                 if found is not None:
                     return {**_payload(built.loop), **found}
         except NoProof:
@@ -198,7 +201,7 @@ class LoopQuestion:
         after = loop.code.run({**given_, **_placed(states, "x"), **_still(loop)})
         for name, x in zip(loop.states, rest, strict=True):
             low, high = (after[name] - x).ends()
-            if max(-low, high) > Fraction(1, 10**6) * max(abs(x), 1):
+            if max(-low, high) > Fraction(1, 10**6) * max(abs(x), Fraction(1)):
                 raise DoesNotHold("run: it does not start at rest")
         if abs(rest[slip] - n["goal"]) > Fraction(1, 10**6) * n["goal"]:
             raise DoesNotHold("run: it starts at another rest")
@@ -207,8 +210,8 @@ class LoopQuestion:
         for sign in signs:
             if sign not in (-1, 0, 1):
                 raise DoesNotHold("run: a push is larger than was asked")
-            push = {f"d_{p}": Interval.of(sign * w if p == "w" else Fraction(0), RUN_DIGITS)
-                    for p, w in zip(loop.pushes, bounds.push, strict=True)}  # fmt: skip
+            largest = bounds.push[loop.pushes.index("w")] if "w" in loop.pushes else Fraction(0)
+            push = {**_still(loop), "d_w": Interval.of(int(sign) * largest, RUN_DIGITS)}
             states = loop.code.run({**given_, **_placed(states, "x"), **push})
         low, high = (states[SLIP] - n["goal"]).ends()
         if not (low > n["band"] or high < -n["band"]):
@@ -335,4 +338,3 @@ def axle_system(build: Build | None, why: list[str] | None = None) -> System:
             " further off; while the demand rules",
         ), loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
-

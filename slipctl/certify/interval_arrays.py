@@ -185,8 +185,9 @@ def _outwards(low: np.ndarray, high: np.ndarray, units: int = 1) -> Boxes:
     if units == 1:
         return Boxes(np.nextafter(low, -np.inf), np.nextafter(high, np.inf))
     with np.errstate(invalid="ignore"):
-        return Boxes(np.where(np.isfinite(low), low - units * np.spacing(np.abs(low)), low),
-                     np.where(np.isfinite(high), high + units * np.spacing(np.abs(high)), high))  # fmt: skip
+        below = np.where(np.isfinite(low), low - units * np.spacing(np.abs(low)), low)
+        above = np.where(np.isfinite(high), high + units * np.spacing(np.abs(high)), high)
+    return Boxes(below, above)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -88,11 +88,11 @@ def placed(loop: SampledLoop, cell: Cell, make: Make, box: Sequence[Range] | Non
     for name, (low, high) in zip(loop.slow, cell.slow, strict=True):
         given[f"p_{name}"] = make(low, high)
     for i, name in enumerate(loop.states):
-        away = [sorted((a - m) * moves[i] for a in ends)
-                for ends, m, moves in zip(cell.slow, cell.middles(), cell.moves, strict=True)]  # fmt: skip
         low, high = box[i] if box else (Fraction(0), Fraction(0))
-        given[f"x_{name}"] = make(cell.rest[i] + sum(a[0] for a in away) + low,
-                                  cell.rest[i] + sum(a[1] for a in away) + high)  # fmt: skip
+        for (a, b), moves in zip(cell.slow, cell.moves, strict=True):
+            away = abs(moves[i]) * (b - a) / 2
+            low, high = low - away, high + away
+        given[f"x_{name}"] = make(cell.rest[i] + low, cell.rest[i] + high)
     for j, name in enumerate(loop.pushes):
         given[f"d_{name}"] = make(*(push[j] if push else (Fraction(0), Fraction(0))))
     return given
@@ -145,8 +145,8 @@ def residuals(loop: SampledLoop, cell: Cell, make: Make) -> list[Range]:
             for j, state in enumerate(loop.states):
                 ends = slopes.get((i, f"x_{state}"))
                 if ends is not None and cell.moves[q][j]:
-                    two = sorted(e * cell.moves[q][j] for e in ends)
-                    low, high = low + two[0], high + two[1]
+                    one, two = (e * cell.moves[q][j] for e in ends)
+                    low, high = low + min(one, two), high + max(one, two)
             most = max(abs(low), abs(high)) * half
             found[i] = (found[i][0] - most, found[i][1] + most)
     return found
@@ -253,7 +253,8 @@ def _integral(parts: Sequence[Range], wanted: Fraction, size: Fraction) -> Range
         side = parts[PARTS:] if way > 0 else parts[PARTS - 1 :: -1]
         low = high = Fraction(0)
         for a, b in side:
-            ends = sorted(way * (e - wanted) * step for e in (a, b))
-            least, most = min(least, low + min(ends[0], 0)), max(most, high + max(ends[1], 0))
-            low, high = low + ends[0], high + ends[1]
+            one, two = (way * (e - wanted) * step for e in (a, b))
+            down, up = min(one, two), max(one, two)
+            least, most = min(least, low, low + down), max(most, high, high + up)
+            low, high = low + down, high + up
     return least, most

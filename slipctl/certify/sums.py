@@ -1,4 +1,4 @@
-"""Method "sums": a box about the rest that no push leaves, for smooth loops of any number of states.
+"""Method "sums": a box about the rest that no push leaves, for smooth loops of many states.
 
 The loop is compared with a linear one (``sampled_loop``); what each tick adds is summed up
 (``sums_check``). Here is the search, in floats: the box is grown from that of the linear loop until
@@ -72,12 +72,12 @@ def find_cell(loop: SampledLoop, cell: Cell, bounds: Bounds) -> tuple[dict[str, 
         for _ in range(2):
             try:
                 box = start.grown(A)
+                if best is None or box[0] < best[1][0]:
+                    best = (A, box)
+                A = start.slopes(box * 0.7)
             except NoProof as error:
                 start.why = start.why or str(error)
                 break
-            if best is None or box[0] < best[1][0]:
-                best = (A, box)
-            A = start.slopes(box * 0.7)  # noqa: PLW2901  the slope that fits this box
     if best is None:
         raise NoProof(start.why or "no box was found that holds what its own remainders do")
     return start.entries(*best), best[1]
@@ -97,7 +97,7 @@ class _Search:
             raise NoProof(f"at rest the loop is unstable: its spectral radius is {radius:.6g}")
 
     def slopes(self, box: np.ndarray) -> np.ndarray:
-        """Middles of the slopes over a box; keeps those by the pushes."""
+        """Middles of the slopes over a box; at rest those by the pushes are kept."""
         wide = [(-Fraction(z), Fraction(z)) for z in box.tolist()]
         pushed = [(-w, w) for w in self.bounds.push]
         states = [f"x_{s}" for s in self.loop.states]
@@ -112,7 +112,7 @@ class _Search:
             middle = float((low + high) / 2)
             if name in states:
                 A[i, states.index(name)] = middle
-            else:
+            elif not box.any():
                 self.B[i, names.index(name) - self.n] = middle
         return A
 
@@ -265,9 +265,7 @@ def _whole(matrix: np.ndarray) -> list[list[Any]]:
 ENTRIES = ("slow", "rest", "moves", "sizes", "A", "B", "bends", "box", "P", "decay", "ticks")
 
 
-def check_cell(
-    loop: SampledLoop, bounds: Bounds, given: Any
-) -> tuple[Cell, list[Fraction]]:
+def check_cell(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, list[Fraction]]:
     """Confirm the proof over one cell; gives the cell and the half-widths that are proved.
 
     Raises:

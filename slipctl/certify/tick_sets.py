@@ -7,7 +7,8 @@ Who declares a system brings its equations, one tick of it, and nothing that has
 
 Both are computed from the tick as it is read into operations (``tick_source``), with enclosures
 that are rounded outwards. It is plain Python with + - * /, comparisons and the functions of this
-module. Two states or three at most: the number of cells grows with their power.
+module. Cells take two states or three at most: their number grows with the power of that. A loop
+that is smooth about 0 may have any number of states: what each tick adds is summed up (``sums``).
 """
 
 from __future__ import annotations
@@ -21,9 +22,13 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
+import numpy as np
+
 from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
 from slipctl.certify.outward import Interval
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
+from slipctl.certify.sampled_loop import Cell, SampledLoop
+from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.tick_code import TickCode
 from slipctl.certify.tick_source import Symbol, code_of_tick
 from slipctl.errors import BadInput
@@ -37,7 +42,7 @@ GRIDS = {1: (64, 512), 2: (24, 64), 3: (8, 16)}
 MOST_CELLS = 5000
 """Most cells of a set."""
 
-MOST_TICKS = 2000
+MOST_TICKS = 5000
 """Most ticks of a run."""
 
 Values = Mapping[str, Any]
@@ -86,10 +91,27 @@ class Loop:
     def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
         """What proves its clauses."""
         evidence = Evidence(lambda n: _find(self, n), lambda n, e: _check(self, n, e))
-        return {"cells": Criterion(
+        summed = Evidence(lambda n: _find_sums(self, n), lambda n, e: _check_sums(self, n, e))
+        return {"sums": Criterion(
+            "what each tick adds, summed up", proves=tuple(self.targets()),
+            covers=self._covered(numbers), evidence=summed,
+        ), "cells": Criterion(
             "cells that no tick leaves", proves=tuple(self.targets()),
             covers=self._covered(numbers), evidence=evidence,
         )}  # fmt: skip
+
+    def sampled(self, n: Numbers) -> tuple[SampledLoop, Cell, Bounds]:
+        """The loop about 0, its numbers as parameters of one value, and what it withstands."""
+        code = self.code(n)
+        renamed = tuple(f"p_{i[2:]}" if i.startswith("n_") else i for i in code.inputs)
+        loop = SampledLoop(TickCode(renamed, code.steps, code.outputs), tuple(self.start),
+                           tuple(self.pushed), tuple(n))  # fmt: skip
+        still = (Fraction(0),) * len(self.start)
+        values = [Fraction(v) for v in n.values()]
+        cell = Cell(tuple((v, v) for v in values), still, (still,) * len(values))
+        pushed, start = ([Fraction(n[k]) for k in names.values()]
+                         for names in (self.pushed, self.start))  # fmt: skip
+        return loop, cell, Bounds(tuple(pushed), tuple(start))
 
     def _covered(self, numbers: Numbers) -> tuple[str, ...]:
         """Numbers that its next states depend on: what the tick never looks at is not withstood."""
@@ -285,6 +307,32 @@ def _check(loop: Loop, n: Numbers, given: Entries) -> None:
             raise DoesNotHold("evidence: a tick leaves its cells")
 
 
+# ---- sums ---------------------------------------------------------------------------------------
+
+
+def _find_sums(loop: Loop, n: Numbers) -> Entries | None:
+    """A proof by sums, for a loop that is smooth about 0."""
+    if any(bound not in n for bound in loop.stays.values()):
+        return None
+    sampled, cell, bounds = loop.sampled(n)
+    try:
+        entry, _ = find_cell(sampled, cell, bounds)
+        _check_sums(loop, n, entry)
+    except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return entry
+
+
+def _check_sums(loop: Loop, n: Numbers, given: Entries) -> None:
+    sampled, cell, bounds = loop.sampled(n)
+    found, box = check_cell(sampled, bounds, given)
+    if found != cell:
+        raise DoesNotHold("evidence: it speaks of other numbers, or of another rest")
+    for state, z in zip(loop.start, box, strict=True):
+        if state in loop.stays and z > n[loop.stays[state]]:
+            raise DoesNotHold(f"evidence: {state} is not shown to stay")
+
+
 # ---- runs ---------------------------------------------------------------------------------------
 
 
@@ -333,8 +381,53 @@ def _on_floats(loop: Loop, n: Numbers) -> Callable[[Values, Values], dict[str, f
     return ticked
 
 
+def _summed_run(loop: Loop, n: Numbers, state: str, limit: float) -> Entries | None:
+    """Run whose start and pushes add up in a state, as the loop linearised at 0 says."""
+    ticked, names, pushes = _on_floats(loop, n), list(loop.start), list(loop.pushed)
+    zero, still = dict.fromkeys(names, 0.0), dict.fromkeys(pushes, 0.0)
+    small = 1e-7
+
+    def column(x: Values, d: Values) -> list[float]:
+        moved, at = ticked(x, d), ticked(zero, still)
+        return [(moved[k] - at[k]) / small for k in names]
+
+    try:
+        A = np.array([column({**zero, k: small}, still) for k in names]).T
+        B = np.array([column(zero, {**still, d: small}) for d in pushes]).reshape(-1, len(names)).T
+    except (ArithmeticError, ValueError):
+        return None
+    row, by_push, by_start = np.eye(len(names))[names.index(state)], [], []
+    for _ in range(MOST_TICKS):
+        if not np.isfinite(row).all():
+            break
+        by_push.append(np.sign(row @ B).astype(int).tolist())
+        row = row @ A
+        by_start.append(np.sign(row).astype(int).tolist())
+    for ticks in (50, 200, 700, len(by_push)):
+        signs = [dict(zip(pushes, s, strict=True)) for s in reversed(by_push[:ticks])]
+        for turn in (1, -1):
+            begin = by_start[min(ticks, len(by_start)) - 1] if by_start else [0] * len(names)
+            first = {k: turn * s for k, s in zip(names, begin, strict=True)}
+            states: Values = {k: s * float(n[loop.start[k]]) for k, s in first.items()}
+            for i, one in enumerate(signs):
+                try:
+                    push = {d: turn * s * float(n[loop.pushed[d]]) for d, s in one.items()}
+                    states = ticked(states, push)
+                except (ArithmeticError, ValueError):
+                    break
+                if not abs(states[state]) <= limit:
+                    start = {k: str(s * n[loop.start[k]]) for k, s in first.items()}
+                    pushed = [{d: str(turn * s * n[loop.pushed[d]]) for d, s in p.items()}
+                              for p in signs[: i + 1]]  # fmt: skip
+                    return {"start": start, "pushed": pushed}
+    return None
+
+
 def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
     limit = float(n[loop.stays[state]]) * (1 + 1e-9)
+    summed = _summed_run(loop, n, state, limit)
+    if summed is not None:
+        return summed
     for seed in range(60):
         kept: list[dict[str, int]] = []
         for states in _run(loop, n, seed, 400, state, kept):
@@ -349,12 +442,13 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
     entry = mapping(given, ("start", "pushed"), "run", True)
-    states = _read(entry["start"], loop.start, n, "run.start")
-    code = loop.code(n)
-    given = {f"n_{k}": Interval.of(v, 2 * DIGITS) for k, v in n.items()}
     pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
+    digits = 2 * DIGITS + len(pushed) // 4  # an interval widens from tick to tick
+    states = _read(entry["start"], loop.start, n, "run.start", digits)
+    code = loop.code(n)
+    given = {f"n_{k}": Interval.of(v, digits) for k, v in n.items()}
     for i, one in enumerate(pushed):
-        push = _read(one, loop.pushed, n, f"run.pushed[{i}]")
+        push = _read(one, loop.pushed, n, f"run.pushed[{i}]", digits)
         given |= {f"x_{x}": v for x, v in states.items()} | {f"d_{d}": v for d, v in push.items()}
         states = code.run(given)
     low, high = states[state].ends()
@@ -364,7 +458,9 @@ def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
     return f"after {len(pushed)} ticks |{state}| is {float(max(low, -high)):.6g} at least"
 
 
-def _read(given: Any, bounds: Mapping[str, str], n: Numbers, where: str) -> dict[str, Interval]:
+def _read(
+    given: Any, bounds: Mapping[str, str], n: Numbers, where: str, digits: int
+) -> dict[str, Interval]:
     """Values of a run, none beyond its bound."""
     entry = mapping(given, tuple(bounds), where, True)
     out = {}
@@ -372,5 +468,5 @@ def _read(given: Any, bounds: Mapping[str, str], n: Numbers, where: str) -> dict
         value = rational(entry[name], where)
         if abs(value) > n[bound]:
             raise DoesNotHold(f"{where}: {name} is larger than was asked")
-        out[name] = Interval.of(value, 2 * DIGITS)
+        out[name] = Interval.of(value, digits)
     return out

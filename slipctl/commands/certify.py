@@ -146,8 +146,8 @@ def answers(
         report = systems.report(system, numbers)
         own = report.criteria.get(gains.condition)
         costs = dict(gains.costs(loop)) if gains.costs else {}
-        why = getattr(system.loop, "why", ())
-        wants = f"no proof: {why[0]}" if why else needs(report)
+        reasons = getattr(system.loop, "why", None)
+        wants = f"no proof: {reasons[0]}" if reasons else needs(report)
         found.append(Answer(gains, report, own.holds if own else None, wants, costs))
     return found
 
