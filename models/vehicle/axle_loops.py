@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slipctl import Block, Gains
-from slipctl.analysis.bounding import enclosure
+from slipctl.analysis.bounds import enclosure
 from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.systems import System
 from slipctl.models.vehicle import gains as bounds

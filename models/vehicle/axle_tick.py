@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import BadInput, Block, connect
-from slipctl.block.timing import gated
+from slipctl.block.transforms.discretisation import gated
 from slipctl.certify.axle_loop import SLIP, Built
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import NoProof

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows
 from slipctl.certify.promise import (
     ASIDE,
     INPUT,
@@ -30,8 +30,8 @@ from slipctl.certify.promise import (
     Refuter,
     System,
     Target,
+    number_text,
     rounded_up,
-    spelled,
 )
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
@@ -147,7 +147,7 @@ class LoopQuestion:
         return list(pairwise(ends))
 
     def _check(self, n: Numbers, given: Entries) -> None:
-        entry = mapping(given, ("tick", "states", "pushes", "slow", "cells"), "evidence", True)
+        entry = read_mapping(given, ("tick", "states", "pushes", "slow", "cells"), "evidence", True)
         loop = _read_loop(entry)
         if self.build is not None and _payload(self.build(n).loop) != _payload(loop):
             raise DoesNotHold("evidence: its tick is not the one of this loop")
@@ -186,7 +186,7 @@ class LoopQuestion:
 
     def _replay(self, n: Numbers, given: Entries) -> str:
         names = ("tick", "states", "pushes", "slow", "height", "rest", "signs")
-        entry = mapping(given, names, "run", True)
+        entry = read_mapping(given, names, "run", True)
         loop = _read_loop(entry)
         if self.build is not None and _payload(self.build(n).loop) != _payload(loop):
             raise DoesNotHold("run: its tick is not the one of this loop")
@@ -306,20 +306,20 @@ def worst_run(built: Built, height: Fraction, bounds: Bounds, band: float) -> di
 
 def _peak(n: Numbers, proof: Entries) -> str:
     cells = proof.get("evidence", {}).get("cells", [])
-    goal = spelled(n["goal"], "m/s", 4)
+    goal = number_text(n["goal"], "m/s", 4)
     if not cells:
-        near = spelled(n["band"], "m/s", 4) if "band" in n else "a number that is proved"
+        near = number_text(n["band"], "m/s", 4) if "band" in n else "a number that is proved"
         return f"the slip stays within {near} of {goal} at every tick"
     slip = proof["evidence"]["states"].index(SLIP)
     most = max(rational(c["box"][slip], "evidence.box") for c in cells)
-    asked = f", asked were {spelled(n['band'], 'm/s', 4)}" if "band" in n else ""
-    return (f"the slip stays within {spelled(rounded_up(most, 4), 'm/s', 4)} of {goal} at every"
+    asked = f", asked were {number_text(n['band'], 'm/s', 4)}" if "band" in n else ""
+    return (f"the slip stays within {number_text(rounded_up(most, 4), 'm/s', 4)} of {goal} at every"
             f" tick{asked}, and no limit, gate or anti-windup acts")  # fmt: skip
 
 
 def _start(n: Numbers) -> str:
     height = f"{float(n['least']):.6g} to {float(n['most']):.6g}"
-    return (f"rest, at a speed of {spelled(n['v'], 'm/s', 6)} and on an adhesion curve of {height}"
+    return (f"rest, at a speed of {number_text(n['v'], 'm/s', 6)} and on an adhesion curve of {height}"
             " times its height, both of which do not change")  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.outward import Exact, Interval, exact
+from slipctl.certify.decimal_intervals import Exact, Interval, exact
 
 WIDE = 8
 """Units in the last place of exponentials and logarithms."""

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.interval_arrays import Boxes
-from slipctl.certify.outward import Interval
 from slipctl.certify.tick_code import TickCode
 
 DIGITS = 40

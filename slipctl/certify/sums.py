@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.sampled_loop import (
     Cell,
     Nominal,
@@ -271,7 +271,7 @@ def check_cell(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
     Raises:
         DoesNotHold: it proves nothing.
     """
-    entry = mapping(given, ENTRIES, "evidence.cells", True)
+    entry = read_mapping(given, ENTRIES, "evidence.cells", True)
     n, m = len(loop.states), len(loop.pushes)
     cell = _read_cell(loop, entry)
     sizes = [whole(s, "evidence.sizes", -200, 200)

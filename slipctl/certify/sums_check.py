@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.outward import Interval
 
 GRID = 60
 """Entries of A and B are whole multiples of 2^-60."""

@@ -20,8 +20,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipctl.certify.decimal_intervals import exact
 from slipctl.certify.entries import DoesNotHold, rows, whole
-from slipctl.certify.outward import exact
 from slipctl.errors import BadInput
 
 OPERATIONS: dict[str, int] = {
@@ -303,9 +303,9 @@ def code_of_function(f: ca.Function, inputs: Sequence[str], outputs: Sequence[st
     Raises:
         BadInput: an operation that cannot be enclosed.
     """
-    from slipctl.certify.enclosure import expanded
+    from slipctl.certify.enclosure import scalar_function
 
-    f = expanded(f)
+    f = scalar_function(f)
     writer = CodeWriter(inputs)
     work: dict[int, int] = {}
     zero = writer.const(0)

@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
@@ -280,7 +280,7 @@ def _runs(found: set[tuple[int, ...]]) -> list[list[int]]:
 
 
 def _check(loop: Loop, n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("reach", "count", "cells"), "evidence", True)
+    entry = read_mapping(given, ("reach", "count", "cells"), "evidence", True)
     states = len(loop.start)
     reach = tuple(rational(r, "evidence.reach")
                   for r in rows(entry["reach"], "evidence.reach", states, states))  # fmt: skip
@@ -441,7 +441,7 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
-    entry = mapping(given, ("start", "pushed"), "run", True)
+    entry = read_mapping(given, ("start", "pushed"), "run", True)
     pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
     digits = 2 * DIGITS + len(pushed) // 4  # an interval widens from tick to tick
     states = _read(entry["start"], loop.start, n, "run.start", digits)
@@ -462,7 +462,7 @@ def _read(
     given: Any, bounds: Mapping[str, str], n: Numbers, where: str, digits: int
 ) -> dict[str, Interval]:
     """Values of a run, none beyond its bound."""
-    entry = mapping(given, tuple(bounds), where, True)
+    entry = read_mapping(given, tuple(bounds), where, True)
     out = {}
     for name, bound in bounds.items():
         value = rational(entry[name], where)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NoReturn
 
-from slipctl.certify.outward import Interval, exact
+from slipctl.certify.decimal_intervals import Interval, exact
 from slipctl.certify.tick_code import CodeWriter, TickCode
 from slipctl.errors import BadInput
 

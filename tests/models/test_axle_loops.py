@@ -12,11 +12,11 @@ import pytest
 from slipctl.certify import certificate, proofs
 from slipctl.certify.catalogue import system_of_gains
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.promise import CERTIFIED, REFUTED, checked
+from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
 from slipctl.errors import BadInput
 from slipctl.models.vehicle import axle_loops
 from slipctl.models.vehicle.trip import case
-from slipctl.study import trip_files
+from slipctl.study.files import trip_files
 
 SHIPPED = resources.files("slipctl.models.vehicle") / "files" / "metro.toml"
 
@@ -33,7 +33,7 @@ def asked(tmp_path, *changes):
     (gains,) = [g for g in axle_loops.gains(trip) if g.loop == "pid"]
     loop = case(trip).loops["pid"]
     system = system_of_gains(gains, loop)
-    return system, checked(system, {k: float(v) for k, v in gains.numbers(loop).items()})
+    return system, exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
 
 
 def test_the_shipped_pid_is_proved_and_a_plain_run_stays_inside(tmp_path):

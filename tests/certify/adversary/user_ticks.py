@@ -248,8 +248,8 @@ def one(seed: int) -> tuple[str, str]:
     }  # fmt: skip
     system = System("own", "a tick", declared, {}, loop.targets(), loop.says_start(), loop=loop)
     try:
-        told = proofs.checked(system, numbers)
-        payload = proofs.written(system, told, proofs.decide(system, told))
+        told = proofs.exact_numbers(system, numbers)
+        payload = proofs.certificate_entries(system, told, proofs.decide(system, told))
         proofs.check(system, payload)
     except BadInput as error:
         return "REFUSED", "" if "\n" not in str(error) else f"two lines: {error}"
