@@ -7,9 +7,9 @@ Signs: the creep v_s = v_w - v is the rim's speed minus the train's, so traction
     mu_vf = mu_0 [(1 - A) exp(-B |v_s|) + A]                                    (7)
     s_x   = v_s/max(|v|, v_min)                                                 (8)
 
-Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in v_s. Valid
-from standstill on: the floor v_min is added here, because (8) divides by zero there. What is wrong
-in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
+Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in
+v_s. Valid from standstill on: the floor v_min is added here, because (8) divides by zero there.
+What is wrong in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
 """
 
 from __future__ import annotations
@@ -212,9 +212,7 @@ def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
 
     return make_block(
         "polach", "law", body, inputs=polach.inputs.values(), params=polach.params.values(),
-        outputs=polach.outputs.values(), conditions=surfaces, readings=polach.readings,
-        expects=polach.expects, follows=polach.follows, beside=polach.beside,
-        leaves_out=polach.leaves_out,
+        outputs=polach.outputs.values(), conditions=surfaces, law_data=polach.law_data,
         choices={} if form == "consistent" else {"form": form}, doc=polach.doc,
     )  # fmt: skip
 

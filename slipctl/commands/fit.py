@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl import __version__
+from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.text.meanings import is_equation
 from slipctl.draw import plots
@@ -92,7 +92,7 @@ def run(
 
 def find_curve(name: str) -> Path:
     """File of a curve: a path, or the name of one that comes with the models."""
-    shipped = resolve.folder("models") / "data" / name
+    shipped = registry.folder("models") / "data" / name
     return shipped if not Path(name).exists() and shipped.is_file() else Path(name)
 
 
@@ -128,7 +128,7 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
             if n not in found.values and np.size(v) == 1
         },
         "notes": list(found.notes),
-        "left_out": base.leaves_out,
+        "left_out": base.law_data.leaves_out,
         "peaks": [
             {**rest, curve.abscissa: place, curve.output: height}
             for rest, place, height in found.peaks
@@ -150,7 +150,7 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
     else:
         module, _, block = name.rpartition(".")
         module = module or next(m for m, (_, b) in resolve.models().items() if block in b)
-        needed = f"slipctl.models.{module} import {block}"
+        needed = f"{registry.package_name('models')}.{module} import {block}"
         origin = block + ("" if isinstance(_object(module, block), Block) else "()")
     rows = []
     for n, v in found.law.params.items():
@@ -178,9 +178,7 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
 
 
 def _object(module: str, block: str) -> Any:
-    from importlib import import_module
-
-    return getattr(import_module(f"slipctl.models.{module}"), block)
+    return getattr(registry.module("models", module), block)
 
 
 def residuals_text(found: Fitted) -> str:
@@ -247,7 +245,7 @@ def report(found: Fitted, folder: Path) -> str:
     unit = law.outputs[found.curve.output].unit
     tail = "" if unit == "1" else f" {unit}"
     model = folder / MODEL
-    left_out = f"the law leaves out {law.leaves_out}\n" if law.leaves_out else ""
+    left_out = f"the law leaves out {law.law_data.leaves_out}\n" if law.law_data.leaves_out else ""
     known = [["known", "value", "unit", "from"]]
     values = law.param_values()
     for n, origin in found.origin.items():

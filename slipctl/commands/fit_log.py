@@ -8,13 +8,12 @@ import io
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slipctl import __version__
+from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.commands.replay import pairs
@@ -77,22 +76,21 @@ def _settled(
     block: Block, settings: Mapping[str, str]
 ) -> tuple[Block, dict[str, str], dict[str, float]]:
     """Block with what stands beside it, known parameters, and inputs that do not vary."""
-    at, constants, beside = {}, {}, dict(block.beside)
+    at, constants, beside = {}, {}, dict(block.law_data.beside)
     for n, text in settings.items():
-        if n in block.beside:
-            s = block.beside[n]
+        if n in block.law_data.beside:
+            s = block.law_data.beside[n]
             number = parse_quantity(text, s.unit, f"{block.name}.{n}")
             beside[n] = replace(s, value=float(s.check(f"{block.name}.{n}", number)))
         if n in block.inputs:
             s = block.inputs[n]
             value = parse_quantity(text, s.unit, f"{block.name}.{n}")
             constants[n] = float(s.check(f"{block.name}.{n}", value))
-        elif n not in block.beside:
+        elif n not in block.law_data.beside:
             at[n] = text
     known = {n: quantity(block, n, text) for n, text in at.items()}
     new = block.with_params(**known) if known else block
-    new = new._copy(new.signals)
-    new.beside = beside
+    new = new._copy(new.signals, law_data=replace(new.law_data, beside=beside))
     return new, at, constants
 
 
@@ -167,7 +165,7 @@ def keys_of(law: str) -> dict[str, str]:
     homes = [m for m, (_, blocks) in resolve.models().items() if name in blocks]
     if len(homes) != 1 or module not in ("", homes[0]):
         return {}
-    found = getattr(import_module(f"slipctl.models.{homes[0]}"), "KEYS", {})
+    found = getattr(registry.module("models", homes[0]), "KEYS", {})
     return dict(found.get(name, {}))
 
 

@@ -19,9 +19,9 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of, read_recording
 from slipctl.run.logs.replay import Replayed, replay
-from slipctl.study import resolve
 from slipctl.study.report.report_page import STYLE, figure, table
 from slipctl.study.report.texts import number, wrap_table
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -75,18 +75,11 @@ def load_part(name: str) -> Block:
     Raises:
         BadInput: no such block, or a whole loop.
     """
-    left, colon, right = name.rpartition(":")
-    if (
-        resolve.is_written(name)
-        or not colon
-        or (left.endswith(".py") and not resolve.has_study(left))
-    ):
-        return resolve.load_block(name)
-    block = resolve.load_block(name)
-    if "." not in right:
-        parts = ", ".join(f"{name}.{n}" for n in block.parts)
+    asked = Request.read(name)
+    if asked.loop and not asked.part:
+        parts = ", ".join(f"{name}.{n}" for n in asked.block.parts)
         raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
-    return block
+    return asked.block
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:

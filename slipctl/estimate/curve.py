@@ -57,7 +57,7 @@ def parameters_of_columns(
     names, units, values, _ = _columns(table)
     found = {}
     for n, u in zip(names, units, strict=True):
-        signals = {**law.inputs, **law.params, **law.beside}
+        signals = {**law.inputs, **law.params, **law.law_data.beside}
         if n not in signals:
             continue
         s = signals[n]
@@ -81,7 +81,7 @@ def parameters_of_columns(
 
 def quantity(law: Block, name: str, value: Any, where: str = "") -> float:
     """Value of an input or parameter, from a number in its unit or a text with a unit."""
-    signals = {**law.beside, **law.inputs, **law.params}
+    signals = {**law.law_data.beside, **law.inputs, **law.params}
     if name not in signals:
         raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
                        f"{nearest(name, signals)}")  # fmt: skip
@@ -132,7 +132,7 @@ def points(
         elif n in known or (n != output and s.value is not None):
             found[n] = np.full(many, float(given[n]))
         else:
-            raise BadInput(_lacking(law, source, n, names, law.readings.get(n, ""), [n]))
+            raise BadInput(_lacking(law, source, n, names, law.law_data.readings.get(n, ""), [n]))
     measured = found.pop(output)
     curve = Curve(source, found, measured, output)
     _check_sorted(curve, lines)

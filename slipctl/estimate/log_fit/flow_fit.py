@@ -68,7 +68,7 @@ def fit_over_time(
         raise BadInput(f"there is no rule {rule!r}{nearest(rule, ('hold', 'linear'))}")
     free = free_state(flow, measured)
     if unknown is None:
-        unknown = flow.coordinates or [
+        unknown = flow.law_data.coordinates or [
             n for n, s in flow.params.items() if not s.derived and s.value is not None
         ]
         unknown = [n for n in unknown if n not in (at or {})]

@@ -223,8 +223,8 @@ def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source
             units[n] = si_text(said[n] or "1")
             others[n] = factor(said[n] or "1", units[n])
             continue
-        if n in block.beside:
-            known = block.beside[n]
+        if n in block.law_data.beside:
+            known = block.law_data.beside[n]
             if known.value is None:
                 raise BadInput(f"{text} needs {n}, {known.doc} [{known.unit}]; --set {n}=VALUE")
             numbers[n], units[n] = float(known.value), known.unit

@@ -126,9 +126,7 @@ def with_period(block: Block, period: float | None) -> Block:
     """The same block with a sample period."""
     if period is None or block.kind == "flow":
         return block
-    new = block._copy(block.signals)
-    new.period = period
-    return new
+    return block._copy(block.signals, period=period)
 
 
 def replay(
