@@ -53,7 +53,7 @@ def gains(trip: Trip) -> tuple[Gains, ...]:
     return tuple(found)
 
 
-def uncertified(trip: Trip, otherwise: Mapping[str, str]) -> dict[str, str]:
+def reasons_without_certificate(trip: Trip, otherwise: Mapping[str, str]) -> dict[str, str]:
     """Why a controller has no certificate, by its name; ``otherwise`` says it of the others."""
     found = dict(otherwise)
     for name, part in trip.controllers.items():

@@ -7,8 +7,8 @@ is
     tau T' = T_cmd(dead time ago) - T
 
 at one speed, one step of RK4 a tick. h is the height of the adhesion curve over that of the file,
-w a push, n the noise of the slip that the controller sees, f what is wrong of the adhesion force
-that it is told. The reference stands still.
+w a push. The controller sees the slip with a noise n, and is told an adhesion force that is wrong
+by f. The reference stands still.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
-        uncertified=axle_loops.uncertified(trip, reasons_without_certificate(trip)),
+        uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),

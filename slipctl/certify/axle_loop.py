@@ -319,8 +319,9 @@ def _peak(n: Numbers, proof: Entries) -> str:
 
 def _start(n: Numbers) -> str:
     height = f"{float(n['least']):.6g} to {float(n['most']):.6g}"
-    return (f"rest, at a speed of {number_text(n['v'], 'm/s', 6)} and on an adhesion curve of {height}"
-            " times its height, both of which do not change")  # fmt: skip
+    speed = number_text(n["v"], "m/s", 6)
+    return (f"rest, at a speed of {speed} and on an adhesion curve of {height} times its height,"
+            " both of which do not change")  # fmt: skip
 
 
 def axle_system(build: Build | None, why: list[str] | None = None) -> System:

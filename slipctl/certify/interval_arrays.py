@@ -1,7 +1,7 @@
 """Arrays of intervals of floats that are rounded outwards: many boxes at once, in NumPy.
 
 Sums, products, quotients and roots of IEEE arithmetic are correctly rounded, so one unit in the
-last place is enough; exponentials and logarithms of NumPy are wrong by less than 4, and get 8. The
+last place is enough. Exponentials and logarithms of NumPy are wrong by less than 4, and get 8. The
 methods are those of ``outward.Interval``, so that ``tick_code`` takes either.
 """
 

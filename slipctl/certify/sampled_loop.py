@@ -81,7 +81,7 @@ def boxes(low: Fraction, high: Fraction) -> Boxes:
     return Boxes.around(low, high)
 
 
-def placed(loop: SampledLoop, cell: Cell, make: Make, box: Sequence[Range] | None = None,
+def input_enclosures(loop: SampledLoop, cell: Cell, make: Make, box: Sequence[Range] | None = None,
            push: Sequence[Range] | None = None) -> dict[str, Any]:  # fmt: skip
     """Enclosures of all inputs: states about their rest, pushes, parameters in their cell."""
     given: dict[str, Any] = {}
@@ -128,7 +128,7 @@ def ends_of(value: Any) -> Range:
 def residuals(loop: SampledLoop, cell: Cell, make: Make) -> list[Range]:
     """By row what F(c(p), 0, p) - c(p) may be over the cell."""
     middle = Cell(tuple((m, m) for m in cell.middles()), cell.rest, cell.moves)
-    at = loop.code.run(placed(loop, middle, make))
+    at = loop.code.run(input_enclosures(loop, middle, make))
     found = []
     for name, rest in zip(loop.states, cell.rest, strict=True):
         low, high = ends_of(at[name])
@@ -136,7 +136,7 @@ def residuals(loop: SampledLoop, cell: Cell, make: Make) -> list[Range]:
     if not loop.slow:
         return found
     by = [f"x_{s}" for s in loop.states] + [f"p_{s}" for s in loop.slow]
-    slopes = slope_ranges(loop, placed(loop, cell, make), by)
+    slopes = slope_ranges(loop, input_enclosures(loop, cell, make), by)
     for q, (name, (a, b)) in enumerate(zip(loop.slow, cell.slow, strict=True)):
         half = (b - a) / 2
         for i in range(len(loop.states)):
@@ -181,7 +181,7 @@ def remainders(
     """
     wide = [(-z, z) for z in box]
     pushed = [(-w, w) for w in push]
-    whole = placed(loop, cell, make, wide, pushed)
+    whole = input_enclosures(loop, cell, make, wide, pushed)
     axes = [(f"x_{s}", z) for s, z in zip(loop.states, box, strict=True)]
     axes += [(f"d_{s}", w) for s, w in zip(loop.pushes, push, strict=True)]
     names = [n for n, z in axes if z]
@@ -212,7 +212,7 @@ def _in_parts(
     """By row the slopes along an axis, in parts from -size to size."""
     n = len(loop.states)
     name = f"x_{loop.states[j]}" if j < n else f"d_{loop.pushes[j - n]}"
-    given = placed(loop, cell, make, wide, pushed)
+    given = input_enclosures(loop, cell, make, wide, pushed)
     places = []
     for k in range(-PARTS, PARTS):
         part = (size * k / PARTS, size * (k + 1) / PARTS)
@@ -221,7 +221,7 @@ def _in_parts(
             box[j] = part
         else:
             push[j - n] = part
-        places.append(placed(loop, cell, make, box, push)[name])
+        places.append(input_enclosures(loop, cell, make, box, push)[name])
     if isinstance(places[0], Boxes):  # all parts at once
         together = Boxes(np.concatenate([p.low for p in places]),
                          np.concatenate([p.high for p in places]))  # fmt: skip

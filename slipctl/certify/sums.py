@@ -22,7 +22,7 @@ from slipctl.certify.sampled_loop import (
     SampledLoop,
     boxes,
     decimals,
-    placed,
+    input_enclosures,
     remainders,
     slope_ranges,
 )
@@ -103,7 +103,7 @@ class _Search:
         states = [f"x_{s}" for s in self.loop.states]
         names = states + [f"d_{s}" for s in self.loop.pushes]
         try:
-            given = placed(self.loop, self.cell, boxes, wide, pushed)
+            given = input_enclosures(self.loop, self.cell, boxes, wide, pushed)
             found = slope_ranges(self.loop, given, names)
         except (DoesNotHold, ArithmeticError) as error:
             raise NoProof(str(error)) from None
@@ -205,7 +205,7 @@ class _Search:
         pushed = [(-w, w) for w in self.bounds.push]
         names = [f"x_{s}" for s in self.loop.states]
         try:
-            given = placed(self.loop, self.cell, boxes, wide, pushed)
+            given = input_enclosures(self.loop, self.cell, boxes, wide, pushed)
             found = slope_ranges(self.loop, given, names)
         except (DoesNotHold, ArithmeticError) as error:
             raise NoProof(str(error)) from None

@@ -7,7 +7,8 @@ over ticks: if y has stayed in the box [-Z, Z] until now, then w and r were in t
 
 with m the middles and h the half-widths of r. If that is at most Z, the box is never left. The sums
 run over so many ticks with 160 bits behind the point. A matrix P >= 1 with A' P A <= decay P bounds
-the rest of them, what rounding does, and what rows add that are too small for a sum of their own.
+the rest of them and what rounding does. It also bounds what rows add that are too small for a sum
+of their own.
 """
 
 from __future__ import annotations

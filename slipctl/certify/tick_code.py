@@ -1,7 +1,7 @@
 """A tick as a list of operations: read from a person's Python or CasADi, enclosed, differentiated.
 
 A tick that is run on numbers says what it does to these numbers. A proof needs what it does to all
-of a set. So the tick is read once into operations, and these are the object of every proof: they
+of a set. So the tick is read once into operations, and these are the object of every proof. They
 are evaluated on floats, on intervals of decimals (``outward.Interval``) and on arrays of intervals
 (``interval_arrays.Boxes``), and differentiated on the latter two.
 

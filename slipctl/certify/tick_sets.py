@@ -42,6 +42,9 @@ GRIDS = {1: (64, 512), 2: (24, 64), 3: (8, 16)}
 MOST_CELLS = 5000
 """Most cells of a set."""
 
+FAR = 1e30
+"""Gain of a start at which no more ticks are added up."""
+
 MOST_TICKS = 5000
 """Most ticks of a run."""
 
@@ -170,7 +173,7 @@ def clip(x: Any, low: Any, high: Any) -> Any:
     return min(max(x, low), high)
 
 
-def where(condition: Any, yes: Any, no: Any) -> Any:
+def if_else(condition: Any, yes: Any, no: Any) -> Any:
     """``yes`` where a condition holds, else ``no``."""
     for one in (condition, yes, no):
         if isinstance(one, Symbol):
@@ -403,6 +406,8 @@ def _summed_run(loop: Loop, n: Numbers, state: str, limit: float) -> Entries | N
         by_push.append(np.sign(row @ B).astype(int).tolist())
         row = row @ A
         by_start.append(np.sign(row).astype(int).tolist())
+        if np.abs(row).max() > FAR:
+            break
     for ticks in (50, 200, 700, len(by_push)):
         signs = [dict(zip(pushes, s, strict=True)) for s in reversed(by_push[:ticks])]
         for turn in (1, -1):

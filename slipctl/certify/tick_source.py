@@ -1,8 +1,8 @@
 """A person's tick, written in Python, read into operations (``tick_code``).
 
 The tick is called with symbols in the place of numbers. Every question that it asks of a symbol
-(``x > 0``, ``x == 0``, ``min(x, y)``) is answered both ways, in a call of its own, and both
-results stand in the code beside the condition. So what is proved is what the text says, whatever
+(``x > 0``, ``x == 0``, ``min(x, y)``) is answered both ways, in a call of its own. Both results
+stand in the code beside the condition. So what is proved is what the text says, whatever
 it compares. What would make a number of a symbol (``int``, ``float``, ``round``, ``math.sin``), or
 look at its type, is refused in words, also where the tick swallows the error. So is what may make
 the next tick another one: globals and closures that may change, stores outside of the tick, a
@@ -30,7 +30,7 @@ MOST_PATHS = 256
 MOST_QUESTIONS = 100_000
 """Most questions of all ways together."""
 
-FUNCTIONS = ("sgn", "root", "clip", "exp", "where")
+FUNCTIONS = ("sgn", "root", "clip", "exp", "if_else")
 """Functions of ``tick_sets`` for a tick, beside + - * / ** and comparisons."""
 
 HINT = (
@@ -108,7 +108,7 @@ class Symbol:
 
     def _made(self, operation: str, *args: Any) -> Symbol:
         at = [self._value(a) for a in args]
-        return Symbol(self._session, folded(self._session.writer, operation, at))
+        return Symbol(self._session, folded_constant(self._session.writer, operation, at))
 
     def __add__(self, o: Any) -> Symbol:
         return self._made("add", self, o)
@@ -184,7 +184,7 @@ class Symbol:
         self._session.refuse(f"the attribute {name} of a number")
 
 
-def folded(writer: CodeWriter, operation: str, at: Sequence[int]) -> int:
+def folded_constant(writer: CodeWriter, operation: str, at: Sequence[int]) -> int:
     """Operation whose constants are worked out as rationals."""
     known = [writer.constant(i) for i in at]
     if None in known:

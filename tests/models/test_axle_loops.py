@@ -120,4 +120,4 @@ def test_a_rail_on_which_the_demand_rules_has_no_certificate(tmp_path):
     path.write_text(text, encoding="utf-8")
     trip = trip_files.load_trip(str(path))
     assert not axle_loops.gains(trip)
-    assert "never rules" in axle_loops.uncertified(trip, {})["pid"]
+    assert "never rules" in axle_loops.reasons_without_certificate(trip, {})["pid"]

@@ -20,7 +20,7 @@ from adversary.common import Tally
 PLAIN = ("{a}", "{a}", "{n}", "{f}", "({e} + {e})", "({e} - {e})", "{f}*{e}", "{e}/({f} + 3)",
          "min({e}, {f})", "max({e}, -{f})", "abs({e})", "clip({e}, -{f}, {f})", "sgn({e})/4",
          "{e}*{e}/4", "sum(({e}, {e}))/2", "CONST*{e}", "helper({e})", "d['w']", "{e}**2/8",
-         "where({c}, {e}, {e})/2")  # fmt: skip
+         "if_else({c}, {e}, {e})/2")  # fmt: skip
 
 ASKING = ("({e} if {c} else {e})", "({f} if {e} else {e})", "({c})*{f}",
           "({e} if {c} and {c} else {f})",
@@ -97,7 +97,7 @@ def source(rng: random.Random) -> tuple[str, list[str]]:
 PRELUDE = """
 import math, random
 import numpy as np
-from slipctl.certify.tick_sets import clip, sgn, where
+from slipctl.certify.tick_sets import clip, if_else, sgn
 KEPT, CALLS, CONST = {}, 0, 0.75
 def counter():
     seen = 0
