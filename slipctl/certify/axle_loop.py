@@ -241,7 +241,7 @@ def _read_loop(entry: Mapping[str, Any]) -> SampledLoop:
     wanted = [*(f"x_{s}" for s in states), *(f"d_{p}" for p in pushes), *(f"p_{s}" for s in slow)]
     if sorted(wanted) != sorted(code.inputs) or set(code.outputs) != set(states):
         raise BadInput("evidence: the tick has other inputs or outputs than its states")
-    if SLIP not in states or len(slow) != 1 or not set(pushes) <= set(PUSHES):
+    if SLIP not in states or len(slow) != 1 or set(pushes) != set(PUSHES):
         raise BadInput("evidence: it is no loop of an axle")
     return SampledLoop(code, states, pushes, slow)
 
