@@ -26,8 +26,8 @@ from casadi import atan, exp, fabs, fmax, pi
 from slipctl import BadInput, Block, Input, Output, Param, argmax, argmax_table, law, make_block
 from slipctl.analysis.optimum import Peak
 from slipctl.errors import nearest
-from slipctl.estimate.tables import read_table
 from slipctl.models.wheel_rail.hertz import E_STEEL, NU_STEEL, c11, ellipse
+from slipctl.tables.table import read_table
 
 log = logging.getLogger("slipctl")
 
@@ -232,11 +232,11 @@ def read_surfaces(path: str | Path) -> dict[str, dict[str, float]]:
             f" {', '.join(wanted)}"
         )
     found: dict[str, dict[str, float]] = {}
-    for line, (name, *cells) in table.rows:
+    numbers = [table.numbers(n) for n in PARAMETERS]
+    for line, name, *values in zip(table.lines, table.cells["surface"], *numbers, strict=True):
         if not name.isidentifier() or name in found:
             raise BadInput(f"{path}, line {line}: {name!r} is no name, or the second of its kind")
-        numbers = [table.number(line, cell) for cell in cells]
-        found[name] = dict(zip(PARAMETERS, numbers, strict=True))
+        found[name] = dict(zip(PARAMETERS, map(float, values), strict=True))
         _check_surface(f"{path}, line {line}", found[name])
     return found
 

@@ -14,7 +14,7 @@ from slipctl.studies.predictive.loops import cases
 from slipctl.studies.predictive.problems import HARDEST
 
 OWN = ("one iteration", "three iterations")
-PROBLEM = "the problem of studies/bench/peers/slip_nmpc.py"
+PROBLEM = "the problem of studies/predictive/slip_problem.py"
 OURS = "ours"
 
 
