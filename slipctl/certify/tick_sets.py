@@ -30,8 +30,10 @@ from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refut
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.tick_code import TickCode
-from slipctl.certify.tick_source import Symbol, code_of_tick
+from slipctl.certify.tick_source import clip, code_of_tick, exp, if_else, root, sgn
 from slipctl.errors import BadInput
+
+__all__ = ["Loop", "clip", "exp", "if_else", "root", "sgn"]
 
 DIGITS = 25
 """Digits of the enclosures."""
@@ -135,59 +137,13 @@ class Loop:
         }  # fmt: skip
 
 
-# ---- functions for a tick: they take floats, intervals, and what a tick is read with ------------
-
-
-def sgn(x: Any) -> Any:
-    """Sign; of an interval that holds 0 all of -1 to 1."""
-    if isinstance(x, Interval):
-        return x.sgn()
-    if isinstance(x, Symbol):
-        return Symbol(x._session, x._session.writer.sign(x._at))
-    return (x > 0) - (x < 0)
-
-
-def root(x: Any) -> Any:
-    """Square root; of what is negative 0."""
-    if isinstance(x, Interval):
-        return x.maximum(0).sqrt()
-    if isinstance(x, Symbol):
-        return x._made("max", x, 0)._made("sqrt", x._made("max", x, 0))
-    return math.sqrt(max(x, 0.0))
-
-
-def exp(x: Any) -> Any:
-    """Exponential."""
-    if isinstance(x, Interval):
-        return x.exp()
-    return x._made("exp", x) if isinstance(x, Symbol) else math.exp(x)
-
-
-def clip(x: Any, low: Any, high: Any) -> Any:
-    """Value limited to a range, min(max(x, low), high)."""
-    if isinstance(x, Interval):
-        return x.maximum(low).minimum(high)
-    for one in (x, low, high):
-        if isinstance(one, Symbol):
-            return one._made("min", one._made("max", x, low), high)
-    return min(max(x, low), high)
-
-
-def if_else(condition: Any, yes: Any, no: Any) -> Any:
-    """``yes`` where a condition holds, else ``no``."""
-    for one in (condition, yes, no):
-        if isinstance(one, Symbol):
-            return one._made("choose", condition, yes, no)
-    return yes if condition else no
+# ---- sets of cells ------------------------------------------------------------------------------
 
 
 def _span(low: Fraction, high: Fraction) -> Interval:
     """Interval between two rationals, rounded outwards."""
     a, b = Interval.of(low, DIGITS), Interval.of(high, DIGITS)
     return Interval(a.low, b.high, DIGITS)
-
-
-# ---- sets of cells ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
