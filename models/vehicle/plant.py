@@ -85,6 +85,7 @@ def on_train(adhesion: Block) -> Block:
         outputs=[Output("1", "adhesion coefficient", positive="traction").named("mu")],
         conditions=source.conditions, sx=source.sx, choices=source.choices,
         doc=f"{source.doc}\n\nOdd in the creep, traction positive.",
+        measured_to=source.measured_to, meant_to=source.meant_to,
     )  # fmt: skip
 
 

@@ -94,6 +94,8 @@ class Block:
         follows: Callable[..., Mapping[str, float]] | None = None,
         beside: Mapping[str, Signal] | None = None,
         leaves_out: str = "",
+        measured_to: float | None = None,
+        meant_to: float | None = None,
         prefixed: bool = False,
         transparent: bool = False,
         own: Iterable[str] = (),
@@ -125,6 +127,7 @@ class Block:
         self.readings = dict(readings or {})
         self.expects = tuple(expects)
         self.follows, self.leaves_out = follows, leaves_out
+        self.measured_to, self.meant_to = measured_to, meant_to
         self.beside = {n: s.named(n) for n, s in (beside or {}).items()}
         self.prefixed = prefixed
         self.transparent = transparent
@@ -604,7 +607,7 @@ class Block:
             rebuild=self._rebuild, wires=self.wires, units=self.units, conditions=self.conditions,
             closed_form=self.closed_form, coordinates=self.coordinates, readings=self.readings,
             expects=self.expects, follows=self.follows, beside=self.beside,
-            leaves_out=self.leaves_out,
+            leaves_out=self.leaves_out, measured_to=self.measured_to, meant_to=self.meant_to,
             prefixed=self.prefixed, transparent=self.transparent, own=self.own,
             sharing=self.sharing, by_structure=self.by_structure, guard=self.guard,
             solves=self.solves, split=self.split,

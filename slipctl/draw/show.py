@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from slipctl.block import formula
 from slipctl.block.plain_text import Text, cut
+from slipctl.block.reach import reach_text
 from slipctl.block.sharing import differences, places_of
 from slipctl.block.signals import Signal
 from slipctl.draw.diagram import graph, svg
@@ -161,6 +162,8 @@ def text(block: Block, jacobian: bool = True) -> str:
             for k, values in block.conditions.items()
         ]
         out += ["Rail conditions", *_indent(_columns(sets)), ""]
+    if reach := reach_text(block):
+        out += ["Reach", *_indent([reach]), ""]
     shared = [(n, ", ".join(places_of(block, n))) for n in block.params if places_of(block, n)]
     if shared:
         shared += [(p, f"differs from {n}") for p, n in differences(block).items()]

@@ -11,6 +11,7 @@ from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.run.feeding import rail_values
 from slipctl.run.rail import Scenario
+from slipctl.run.wheel_warnings import longest_span, watched_wheels
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""
@@ -33,7 +34,7 @@ def watched(loop: Block) -> set[str]:
     if found:  # for where the axles are
         found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}
     known = {**loop.states, **loop.outputs}
-    return {n for n in found if n in known}
+    return {n for n in found if n in known} | watched_wheels(loop)
 
 
 def told_run(loop: Block, scenario: Scenario, log: Values) -> list[str]:
@@ -68,8 +69,23 @@ def meant(loop: Block, name: str, own: set[str]) -> str | None:
     for signals in (loop.states, loop.params, loop.outputs):
         hits = [n for n in signals if n.endswith("." + name) and n.rpartition(".")[0] not in own]
         if hits:
-            return hits[0] if len(hits) == 1 else None
+            return hits[0] if len(hits) == 1 and not _of_another_law(loop, hits[0], own) else None
     return None
+
+
+def _of_another_law(loop: Block, name: str, own: set[str]) -> bool:
+    """Whether a number is of a law of adhesion with a parameter that no estimator knows of.
+
+    A parameter of one law is no truth for that of another one, though both are called ``c``.
+    """
+    home = name.rpartition(".")[0]
+    laws = {path: law for path, law in loop.leaves() if law.conditions and "mu" in law.outputs}
+    if home not in laws:
+        return False
+    known = {t for o in own for n, s in loop.states.items() if n.rpartition(".")[0] == o
+             for text in s.truth for t in names_in(text)}  # fmt: skip
+    known |= {n.rpartition(".")[2] for n in loop.params if n.rpartition(".")[0] in own}
+    return any(n not in known for n, s in laws[home].params.items() if not s.derived)
 
 
 def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
@@ -116,7 +132,7 @@ def _span(
         one, sure = one[:, k], sure[:, k]
     one, truth, sure = np.broadcast_arrays(*map(_columns, (one, truth, sure)))
     beyond = (np.abs(one - truth) > AWAY * sure) & (sure > 0)
-    spans = [_longest(column) for column in beyond.T]
+    spans = [longest_span(column) for column in beyond.T]
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
     what = n if len(s.truth) == 1 and text.isidentifier() else f"{n} for {text}"
@@ -133,16 +149,6 @@ def _span(
 def _columns(values: np.ndarray) -> np.ndarray:
     """Rows of a run, a column per axle."""
     return values if values.ndim > 1 else values.reshape(-1, 1)
-
-
-def _longest(true: np.ndarray) -> tuple[int, int]:
-    """First row, and the one after the last, of the longest stretch that is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    k = int(np.argmax(ends - begins))
-    return int(begins[k]), int(ends[k])
 
 
 def _deviations(

@@ -20,6 +20,7 @@ from slipctl.run.feeding import begun, feeds, pieces, rail_values
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.starting import told_starts
+from slipctl.run.wheel_warnings import wheel_warnings
 
 if TYPE_CHECKING:
     import xarray
@@ -445,8 +446,11 @@ class Log(Mapping[str, np.ndarray]):
         begin = Log(self.loop, self.scenario, self._time[:1], self._first,
                     logged(self.loop, every), self._first)  # fmt: skip
         scenario = self.scenario.but(params={}, start={})
-        late = [] if self.watched is None else told_run(self.loop, scenario, self.watched)
-        return [*told_starts(self.loop, scenario, lambda _: begin), *late]
+        starts = told_starts(self.loop, scenario, lambda _: begin)
+        if self.watched is None:
+            return starts
+        wheels = wheel_warnings(self.loop, scenario, self.watched)
+        return [*wheels, *starts, *told_run(self.loop, scenario, self.watched)]
 
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""

@@ -12,6 +12,7 @@ import numpy as np
 from slipctl.block.units import scaled
 from slipctl.run.metrics import BETTER, METRICS, NEEDS, Metric
 from slipctl.run.results import Results
+from slipctl.run.wheel_warnings import FIRST
 from slipctl.study.declaration import (
     CHANGED,
     FAILED,
@@ -310,11 +311,11 @@ def doubts(results: Results) -> list[tuple[str, str]]:
         for name, loop in case.loops.items():
             log = results.data.get(scenario, {}).get(name)
             late = str(log.attrs.get("told", "")) if log is not None else ""
-            for line in [*told_before(loop, case.scenario), *filter(None, late.split("\n"))]:
+            for line in [*filter(None, late.split("\n")), *told_before(loop, case.scenario)]:
                 by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
     return [
         (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
-        for line, runs in by_line.items()
+        for line, runs in sorted(by_line.items(), key=lambda item: not item[0].startswith(FIRST))
     ]
 
 
