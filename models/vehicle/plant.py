@@ -162,7 +162,7 @@ def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
     apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
     axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
-    train = rolling(on_train(adhesion), axles, T_S, apart=apart).with_params(
+    train = rolling(on_train(adhesion), axles, T_S, apart=apart, standing=True).with_params(
         m=vehicle.total, m_axle=vehicle.total / n, J=vehicle.wheel_inertia, r=r,
         g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
     )  # fmt: skip
