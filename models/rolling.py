@@ -324,7 +324,7 @@ def _peaks(
     return ca.Function("peaks_of", given, due.call([ca.fabs(v_m) < PEAKS[-1], *given]))
 
 
-def _axle(adhesion: Block, names: Sequence[str], standing: bool) -> dict[int, ca.Function]:
+def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict[int, ca.Function]:
     """Creep of one axle for a given speed of the train at the end of the step, by Newton updates.
 
     Results: contact force, whether the brake holds the wheel, residual. Then creep and force after

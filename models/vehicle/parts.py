@@ -125,7 +125,7 @@ class Vehicle(Part):
         "1", None, "numbers of the driven axles, 1 the first; none given: all", lo=1, hi=32
     )
     radius: float | tuple[float, ...] = number(
-        "m", 0.42, "of the wheels, or of each axle; the controllers know the mean", lo=0.2, hi=1
+        "m", 0.42, "of the wheels, or of each axle", lo=0.2, hi=1
     )
     inertia: float | None = number(
         "kg m^2", None, "of one wheelset with all that turns with it", lo=0.1, hi=1e5
@@ -188,7 +188,7 @@ class Vehicle(Part):
 
     @property
     def wheel_radius(self) -> float:
-        """Mean radius in m, what a controller knows."""
+        """Mean radius in m."""
         return sum(self.radii) / self.axles
 
     @property
@@ -416,6 +416,10 @@ class WheelsOnly(Part):
 
     kind: Literal["wheels"] = "wheels"
     rate: float = number("m/s^2", 1.5, "most that the vehicle can change its speed", lo=0.01, hi=10)
+    margin: float = number("1", 0.15, "share by which the torques may be wrong", lo=0, hi=1)
+    beside: float = number(
+        "m/s^2", 0.15, "what gradient and resistance may do beside the torques", lo=0, hi=5
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -464,9 +468,18 @@ class SlipControl(Part):
     """When slip control takes over from the demand, and when it gives back."""
 
     wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
+    least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
     rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
     off: float = number("m/s", 1.0, "speed below which it is off", lo=0, hi=10)
     low: float = number("1", 0.3, "share of the largest torque that is applied below", lo=0, hi=1)
+    radius: float | tuple[float, ...] | None = number(
+        "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
+        " none given: as it is", lo=0.2, hi=1,
+    )  # fmt: skip
+    learn: bool | None = told(
+        None, "whether the ratios of the radii are learnt while no wheel slips; none given: where"
+        " the vehicle's speed is from the wheels",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -585,6 +598,30 @@ class Trip(Part):
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
 
+    @property
+    def believed(self) -> tuple[float, ...]:
+        """Radius in m of each axle with an actuator, as the controllers believe."""
+        given = self.control.radius
+        if given is None:
+            return tuple(self.vehicle.radii[k] for k in self.vehicle.worked)
+        many = len(self.vehicle.worked)
+        return tuple(given) if isinstance(given, (list, tuple)) else (given,) * many
+
+    @property
+    def one_radius(self) -> float:
+        """Radius in m that all controllers know; the speeds of the wheels are brought to it."""
+        if self.control.radius is None:
+            return self.vehicle.wheel_radius
+        return sum(self.believed) / len(self.believed)
+
+    @property
+    def learns(self) -> bool:
+        """Whether the ratios of the radii are learnt."""
+        if self.control.learn is None:
+            wheels = isinstance(self.sensors.vehicle_speed, WheelsOnly)
+            return wheels and len(self.vehicle.worked) > 1
+        return self.control.learn
+
     def misfits(self) -> Iterator[Fault]:
         """What of one part does not fit another."""
         if self.end not in ("", STANDSTILL):
@@ -599,6 +636,11 @@ class Trip(Part):
             yield "controllers", "there is no controller; kind = 'none' applies the demand alone"
         if isinstance(self.actuator, Valve) and self.vehicle.mode == "drive":
             yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
+        believed, worked = self.control.radius, len(self.vehicle.worked)
+        if isinstance(believed, (list, tuple)) and len(believed) != worked:
+            yield "control.radius", f"has {len(believed)} values for {worked} axles with an actuator"
+        if self.control.learn and worked < 2:
+            yield "control.learn", "one axle has no ratio to learn"
         if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
         for name in self.controllers:
