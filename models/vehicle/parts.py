@@ -17,6 +17,7 @@ import numpy as np
 
 from slipctl import BadInput
 from slipctl.block.units import parse_quantity
+from slipctl.desk.declared import Each
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -26,10 +27,15 @@ SLIP_LAWS = ("pid", "smc", "sta", "efc", "eppfc", "eppfc_barrier", "barrier", "h
 
 
 def number(
-    unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf
-) -> Any:
-    """Declare a number of a part, or a list of them; without ``value`` it must be given."""
-    return field(default=value, metadata={"unit": unit, "doc": doc, "lo": lo, "hi": hi})
+    unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf,
+    by: str = "",
+) -> Any:  # fmt: skip
+    """Declare a number of a part, or a list of them; without ``value`` it must be given.
+
+    With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
+    """
+    meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
+    return field(default=value, metadata=meta)
 
 
 def told(value: Any, doc: str) -> Any:
@@ -98,12 +104,17 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Davis(Part):
-    """Running resistance a + b v + c v^2 of the whole vehicle."""
+    """Running resistance a + b v + c v^2 of the whole vehicle, or by its mass, as "12 N/t"."""
 
     kind: Literal["davis"] = "davis"
-    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7)
-    b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6)
-    c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5)
+    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7, by="kg")
+    b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6, by="kg")
+    c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5, by="kg")
+
+    def of(self, mass: float) -> tuple[float, float, float]:
+        """Coefficients in N, N s/m and N s^2/m^2 of a vehicle of this mass in kg."""
+        a, b, c = (float(n) * mass if isinstance(n, Each) else n for n in (self.a, self.b, self.c))
+        return a, b, c
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +228,13 @@ class Lag(Part):
     gain: float = number("1", 1.0, "delivered by commanded torque", lo=0.1, hi=10)
     rate: float | None = number("N m/s", None, "largest rate of the torque", lo=1, hi=1e9)
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+    power: float | None = number(
+        "W", None, "largest of one axle: its torque is at most that over the wheel speed",
+        lo=1, hi=1e8,
+    )  # fmt: skip
+    top: float | None = number(
+        "m/s", None, "rim speed above which it gives no torque", lo=0.1, hi=200
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,7 +83,8 @@ def rail_law(trip: Trip) -> Block:
     faults: list[str] = []
     for name, values in track.conditions.items():
         try:
-            known[name] = numbers_of(block, values, f"rail.conditions.{name}")
+            own = block.conditions.get(name, {})
+            known[name] = {**own, **numbers_of(block, values, f"rail.conditions.{name}")}
         except Faults as error:
             faults += error.lines
     for k, stretch in enumerate(track.sections):

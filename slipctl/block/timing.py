@@ -39,8 +39,8 @@ def sampled(
             ``"sdirk2"`` (order 2) are L-stable, for stiff wheels.
         substeps: number of equal steps inside one tick.
         newton: Newton iterations of an implicit stage, on the exact Jacobian.
-        check: refuse a step too long for the fastest mode, at the start and at standstill, without
-            inputs and with the largest ones, on each rail condition.
+        check: refuse a step too long for the fastest mode, at the start and with wheels that stand,
+            without inputs and with the largest torques, on each rail condition.
 
     Returns:
         A step block with the same signals and period h.
@@ -155,9 +155,9 @@ def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
 def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
     """Refuse an explicit step longer than the fastest mode allows.
 
-    The Jacobian of the flow is taken at the start values and at standstill, where all states are
-    zero. The inputs are zero there (the nearest number in their range) and then as large as they
-    act, see :func:`_points`. It is taken once per rail condition of the block.
+    The Jacobian of the flow is taken at the start values, and there with wheels that stand. The
+    inputs are zero (the nearest number in their range) and then as large as they act, see
+    :func:`_points`. It is taken once per rail condition of the block.
 
     Raises:
         BadInput: with the mode, the longest step and what to use instead.
@@ -226,13 +226,8 @@ def _points(block: Block, start: np.ndarray, p: Any) -> Iterator[tuple[str, np.n
         rate = np.ravel(np.array(f(x, u, p)[0]))
         return np.where(follows, x - rate / np.where(own < 0, own, 1), x)
 
-    lows, highs = (
-        np.concatenate([np.ravel(np.broadcast_to(getattr(s, end), s.shape or (1,)))
-                        for s in block.states.values()])
-        for end in ("lo", "hi")
-    )  # fmt: skip
-    rest = np.clip(np.zeros_like(start), lows, highs)
-    for place, x in (("", start), (" at standstill", rest)):
+    turns = np.concatenate([np.full(s.size, s.unit == "rad/s") for s in block.states.values()])
+    for place, x in (("", start), (" of wheels that stand", np.where(turns, 0.0, start))):
         slopes = at(x, inputs(0, 1))
         if np.isfinite(slopes).all():
             yield place, slopes
