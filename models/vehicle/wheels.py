@@ -21,6 +21,8 @@ slip, and ``error`` counts by how much. In driving all is seen in the mirror.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sum1
 
 from slipctl import Block, Input, Output, Param, State, law, step
@@ -28,6 +30,11 @@ from slipctl.models.common_form import ADDED, T_S
 
 TAUGHT = 20.0
 """Ticks after which the ratios are known: noise of a tooth wheel, 0.3 %, is below 0.1 % then."""
+
+
+def _by_axle(block: Block) -> Block:
+    """Block whose signals of several numbers are told by axle, as logs keep them."""
+    return block._copy(replace(s, axis="axle") if s.shape else s for s in block.signals)
 
 
 def known_radii(axles: int) -> Block:
@@ -51,7 +58,7 @@ def known_radii(axles: int) -> Block:
         """omega_n = omega r_i/r."""
         return dict(omega_n=omega * worn, r_i=r * worn)
 
-    return known
+    return _by_axle(known)
 
 
 def learnt_radii(axles: int) -> Block:
@@ -120,7 +127,7 @@ def learnt_radii(axles: int) -> Block:
         return nxt, dict(omega_n=omega * worn * ratio_n, r_i=r * worn * ratio_n, learns=learns,
                          known=if_else(taught_n >= TAUGHT, 1, 0))  # fmt: skip
 
-    return learning
+    return _by_axle(learning)
 
 
 def bounded_speed(axles: int, driven: bool = False) -> Block:
@@ -177,4 +184,4 @@ def bounded_speed(axles: int, driven: bool = False) -> Block:
         nxt = dict(v_h=v, wheel=held, grown=grown_n, since=since_n)
         return nxt, dict(v_m=v, error=error, sound=if_else(error <= most, 1, 0))
 
-    return wheels
+    return _by_axle(wheels)
