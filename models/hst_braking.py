@@ -88,7 +88,7 @@ def burckhardt(
 
     mu = -(a0 (1 - exp(-a1 lam)) - a2 lam), negative when braking. The peak is at
     lam* = ln(a0 a1/a2)/a1. It does not depend on the speed, though Figure 2 shows that it should.
-    Meant up to lam = 0.7: on snow, where a locked wheel has nothing, 0.36 of the peak is left there.
+    Meant up to lam = 0.7: on snow, where a locked wheel has nothing, it has 0.36 of its peak there.
     """
     return -(a0 * (1 - exp(-a1 * lam)) - a2 * lam)
 

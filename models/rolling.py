@@ -373,7 +373,11 @@ def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict
 
 
 def _settle(
-    adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int, h: float,
+    adhesion: Block,
+    own: Sequence[str],
+    law_params: Sequence[Signal],
+    n: int,
+    h: float,
     standing: bool,
 ) -> ca.Function:
     """Contact forces of all axles, settled with the train's speed at the end of the step."""

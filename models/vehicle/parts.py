@@ -656,7 +656,10 @@ class Trip(Part):
             yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
         believed, worked = self.control.radius, len(self.vehicle.worked)
         if isinstance(believed, (list, tuple)) and len(believed) != worked:
-            yield "control.radius", f"has {len(believed)} values for {worked} axles with an actuator"
+            yield (
+                "control.radius",
+                f"has {len(believed)} values for {worked} axles with an actuator",
+            )
         if self.control.learn and worked < 2:
             yield "control.learn", "one axle has no ratio to learn"
         if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:

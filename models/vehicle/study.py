@@ -21,8 +21,8 @@ LOG = (
     "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.omega", "plant.train.mu",
     "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
-    "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i", "radius.known",
-    "wheel.y", "wheel.omega_m",
+    "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
+    "radius.known", "wheel.y", "wheel.omega_m",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 

@@ -44,6 +44,7 @@ from slipctl.block.units import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle import wheels
 from slipctl.models.vehicle.control import axle_control, numbers_of
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
@@ -59,7 +60,6 @@ from slipctl.models.vehicle.parts import (
     Trip,
     measured,
 )
-from slipctl.models.vehicle import wheels
 from slipctl.models.vehicle.plant import on_train, plant
 from slipctl.run.results import Loops
 from slipctl.study.doors import load_block
@@ -400,7 +400,10 @@ def _radii(trip: Trip, apart: bool, places: Any) -> dict[str, list[str]]:
     known = places("ctl*.r", "speed.r", "radius.r")
     if trip.control.radius is None:
         return {"r": [*known, *places("demand.r")] if apart else places("plant.train.r", "*.r")}
-    return {"r_known": known, "r": places("demand.r") if apart else places("plant.train.r", "demand.r")}
+    return {
+        "r_known": known,
+        "r": places("demand.r") if apart else places("plant.train.r", "demand.r"),
+    }
 
 
 # ---- scenario and case ---------------------------------------------------------------------------

@@ -2,10 +2,10 @@
 
     omega_i -> radius -> omega_i r_i/r -> controllers, and the speed of the vehicle
 
-A wheelset that is worn by 7 % turns 7 % faster. To a controller that takes all wheels for equal, all
-others slip. So the speeds are first brought to one radius r, that of the controllers.
+A wheelset that is worn by 7 % turns 7 % faster. To a controller that takes all wheels for equal
+the others slip. So the speeds are first brought to one radius r, that of the controllers.
 
-Ratios are learnt as slide protection does it in service. While the torque is light at every axle and
+Ratios are learnt as slide protection does it in service. While the torque is light at each axle and
 no ratio moves, all rims have the speed of the vehicle, so that r_i omega_i is one number. Its mean
 is kept: how large all wheels are together, no wheel tells.
 
@@ -168,7 +168,7 @@ def bounded_speed(axles: int, driven: bool = False) -> Block:
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
         v_start=Param("m/s", 20.0, "vehicle speed at the start"),
     ):  # fmt: skip
-        """The axle that slips least; while all slip, the momentum with the torques that are known."""
+        """The axle that slips least; while all slip, the momentum with the torques."""
         pull = sum1(torque) / (r * m)
         held = sum1(omega) * J / (r * m)
         fall = fmin(a_max, (1 + margin) * fmax(pull, 0) + beside)

@@ -53,6 +53,7 @@ class Block:
         readings: for a law, its signals as expressions of what a measured curve has in place of
             them, ``{"v_s": "creep * v"}``.
         expects: orders that a law's parameters usually keep, ``("k_A >= k_S",)``.
+        measured_to, meant_to: slips up to which a law was measured and is meant, or None.
         units: ``"checked"``, or ``"printed"`` for a printed form that cannot be made consistent.
         sx: whether the body works on CasADi SX (scalar expressions) or on MX.
         parts: the blocks this one was made of, by name.
@@ -122,15 +123,13 @@ class Block:
         self.wires: dict[str, str] = dict(wires or {})
         self.units = units
         self.conditions = {k: dict(v) for k, v in (conditions or {}).items()}
-        self.closed_form = closed_form
-        self.coordinates = tuple(coordinates)
+        self.closed_form, self.coordinates = closed_form, tuple(coordinates)
         self.readings = dict(readings or {})
         self.expects = tuple(expects)
         self.follows, self.leaves_out = follows, leaves_out
         self.measured_to, self.meant_to = measured_to, meant_to
         self.beside = {n: s.named(n) for n, s in (beside or {}).items()}
-        self.prefixed = prefixed
-        self.transparent = transparent
+        self.prefixed, self.transparent = prefixed, transparent
         self.own = frozenset(own)
         self.sharing = sharing
         self.by_structure = by_structure

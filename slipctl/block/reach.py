@@ -28,9 +28,11 @@ def reach_text(law: Block) -> str:
     if name is None or (law.measured_to is None and law.meant_to is None):
         return ""
     unit = "" if law.inputs[name].unit == "1" else f" {law.inputs[name].unit}"
-    measured = {None: "not said up to which slip it was measured", 0: "not measured"}.get(
-        law.measured_to, f"measured up to |{name}| = {law.measured_to:g}{unit}"
-        if law.measured_to else "")  # fmt: skip
+    if law.measured_to is None:
+        measured = "not said up to which slip it was measured"
+    else:
+        upto = f"measured up to |{name}| = {law.measured_to:g}{unit}"
+        measured = upto if law.measured_to else "not measured"
     if law.meant_to is None:
         return f"{measured}; not said up to which slip it is meant"
     if math.isinf(law.meant_to):

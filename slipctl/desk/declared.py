@@ -181,10 +181,10 @@ class _Reader:
             try:
                 given = parse_quantity(given, unit)
             except BadInput as error:
-                if meta.get("by") and (told := _by(given, unit, meta["by"])) is not None:
-                    if not (math.isfinite(told) and told >= meta.get("lo", -math.inf)):
+                if meta.get("by") and (each := _by(given, unit, meta["by"])) is not None:
+                    if not (math.isfinite(each) and each >= meta.get("lo", -math.inf)):
                         return self.fault(keys, f"is {_shown(given)}, which is out of range")
-                    return Each(told)
+                    return Each(each)
                 return self.fault(keys, str(error))
             except (ValueError, OverflowError, RecursionError):
                 return self.fault(keys, f"is no number in {unit}")

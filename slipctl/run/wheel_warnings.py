@@ -87,7 +87,8 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
             k, axle = np.unravel_index(int(np.argmax(turn * slip)), slip.shape)
             yield (
                 f"the wheel{_of_axle(axle, slip)} spins: its rim is {abs(slip[k, axle]):.4g} m/s"
-                f" faster than the vehicle at {time[k]:.4g} s; neither slip control nor its motor holds it"
+                f" faster than the vehicle at {time[k]:.4g} s; neither slip control nor its motor"
+                " holds it"
             )
         limit = law.meant_to
         if limit is None or not np.isfinite(limit):

@@ -1,4 +1,4 @@
-"""Wheels that differ: ratios that are learnt, the speed that is made of the wheels, and its bound."""
+"""Wheels that differ: ratios that are learnt, the speed made of the wheels, and its bound."""
 
 from dataclasses import replace
 

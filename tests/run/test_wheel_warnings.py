@@ -1,4 +1,4 @@
-"""What the wheels of a run did: a slide beyond the law, a spin, a brake that is held for nothing."""
+"""What the wheels of a run did: a slide beyond the law, a spin, a law's reach."""
 
 import math
 from dataclasses import replace
@@ -80,7 +80,9 @@ def test_a_peak_is_where_its_formula_says_and_a_locked_wheel_keeps_the_tail():
     grid = np.linspace(0.01, 20, 20_000)
     for name, p in exponential_tail.conditions.items():
         at = {"a": 0.54, "b": 1.2, **p}
-        mu = at["c"] * (np.exp(-0.54 * grid) - np.exp(-1.2 * grid)) + at["s"] * (1 - np.exp(-1.2 * grid))
+        mu = at["c"] * (np.exp(-0.54 * grid) - np.exp(-1.2 * grid)) + at["s"] * (
+            1 - np.exp(-1.2 * grid)
+        )
         assert float(peak_slip(**at)) == pytest.approx(grid[np.argmax(mu)], abs=2e-3), name
         far = float(exponential_tail(v_s=40.0, **p)["mu"])
         assert far == pytest.approx(at["s"], rel=1e-6)
@@ -89,8 +91,8 @@ def test_a_peak_is_where_its_formula_says_and_a_locked_wheel_keeps_the_tail():
 def test_four_locked_wheels_on_dry_rail_brake_by_the_tail():
     # with the shipped numbers a locked wheel has 0.1: about 1 m/s^2, as every brake engineer knows
     rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="dry"),))
-    log, _ = told(rail=rail, demand=Constant(deceleration=4.0), duration=4.0, vehicle=replace(CAR, speed=30.0),
-                  actuator=Lag(torque=3e4))  # fmt: skip
+    log, _ = told(rail=rail, demand=Constant(deceleration=4.0), duration=4.0,
+                  vehicle=replace(CAR, speed=30.0), actuator=Lag(torque=3e4))  # fmt: skip
     v, omega = log["plant.train.v"], log["plant.train.omega"]
     locked = (omega == 0).all(axis=1) & (v > 12)
     assert locked.sum() > 500
@@ -104,8 +106,16 @@ def test_a_law_says_how_far_it_reaches(tmp_path: Path):
     file = tmp_path / "own.toml"
     text = '[law]\nmu = "c*v_s"\ninputs = {v_s = "m/s"}\nparameters = {c = "0.1 s/m"}\n'
     for key, value, wanted in (
-        ("meant_to", "locked", "not said up to which slip it was measured; meant up to a locked wheel"),
-        ("measured_to", "9 km/h", "measured up to |v_s| = 2.5 m/s; not said up to which slip it is meant"),
+        (
+            "meant_to",
+            "locked",
+            "not said up to which slip it was measured; meant up to a locked wheel",
+        ),
+        (
+            "measured_to",
+            "9 km/h",
+            "measured up to |v_s| = 2.5 m/s; not said up to which slip it is meant",
+        ),
     ):
         file.write_text(text + f'{key} = "{value}"\n', encoding="utf-8")
         assert reach_text(load_block(f"{file}:law")) == wanted
