@@ -103,9 +103,9 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
             curve has. ``expects`` has orders of its parameters. ``follows`` is a function from
             parameters, and what is ``beside`` them, to other parameters, for a fit.
             ``leaves_out`` says what it has no model of. ``measured_to`` is the largest slip at
-            which an adhesion law was measured, 0 where never; ``meant_to`` the largest at which
-            it is meant to hold, ``math.inf`` for a locked wheel at any speed; both in the unit of
-            its slip. Then ``units``, ``choices``, ``name``.
+            which an adhesion law was measured, 0 where never. ``meant_to`` is the largest at which
+            it is meant to hold, ``math.inf`` for a locked wheel. Both are in the unit of its slip.
+            Then ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)
 
