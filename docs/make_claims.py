@@ -12,8 +12,8 @@ from pathlib import Path
 from made import made
 
 from slipctl.study.declaration import Claim, Study
-from slipctl.study.doors import load_study
-from slipctl.study.texts import number, tolerance_text
+from slipctl.study.report.texts import number, tolerance_text
+from slipctl.study.resolve import load_study
 
 PAGE = Path(__file__).parent / "claims.md"
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")

@@ -38,7 +38,7 @@ def floors() -> dict[str, int]:
 
 
 def room_of(module: str) -> str:
-    """Room of a module, ``slipctl.block.units`` -> ``block``."""
+    """Room of a module, ``slipctl.block.units.unit_algebra`` -> ``block``."""
     return module.split(".")[1]
 
 

@@ -17,9 +17,9 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import Metric
-from slipctl.study.texts import alike, left_out, number, times
+from slipctl.study.report.texts import equal_settling, left_out, number, times
 
 DOCS = Path(__file__).resolve().parent
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
@@ -67,12 +67,12 @@ def metrics(results: Path, words: list[str]) -> str:
     """A row per loop of a scenario, a column per metric."""
     scenario, *names = words
     loops = read(results, "metrics.json")["scenarios"][scenario]
-    units = {n: scaled(m[n]["unit"]) for m in loops.values() for n in names if n in m}
+    units = {n: display_scale(m[n]["unit"]) for m in loops.values() for n in names if n in m}
     every = {
         loop: {n: Metric(m["value"], m["unit"], tuple(m.get("rows", ()))) for n, m in f.items()}
         for loop, f in loops.items()
     }
-    still = {n: alike(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
+    still = {n: equal_settling(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
              for n in names}  # fmt: skip
     rails = {n: " / ".join(r for k, r in enumerate(m[n].rows) if k not in still[n])
              for m in every.values() for n in names if n in m}  # fmt: skip
@@ -103,7 +103,7 @@ def experiment(results: Path, words: list[str]) -> str:
     """Table of an experiment."""
     name, table = words
     columns = read(results, "tables.json")["experiments"][name][table]["columns"]
-    units = [scaled(v["unit"]) for v in columns.values()]
+    units = [display_scale(v["unit"]) for v in columns.values()]
     head = [c if u in ("", "1") else f"{c} [{u}]"
             for c, (_, u) in zip(columns, units, strict=True)]  # fmt: skip
     cells = [times(v["values"], f)

@@ -20,10 +20,11 @@ from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective
 
 from slipctl.block.block import Block
-from slipctl.draw import diagram
+from slipctl.draw.diagrams import diagram
 from slipctl.errors import BadInput
-from slipctl.study import doors, report
-from slipctl.study.texts import number
+from slipctl.study import resolve
+from slipctl.study.report import report_page
+from slipctl.study.report.texts import number
 
 LONG = 50_000
 """Letters of equations beyond which a page does not have them: a table of a hundred numbers."""
@@ -47,7 +48,7 @@ class Models(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         module = self.arguments[0]
         try:
-            return [section(module, name) for name in doors.models()[module][1]]
+            return [section(module, name) for name in resolve.models()[module][1]]
         except (BadInput, KeyError) as error:
             raise ExtensionError(f"{self.env.docname}: {module}: {error}") from error
 
@@ -57,9 +58,9 @@ def section(module: str, name: str) -> nodes.section:
     found = nodes.section(ids=[name.replace("_", "-")])
     found += nodes.title(name, name)
     try:
-        block = _example(module, name) or doors.load_block(f"{module}.{name}")
+        block = _example(module, name) or resolve.load_block(f"{module}.{name}")
     except BadInput:  # a function that needs arguments: one of its blocks stands in a study
-        text = doors.models()[module][1][name]
+        text = resolve.models()[module][1][name]
         found += nodes.paragraph(
             text, f"{text} A function that needs arguments; see the API reference."
         )
@@ -84,12 +85,12 @@ def _example(module: str, name: str) -> Block | None:
 
 def _html(block: Block) -> str:
     """Meaning, diagram or equations, and numbers of a block."""
-    out = [report._paragraphs(report._meaning(block))]
+    out = [report_page._paragraphs(report_page._meaning(block))]
     if block.parts:
         out.append(f"<details><summary>diagram</summary>{diagram.svg(block)}</details>")
         parts = ", ".join(f"{path} ({leaf.name})" for path, leaf in block.leaves())
         out.append(f"<p>Parts: {escape(parts)}.</p>")
-    elif len(equations := report.equations(block)) < LONG:
+    elif len(equations := report_page.equations(block)) < LONG:
         out.append(equations)
     else:
         out.append(
@@ -104,9 +105,9 @@ def _table(block: Block) -> str:
     for role, called in ROLES.items():
         for name, s in block._signals[role].items():
             value = s.value if isinstance(s.value, str) or s.value is None else number(s.value, 6)
-            unit = "" if s.unit == "1" else report.pretty(s.unit)
+            unit = "" if s.unit == "1" else report_page.pretty(s.unit)
             rows.append([called, name, value or "", unit, _range(s), s.doc, s.source])
-    return report.table(["", "name", "value", "unit", "range", "meaning", "source"], rows)
+    return report_page.table(["", "name", "value", "unit", "range", "meaning", "source"], rows)
 
 
 def _range(s: Any) -> str:

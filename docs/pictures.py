@@ -25,7 +25,7 @@ from sphinx.util.docutils import SphinxDirective
 import slipctl.models
 import slipctl.studies
 from slipctl.draw import plots
-from slipctl.study import doors, preparing, running
+from slipctl.study import case_setup, execution, resolve
 
 DOCS = Path(__file__).parent
 MADE = DOCS / "made"
@@ -88,13 +88,13 @@ class OfStudy(SphinxDirective):
     option_spec: ClassVar = dict.fromkeys(("figure", "scenarios", "loops"), directives.unchanged)
 
     def run(self) -> list[nodes.Node]:
-        study = doors.load_study(self.arguments[0])
+        study = resolve.load_study(self.arguments[0])
         figure = study.figures[self.options["figure"]]
         scenarios, loops = (self.options[k].split() for k in ("scenarios", "loops"))
 
         def draw() -> Any:
-            cases, models = preparing.prepare(study, loops=loops, scenarios=scenarios)
-            return figure.draw(running.run(study, cases, models, experiments=False))
+            cases, models = case_setup.prepare(study, loops=loops, scenarios=scenarios)
+            return figure.draw(execution.run(study, cases, models, experiments=False))
 
         uri = "/" + kept(f"{study.name} {sorted(self.options.items())}", draw)
         caption = nodes.caption(figure.caption, figure.caption)

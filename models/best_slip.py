@@ -12,8 +12,8 @@ import numpy as np
 
 from slipctl import Block, argmax_block, every, opened, probe, rls
 from slipctl.estimate.model import unknown_parameters
+from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
-from slipctl.models.subway_braking import double_exponential
 
 START = {"c": 0.3, "a": 0.5, "b": 1.3}
 """First guess of the parameters of ``double_exponential``, the same on every rail."""
@@ -22,7 +22,7 @@ TICKS = 16
 """Ticks of 1 ms between two runs of fit, search and probe."""
 
 
-def searched(
+def search_parts(
     curve: Block = double_exponential,
     start: Mapping[str, float] | None = None,
     noise: float = 1e-2,

@@ -35,12 +35,12 @@ from slipctl import (
     sampled,
     speed_to_ratio,
 )
-from slipctl.models import freight_traction_control as cheng
-from slipctl.models import hst_braking_control as zhang
-from slipctl.models import hst_traction_control as wang
-from slipctl.models import subway_braking_control as huang
+from slipctl.models.cheng_2022 import freight_traction_control as cheng
+from slipctl.models.huang_2020 import subway_braking_control as huang
 from slipctl.models.ranges import of_those
-from slipctl.models.shared import SHARED
+from slipctl.models.shared_names import SHARED
+from slipctl.models.wang_2025 import hst_traction_control as wang
+from slipctl.models.zhang_2021 import hst_braking_control as zhang
 
 T_S = 1e-3
 """Tick of all laws in s."""
@@ -209,7 +209,7 @@ SEARCHED = "what a search looks through; three times the typical one where that 
 WANTED = "250 times the largest torque; it is limited behind the law"
 
 
-def bounded(law_block: Block, w: Wheel) -> Block:
+def with_law_ranges(law_block: Block, w: Wheel) -> Block:
     """Declare the ranges of a law that it has signals for: :data:`LAW`, and those of its wheel."""
     best, most = max(6.0, 3 * w.v_best), 250 * w.T_max
     rows = LAW | {"v_best": (0, best, SEARCHED)} | dict.fromkeys(
@@ -235,7 +235,7 @@ def of_huang(control_law: Block) -> Callable[[Wheel], Block]:
         if "T_top" in control_law.inputs:  # its integral stands still there
             wires["law.T_top"] = "most.T_top"
             parts["most"] = most.with_params(T_max=w.T_max)
-        return bounded(connect(
+        return with_law_ranges(connect(
             "law", wires, share=SHARED, reference=huang.slip_reference,
             keeping=keeping.with_params(J=w.J, r=w.r), **parts,
         ), w)  # fmt: skip
@@ -277,7 +277,7 @@ def of_zhang(control_law: Block) -> Callable[[Wheel], Block]:
         wires |= {f"law.{n}": ports[n] for n in block.inputs}
         shape = zhang.shaper.with_params(J=w.J, r=w.r)
         shape = shape.with_params(lam_ref_start=first)
-        return bounded(connect(
+        return with_law_ranges(connect(
             "law", wires, share=shared, ratio=speed_to_ratio(), best=speed_to_ratio(),
             force=flip_sign("N", "traction"), reference=shape, law=block,
             torque=flip_sign("N m", "braking"),
@@ -313,7 +313,7 @@ def of_cheng(form: str = "robust", tick: float = T_S) -> Callable[[Wheel], Block
         reference = cheng.reference(tick)
         reference = reference.with_params(most=10.0 * share)
         speed = ("m/s", "traction", "speed")
-        return bounded(connect(
+        return with_law_ranges(connect(
             "law", wires, share=SHARED, slip=mirror(*speed), best=mirror("m/s", "traction"),
             fall=mirror("m/s^2", "traction"), reference=reference, barrier=block,
             torque=mirror("N m", "braking"),
@@ -353,7 +353,7 @@ def of_wang(control_law: Block, tick: float = T_S) -> Callable[[Wheel], Block]:
             "mirror.u": "torque.T",
             "T_wanted": "mirror.y",
         }
-        return bounded(connect(
+        return with_law_ranges(connect(
             "law", wires, share={k: v for k, v in SHARED.items() if k != "m"}
             | {"m_law": ["law.m", "scale.m", "torque.m"]},
             slip=mirror("m/s", "traction", "speed"), best=mirror("m/s", "traction"),

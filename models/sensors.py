@@ -90,7 +90,7 @@ def turned(
     return dict(angle=now, omega_h=omega, begun=1), dict(phi=now)
 
 
-def reading(unit: str) -> Block:
+def noisy_sensor(unit: str) -> Block:
     """Make a sensor with noise, steps and lost samples.
 
     Args:

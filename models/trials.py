@@ -34,7 +34,7 @@ GRAVITY = Param("m/s^2", 9.81, "gravity", lo=1, hi=30)
 FADE = Param("m/s", 0.1, "speed below which resistance fades", "as of davis", lo=1e-4, hi=100)
 
 
-def fading(v: Any, v_0: Any) -> Any:
+def resistance_share(v: Any, v_0: Any) -> Any:
     """Share of the resistance that is left: it cannot push a standing train backwards."""
     return fmax(-1, fmin(1, v / v_0))
 
@@ -52,7 +52,7 @@ def coasting(
     v_0=FADE,
 ):
     """A vehicle that coasts against Davis resistance and the gradient."""
-    F_R = (c0 + c1 * v + c2 * v**2) * fading(v, v_0)
+    F_R = (c0 + c1 * v + c2 * v**2) * resistance_share(v, v_0)
     a = -(F_R + m * g * slope) / (m * (1 + rho))
     return dict(v=a), dict(a=a)
 
@@ -69,7 +69,7 @@ def coasting_by_mass(
     v_0=FADE,
 ):
     """A vehicle that coasts, its resistance by its mass: the mass need not be known."""
-    f = (c0 + c1 * v + c2 * v**2) * fading(v, v_0)
+    f = (c0 + c1 * v + c2 * v**2) * resistance_share(v, v_0)
     a = -(f + g * slope) / (1 + rho)
     return dict(v=a), dict(a=a)
 

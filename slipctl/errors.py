@@ -55,7 +55,7 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     return f"; it has {shown}" + (", ..." if len(known) > 12 else "")
 
 
-def known(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
+def refuse_unknown_choice(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
     """Refuse a structural choice that does not exist.
 
     Raises:

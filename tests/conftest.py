@@ -14,9 +14,9 @@ import pytest
 from hypothesis import settings
 
 from slipctl import Block, Rail, Scenario, Section, connect, sampled
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
 from slipctl.models.brakes import brake
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking_control as control
 from slipctl.run import build
 
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25, database=None)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from slipctl import Block
-from slipctl.models import freight_traction_control
+from slipctl.models.cheng_2022 import freight_traction_control
 from slipctl.studies.hst_braking import loops as hst_braking_loops
 from slipctl.studies.hst_traction import loops as hst_traction_loops
 from slipctl.studies.subway_braking import loops as subway_braking_loops

@@ -26,13 +26,15 @@ from typing import Any
 import numpy as np
 
 from slipctl import BadInput, Block, Case, RunFailed, Scenario, prepare
-from slipctl.block import connection, ranges
-from slipctl.models import freight_traction_control, hst_braking_control
+from slipctl.block import connection
+from slipctl.block.transforms import ranges
 from slipctl.models import ranges as models_ranges
-from slipctl.models.contact import WHEEL_LOAD, patch
+from slipctl.models.cheng_2022 import freight_traction_control
+from slipctl.models.wheel_rail.contact import WHEEL_LOAD, patch
+from slipctl.models.zhang_2021 import hst_braking_control
 from slipctl.run import store
-from slipctl.study import doors
-from slipctl.study.keeping import key_of
+from slipctl.study import resolve
+from slipctl.study.cache import key_of
 
 STUDIES = ("subway_braking", "hst_braking", "freight_traction", "hst_traction", "all_rails")
 SPEED = {"freight": "train.v_t", "hst_traction": "train.v"}
@@ -76,7 +78,7 @@ def cases(study: str, shared: bool) -> list[Case]:
             made = __import__("slipctl.studies.all_rails.loops", fromlist=["x"])
             return [replace(c, loops=made.loops(c.scenario.name.partition("_")[0]))
                     for c in cases(study, True)]  # fmt: skip
-        found = doors.build_cases(doors.load_study(study), quick=True)
+        found = resolve.build_cases(resolve.load_study(study), quick=True)
         # a scenario with a difference on purpose, or a lag set by its shared name
         return [c for c in found if not c.scenario.name.startswith(("demand", "lag50"))]
 
@@ -275,7 +277,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    keys = {s: key_of(doors.load_study(s), quick=True, settings=(), swaps=()) for s in STUDIES}
+    keys = {s: key_of(resolve.load_study(s), quick=True, settings=(), swaps=()) for s in STUDIES}
     rows: dict[str, Any] = {}
     if options.out.exists():
         rows = json.loads(options.out.read_text(encoding="utf-8"))["rows"]

@@ -462,7 +462,7 @@ def _believed(r, v):
     inside = (t >= 200) & (t < 250)
     mu = values(r, "stress", v.claim.loop, "ctl.limit.mu_least")[inside]
     speed = values(r, "stress", v.claim.loop, "plant.train.v")[inside]
-    from slipctl.models.contact import peak
+    from slipctl.models.wheel_rail.contact import peak
 
     grid = np.linspace(speed.min(), speed.max(), 5)
     wet = [peak(float(x), "wet").value for x in grid]

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Input, Scenario, State, connect, flow, sampled, simulate
-from slipctl.models import hst_traction_control as control
+from slipctl.models.wang_2025 import hst_traction_control as control
 
 J, R, W, G = 93.75, 0.445, 15625.0, 9.8
 BY_MU = J / (R * W * G)

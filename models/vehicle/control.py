@@ -30,13 +30,13 @@ from slipctl import (
     make_block,
     step,
 )
-from slipctl.block.units import parse_quantity, unit
+from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
-from slipctl.models.predictive_slip import predictive
+from slipctl.models.predictive.predictive_slip import predictive
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -49,8 +49,8 @@ from slipctl.models.vehicle.parts import (
     SlipSpeed,
     Trip,
 )
-from slipctl.models.vehicle.ranges import controlled
-from slipctl.study.doors import load_block
+from slipctl.models.vehicle.ranges import with_control_ranges
+from slipctl.study.resolve import load_block
 
 WINDOW = 16
 """Ticks over which the adhesion is measured."""
@@ -71,14 +71,14 @@ def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
 def typical_slip(reference: Reference, speed: float) -> float:
     """Best slip in m/s for which a law is scaled: of the fitted curve, or the fixed one."""
     if isinstance(reference, Searched):
-        curve, begin = fitted(reference)
+        curve, begin = law_and_guess(reference)
         return argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
     if isinstance(reference, SlipSpeed):
         return reference.slip
     return max(reference.slip * max(speed, 1.0), reference.least)
 
 
-def fitted(part: Searched) -> tuple[Block, dict[str, float]]:
+def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     """Law that a search fits, and the first guess of its parameters.
 
     Raises:
@@ -132,7 +132,7 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
 # ---- what comes before and after a law -----------------------------------------------------------
 
 
-def seen(driven: bool) -> Block:
+def slip_from_speeds(driven: bool) -> Block:
     """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
 
     Args:
@@ -156,7 +156,7 @@ def seen(driven: bool) -> Block:
     return slip
 
 
-def fixed(part: Reference) -> Block:
+def fixed_reference(part: Reference) -> Block:
     """Make a reference that nothing searches: a slip speed, or a share of the vehicle's speed."""
     if isinstance(part, SlipSpeed):
 
@@ -278,7 +278,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         names = ("ticks", "horizon", "slip", "change", "beyond", "rate", "pole", "smooth")
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
-        return predictive(fitted(searching)[0], **settings, gate=True)(w), True
+        return predictive(law_and_guess(searching)[0], **settings, gate=True)(w), True
     if isinstance(part, SlipLaw):
         block = form.laws(driven)[part.kind](w)
     else:
@@ -314,13 +314,13 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
         alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
-        return controlled(alone, trip, w)
+        return with_control_ranges(alone, trip, w)
     reference = part.reference or trip.reference
     settings: SlipControl = trip.control
     law_block, gated_inside = slip_law(trip, part, w)
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
-        "slip": seen(trip.vehicle.mode == "drive"),
+        "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
         "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
         "force": form.force,
         "fall": form.fall,
@@ -354,7 +354,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     ports = {"v": "v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "T",
              "T_top": "T_demand"}  # fmt: skip
     if isinstance(reference, Searched):
-        curve, begin = fitted(reference)
+        curve, begin = law_and_guess(reference)
         found, given = _searched(curve, tuple(begin.items()), reference.noise)
         inner = dict(given)
         ports["v_best"] = inner.pop("v_best")
@@ -367,7 +367,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
             "force.mu": "curve.mu",
         }
     else:
-        parts["reference"] = fixed(reference)
+        parts["reference"] = fixed_reference(reference)
         wires |= {"reference.v": "v", "force.mu": "meter.mu_m"}
         ports["v_best"] = "reference.v_best"
         if isinstance(part, Predictive):
@@ -377,7 +377,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
     wires |= {f"law.{n}": ports[n] for n in law_block.inputs if n in ports}
     wires |= {f"law.{n}": ports[n.rpartition(".")[2]] for n in law_block.inputs
               if n not in ports and n.rpartition(".")[2] == "T_top"}  # fmt: skip
-    block = controlled(connect("ctl", wires, **parts), trip, w)
+    block = with_control_ranges(connect("ctl", wires, **parts), trip, w)
     return block.with_params(**_numbers(block, w))
 
 
@@ -386,12 +386,12 @@ def _searched(
     curve: Block, begin: tuple[tuple[str, float], ...], noise: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    return best_slip.searched(curve, dict(begin), noise)
+    return best_slip.search_parts(curve, dict(begin), noise)
 
 
 def known_curve() -> tuple[Block, dict[str, str]]:
     """Curve of a law that nobody estimates, for a predictive controller: its own numbers."""
-    curve, begin = fitted(Searched())
+    curve, begin = law_and_guess(Searched())
     own = {n: curve.params[n] for n in begin}
     ends = {n: {"lo": max(s.lo, -1e6), "hi": min(s.hi, 1e6)} for n, s in own.items()}
     block = make_block(

@@ -24,8 +24,8 @@ from functools import partial
 import numpy as np
 
 from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
-from slipctl.analysis.bounding import enclosure, largest_slope
-from slipctl.block.units import parse_quantity
+from slipctl.analysis.bounds import enclosure, largest_slope
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.own_gains import Range, Tube, Withstood, as_reaching, why_not
 from slipctl.models.vehicle.parts import (
@@ -40,7 +40,7 @@ from slipctl.models.vehicle.parts import (
 )
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.trip import best, rail_law
-from slipctl.run.ensemble import FACTOR
+from slipctl.run.sweep.ensemble import FACTOR
 
 COARSE = 0.01
 """Share by which a bound may be too large."""
@@ -122,7 +122,7 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
     return found, tuple(left)
 
 
-def withstood(trip: Trip, loop: Block, over: Ranges, reference: Reference) -> Withstood:
+def slip_law_bounds(trip: Trip, loop: Block, over: Ranges, reference: Reference) -> Withstood:
     """Bounds of what a slip law meets, by interval arithmetic on the trip's own equations.
 
     Args:
@@ -301,7 +301,7 @@ def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood
     def met_by(loop: Block, over: Ranges) -> Withstood:
         key = repr((over, reference, _wheel(loop)))
         if key not in seen:
-            seen[key] = withstood(trip, loop, over, reference)
+            seen[key] = slip_law_bounds(trip, loop, over, reference)
         return seen[key]
 
     def numbers(loop: Block, late: bool, over: Ranges = over) -> dict[str, float]:
@@ -373,7 +373,7 @@ def _words(trip: Trip, over: Ranges, left: tuple[str, ...], reference: Reference
     return "; ".join(rows)
 
 
-def uncertified(trip: Trip) -> dict[str, str]:
+def reasons_without_certificate(trip: Trip) -> dict[str, str]:
     """Why a controller has no certificate, by its name."""
     kinds = {n: getattr(part, "kind", "") for n, part in trip.controllers.items()}
     own = {n: why_not(trip, part) for n, part in trip.controllers.items()

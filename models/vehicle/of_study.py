@@ -15,14 +15,14 @@ from typing import Any, Literal
 import numpy as np
 
 from slipctl import BadInput, Block, Case, Rail, Scenario, Section
-from slipctl.block.sharing import number_at, targets
+from slipctl.block.shared_numbers import number_at, targets
 from slipctl.block.signals import Signal
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import nearest
-from slipctl.models.vehicle.parts import Fault, Limits, Part, number, told
-from slipctl.run.feeding import begun, given_by, rail_values
+from slipctl.models.vehicle.parts import Fault, Limits, Part, number, text_field
 from slipctl.run.results import Loops
-from slipctl.study import doors
+from slipctl.run.scenario_inputs import given_by, loop_at_start, rail_values
+from slipctl.study import resolve
 from slipctl.study.declaration import Figure, Study
 
 
@@ -35,17 +35,17 @@ def free(doc: str) -> Any:
 class OfStudy(Part):
     """A vehicle whose equations are those of a study."""
 
-    kind: Literal["study"] = told("study", "its equations are those of a study")
-    study: str = told("", "the study by name, or my_study.py")
-    scenario: str = told("", "one of its scenarios; none given: the first")
+    kind: Literal["study"] = text_field("study", "its equations are those of a study")
+    study: str = text_field("", "the study by name, or my_study.py")
+    scenario: str = text_field("", "one of its scenarios; none given: the first")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyLoop(Part):
     """A loop of the study, with numbers of its own."""
 
-    kind: Literal["study"] = told("study", "a loop of the study")
-    loop: str = told("", "name of the loop in the study; none given: the table's own name")
+    kind: Literal["study"] = text_field("study", "a loop of the study")
+    loop: str = text_field("", "name of the loop in the study; none given: the table's own name")
     numbers: Mapping[str, Any] = free("numbers of this loop alone, by their names in it")
 
 
@@ -55,7 +55,7 @@ class StudySection(Part):
 
     place: float | None = number("m", None, "where it begins", lo=0, hi=1e7)
     time: float | None = number("s", None, "when it begins", lo=0, hi=1e6)
-    condition: str | None = told(None, "name of the rail condition")
+    condition: str | None = text_field(None, "name of the rail condition")
     values: Mapping[str, Any] = free("inputs and parameters of the loops that hold there")
 
 
@@ -64,7 +64,7 @@ class StudyRail(Part):
     """Rail of a loop of a study."""
 
     conditions: Mapping[str, Any] = free("parameters by the name of a condition")
-    sections: tuple[StudySection, ...] = told((), "one after the other")
+    sections: tuple[StudySection, ...] = text_field((), "one after the other")
 
     def misfits(self) -> Iterator[Fault]:
         """Sections of neither place nor time, or of both kinds."""
@@ -81,17 +81,17 @@ class StudyRail(Part):
 class StudyTrip(Part):
     """Loops of a study on their way, with numbers of one's own."""
 
-    title: str = told("A loop of a study", "a line for report and figures")
+    title: str = text_field("A loop of a study", "a line for report and figures")
     duration: float | None = number("s", None, "of the run", lo=1e-3, hi=1e5)
     seed: int | None = number("1", None, "of all noise", lo=0, hi=2**31)
     noise: float | None = number("1", None, "factor on every noise; 0 is silent", lo=0, hi=100)
-    vehicle: OfStudy = told(OfStudy(), "the study that has the equations")
-    rail: StudyRail | None = told(None, "the rail; none given: the study's own")
+    vehicle: OfStudy = text_field(OfStudy(), "the study that has the equations")
+    rail: StudyRail | None = text_field(None, "the rail; none given: the study's own")
     inputs: Mapping[str, Any] = free("inputs of the loops, which hold for the whole run")
     start: Mapping[str, Any] = free("start values of states")
     numbers: Mapping[str, Any] = free("numbers of all loops, by their names in them")
-    controllers: Mapping[str, StudyLoop] = told({}, "loops by a name of one's own")
-    limits: Limits = told(Limits(), "what a run may not exceed")
+    controllers: Mapping[str, StudyLoop] = text_field({}, "loops by a name of one's own")
+    limits: Limits = text_field(Limits(), "what a run may not exceed")
 
     def misfits(self) -> Iterator[Fault]:
         """No study, no loop, or names that are none."""
@@ -147,9 +147,9 @@ class Reading:
 
     def __init__(self, trip: StudyTrip, models: Mapping[str, Any] | None = None) -> None:
         self.trip, self.wrong = trip, list[Wrong]()
-        self.base = doors.load_study(trip.vehicle.study)
+        self.base = resolve.load_study(trip.vehicle.study)
         base = self.base if models is None else replace(self.base, models=models)
-        cases = doors.build_cases(base)
+        cases = resolve.build_cases(base)
         names = [c.scenario.name for c in cases]
         wanted = trip.vehicle.scenario or names[0]
         if wanted not in names:
@@ -192,7 +192,7 @@ class Reading:
         for name in loops:
             try:
                 loop, scenario = self.loop(name), self.scenario()
-                rail_values(begun(loop, scenario), scenario)
+                rail_values(loop_at_start(loop, scenario), scenario)
             except BadInput as error:
                 self.wrong.append((("controllers", name), str(error)))
 

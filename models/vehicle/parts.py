@@ -16,8 +16,8 @@ from typing import Any, Literal
 import numpy as np
 
 from slipctl import BadInput
-from slipctl.block.units import parse_quantity
-from slipctl.desk.declared import Each
+from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.study.files.declared_parts import Each
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -38,7 +38,7 @@ def number(
     return field(default=value, metadata=meta)
 
 
-def told(value: Any, doc: str) -> Any:
+def text_field(value: Any, doc: str) -> Any:
     """Declare what is no number, with its meaning."""
     if isinstance(value, (dict, list)):
         return field(default_factory=lambda: type(value)(value), metadata={"doc": doc})
@@ -61,7 +61,7 @@ STANDSTILL = "standstill"
 """What ends a trip when the vehicle has stopped."""
 
 
-def measured(text: str, *units: str) -> tuple[float, str] | str:
+def number_with_unit(text: str, *units: str) -> tuple[float, str] | str:
     """Positive number in one of some units, with that unit; or what is wrong with the text."""
     bare = text.strip()[-1:]
     for unit in units if bare.isalpha() else ():
@@ -121,7 +121,7 @@ class Davis(Part):
 class Vehicle(Part):
     """A vehicle: mass, axles and their places, wheels, resistance, and its speed at the start."""
 
-    mode: Literal["brake", "drive"] = told("brake", "whether its wheels are braked or driven")
+    mode: Literal["brake", "drive"] = text_field("brake", "whether its wheels are braked or driven")
     mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
     tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
@@ -144,7 +144,7 @@ class Vehicle(Part):
     rotating_mass: float | None = number(
         "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
     )
-    resistance: Davis = told(Davis(), "running resistance")
+    resistance: Davis = text_field(Davis(), "running resistance")
     speed: float = number("m/s", MISSING, "at the start", lo=0, hi=150)
     gravity: float = number("m/s^2", 9.81, "gravity", lo=1, hi=30)
 
@@ -259,7 +259,7 @@ class Stretch(Part):
 
     place: float | None = number("m", None, "where it begins", lo=0, hi=1e6)
     time: float | None = number("s", None, "when it begins", lo=0, hi=1e5)
-    condition: str = told(MISSING, "name of the rail condition")
+    condition: str = text_field(MISSING, "name of the rail condition")
 
     def misfits(self) -> Iterator[Fault]:
         """Neither place nor time, or both."""
@@ -280,11 +280,11 @@ class Slope(Part):
 class Track(Part):
     """Adhesion law of the rail, its conditions, and where each is."""
 
-    law: str = told("double_exponential", "a law of the models by name, or my_law.py:law")
-    conditions: Mapping[str, Mapping[str, float | str]] = told(
+    law: str = text_field("double_exponential", "a law of the models by name, or my_law.py:law")
+    conditions: Mapping[str, Mapping[str, float | str]] = text_field(
         {}, "parameters of the law by condition, beside those that the law brings"
     )
-    sections: tuple[Stretch, ...] = told(MISSING, "along the track, or one after the other")
+    sections: tuple[Stretch, ...] = text_field(MISSING, "along the track, or one after the other")
     gradient: float | tuple[Slope, ...] = number(
         "1", 0.0, "rise over run, uphill positive; or sections of it", lo=-0.1, hi=0.1
     )
@@ -333,12 +333,12 @@ class Constant(Part):
     deceleration: float | None = number("m/s^2", None, "of a braked vehicle", lo=0, hi=10)
     acceleration: float | None = number("m/s^2", None, "of a driven vehicle", lo=0, hi=10)
     force: float | None = number("N", None, "of all axles together, at the rims", lo=0, hi=1e8)
-    until: str = told("", "when or where it ends, '12 s' or '130 m'; it is zero from then on")
+    until: str = text_field("", "when or where it ends, '12 s' or '130 m'; it is zero from then on")
 
     def misfits(self) -> Iterator[Fault]:
         """None of them, or more than one; an end that is none."""
         if getattr(self, "until", ""):
-            fault = measured(self.until, "s", "m")
+            fault = number_with_unit(self.until, "s", "m")
             if isinstance(fault, str):
                 yield "until", fault
         names = ("deceleration", "acceleration", "force")
@@ -351,7 +351,7 @@ class Constant(Part):
         """The same as a table with a point at its end; itself where it does not end."""
         if not self.until:
             return self
-        found = measured(self.until, "s", "m")
+        found = number_with_unit(self.until, "s", "m")
         assert not isinstance(found, str)
         end, unit = found
         names = ("deceleration", "acceleration", "force")
@@ -365,7 +365,7 @@ class Profile(Part):
     """A demand over time, speed or position: held from point to point, over speed a line."""
 
     kind: Literal["table"] = "table"
-    over: Literal["time", "speed", "position"] = told("time", "what the points are over")
+    over: Literal["time", "speed", "position"] = text_field("time", "what the points are over")
     at: tuple[float, ...] = number("by over", MISSING, "time, speed or position of each point")
     deceleration: tuple[float, ...] | None = number("m/s^2", None, "at each point", lo=0, hi=10)
     acceleration: tuple[float, ...] | None = number("m/s^2", None, "at each point", lo=0, hi=10)
@@ -444,8 +444,8 @@ class WheelsOnly(Part):
 class Sensors(Part):
     """What the controllers measure."""
 
-    wheel_speed: Exact | ToothWheel | NoisyWheel = told(ToothWheel(), "speed of each axle")
-    vehicle_speed: Exact | NoisySpeed | WheelsOnly = told(Exact(), "speed of the vehicle")
+    wheel_speed: Exact | ToothWheel | NoisyWheel = text_field(ToothWheel(), "speed of each axle")
+    vehicle_speed: Exact | NoisySpeed | WheelsOnly = text_field(Exact(), "speed of the vehicle")
 
 
 # ---- reference and controllers -------------------------------------------------------------------
@@ -456,8 +456,8 @@ class Searched(Part):
     """Best slip, estimated and searched while the loop runs, for each axle."""
 
     kind: Literal["searched"] = "searched"
-    law: str = told("double_exponential", "law that is fitted, from the slip speed")
-    start: Mapping[str, float | str] = told({}, "first guess of its parameters")
+    law: str = text_field("double_exponential", "law that is fitted, from the slip speed")
+    start: Mapping[str, float | str] = text_field({}, "first guess of its parameters")
     noise: float = number("1", 1e-2, "of the measured adhesion, as the fit is told", lo=1e-6, hi=1)
 
 
@@ -494,7 +494,7 @@ class SlipControl(Part):
         "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
         " none given: as it is", lo=0.2, hi=1,
     )  # fmt: skip
-    learn: bool | None = told(
+    learn: bool | None = text_field(
         None, "whether the ratios of the radii are learnt while no wheel slips; none given: where"
         " the vehicle's speed is from the wheels",
     )  # fmt: skip
@@ -518,9 +518,9 @@ class Limits(Part):
 class SlipLaw(Part):
     """A slip law of the papers, with its own gains."""
 
-    kind: Literal[SLIP_LAWS] = told("pid", "which law")  # type: ignore[valid-type]
+    kind: Literal[SLIP_LAWS] = text_field("pid", "which law")  # type: ignore[valid-type]
     lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
-    reference: Reference | None = told(None, "slip to go to, instead of the trip's")
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
     gains: Mapping[str, float | str] = field(
         default_factory=dict, metadata={"rest": True, "doc": "parameters of the law by name"}
     )
@@ -540,7 +540,7 @@ class Predictive(Part):
     rate: float = number("1", 20.0, "largest rate, in largest torques a lag", lo=0.01, hi=1e3)
     pole: float = number("1", 3.0, "of the observer, over the reciprocal lag", lo=0.1, hi=100)
     smooth: float = number("1", 1.2, "filter of the reference, in lags", lo=0.01, hi=100)
-    reference: Reference | None = told(None, "slip to go to, instead of the trip's")
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -555,9 +555,9 @@ class OwnLaw(Part):
     """A slip law of one's own: a block from what it needs of v, v_s, v_best, F, D to T_wanted."""
 
     kind: Literal["file"] = "file"
-    block: str = told(MISSING, "my_law.py:block, or a model by name")
+    block: str = text_field(MISSING, "my_law.py:block, or a model by name")
     lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
-    reference: Reference | None = told(None, "slip to go to, instead of the trip's")
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
     gains: Mapping[str, float | str] = field(
         default_factory=dict, metadata={"rest": True, "doc": "parameters of the block by name"}
     )
@@ -573,9 +573,9 @@ Controller = SlipLaw | Predictive | DemandAlone | OwnLaw
 class Drawn(Part):
     """What differs from draw to draw where gains are tuned."""
 
-    seeds: bool = told(False, "whether the noise is drawn anew")
-    draw: Mapping[str, str] = told({}, "range of each number that is drawn, m = '36t:42t'")
-    scale: Mapping[str, str] = told({}, "factors and what each multiplies, '0.8:1.2 of c'")
+    seeds: bool = text_field(False, "whether the noise is drawn anew")
+    draw: Mapping[str, str] = text_field({}, "range of each number that is drawn, m = '36t:42t'")
+    scale: Mapping[str, str] = text_field({}, "factors and what each multiplies, '0.8:1.2 of c'")
 
     def misfits(self) -> Iterator[Fault]:
         """An ensemble that is empty."""
@@ -599,20 +599,24 @@ class Assumed(Part):
 class Trip(Part):
     """A vehicle on its way: what it is, what it runs on, what is wanted, and who controls it."""
 
-    title: str = told("A vehicle of one's own", "a line for report and figures")
+    title: str = text_field("A vehicle of one's own", "a line for report and figures")
     duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
-    end: str = told("", "what ends a run before: 'standstill', or a place of the first axle")
-    vehicle: Vehicle = told(MISSING, "the vehicle")
-    actuator: Lag | Valve = told(MISSING, "what turns or brakes each axle")
-    rail: Track = told(MISSING, "the rail")
-    demand: Constant | Profile | Most = told(Most(), "what is wanted")
-    sensors: Sensors = told(Sensors(), "what is measured")
-    reference: Reference = told(Searched(), "slip that the controllers go to")
-    control: SlipControl = told(SlipControl(), "when slip control takes over")
-    controllers: Mapping[str, Controller] = told(MISSING, "controllers by a name of one's own")
-    limits: Limits = told(Limits(), "what a run may not exceed")
-    ensemble: Drawn | None = told(None, "what differs from draw to draw where gains are tuned")
-    certify: Assumed = told(Assumed(), "what certificates take for granted")
+    end: str = text_field("", "what ends a run before: 'standstill', or a place of the first axle")
+    vehicle: Vehicle = text_field(MISSING, "the vehicle")
+    actuator: Lag | Valve = text_field(MISSING, "what turns or brakes each axle")
+    rail: Track = text_field(MISSING, "the rail")
+    demand: Constant | Profile | Most = text_field(Most(), "what is wanted")
+    sensors: Sensors = text_field(Sensors(), "what is measured")
+    reference: Reference = text_field(Searched(), "slip that the controllers go to")
+    control: SlipControl = text_field(SlipControl(), "when slip control takes over")
+    controllers: Mapping[str, Controller] = text_field(
+        MISSING, "controllers by a name of one's own"
+    )
+    limits: Limits = text_field(Limits(), "what a run may not exceed")
+    ensemble: Drawn | None = text_field(
+        None, "what differs from draw to draw where gains are tuned"
+    )
+    certify: Assumed = text_field(Assumed(), "what certificates take for granted")
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
 
@@ -643,7 +647,7 @@ class Trip(Part):
     def misfits(self) -> Iterator[Fault]:
         """What of one part does not fit another."""
         if self.end not in ("", STANDSTILL):
-            fault = measured(self.end, "m")
+            fault = number_with_unit(self.end, "m")
             if isinstance(fault, str):
                 yield "end", f"{fault}, or {STANDSTILL!r}"
         wanted = "deceleration" if self.vehicle.mode == "brake" else "acceleration"

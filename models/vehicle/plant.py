@@ -4,7 +4,7 @@
     J omega_i' = T_i - T_b,i sign(omega_i) - r_i F_i
     F_i = mu(v_s,i) N_i,   v_s,i = r_i omega_i - v
 
-The wheels' step is in models/rolling.py. Between the parts torque and slip are those of a braked
+The wheels' step is in models/wheel_rail/axles.py. Between the parts torque and slip are those of a braked
 wheel; a driven one is seen in the mirror, see models/common_form.py.
 """
 
@@ -31,11 +31,11 @@ from slipctl import (
 )
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
-from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
-from slipctl.models.hst_braking import davis
-from slipctl.models.rolling import Axles, rolling
-from slipctl.models.shared import SLOPE
+from slipctl.models.shared_names import SLOPE
 from slipctl.models.vehicle.parts import Lag, Valve, Vehicle
+from slipctl.models.wheel_rail.axles import Axles, rolling
+from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
+from slipctl.models.zhang_2021.hst_braking import davis
 
 ADDED = "of the vehicle"
 

@@ -27,7 +27,7 @@ SURE = 8.0
 Row = tuple[float, float, str, float, float]
 
 
-def controlled(block: Block, trip: Trip, w: Wheel) -> Block:
+def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of the control of one axle: of what it measures and of what it holds."""
     speed, spin = _speed(trip, w), _wheel(trip, w)
     turning = (*spin[:2], "as that which is measured")

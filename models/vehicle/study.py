@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from slipctl.models.vehicle.gains import gains, uncertified
+from slipctl.models.vehicle.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.trip import case
-from slipctl.run.ensemble import Ensemble
 from slipctl.run.roles import Signals
+from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.study.declaration import Figure, Study
 
 SIGNALS = Signals(
@@ -70,7 +70,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=gains(trip), uncertified=uncertified(trip),
+        ensembles=ensembles, gains=gains(trip), uncertified=reasons_without_certificate(trip),
         figures={
             "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
             "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),

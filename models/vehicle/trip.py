@@ -40,7 +40,7 @@ from slipctl import (
     replicate,
     step,
 )
-from slipctl.block.units import unit
+from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
@@ -58,11 +58,11 @@ from slipctl.models.vehicle.parts import (
     Profile,
     ToothWheel,
     Trip,
-    measured,
+    number_with_unit,
 )
 from slipctl.models.vehicle.plant import on_train, plant
 from slipctl.run.results import Loops
-from slipctl.study.doors import load_block
+from slipctl.study.resolve import load_block
 
 STOPPED, STANDS = 0.02, 0.5
 """Speed in m/s of a vehicle that stands, and how long in s it does before the run ends."""
@@ -287,7 +287,7 @@ def _wheel_speed(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
     if isinstance(part, Exact):
         return {"ctl.omega": "plant.omega"}
     if isinstance(part, NoisyWheel):
-        sensor = sensors.reading("rad/s").with_params(
+        sensor = sensors.noisy_sensor("rad/s").with_params(
             sigma=part.deviation, q=part.step, lost=part.dropout
         )
         own = ["u_start"] * len(apart)
@@ -308,7 +308,7 @@ def _vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -
     if isinstance(part, Exact):
         return "plant.train.v"
     if isinstance(part, NoisySpeed):
-        parts["speed"] = sensors.reading("m/s").with_params(
+        parts["speed"] = sensors.noisy_sensor("m/s").with_params(
             sigma=part.deviation, q=part.step, lost=part.dropout
         )
         wires["speed.u"] = "plant.train.v"
@@ -424,7 +424,7 @@ def end(trip: Trip) -> End | None:
     """What ends the run before its duration."""
     if trip.end == STANDSTILL:
         return End("plant.train.v", below=STOPPED, hold=STANDS)
-    found = measured(trip.end, "m") if trip.end else None
+    found = number_with_unit(trip.end, "m") if trip.end else None
     return End("plant.train.x", above=found[0]) if isinstance(found, tuple) else None
 
 
@@ -435,14 +435,14 @@ def best(block: Block, condition: str) -> tuple[float, float]:
     if "v" in block.inputs:
         at["v"] = 10.0
     if block.inputs[slip].positive != block.outputs["mu"].positive:
-        from slipctl.models.hst_braking import grip
+        from slipctl.models.zhang_2021.hst_braking import grip
 
         block = grip(block)
     found = argmax(block, slip, lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
     return found.location, abs(found.value)
 
 
-def known(trip: Trip) -> dict[str, Known]:
+def best_of_rail(trip: Trip) -> dict[str, Known]:
     """Best slip and adhesion of the rail under each axle, for the log; slip where it works."""
     block = rail_law(trip)
     found = [best(block, s.condition or "") for s in rail(trip).sections]
@@ -459,4 +459,4 @@ def case(trip: Trip, name: str = "trip") -> Case:
     """The trip with each of its controllers."""
     common = Common(trip)
     loops = Loops({k: partial(loop, trip, c, common) for k, c in trip.controllers.items()})
-    return Case(scenario(trip, name), loops, known(trip))
+    return Case(scenario(trip, name), loops, best_of_rail(trip))

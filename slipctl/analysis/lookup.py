@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.analysis.optimum import highest_peak, objective_functions
-from slipctl.block.block import Block, Exprs, about, make_block
+from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
 from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_positive, check_range, nearest
 
@@ -119,7 +119,7 @@ def argmax_table(
         params=[places.named(axis), *tables],
         choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
                  "nodes": len(xs), "error": float(f"{worst:.2g}")},
-        doc=about(argmax_table),
+        doc=doc_of_maker(argmax_table),
     )  # fmt: skip
 
 

@@ -61,12 +61,12 @@ def left_open(law: Block, over: Sequence[str]) -> list[Signal]:
     return [*others, *told, *settled_by(law, [s.name for s in free if s.shape != ()])]
 
 
-def asked(given: Sequence[Signal]) -> list[Signal]:
+def search_inputs(given: Sequence[Signal]) -> list[Signal]:
     """Those of what fixes a law that are inputs of its search."""
     return [s for s in given if s.role == "input"]
 
 
-def settled(given: Sequence[Signal]) -> list[Signal]:
+def search_params(given: Sequence[Signal]) -> list[Signal]:
     """Those of what fixes a law that are parameters of its search."""
     return [s for s in given if s.role == "param"]
 

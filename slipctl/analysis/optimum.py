@@ -10,16 +10,16 @@ import casadi as ca
 import numpy as np
 
 from slipctl.analysis.objective import (
-    asked,
     column,
     law_at,
     left_open,
     objective,
     open_law,
     refuse_names,
-    settled,
+    search_inputs,
+    search_params,
 )
-from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Output, Param
 from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
 
@@ -333,11 +333,11 @@ def argmax_block(
         return {}, results(place, at)
 
     return make_block(
-        "argmax", "law", body, inputs=asked(given),
+        "argmax", "law", body, inputs=search_inputs(given),
         params=[
             Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
             Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
-            *settled(given),
+            *search_params(given),
         ],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
@@ -345,7 +345,7 @@ def argmax_block(
         ],
         choices={"law": law.name, "over": over}
         | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
-        doc=about(argmax_block),
+        doc=doc_of_maker(argmax_block),
     )  # fmt: skip
 
 

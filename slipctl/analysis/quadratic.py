@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.inside import remembered
+from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_whole
 
 
@@ -53,7 +53,7 @@ def qp_kernel(
     q, lo, hi = ca.MX.sym("q", n), ca.MX.sym("l", m), ca.MX.sym("u", m)
     state, given = ca.MX.sym("start", n + 2 * m), ca.vertcat(q, lo, hi)
 
-    @remembered
+    @remember_locals
     def one() -> Any:
         """Function (x, z, y; q, l, u) -> (x, z, y) of one iteration."""
         point, problem = ca.MX.sym("point", n + 2 * m), ca.MX.sym("problem", n + 2 * m)

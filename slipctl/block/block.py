@@ -17,12 +17,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block import portable, sharing
-from slipctl.block.inside import checked, watched
-from slipctl.block.sharing import ALONE, Sharing
+from slipctl.block import portable, shared_numbers
+from slipctl.block.shared_numbers import ALONE, Sharing
 from slipctl.block.signals import Signal, Split, evaluate, names_in, packed_numbers, total_size
-from slipctl.block.units import read_unit
-from slipctl.errors import BadInput, check_positive, known, nearest
+from slipctl.block.text.intermediates import collect_locals, with_checked_locals
+from slipctl.block.units.unit_algebra import read_unit
+from slipctl.errors import BadInput, check_positive, nearest, refuse_unknown_choice
 
 Exprs = dict[str, Any]
 Body = Any
@@ -112,7 +112,7 @@ class Block:
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
-        known(name, "kind", kind, ("law", "flow", "step"))
+        refuse_unknown_choice(name, "kind", kind, ("law", "flow", "step"))
         if not callable(body):
             raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
         if period is not None:
@@ -190,7 +190,7 @@ class Block:
     def _repr_html_(self) -> str:
         return str(import_module("slipctl.study.notebook").html(self))
 
-    __reduce__ = portable.reduced
+    __reduce__ = portable.reduce_block
 
     def _repr_latex_(self) -> str:
         from slipctl.draw import show
@@ -455,8 +455,8 @@ class Block:
         """
         meant: dict[str, Any] = {}
         for given, value in values.items():
-            for name in sharing.targets(self, given) or [given]:
-                meant[sharing.number_at(self, name)] = value
+            for name in shared_numbers.targets(self, given) or [given]:
+                meant[shared_numbers.number_at(self, name)] = value
         for name, value in meant.items():
             signal = self.declared(name)
             if isinstance(value, str) and signal.values:
@@ -497,7 +497,7 @@ class Block:
         """Give each value to the part that owns it; what no part owns stays with this block."""
         handed: dict[str, dict[str, Any]] = {}
         own: dict[str, Any] = {}
-        shares, inner = sharing.changed(self, values)
+        shares, inner = shared_numbers.shares_after_setting(self, values)
         for name, value in inner.items():
             owner = self._owner(name)
             if owner is None:
@@ -517,7 +517,9 @@ class Block:
             block.conditions = {}  # they hold the numbers from before
         return block
 
-    def _rebuilt(self, parts: dict[str, Block], shares: Mapping[str, sharing.Share]) -> Block:
+    def _rebuilt(
+        self, parts: dict[str, Block], shares: Mapping[str, shared_numbers.Share]
+    ) -> Block:
         """The block made again of other parts, with the same shares or changed ones."""
         assert self._rebuild is not None
         new = self._rebuild(parts, shares) if shares else self._rebuild(parts)
@@ -669,7 +671,7 @@ class Block:
             raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
         parts[head] = parts[head].swap(rest, block) if rest else block
         new = self._rebuilt(parts, {k: s.given for k, s in self.sharing.shares.items()})
-        return sharing.kept(self, new)._keep_values(self, {})
+        return shared_numbers.with_shares_of(self, new)._keep_values(self, {})
 
     # ---- functions ----------------------------------------------------------------------------
 
@@ -754,11 +756,11 @@ class Block:
             for letter, role in (("x", "state"), ("u", "input"), ("p", "param"))
         )
         groups = self.unpack("state", x), self.unpack("input", u), self.unpack("param", p)
-        with watched() as found:
+        with collect_locals() as found:
             n, y = self.expr(*groups)
         out = [self.pack("state", n), self.pack("output", y)]
         f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
-        return checked(f, self.name, found) if self.sx and not self.parts else f
+        return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
 
     def _c_name(self) -> str:
         return re.sub(r"_+", "_", self.name).strip("_")
@@ -790,13 +792,13 @@ class Block:
         ``n_<state>`` (step) and ``y_<output>``; dots of composite names become underscores.
         """
         args, names, groups = self._named_symbols()
-        with watched() as found:
+        with collect_locals() as found:
             n, y = self.expr(*groups)
         letter = "d" if self.kind == "flow" else "n"
         results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
         out = self._io_names("state", letter) + self._io_names("output", "y")
         f = ca.Function(self._c_name(), args, results, names, out)
-        return checked(f, self.name, found) if self.sx and not self.parts else f
+        return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
 
     def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:
         """Exact Jacobian of an output or of a state's equation, as a named Function.
@@ -876,7 +878,7 @@ class Block:
         shared = {n: v for n, v in numbers.items() if n in self.sharing.aliases}
         if shared and not set(self.states) <= set(numbers):  # what follows them does so
             rest = {n: v for n, v in numbers.items() if n not in shared}
-            meant = {sharing.number_at(self, n): v for n, v in shared.items()}
+            meant = {shared_numbers.number_at(self, n): v for n, v in shared.items()}
             return self._with_values(meant).point(**rest)
         p = self.param_values(**{k: v for k, v in numbers.items() if k in self.params})
         given_x = {
@@ -932,9 +934,10 @@ class Block:
         return list(self.of_equations(("units", derived), self._wrong_units))
 
     def _wrong_units(self) -> list[str]:
-        from slipctl.block import formula, unit_walk, units
+        from slipctl.block.text import formula
+        from slipctl.block.units import unit_algebra, unit_walk
 
-        with units.checking_units(), formula.letters(self._body.__code__) as names:
+        with unit_algebra.checking_units(), formula.letters(self._body.__code__) as names:
             x, u, p = (self.symbols(r) for r in ("state", "input", "param"))
             n, y = self.expr(x, u, p)
             flow = self.kind == "flow"
@@ -968,7 +971,7 @@ def as_block(where: str, thing: Any) -> Block:
     raise BadInput(f"{where} is no block but of type {type(thing).__name__}; {how}")
 
 
-def about(maker: Callable[..., Block]) -> str:
+def doc_of_maker(maker: Callable[..., Block]) -> str:
     """What a block says of itself: the docstring of what makes it, without Args and the like."""
     return re.split(r"\n\n(?:Args|Returns|Raises):", inspect.getdoc(maker) or "")[0]
 

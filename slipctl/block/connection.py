@@ -11,7 +11,14 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block, symbol_maker
-from slipctl.block.sharing import Share, Sharing, bind, joined, numbers_of, read_shares
+from slipctl.block.shared_numbers import (
+    Share,
+    Sharing,
+    bind,
+    numbers_of,
+    parts_with_shares,
+    read_shares,
+)
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, nearest
 
@@ -65,7 +72,7 @@ def connect(
     for key in shares:
         if key in blocks:
             raise BadInput(f"{name}: {key!r} is a part and a shared number; rename one")
-    blocks = joined(blocks, shares, numbers_of(name, shares))
+    blocks = parts_with_shares(blocks, shares, numbers_of(name, shares))
     sharing = Sharing.of(blocks, shares)
     inner: dict[tuple[str, str], tuple[str, str]] = {}
     outer_inputs: dict[str, Signal] = {}
@@ -204,13 +211,13 @@ def _signal(block: Block, port: str) -> Signal:
 
 
 def _check_wire(name: str, source: str, s: Signal, destination: str, d: Signal) -> None:
-    from slipctl.block import units
+    from slipctl.block.units import unit_algebra
 
     where = f"{name}: {source} [{s.unit}] cannot feed {destination} [{d.unit}]"
     if s.unit != d.unit:
-        if not units.dimension_equal(s.unit, d.unit):
+        if not unit_algebra.dimension_equal(s.unit, d.unit):
             raise BadInput(f"{where}; the units differ in dimension")
-        if units.factor(s.unit, d.unit) != 1.0:
+        if unit_algebra.factor(s.unit, d.unit) != 1.0:
             raise BadInput(f"{where}; write both in {d.unit}, or put a gain of the ratio between")
     if s.positive and d.positive and s.positive != d.positive:
         raise BadInput(
@@ -338,7 +345,7 @@ def _loop_path(
     return f"{path}; break it with a unit_delay() or with a state"
 
 
-def wiring(
+def evaluation_order(
     block: Block,
 ) -> tuple[list[Call], dict[tuple[str, str], tuple[str, str]], dict[tuple[str, str], str]]:
     """How a connected block is evaluated.

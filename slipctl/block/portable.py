@@ -29,7 +29,7 @@ def dumps(value: Any) -> bytes:
 
     class Pickler(cloudpickle.Pickler):
         def reducer_override(self, found: Any) -> Any:
-            if type(found).__reduce__ is reduced:  # a block: all of them in one go
+            if type(found).__reduce__ is reduce_block:  # a block: all of them in one go
                 return object.__new__, (type(found),), state(found)
             return super().reducer_override(found)
 
@@ -47,7 +47,7 @@ def loads(raw: bytes) -> Any:
         return pickle.loads(raw)
 
 
-def reduced(block: Any) -> tuple[Any, ...]:
+def reduce_block(block: Any) -> tuple[Any, ...]:
     """A block as ``pickle`` wants it."""
     return loads, (dumps(block),)
 

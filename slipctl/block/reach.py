@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from slipctl.block.block import Block
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput
 
 LOCKED = "locked"

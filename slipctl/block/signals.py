@@ -10,8 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipctl.block import expression
-from slipctl.errors import BadInput, Faults, check_number, check_whole, known, nearest
+from slipctl.block.text import expression
+from slipctl.errors import (
+    BadInput,
+    Faults,
+    check_number,
+    check_whole,
+    nearest,
+    refuse_unknown_choice,
+)
 
 
 class Split(NamedTuple):
@@ -122,7 +129,7 @@ class Signal:
             ("slip convention", self.per, ("speed", "ratio")),
         ):
             if given is not None:
-                known(self.name or self.doc or self.unit, what, given, choices)
+                refuse_unknown_choice(self.name or self.doc or self.unit, what, given, choices)
         where = self.name or self.doc or f"a {self.role}"
         for what, end in (("lo", self.lo), ("hi", self.hi)):
             check_number(f"{where}: {what}", end, str(self.unit))

@@ -8,9 +8,9 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block import expression
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Output, Signal, State
+from slipctl.block.text import expression
 from slipctl.errors import BadInput, Faults, nearest
 
 Transition = tuple[str, str, str]

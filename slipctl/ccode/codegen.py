@@ -17,30 +17,33 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check import analysis, back_to_back, expected, fuzz, load, proof, search
-from slipctl.ccode.check import rounding as rounding
+from slipctl.ccode.check import analysis, back_to_back, fuzz
+from slipctl.ccode.check import float_error as float_error
 from slipctl.ccode.check.comparison import compare, expected_run, made_up
-from slipctl.ccode.check.logged import logged_inputs as logged_inputs
-from slipctl.ccode.check.logged import logged_params as logged_params
-from slipctl.ccode.check.logged import recorded as recorded
-from slipctl.ccode.check.reading import equations, reading
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.check.readability import equations, measure_source
+from slipctl.ccode.check.vectors import expected_outputs, search
+from slipctl.ccode.check.vectors.run_inputs import logged_inputs as logged_inputs
+from slipctl.ccode.check.vectors.run_inputs import logged_params as logged_params
+from slipctl.ccode.check.vectors.run_inputs import record_part as record_part
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile import files, targets
 from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
+from slipctl.ccode.module.header import CONTENT, header
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.source import sources
+from slipctl.ccode.passes.precision import round_to_real
 from slipctl.ccode.report import Report as Report
 from slipctl.ccode.ship import a2l, autosar, bus, fmu, manual, sections, xcp
 from slipctl.ccode.ship.readable import readable
-from slipctl.ccode.write.header import CONTENT, header
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import rounded
-from slipctl.ccode.write.source import sources
 from slipctl.errors import BadInput, check_positive
 from slipctl.run.numbers import check_guards
 
-LIMIT = expected.LIMIT
+LIMIT = expected_outputs.LIMIT
 """Largest difference allowed between C in double and Python, relative to the largest value."""
 
 KEPT = 20_000
@@ -104,7 +107,7 @@ def check(
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
         difference per output and state, ``passed`` whether all stay within their ``limit``:
-        1e-12 of the largest value in double. For float see :mod:`slipctl.ccode.check.expected`.
+        1e-12 of the largest value in double. For float see :mod:`slipctl.ccode.check.vectors.expected_outputs`.
 
     Raises:
         BadInput: as :func:`c_module`; no compiler; inputs that do not fit.
@@ -174,7 +177,7 @@ def export(
         counter: write a step that is told the number of its tick too, and sees calls that come
             twice or late.
         search_seconds: look so long for inputs that reach what the test does not, and go on with
-            them behind the run (:mod:`slipctl.ccode.check.search`).
+            them behind the run (:mod:`slipctl.ccode.check.vectors.search`).
 
     Returns:
         What was written; printable.
@@ -233,7 +236,7 @@ def _produce(
     if fuzz_seconds:
         fuzz.tool()
     if prove:
-        proof.tool()
+        module_proof.tool()
     if platforms is not None and not fmus:
         raise BadInput("platforms are those of FMUs; ask for these too (--fmu)")
     built_for = chosen(platforms) if fmus else []
@@ -247,9 +250,11 @@ def _produce(
     folders.check_folder(folder, names)
     used = cc.compilers() if replay else ()
     if replay and (real == "float" or boards):
-        rounding.compiler()
+        float_error.compiler()
     values = block.param_values(**(params or {}))
-    used_params = dict(params or {}) if real == "double" else expected.float_params(plan, values)
+    used_params = (
+        dict(params or {}) if real == "double" else expected_outputs.float_params(plan, values)
+    )
     width = None
     if inputs is None:
         run, width = made_up(plan, used_params)
@@ -259,7 +264,9 @@ def _produce(
             raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
         if not np.isfinite(rows).all():
             raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
-        rows = rounded(rows if replay else rows[:KEPT], real)  # all are replayed, few are written
+        rows = round_to_real(
+            rows if replay else rows[:KEPT], real
+        )  # all are replayed, few are written
         run = expected_run(plan, rows, used_params)
     found: dict[str, Any] | None = None
     if search_seconds:
@@ -271,12 +278,12 @@ def _produce(
             " run, check(block, inputs, folder)"
         )
     # the written test is to pass where it is made: limits in float are those of trials
-    tried_too = real == "float" and rounding.there() and len(rows) > 0
+    tried_too = real == "float" and float_error.has_cpp_compiler() and len(rows) > 0
     trials = None
     if tried_too or (replay and boards):
         trials = _trials(plan, made, rows, used_params, hurry=not (replay or found))
-    first, tried = expected.kept(run, trials, KEPT)
-    first = expected.with_limits(plan, first, used_params, tried)
+    first, tried = expected_outputs.first_ticks(run, trials, KEPT)
+    first = expected_outputs.with_limits(plan, first, used_params, tried)
     content = folders.digest("".join(made[f] for f in plan.files))[:16]
     made = {n: text.replace(CONTENT, content) for n, text in made.items()}
     made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
@@ -287,7 +294,7 @@ def _produce(
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
         if replay:
             tried = trials if real == "float" else None
-            run = expected.with_limits(plan, run, used_params, tried)
+            run = expected_outputs.with_limits(plan, run, used_params, tried)
             data |= compare(plan, made, used, run, dict(params or {}))
         data["targets"] = [f.result() for f in on_boards]
     for t in data["targets"]:
@@ -295,11 +302,11 @@ def _produce(
             count = t["instructions"]
             t["load"] = load.load(count["mean"], count["most"], plan.period, clock)
     if misra:
-        data["analysis"] = analysis.analysed(plan, made)
+        data["analysis"] = analysis.cppcheck_findings(plan, made)
     if fuzz_seconds:
-        data["fuzz"] = fuzz.fuzzed(plan, made, fuzz_seconds)
+        data["fuzz"] = fuzz.run_fuzzer(plan, made, fuzz_seconds)
     if prove:
-        data["proof"] = proof.proved(plan, made)
+        data["proof"] = module_proof.run_eva(plan, made)
     written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
     if fmus:
         written |= fmu.fmus(plan, made, content, built_for)
@@ -310,17 +317,17 @@ def _produce(
 
 def _trials(
     plan: Plan, made: Mapping[str, str], rows: np.ndarray, params: Mapping[str, Any], hurry: bool
-) -> rounding.Trials | None:
+) -> float_error.Trials | None:
     """Runs of a module with other roundings; none are needed where every machine gives the same.
 
     In double they are for the boards alone, which replay no more than the first ticks.
     """
     if plan.real == "double":
-        if not rounding.inexact("".join(made[f] for f in plan.files[1:])):
+        if not float_error.inexact("".join(made[f] for f in plan.files[1:])):
             return None
         rows = rows[:KEPT]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        return rounding.trials(plan, made, rows, params, Path(scratch), hurry)
+        return float_error.trials(plan, made, rows, params, Path(scratch), hurry)
 
 
 def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) -> dict[str, Any]:
@@ -346,7 +353,7 @@ def texts(
         BadInput: an integer of ``scaled`` that does not fit, or what names no section.
     """
     n = plan.name
-    module, more = sources(plan), bus.asked(plan, scaled)
+    module, more = sources(plan), bus.bus_files(plan, scaled)
     if const_section is not None:
         sections.check("--const-section", const_section)
         module = {f: sections.in_section(text, const_section) for f, text in module.items()}
@@ -395,7 +402,7 @@ def _facts(
         "content": content,
         "memory_bytes": plan.memory_bytes,
         "work": work | {"in_state": plan.work_in_state},
-        "reading": reading(plan, {f: made[f] for f in plan.files[1:]}),
+        "reading": measure_source(plan, {f: made[f] for f in plan.files[1:]}),
         "equations": equations(plan, {f: made[f] for f in plan.files[1:]}),
         "lines": {n: text.count("\n") for n, text in made.items() if n != "vectors.txt"},
         "parameters": {

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slipctl.ccode.check import analysis, coverage, expected, load, proof, search
+from slipctl.ccode.check import analysis, coverage
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.check.vectors import expected_outputs, search
 from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.ship.readable import vectors_said
 
@@ -69,7 +72,7 @@ class Report:
             lines.append(f"  {c['compiler']}: no warning{said} bytes")
         if d["compiled"]:
             lines.append(f"  one instance: {d['memory_bytes']['state']} bytes of state")
-            largest, of = expected.largest_relative(d["signals"])
+            largest, of = expected_outputs.largest_relative(d["signals"])
             not_each = sum(s["compared"] == "envelope" for s in d["signals"].values())
             range_alone = f"; of {not_each} signals the range alone" if not_each else ""
             lines.append(
@@ -93,14 +96,14 @@ class Report:
                     f" {'passed' if t['passed'] else 'FAILED, ' + t['own_test']}"
                 )
             if t.get("load"):
-                lines.append(f"  {t['target']}: {load.said(t['load'])}")
+                lines.append(f"  {t['target']}: {load.load_line(t['load'])}")
         if "analysis" in d:
             lines.append(f"  {analysis.summary(d['analysis'])}")
         if "fuzz" in d:
             f = d["fuzz"]
             lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
         if "proof" in d:
-            lines.append(f"  {proof.summary(d['proof'])}")
+            lines.append(f"  {module_proof.summary(d['module_proof'])}")
         if not self._right:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"

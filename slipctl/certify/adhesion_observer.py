@@ -40,7 +40,7 @@ def root_form(K1: float, K2: float, L: float) -> bool:
     return K1 * K1 > 2 * K2 and K2 > 2 * L
 
 
-def printed(K1: float, K2: float, L: float) -> bool:
+def printed_verdict(K1: float, K2: float, L: float) -> bool:
     """Theorem 1 as printed: K1 > 2 K2 and K2 > 2 L; its verdict depends on the unit."""
     return K1 > 2 * K2 and K2 > 2 * L
 

@@ -54,7 +54,7 @@ def largest_disturbance(k: float, width: float) -> float:
     return 2 * H_MAX * k * width**3
 
 
-def settled(W: float, k: float, width: float) -> float:
+def settled_error(W: float, k: float, width: float) -> float:
     """Largest |e| that a disturbance leaves in the end; inf if none.
 
     Proof note: smaller root of 2 k e (k_x^2 - e^2) = W by the trigonometric solution of a cubic.

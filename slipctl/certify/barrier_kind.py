@@ -15,16 +15,16 @@ from typing import Any
 
 from slipctl.certify import (
     barrier,
-    holding,
+    decimal_intervals,
+    interval_systems,
     lagged_maps,
     lagged_runs,
-    outward,
     scalar_maps,
     scalar_runs,
     smtlib,
 )
-from slipctl.certify.entries import DoesNotHold, mapping
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
+from slipctl.certify.entries import DoesNotHold, read_mapping
 from slipctl.certify.registry import register
 from slipctl.certify.scalar_maps import CubicPull, Interval, Tick
 from slipctl.certify.systems import (
@@ -93,7 +93,7 @@ def _dies_out(n: Numbers) -> Sequence[Side]:
 
 def _together(n: Numbers) -> Sequence[Side]:
     """What start and disturbance reach, against where the law still pulls; with floats."""
-    least = holding.standing(_tick(n, float), float(_begin(n)), 0.0)
+    least = interval_systems.nearest_distances(_tick(n, float), float(_begin(n)), 0.0)
     return [Side("errors that are reached <= errors that the law holds", *least)]
 
 
@@ -112,7 +112,7 @@ def _tick(n: Numbers, number: Callable[[Any], Any]) -> Tick:
 
 def _lagged(n: Numbers, number: Callable[[Any], Any]) -> lagged_maps.Lagged:
     lag, T = number(n.get("lag", 0)), number(n["T"])
-    E, c1, c2, scale, dead = lagged_maps.lag_numbers(lag, T, holding.ticks_of(n))
+    E, c1, c2, scale, dead = lagged_maps.lag_numbers(lag, T, interval_systems.ticks_of(n))
     tick = _tick(n, number)
     zero = T - T
     return lagged_maps.Lagged(tick.below, tick.above, tick.push, tick.noise, dead, E, c1, c2,
@@ -133,25 +133,25 @@ def _find(n: Numbers) -> Entries | None:
         return None
     most = scalar_maps.limits(tick)
     for part in (0.3, 1e-2, 1e-4, 1e-6, 1e-9):
-        entry = {"kept": holding.told(scalar_maps.wider(inner, most, part))}
-        if _proved(n, holding.interval(entry["kept"], "kept")):
+        entry = {"kept": interval_systems.interval_texts(scalar_maps.wider(inner, most, part))}
+        if _proved(n, interval_systems.interval(entry["kept"], "kept")):
             return entry
     return None
 
 
 def _proved(n: Numbers, z: Interval) -> bool:
-    with holding.refused(), precise(scalar_maps.DIGITS):
+    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
         start = _start(n, scalar_maps.exactly)
         tick = _tick(n, scalar_maps.exactly)
         return (z.low <= start.low - scalar_maps.SLOP and start.high + scalar_maps.SLOP <= z.high
                 and max(tick.below.width, tick.below.slope(0)) <= scalar_maps.LARGEST
-                and scalar_maps.proved(tick, z))  # fmt: skip
+                and scalar_maps.proves_kept(tick, z))  # fmt: skip
     return False
 
 
 def _check(n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("kept",), "evidence", True)
-    if not _proved(n, holding.interval(entry["kept"], "evidence.kept")):
+    entry = read_mapping(given, ("kept",), "evidence", True)
+    if not _proved(n, interval_systems.interval(entry["kept"], "evidence.kept")):
         raise DoesNotHold("proofs.together: 'kept' does not hold the start set, or is left")
 
 
@@ -159,10 +159,10 @@ def _kept_step(n: Numbers, entry: Entries) -> str:
     """The interval is left in no tick, and what is measured in it stays inside the barrier."""
     low, high = (Fraction(x) for x in entry["evidence"]["kept"])
     push, noise = n["T"] * n["W"] / n["k_s"], n.get("noise", Fraction(0)) / n["k_s"]
-    far, after = n["k_a"] / n["k_s"], smtlib.plus("z", _pulled(n))
-    facts = [*smtlib.between(low, "z", high),
-             *smtlib.between(-noise, smtlib.plus("y", smtlib.times(-1, "z")), noise)]  # fmt: skip
-    claim = smtlib.term("and", *smtlib.between(low + push, after, high - push),
+    far, after = n["k_a"] / n["k_s"], smtlib.sum_term("z", _pulled(n))
+    facts = [*smtlib.interval_terms(low, "z", high),
+             *smtlib.interval_terms(-noise, smtlib.sum_term("y", smtlib.times(-1, "z")), noise)]  # fmt: skip
+    claim = smtlib.term("and", *smtlib.interval_terms(low + push, after, high - push),
                         smtlib.term("<", -far, "y"), smtlib.term("<", "y", 1))  # fmt: skip
     return smtlib.problem(("z", "y"), facts, claim)
 
@@ -172,7 +172,7 @@ def _pulled(n: Numbers) -> str:
     kappa = 2 * n["k"] * n["k_s"] ** 2 * n["T"]
 
     def side(width: Fraction) -> str:
-        squares = smtlib.plus(width**2, smtlib.times(-1, "y", "y"))
+        squares = smtlib.sum_term(width**2, smtlib.times(-1, "y", "y"))
         return smtlib.times(-kappa, "y", squares)
 
     below = side(n["k_a"] / n["k_s"])
@@ -186,28 +186,28 @@ def _polygon_step(n: Numbers, entry: Entries) -> list[str]:
     """
     kept = entry["evidence"]["kept"]
     sides = list(zip(lagged_maps.NORMALS, map(Fraction, kept["levels"]), strict=True))
-    lag, T, ticks = n.get("lag", Fraction(0)), n["T"], holding.ticks_of(n)
+    lag, T, ticks = n.get("lag", Fraction(0)), n["T"], interval_systems.ticks_of(n)
     push, noise = T * n["W"] / n["k_s"], n.get("noise", Fraction(0)) / n["k_s"]
     dead, scale, ends = ticks - 1, Fraction(1), [Fraction(0)]
     if lag:
         dead, scale, digits = ticks, T / max(lag, T), 10**15
-        low, high = outward.Interval.of(-T / lag, 60).exp().ends()
+        low, high = decimal_intervals.Interval.of(-T / lag, 60).exp().ends()
         ends = [Fraction(math.floor(low * digits), digits),
                 Fraction(math.ceil(high * digits), digits)]  # fmt: skip
     moved = Fraction(kept["moved"])
     late = noise + dead * moved
-    facts = [smtlib.term("<=", smtlib.plus(smtlib.times(a, "z"), smtlib.times(b / scale, "alpha")),
+    facts = [smtlib.term("<=", smtlib.sum_term(smtlib.times(a, "z"), smtlib.times(b / scale, "alpha")),
                          level) for (a, b), level in sides]  # fmt: skip
-    facts += smtlib.between(-late, smtlib.plus("y", smtlib.times(-1, "z")), late)
+    facts += smtlib.interval_terms(-late, smtlib.sum_term("y", smtlib.times(-1, "z")), late)
     claims = [smtlib.term("<", -n["k_a"] / n["k_s"], "y"), smtlib.term("<", "y", 1)]
     pulled = _pulled(n)
     for E in ends:
         c1 = lag / T * (1 - E) if lag else Fraction(1)
-        move = smtlib.plus(smtlib.times(c1, "alpha"), smtlib.times(1 - c1, pulled))
-        after = smtlib.plus(smtlib.times(E, "alpha"), smtlib.times(1 - E, pulled))
-        claims += smtlib.between(push - moved, move, moved - push) if dead else []
+        move = smtlib.sum_term(smtlib.times(c1, "alpha"), smtlib.times(1 - c1, pulled))
+        after = smtlib.sum_term(smtlib.times(E, "alpha"), smtlib.times(1 - E, pulled))
+        claims += smtlib.interval_terms(push - moved, move, moved - push) if dead else []
         claims += [
-            smtlib.term("<=", smtlib.plus(smtlib.times(a, smtlib.plus("z", move)),
+            smtlib.term("<=", smtlib.sum_term(smtlib.times(a, smtlib.sum_term("z", move)),
                                           smtlib.times(b / scale, after), abs(a) * push), level)
             for (a, b), level in sides
         ]  # fmt: skip
@@ -219,7 +219,7 @@ def _polygon(n: Numbers) -> Entries | None:
         return None
     law = _lagged(n, float)
     start, none = _start(n, scalar_maps.exactly), Decimal(0)
-    return holding.find_polygons(law, law, lambda: _decimal_laws(n), _start(n, float), 0.0,
+    return interval_systems.find_polygons(law, law, lambda: _decimal_laws(n), _start(n, float), 0.0,
                                  (start, none))  # fmt: skip
 
 
@@ -232,9 +232,9 @@ def _decimal_laws(n: Numbers) -> tuple[lagged_maps.Lagged, lagged_maps.Lagged]:
 def _check_polygon(n: Numbers, given: Entries) -> None:
     if not _behind(n):
         raise DoesNotHold("proofs.polygon: nothing is behind an actuator")
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         start = _start(n, scalar_maps.exactly)
-        holding.check_polygons(*_decimal_laws(n), start, Decimal(0), given)
+        interval_systems.check_polygons(*_decimal_laws(n), start, Decimal(0), given)
         return
     raise DoesNotHold("proofs.polygon: numbers too large for a proof")
 
@@ -251,28 +251,32 @@ def _run(n: Numbers) -> Entries | None:
         return None
     tick, start = _tick(n, float), _start(n, float)
     found = scalar_runs.outward(lambda i: tick, start)
-    return None if found is None else holding.told_run(found, lambda i: tick, "start", start)
+    return (
+        None if found is None else interval_systems.run_texts(found, lambda i: tick, "start", start)
+    )
 
 
 def _replay(n: Numbers, given: Entries) -> str:
     if _behind(n):
         raise DoesNotHold("counterexample: this run has no lag")
-    with holding.refused(), precise(scalar_maps.DIGITS):
+    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
         tick, start = _tick(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
-        after = holding.replay(given, {"start": lambda i: tick}, {"start": start}, Decimal(0))
+        after = interval_systems.replay(
+            given, {"start": lambda i: tick}, {"start": start}, Decimal(0)
+        )
         return f"the error passes its barrier after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
 
 def _drift(n: Numbers) -> Entries | None:
-    return holding.find_drift(_tick(n, float))
+    return interval_systems.find_drift(_tick(n, float))
 
 
 def _replay_drift(n: Numbers, given: Entries) -> str:
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         with precise(scalar_maps.DIGITS):
             tick = _tick(n, scalar_maps.exactly)
-        holding.replay_drift(given, tick)
+        interval_systems.replay_drift(given, tick)
         return "the push is above the largest pull, and the error passes its barrier"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -284,20 +288,22 @@ def _run_behind(n: Numbers) -> Entries | None:
     found = lagged_runs.outward(lambda i: law, _start(n, float))
     if found is None:
         return None
-    with holding.refused(), precise(scalar_maps.DIGITS):
+    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
         exact = _lagged(n, scalar_maps.exactly)
         path = lagged_runs.exact(lambda i: exact, found, Decimal(0),
                                  _start(n, scalar_maps.exactly))  # fmt: skip
-        return None if path is None else holding.told_path(path, "start")
+        return None if path is None else interval_systems.path_texts(path, "start")
     return None
 
 
 def _replay_behind(n: Numbers, given: Entries) -> str:
     if not _behind(n):
         raise DoesNotHold("counterexample: this run has a lag")
-    with holding.refused(), precise(scalar_maps.DIGITS):
+    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
         law, start = _lagged(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
-        after = holding.replay_path(given, {"start": lambda i: law}, {"start": start}, Decimal(0))
+        after = interval_systems.replay_path(
+            given, {"start": lambda i: law}, {"start": start}, Decimal(0)
+        )
         return f"the error passes its barrier after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -314,7 +320,7 @@ def _values(n: Numbers) -> dict[str, Quantity]:
         "time_constant_below": (1 / barrier.rate(k, a), "s"),
         "largest_period": (barrier.largest_period(k, a, b), "s"),
         "stable_period": (barrier.stable_period(k, a, b), "s"),
-        "error_in_the_end": (barrier.settled(n["W"], k, min(a, b)), "m/s"),
+        "error_in_the_end": (barrier.settled_error(n["W"], k, min(a, b)), "m/s"),
     }
 
 
@@ -327,7 +333,7 @@ def _witness(n: Numbers) -> Witness | None:
     entries = _run(given) or _run_behind(given)
     if entries is None:
         return None
-    return holding.witness(entries, n["T"], n["W"], "m/s^2", "barrier")
+    return interval_systems.witness(entries, n["T"], n["W"], "m/s^2", "barrier")
 
 
 BARRIER = register(System(

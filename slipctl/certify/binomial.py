@@ -63,7 +63,7 @@ def largest_share(draws: int, violations: int, beta: Fraction) -> Fraction:
     return Fraction(high, GRAIN)
 
 
-def needed(share: Fraction, beta: Fraction) -> int:
+def draws_needed(share: Fraction, beta: Fraction) -> int:
     """Least number of draws that prove a share if none is violated.
 
     Raises:

@@ -14,14 +14,23 @@ from importlib import import_module
 from typing import Any
 
 from slipctl.certify import catalogue, proofs
-from slipctl.certify.entries import DoesNotHold, brief, only, rational
+from slipctl.certify.entries import DoesNotHold, brief, rational, refuse_unknown
 from slipctl.certify.proofs import FORMAT, KIND
 from slipctl.certify.quadratic import Matrix, find_quadratic, minors
 from slipctl.errors import BadInput
 
 __all__ = [
-    "FORMAT", "KIND", "Certificate", "DoesNotHold", "Matrix", "certify_super_twisting", "check",
-    "find_quadratic", "minors", "only", "rational",
+    "FORMAT",
+    "KIND",
+    "Certificate",
+    "DoesNotHold",
+    "Matrix",
+    "certify_super_twisting",
+    "check",
+    "find_quadratic",
+    "minors",
+    "rational",
+    "refuse_unknown",
 ]  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
 
-from slipctl.certify.outward import Interval, arctan_over
+from slipctl.certify.decimal_intervals import Interval, arctan_over
 
 DIGITS = 40
 MOST_TERMS = 20_000
@@ -31,7 +31,7 @@ def log_gamma_after(s: Fraction, digits: int = DIGITS) -> Interval:
 
 
 @lru_cache(maxsize=8)
-def below(value: Fraction, freedom: int) -> Interval:
+def probability_below(value: Fraction, freedom: int) -> Interval:
     """Enclose the probability that chi-squared with so many degrees of freedom is below a value.
 
     Proof note: with s = freedom/2, x = value/2 it is x^s e^-x/Gamma(s + 1) times the sum of

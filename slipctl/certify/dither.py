@@ -33,7 +33,7 @@ and M is below the larger root, V stays below M, and its upper limit is at most 
 Before the start th and xi rest, so M is at least what |d_z| <= max|p_z| and |d_x| <= start +
 max|p_x| need.
 
-``dither_search`` looks for P and p. ``proven`` needs no search: it bounds each of these functions
+``dither_search`` looks for P and p. ``check_proof`` needs no search: it bounds each of these functions
 with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller (Math. Z.
 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes divided by
 cos(pi D/N).
@@ -244,7 +244,7 @@ def _forgotten(lag: Any) -> Any:
 
 
 @lru_cache(maxsize=64)
-def proven(loop: Loop, proof: Proof) -> Found | None:
+def check_proof(loop: Loop, proof: Proof) -> Found | None:
     """Check a proof, without any search; None if it proves nothing.
 
     Args:

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slipctl.certify.dither import PAIRS, Found, Loop, Proof, basis_at, gain, heard_dither, proven
+from slipctl.certify.dither import (
+    PAIRS,
+    Found,
+    Loop,
+    Proof,
+    basis_at,
+    check_proof,
+    gain,
+    heard_dither,
+)
 
 DEGREE = 8
 FINE = 2 * np.pi * np.arange(64) / 64
@@ -62,7 +71,7 @@ def _find(loop: Loop, exact: Loop, start: float, reach: float | None) -> Found |
     path = tuple(tuple(float(f"{v:.15g}") for v in row) for row in orbit)
     for share in (0.995, 0.97, 0.9, 0.7):
         mu = float(f"{rate * share:.6g}")
-        done = proven(exact, Proof(path, short, units, mu))
+        done = check_proof(exact, Proof(path, short, units, mu))
         if done is not None:
             return done
     return None

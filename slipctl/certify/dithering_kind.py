@@ -8,12 +8,12 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from slipctl.certify import dither, dither_flight, dither_push, dither_search, sliding
+from slipctl.certify import dither, dither_flight, dither_push, dither_search, sliding_seeker
 from slipctl.certify import extremum as bounds
 from slipctl.certify.ball import UP, WELL_UP
+from slipctl.certify.checksum import with_checksum, without_checksum
 from slipctl.certify.entries import DoesNotHold, rational, rows, whole
 from slipctl.certify.registry import register
-from slipctl.certify.seal import opened, sealed
 from slipctl.certify.seeking_kind import HEARD
 from slipctl.certify.systems import (
     ASIDE,
@@ -31,8 +31,8 @@ from slipctl.certify.systems import (
     System,
     Target,
     Witness,
+    number_text,
     rounded_up,
-    spelled,
 )
 from slipctl.errors import BadInput
 
@@ -54,7 +54,7 @@ def _loop(n: Numbers) -> dither.Loop:
 
 def _late(n: Numbers) -> int:
     """Ticks of the dead time, rounded up."""
-    return sliding.ticks_late(n.get("dead_time", 0), n["T"])
+    return sliding_seeker.ticks_late(n.get("dead_time", 0), n["T"])
 
 
 def _from(n: Numbers) -> Any:
@@ -97,7 +97,7 @@ def _find_return(n: Numbers, target: str) -> Entries | None:
     found = dither_search.find(exact, float(_from(n) / n["a"]), reach)
     if found is None:
         return None
-    entries = sealed(n, {
+    entries = with_checksum(n, {
         "units": [int(math.log2(u)) for u in found.proof.units],
         "rate": str(Fraction(str(found.proof.mu))),
         "orbit": [[repr(v) for v in row] for row in found.proof.orbit],
@@ -125,7 +125,7 @@ def _read_return(n: Numbers, entries: Entries) -> dither.Found:
         for k, count in (("orbit", 3), ("P", 6))
     )  # fmt: skip
     exact = _loop({k: Fraction(v) for k, v in n.items()})
-    found = dither.proven(exact, dither.Proof(orbit, P, (units[0], units[1], units[2]), mu))
+    found = dither.check_proof(exact, dither.Proof(orbit, P, (units[0], units[1], units[2]), mu))
     if found is None:
         raise DoesNotHold("its function need not fall")
     return found
@@ -143,7 +143,7 @@ def _decimal(text: Any, where: str) -> float:
 
 
 def _check_return(n: Numbers, entries: Entries, target: str) -> None:
-    found = _read_return(n, opened(n, entries, PROOF, "evidence"))
+    found = _read_return(n, without_checksum(n, entries, PROOF, "evidence"))
     if found.reach(_first(n)) is None:
         raise DoesNotHold("evidence: it does not return from as far as that")
     value = _bounds_of(n, found, target) if target in n else None
@@ -179,10 +179,10 @@ def _return_claim(name: str) -> Any:
                  "rest": "in the end |th - v*| stays below {}"}[name]  # fmt: skip
         wanted = n.get(name, _farthest(n) if name == "reach" else max(_from(n), n["a"]))
         if name not in n and "evidence" in entry:
-            proof = opened(n, entry["evidence"], PROOF, "evidence")
+            proof = without_checksum(n, entry["evidence"], PROOF, "evidence")
             wanted = _bounds_of(n, _read_return(n, proof), name) or wanted
             wanted = rounded_up(wanted)
-        return words.format(spelled(wanted, "m/s"))
+        return words.format(number_text(wanted, "m/s"))
 
     return claim
 
@@ -201,7 +201,7 @@ def _find_flight(n: Numbers, constants: float = LATER) -> Entries | None:
             run = dither_flight.ticks(plain, float(side * _from(n)), _late(n), against, most, limit)
             left = next(run, None)
             if left:
-                return sealed(n, {
+                return with_checksum(n, {
                     "start": str(side * _from(n)), "ticks": left[0],
                     "noise": "outward" if against else "none",
                 })  # fmt: skip
@@ -216,7 +216,7 @@ def _find_soon(n: Numbers) -> Entries | None:
 
 def _replay_flight(n: Numbers, run: Entries) -> str:
     """Whole numbers of 60 digits, with a bound of their error that grows at every tick."""
-    run = opened(n, run, ("start", "noise", "ticks"), "run")
+    run = without_checksum(n, run, ("start", "noise", "ticks"), "run")
     start = rational(run["start"], "run.start")
     ticks = whole(run["ticks"], "run.ticks", 1, MOST_DITHER_TICKS)
     late = _late(n)
@@ -249,17 +249,17 @@ def _find_swings_on(n: Numbers) -> Entries | None:
     entries = _find_return(plain, "rest")
     if entries is None:
         return None
-    proof = opened(plain, entries, PROOF, "run")
+    proof = without_checksum(plain, entries, PROOF, "run")
     tick = _read_return(plain, proof).beyond(
         _loop({k: float(v) for k, v in plain.items()}), float(plain["start"] / n["a"]),
         float(n["rest"] / n["a"]),
     )  # fmt: skip
-    return None if tick is None else sealed(n, {"ticks": tick, **proof})
+    return None if tick is None else with_checksum(n, {"ticks": tick, **proof})
 
 
 def _replay_swings_on(n: Numbers, run: Entries) -> str:
     plain = _quiet(n)
-    proof = opened(n, run, ("ticks", *PROOF), "run")
+    proof = without_checksum(n, run, ("ticks", *PROOF), "run")
     tick = whole(proof["ticks"], "run.ticks", 1, 10**12)
     start = float(plain["start"] / n["a"]) * UP
     least = _read_return(plain, proof).at_least(_loop(plain), start, tick)
@@ -277,14 +277,14 @@ def _find_pushed(n: Numbers) -> Entries | None:
     entries = _find_return(kept, "rest")
     if entries is None:
         return None
-    proof = opened(kept, entries, PROOF, "run")
+    proof = without_checksum(kept, entries, PROOF, "run")
     plain = _plain(n)
     push = dither_push.find(plain, _read_return(kept, proof))
     if push is None:
         return None
     up = _signs(n)  # of y, whose unit is c a^2 in the loop without dimensions
     signs = "".join(up[x] for x in push.signs)
-    return sealed(n, {"angle": repr(push.angle), "noise": signs, **proof})
+    return with_checksum(n, {"angle": repr(push.angle), "noise": signs, **proof})
 
 
 def _signs(n: Numbers) -> str:
@@ -299,7 +299,7 @@ def _plain(n: Numbers) -> dither.Loop:
 
 
 def _replay_pushed(n: Numbers, run: Entries) -> str:
-    proof = opened(n, run, ("angle", "noise", *PROOF), "run")
+    proof = without_checksum(n, run, ("angle", "noise", *PROOF), "run")
     signs = proof["noise"]
     if not isinstance(signs, str) or len(signs) > dither_push.MOST_TICKS or set(signs) - set("+-"):
         raise BadInput(f"run.noise must hold + and -, at most {dither_push.MOST_TICKS}")
@@ -356,7 +356,7 @@ def _perturbation_witness(n: Numbers) -> Witness:
 
 def _start(n: Numbers) -> str:
     heard = ", the dither alone before" if n.get("lag") or n.get("dead_time") else ""
-    return f"every |th - v*| <= {spelled(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0{heard}"
+    return f"every |th - v*| <= {number_text(_from(n), 'm/s')} with xi = 0, eta = y, wt = 0{heard}"
 
 
 PERTURBATION_SEEK = register(System(

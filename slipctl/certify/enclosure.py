@@ -40,7 +40,7 @@ class Bracket(NamedTuple):
     boxes: int
 
 
-def expanded(f: ca.Function) -> ca.Function:
+def scalar_function(f: ca.Function) -> ca.Function:
     """Same Function on scalar operations.
 
     Raises:
@@ -79,7 +79,7 @@ def enclose(
     Raises:
         BadInput: an operation that is not known here.
     """
-    f = expanded(f)
+    f = scalar_function(f)
     many = lo.shape[1]
     work: dict[int, Interval] = {}
     out_lo, out_hi = np.zeros((f.numel_out(0), many)), np.zeros((f.numel_out(0), many))
@@ -111,7 +111,7 @@ def enclose(
 
 def jumps(f: ca.Function) -> bool:
     """Whether a Function has an operation that jumps: a comparison, a sign, a floor."""
-    f = expanded(f)
+    f = scalar_function(f)
     return any(f.instruction_id(k) in _JUMPS for k in range(f.n_instructions()))
 
 

@@ -33,7 +33,7 @@ def rational(text: Any, where: str) -> Fraction:
     return Fraction(text)
 
 
-def mapping(
+def read_mapping(
     value: Any, known: Sequence[str], where: str, all_of_them: bool = False
 ) -> Mapping[str, Any]:
     """Mapping with no unknown names.
@@ -43,7 +43,7 @@ def mapping(
     """
     if not isinstance(value, Mapping):
         raise BadInput(f"{where} must hold {', '.join(known) or 'nothing'}")
-    only(value, known, where)
+    refuse_unknown(value, known, where)
     for name in known:
         if all_of_them and name not in value:
             raise BadInput(f"{where}.{name} is missing")
@@ -76,7 +76,7 @@ def whole(value: Any, where: str, low: int, high: int) -> int:
     return value
 
 
-def only(given: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+def refuse_unknown(given: Mapping[str, Any], known: Sequence[str], where: str) -> None:
     """Refuse entries that are not known.
 
     Raises:

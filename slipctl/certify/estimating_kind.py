@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import chi_squared, filters, forgetting, outward, smtlib
+from slipctl.certify import chi_squared, decimal_intervals, filters, rls_covariance, smtlib
+from slipctl.certify.checksum import with_checksum, without_checksum
 from slipctl.certify.entries import DoesNotHold, whole
-from slipctl.certify.forgetting import (
+from slipctl.certify.registry import register
+from slipctl.certify.rls_covariance import (
     covariance_bounds,
     covariance_growth,
     memory,
     overflow_samples,
 )
-from slipctl.certify.registry import register
-from slipctl.certify.seal import opened, sealed
 from slipctl.certify.systems import (
     CONTINUOUS,
     EXACT,
@@ -33,7 +33,7 @@ from slipctl.certify.systems import (
     System,
     Target,
     Witness,
-    spelled,
+    number_text,
 )
 from slipctl.errors import BadInput
 
@@ -43,7 +43,7 @@ __all__ = [
 
 
 def _ln(x: Any) -> Any:
-    return outward.Interval.of(x, 60).ln() if isinstance(x, Fraction) else math.log(x)
+    return decimal_intervals.Interval.of(x, 60).ln() if isinstance(x, Fraction) else math.log(x)
 
 
 def _whole(system: str, n: Numbers, *names: str) -> None:
@@ -58,7 +58,7 @@ def _whole(system: str, n: Numbers, *names: str) -> None:
 
 
 def _never_above(n: Numbers) -> Sequence[Side]:
-    return [Side(*s) for s in forgetting.largest_sides(n)]
+    return [Side(*s) for s in rls_covariance.largest_sides(n)]
 
 
 def _excited(n: Numbers) -> Sequence[Side]:
@@ -109,17 +109,17 @@ def _allowed_quiet(n: Numbers) -> int | None:
     idle = math.floor(n["idle"])
     if not n.get("least"):
         return idle or None
-    return int(forgetting.quiet(idle, n["samples"]))
+    return int(rls_covariance.quiet(idle, n["samples"]))
 
 
 def _find_growth(n: Numbers) -> Entries | None:
     if n["forgetting"] >= 1:
-        return sealed(n, {"windows": 0, "quiet": 0}) if n["P"] > n["limit"] else None
+        return with_checksum(n, {"windows": 0, "quiet": 0}) if n["P"] > n["limit"] else None
     lam, rate = float(n["forgetting"]), -math.log(float(n["forgetting"]))
     allowed = _allowed_quiet(n)
     if allowed is None:
         more = (math.log(float(n["limit"])) - math.log(float(n["P"]))) / rate
-        return sealed(n, {"windows": 0, "quiet": max(math.ceil(more * (1 + 1e-9)), 0) + 1})
+        return with_checksum(n, {"windows": 0, "quiet": max(math.ceil(more * (1 + 1e-9)), 0) + 1})
     found: list[tuple[int, int]] = [(0, allowed)]
     if n.get("least"):
         S = int(n["samples"])
@@ -127,7 +127,7 @@ def _find_growth(n: Numbers) -> Entries | None:
             found.append((m, allowed - (S - 1)))
         found = [f for f in found if f[1] >= 0 and lam < 1]
     for windows, still in found:
-        run = sealed(n, {"windows": windows, "quiet": still})
+        run = with_checksum(n, {"windows": windows, "quiet": still})
         try:
             _replay_growth(n, run)
         except DoesNotHold:
@@ -141,7 +141,7 @@ def _replay_growth(n: Numbers, run: Entries) -> str:
 
     The last window counts S - 1 quiet samples itself, so that so many fewer may follow it.
     """
-    run = opened(n, run, ("windows", "quiet"), "run")
+    run = without_checksum(n, run, ("windows", "quiet"), "run")
     windows = whole(run["windows"], "run.windows", 0, 10**12)
     still = whole(run["quiet"], "run.quiet", 0, 10**18)
     allowed = _allowed_quiet(n)
@@ -154,7 +154,7 @@ def _replay_growth(n: Numbers, run: Entries) -> str:
         if windows or still or not n["P"] > n["limit"]:
             raise DoesNotHold("run: P does not exceed the limit")
         return "P exceeds the limit from the start"
-    found = forgetting.covariance_after(n, windows, still)
+    found = rls_covariance.covariance_after(n, windows, still)
     if not found.ends()[0] > _ln(n["limit"]).ends()[1]:
         raise DoesNotHold("run: P does not exceed the limit")
     before = f"after {windows} windows with their excitation in the first sample, " \
@@ -163,21 +163,21 @@ def _replay_growth(n: Numbers, run: Entries) -> str:
 
 
 def _rls_claim(n: Numbers, _: Entries) -> str:
-    limit = spelled(n["limit"], "1")
+    limit = number_text(n["limit"], "1")
     if n["forgetting"] < 1 and not n.get("least") and n["idle"] > 0:
         return f"P, in any direction, never exceeds {limit} through these samples"
     return f"P, in any direction, never exceeds {limit}"
 
 
 def _rls_start(n: Numbers) -> str:
-    start = f"P = {spelled(n['P'], '1')}"
+    start = f"P = {number_text(n['P'], '1')}"
     if n.get("least"):
-        words = (spelled(n[k], "1") for k in ("least", "most", "samples"))
+        words = (number_text(n[k], "1") for k in ("least", "most", "samples"))
         return start + ", with excitation {} <= sum of phi phi' <= {} over any {} samples".format(
             *words
         ) + (" before and after the pause" if n["idle"] else "")  # fmt: skip
     if n["forgetting"] < 1 and n["idle"] > 0:
-        return f"{start}, through the first {spelled(n['idle'], '1')} samples"
+        return f"{start}, through the first {number_text(n['idle'], '1')} samples"
     return f"{start}, whatever the regressor"
 
 
@@ -232,7 +232,7 @@ def _pole_step(n: Numbers, entry: Entries) -> str | None:
     """|e|/P falls at a sample, and P stays bounded; e the error on a constant force."""
     if not n["dt"]:
         return None
-    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    term, plus, times = smtlib.term, smtlib.sum_term, smtlib.times
     grown, h, noise = 1 + n["gamma"], n["H"] * n["dt"], n["R"] * n["dt"]
     most = max(n["P"], n["gamma"] * noise / (grown * h * h))
     inverse = plus(times(h * h * grown, "P"), noise)
@@ -273,7 +273,7 @@ def _consistent(n: Numbers) -> Sequence[Side]:
     gamma, R, H, dt, q, many = (n[k] for k in ("gamma", "R", "H", "dt", "q", "band_samples"))
     nis = filters.expected_nis(gamma, R, H, dt, q)
     if isinstance(nis, Fraction):
-        below: Any = chi_squared.below(nis * many, int(many))
+        below: Any = chi_squared.probability_below(nis * many, int(many))
     else:
         from scipy.special import gammainc
 

@@ -9,11 +9,18 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from slipctl.certify import holding, lagged_maps, lagged_runs, outward, scalar_maps, scalar_runs
+from slipctl.certify import (
+    decimal_intervals,
+    interval_systems,
+    lagged_maps,
+    lagged_runs,
+    scalar_maps,
+    scalar_runs,
+)
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify import sampled_funnel as funnel
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.outward import precise
 from slipctl.certify.registry import register
 from slipctl.certify.scalar_maps import AtanhPull, Interval
 from slipctl.certify.systems import (
@@ -41,16 +48,16 @@ MIDDLE = Interval(Decimal(0), Decimal(0))
 
 
 @cache
-def peak_enclosure() -> outward.Interval:
+def peak_enclosure() -> decimal_intervals.Interval:
     """Enclose the largest h(z) = (1 - z^2) atanh z.
 
     Proof note: h is concave on (0, 1), because h' = 1 - 2 z atanh z falls. So h(z0) <= max h <=
     h(z0) + |h'(z0)| at a rational z0 near the peak; both are enclosed outwards.
     """
     z = Fraction("0.64791822902960261270588617138849")
-    atanh = outward.arctan_over(outward.Interval.of(-z * z, DIGITS)) * z
+    atanh = decimal_intervals.arctan_over(decimal_intervals.Interval.of(-z * z, DIGITS)) * z
     h, slope = atanh * (1 - z * z), 1 - atanh * (2 * z)
-    return outward.Interval(h.low, h.up.add(h.high, slope.magnitude()), DIGITS)
+    return decimal_intervals.Interval(h.low, h.up.add(h.high, slope.magnitude()), DIGITS)
 
 
 # ---- the inputs, added --------------------------------------------------------------------------
@@ -133,7 +140,7 @@ def _held(n: Numbers) -> Sequence[Side]:
 def _window(n: Numbers) -> Sequence[Side]:
     kappa = n["K1"] * n["T"]
     if isinstance(kappa, Fraction):
-        x = outward.Interval.of(kappa, DIGITS).ln() - 1 / kappa
+        x = decimal_intervals.Interval.of(kappa, DIGITS).ln() - 1 / kappa
         return [Side("ln(K1 T) - 1/(K1 T) < 1", x, 1)]
     return [Side("ln(K1 T) - 1/(K1 T) < 1", math.log(kappa) - 1 / kappa, 1)]
 
@@ -145,7 +152,9 @@ def _stable(n: Numbers) -> Sequence[Side]:
 def _together(n: Numbers) -> Sequence[Side]:
     """What start, step and disturbance reach, against where the law still pulls; with floats."""
     tick = _floats(n).standing()
-    least = holding.standing(tick, float(_begin(n)), float(_share(n, n.get("step", 0))))
+    least = interval_systems.nearest_distances(
+        tick, float(_begin(n)), float(_share(n, n.get("step", 0)))
+    )
     return [Side("errors that are reached <= errors that the law holds", *least)]
 
 
@@ -156,20 +165,23 @@ def _find(n: Numbers) -> Entries | None:
     found = funnel.find(_floats(n), float(_begin(n)), float(n.get("step", 0)))
     if found is None:
         return None
-    sets = {"settled": holding.told(found.settled), "kept": holding.told(found.kept)}
-    kept = funnel.Kept(holding.interval(sets["settled"], "settled"),
-                       holding.interval(sets["kept"], "kept"), found.ticks)  # fmt: skip
+    sets = {
+        "settled": interval_systems.interval_texts(found.settled),
+        "kept": interval_systems.interval_texts(found.kept),
+    }
+    kept = funnel.Kept(interval_systems.interval(sets["settled"], "settled"),
+                       interval_systems.interval(sets["kept"], "kept"), found.ticks)  # fmt: skip
     return sets | {"ticks": found.ticks} if _proved(n, kept) is None else None
 
 
 def _proved(n: Numbers, kept: funnel.Kept) -> str | None:
-    with holding.refused():
-        return funnel.proved(_law(n), _begin(n), n.get("step", Fraction(0)), kept)
+    with interval_systems.stop_at_overflow():
+        return funnel.why_unproved(_law(n), _begin(n), n.get("step", Fraction(0)), kept)
     return "numbers too large for a proof"
 
 
 def _check(n: Numbers, given: Entries) -> None:
-    settled, kept, ticks = holding.sets(given, funnel.TICKS)
+    settled, kept, ticks = interval_systems.sets(given, funnel.TICKS)
     why = _proved(n, funnel.Kept(settled, kept, ticks))
     if why is not None:
         raise DoesNotHold(f"proofs.together: {why}")
@@ -179,7 +191,7 @@ def _lagged(n: Numbers, number: Callable[[Any], Any], standing: bool = False) ->
     """The law behind its actuator, in floats or decimals."""
     law, kappa = _law(n), n["K1"] * n["T"]
     lag, T = number(n.get("lag", 0)), number(n["T"])
-    E, c1, c2, scale, dead = lagged_maps.lag_numbers(lag, T, holding.ticks_of(n))
+    E, c1, c2, scale, dead = lagged_maps.lag_numbers(lag, T, interval_systems.ticks_of(n))
     r, g = number(Fraction(1)), number(Fraction(0))
     if _moves(n) and not standing:
         x = -number(law["k"]) * T
@@ -200,7 +212,7 @@ def _polygon(n: Numbers) -> Entries | None:
     law, start = _lagged(n, float), float(_begin(n))
     if law.r != 1 and law.dead:
         return None
-    return holding.find_polygons(
+    return interval_systems.find_polygons(
         law, _lagged(n, float, True), lambda: _decimal_laws(n), Interval(-start, start),
         float(_share(n, n.get("step", 0))), _start_and_step(n),
     )  # fmt: skip
@@ -220,11 +232,11 @@ def _start_and_step(n: Numbers) -> tuple[Interval, Decimal]:
 def _check_polygon(n: Numbers, given: Entries) -> None:
     if not _behind(n):
         raise DoesNotHold("proofs.polygon: nothing is behind an actuator")
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         law, standing = _decimal_laws(n)
         if law.r != 1 and law.dead:
             raise DoesNotHold("proofs.polygon: no dead time while the funnel shrinks")
-        holding.check_polygons(law, standing, *_start_and_step(n), given)
+        interval_systems.check_polygons(law, standing, *_start_and_step(n), given)
         return
     raise DoesNotHold("proofs.polygon: numbers too large for a proof")
 
@@ -243,39 +255,41 @@ def _run(n: Numbers) -> Entries | None:
     law, start = _floats(n), float(_begin(n))
     found = scalar_runs.outward(law.ticks(), Interval(-start, start))
     if found is not None:
-        return holding.told_run(found, law.ticks(), "start", Interval(-start, start))
+        return interval_systems.run_texts(found, law.ticks(), "start", Interval(-start, start))
     share = float(_share(n, n.get("step", 0)))
     if share or _moves(n):
         tick = law.standing()
         found = scalar_runs.outward(lambda i: tick, Interval(0.0, 0.0), share)
         if found is not None:
-            return holding.told_run(found, lambda i: tick, "middle", Interval(0.0, 0.0), share)
+            return interval_systems.run_texts(
+                found, lambda i: tick, "middle", Interval(0.0, 0.0), share
+            )
     return None
 
 
 def _replay(n: Numbers, given: Entries) -> str:
     if _behind(n):
         raise DoesNotHold("counterexample: this run has no lag")
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         with precise(scalar_maps.DIGITS):
             law = funnel.decimals(_law(n))
             tick = law.standing()
             start, step = _start_and_step(n)
-            after = holding.replay(given, {"start": law.ticks(), "middle": lambda i: tick},
+            after = interval_systems.replay(given, {"start": law.ticks(), "middle": lambda i: tick},
                                    {"start": start, "middle": MIDDLE}, step)  # fmt: skip
         return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
 
 def _drift(n: Numbers) -> Entries | None:
-    return holding.find_drift(_floats(n).standing())
+    return interval_systems.find_drift(_floats(n).standing())
 
 
 def _replay_drift(n: Numbers, given: Entries) -> str:
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         with precise(scalar_maps.DIGITS):
             tick = funnel.decimals(_law(n)).standing()
-        holding.replay_drift(given, tick)
+        interval_systems.replay_drift(given, tick)
         return "the push is above the largest pull, and the error leaves its funnel"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -291,12 +305,12 @@ def _run_behind(n: Numbers) -> Entries | None:
         found, start = lagged_runs.outward(lambda i: standing, Interval(0.0, 0.0), share), "middle"
     if found is None:
         return None
-    with holding.refused(), precise(scalar_maps.DIGITS):
+    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
         still = _lagged(n, scalar_maps.exactly, True)
         laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: still}
         begin, step = _start_and_step(n)
         path = lagged_runs.exact(laws[start], found, step, begin if start == "start" else MIDDLE)
-        return None if path is None else holding.told_path(path, start)
+        return None if path is None else interval_systems.path_texts(path, start)
     return None
 
 
@@ -324,12 +338,14 @@ def _lagged_in_time(n: Numbers, number: Callable[[Any], Any]) -> Callable[[int],
 def _replay_behind(n: Numbers, given: Entries) -> str:
     if not _behind(n):
         raise DoesNotHold("counterexample: this run has a lag")
-    with holding.refused():
+    with interval_systems.stop_at_overflow():
         with precise(scalar_maps.DIGITS):
             standing = _lagged(n, scalar_maps.exactly, True)
             start, step = _start_and_step(n)
             laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: standing}
-            after = holding.replay_path(given, laws, {"start": start, "middle": MIDDLE}, step)
+            after = interval_systems.replay_path(
+                given, laws, {"start": start, "middle": MIDDLE}, step
+            )
         return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
     raise DoesNotHold("counterexample: numbers too large for a proof")
 
@@ -343,7 +359,7 @@ def _values(n: Numbers) -> dict[str, Quantity]:
     q = ppc.load(w, n["K1"], n["eta_inf"], n["delta_l"], n["delta_u"])
     found = {"largest_disturbance": (W, "1/s"), "disturbance_of_all_inputs": (w, "1/s"),
              "K1_T": (n["K1"] * n["T"], "1"),
-             "share_of_the_bound_in_the_end": (ppc.settled(q), "1"),
+             "share_of_the_bound_in_the_end": (ppc.settled_share(q), "1"),
              "largest_start_share": (ppc.recoverable(q), "1"),
              "same_under_the_barrier_law": (ppc.barrier_settled(q), "1")}  # fmt: skip
     if all(k in n for k in ("v", "r", "I_w")):
@@ -363,7 +379,7 @@ def _witness(n: Numbers) -> Witness | None:
     entries = _run(given) or _run_behind(given)
     if entries is None:
         return None
-    return holding.witness(entries, n["T"], disturbance(n), "1/s", "funnel")
+    return interval_systems.witness(entries, n["T"], disturbance(n), "1/s", "funnel")
 
 
 _INPUTS = ("T", "W", "step", "F_error", "a", "noise")

@@ -17,7 +17,7 @@ from slipctl.certify.promise import (
     System,
     Target,
     Witness,
-    spelled,
+    number_text,
 )
 from slipctl.certify.registry import register
 
@@ -79,7 +79,7 @@ IMPLICIT_TWISTING = register(System(
     },
     {
         "ends": Target(lambda n, entry: "|x1| stays below "
-                       f"{spelled(n['L'] * n['T'] ** 2, 'm/s')} at every tick", unless=("band",)),
+                       f"{number_text(n['L'] * n['T'] ** 2, 'm/s')} at every tick", unless=("band",)),
         "band": Target("|x1| stays below {band} at every tick", ("band",)),
     },
     start="the third tick on, where |x1| <= k2 T^2 at two ticks in a row",

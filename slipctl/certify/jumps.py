@@ -14,7 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.certify.enclosure import Interval, enclose, expanded
+from slipctl.certify.enclosure import Interval, enclose, scalar_function
 
 HALVINGS = 40
 MOST_CASES = 256
@@ -42,7 +42,7 @@ def largest_jump(f: ca.Function, lo: np.ndarray, hi: np.ndarray) -> Jump:
     Args:
         f: as of ``enclosure.enclose``. lo, hi: ends of the box.
     """
-    f = expanded(f)
+    f = scalar_function(f)
     x = ca.SX.sym("x", f.numel_in(0))
     f = ca.Function("f", [x], [ca.cse(f(x))])  # the same comparison is one instruction
     low, high = lo.reshape(-1, 1).astype(float), hi.reshape(-1, 1).astype(float)

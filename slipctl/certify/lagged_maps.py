@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.scalar_maps import DIGITS, SLOP, Interval, Pull
 
 SIDES = 64
@@ -123,7 +123,7 @@ def _pulls(law: Lagged, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     return least, most
 
 
-def grown(
+def invariant_levels(
     law: Lagged, start: Interval, inner: Floats | None = None, step: float = 0.0
 ) -> tuple[Floats, float] | None:
     """Levels of a polygon that nothing leaves, and how far z moves in a tick at most; or None.
@@ -134,7 +134,7 @@ def grown(
     """
     normals = np.array(NORMALS, dtype=float)
     wide = law.dead * float(law.push)
-    levels = needed(Interval(start.low - wide, start.high + wide), normals[:, 0])
+    levels = start_levels(Interval(start.low - wide, start.high + wide), normals[:, 0])
     if inner is not None:
         levels = np.maximum(levels, inner + np.abs(normals[:, 0]) * step)
     for spare, stride in ((1e-3, 8.0), (1e-4, 2.0)):
@@ -144,7 +144,7 @@ def grown(
     return None
 
 
-def needed(start: Interval, n0: Any) -> Any:
+def start_levels(start: Interval, n0: Any) -> Any:
     """Levels of a polygon that just holds a start, actuator at rest."""
     return np.maximum(n0 * start.low, n0 * start.high)
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.lagged_maps import Lagged, signed_pull
-from slipctl.certify.outward import precise
 from slipctl.certify.scalar_maps import DIGITS, LARGEST, SLOP, Interval
 
 MOST = 6000

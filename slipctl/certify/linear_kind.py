@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import outward, smtlib
+from slipctl.certify import decimal_intervals, smtlib
 from slipctl.certify.bisection import bisect
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
@@ -31,7 +31,7 @@ from slipctl.certify.systems import (
 # ---- a feedback-linearised loop behind a lag ----------------------------------------------------
 
 
-def lagged(K: float, lag: float, T: float) -> Any:
+def sampled_open_loop(K: float, lag: float, T: float) -> Any:
     """Open loop of e' = a, lag a' = -K e - a with the input held over T, as python-control has it.
 
     Without a lag it is K T/(z - 1).
@@ -47,7 +47,7 @@ def lagged(K: float, lag: float, T: float) -> Any:
         return control.sample_system(control.tf([K], [lag, 1, 0]), T)
 
 
-def held(lag: float, T: float) -> tuple[float, float, float]:
+def loop_coefficients(lag: float, T: float) -> tuple[float, float, float]:
     """1 - E, b1 and b0 of the open loop K (b1 z + b0)/((z - 1)(z - E)), E = exp(-T/lag).
 
     b1 = T - lag (1 - E) and b0 = lag (1 - E) - T E, by their series where T/lag is small.
@@ -60,11 +60,11 @@ def held(lag: float, T: float) -> tuple[float, float, float]:
 
 
 def open_loop(K: float, lag: float, T: float, w: float) -> complex:
-    """Open loop of ``lagged`` at the frequency w, without differences of nearly equal numbers."""
+    """Open loop of ``sampled_open_loop`` at the frequency w, without differences of nearly equal numbers."""
     turn = _expm1(w * T)  # z - 1
     if lag == 0:
         return K * T / turn
-    gone, b1, b0 = held(lag, T)
+    gone, b1, b0 = loop_coefficients(lag, T)
     return K * (b1 * (turn + 1) + b0) / (turn * (turn + gone))
 
 
@@ -82,14 +82,14 @@ def loop_margins(K: float, lag: float, T: float) -> dict[str, Quantity]:
     """
     import control
 
-    slow = float(max(abs(p) for p in control.feedback(lagged(K, lag, T)).poles()))
+    slow = float(max(abs(p) for p in control.feedback(sampled_open_loop(K, lag, T)).poles()))
     found: dict[str, Quantity] = {"largest_pole": (slow, "1")}
     if slow >= 1:
         return found
     found["time_constant"] = (-T / math.log(slow) if slow > 0 else 0.0, "s")
     most = 2 / T
     if lag > 0:
-        gone, b1, b0 = held(lag, T)
+        gone, b1, b0 = loop_coefficients(lag, T)
         most = min(gone / b0, 2 * (2 - gone) / (b1 - b0)) if b1 > b0 else gone / b0
     found["gain_margin"] = (most / K, "1")
 
@@ -112,7 +112,7 @@ def _jury(n: Numbers) -> Sequence[Side]:
         return [Side("K T < 2", K * T, 2)]
     lag = n["lag"]
     exact = isinstance(lag, Fraction)
-    E = outward.Interval.of(-T / lag, 60).exp() if exact else math.exp(-T / lag)
+    E = decimal_intervals.Interval.of(-T / lag, 60).exp() if exact else math.exp(-T / lag)
     reach = T - lag * (1 - E)
     one, zero = K * reach - 1 - E, E + K * (lag * (1 - E) - T * E)
     return [Side("p0 < 1", zero, 1), Side("0 < 1 + p1 + p0", 0, 1 + one + zero),
@@ -127,17 +127,17 @@ def _lag_step(n: Numbers, entry: Entries) -> str | None:
     K, T, lag = n["K"], n["T"], n["lag"]
     if lag == 0:
         return smtlib.shrinks([[1 - K * T, 0], [0, 0]], [1, 0, 1], True, None)
-    E = outward.Interval.of(-T / lag, 60).exp()
+    E = decimal_intervals.Interval.of(-T / lag, 60).exp()
     e = float(E.ends()[0])
     # states e and a T, so that P is of ordinary size
-    gone, b1, _ = held(float(lag), float(T))
+    gone, b1, _ = loop_coefficients(float(lag), float(T))
     rows = [[1 - float(K) * b1, float(lag / T) * gone], [-float(K * T) * gone, e]]
     found = solve_discrete_lyapunov(np.array(rows).T, np.eye(2))
     P = [Fraction(float(f"{v:.9g}")).limit_denominator(10**9)
          for v in (found[0, 0], found[0, 1], found[1, 1])]  # fmt: skip
-    gone_term = smtlib.plus(1, smtlib.times(-1, "E"))
+    gone_term = smtlib.sum_term(1, smtlib.times(-1, "E"))
     A = [
-        [smtlib.plus(1 - K * T, smtlib.times(K * lag, gone_term)),
+        [smtlib.sum_term(1 - K * T, smtlib.times(K * lag, gone_term)),
          smtlib.times(lag / T, gone_term)],
         [smtlib.times(-K * T, gone_term), "E"],
     ]  # fmt: skip

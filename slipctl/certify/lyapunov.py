@@ -15,7 +15,7 @@ def _root(x: Any) -> Any:
     return np.sqrt(np.abs(x)) * np.sign(x)
 
 
-def reaching(s: Any, d: Any, g1: float, g2: float) -> tuple[Any, Any]:
+def reaching_law(s: Any, d: Any, g1: float, g2: float) -> tuple[Any, Any]:
     """V = s^2/2 of the reaching law s' = -g1 s - g2 sgn s + d; Huang 2020 (23).
 
     V' = -g1 s^2 - g2 |s| + s d, negative for |d| < g2. The paper prints no proof of this law.

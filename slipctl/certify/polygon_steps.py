@@ -13,11 +13,11 @@ from fractions import Fraction
 from itertools import pairwise
 
 from slipctl.certify.relay_sets import Absorbing, Point
-from slipctl.certify.smtlib import between, plus, problem, term, times
+from slipctl.certify.smtlib import interval_terms, problem, sum_term, term, times
 from slipctl.certify.twisting_levels import Levels
 
 
-def twisting(levels: Levels) -> Iterator[str]:
+def twisting_steps(levels: Levels) -> Iterator[str]:
     """Tick of explicit super-twisting from each edge of its polygon, against each other edge.
 
     In z = root(x1/T^2) and w = x2/T, z >= 0, the sign is taken as +1. The size lam of the polygon
@@ -25,19 +25,19 @@ def twisting(levels: Levels) -> Iterator[str]:
     x1 changes its sign the mirrored state is measured.
     """
     law, edges = levels.law, list(levels.edges())
-    c = between(law.k2 - law.L, "c", law.k2 + law.L)
-    moved = plus(times("z", "z"), times(-law.k1, "z"), "w")
+    c = interval_terms(law.k2 - law.L, "c", law.k2 + law.L)
+    moved = sum_term(times("z", "z"), times(-law.k1, "z"), "w")
     kept = levels.kept
     for (P, Q), (n, m) in zip(pairwise(levels.corners), edges, strict=True):
-        size = plus(times(n, "z"), times(m, "w"))
+        size = sum_term(times(n, "z"), times(m, "w"))
         cone = [term("<=", 0, "z"), term("<=", 0, _turn(P, ("z", "w"), -1)),
                 term("<=", 0, _turn(Q, ("z", "w"), 1))]  # fmt: skip
         for side in (1, -1):
             root = [term("<=", 0, "p"), term("=", times("p", "p"), times(side, moved))]
-            after = times(side, plus("w", times(-1, "c")))
-            sizes = [plus(times(n2, "p"), times(m2, after)) for n2, m2 in edges]
+            after = times(side, sum_term("w", times(-1, "c")))
+            sizes = [sum_term(times(n2, "p"), times(m2, after)) for n2, m2 in edges]
             outside = term("<=", levels.level, size)
-            falls = term("and", *(term("<=", x, plus(size, -levels.fall)) for x in sizes))
+            falls = term("and", *(term("<=", x, sum_term(size, -levels.fall)) for x in sizes))
             stays = term("and", *(term("<=", x, kept) for x in sizes))
             yield problem("zwcp", [*cone, *c, *root, outside], falls)
             yield problem("zwcp", [*cone, *c, *root, term("not", outside)], stays)
@@ -51,14 +51,14 @@ def relay(polygon: Absorbing) -> Iterator[str]:
     law = polygon.law
     push = law.T * law.D
     faces = list(_faces(polygon.corners))
-    inside = [term("<=", plus(times(n, "s"), times(m, "a")), "lam") for n, m in faces]
-    facts = [term("<=", 1, "lam"), term("<=", 0, "s"), *between(-push, "e", push), *inside]
+    inside = [term("<=", sum_term(times(n, "s"), times(m, "a")), "lam") for n, m in faces]
+    facts = [term("<=", 1, "lam"), term("<=", 0, "s"), *interval_terms(-push, "e", push), *inside]
     for left in outward(law.left):
         (m11, m12, b1), (m21, m22, b2) = law.rows(left)
         claims = []
         for n, m in faces:
             moved = [times(n * m11 + m * m21, "s"), times(n * m12 + m * m22, "a"), times(n, "e")]
-            claims.append(term("<", plus(*moved, -n * b1 - m * b2), "lam"))
+            claims.append(term("<", sum_term(*moved, -n * b1 - m * b2), "lam"))
         yield problem(("s", "a", "e", "lam"), facts, claims, "QF_LRA")
 
 
@@ -78,4 +78,4 @@ def _faces(P: Sequence[Point]) -> Iterator[Point]:
 def _turn(corner: Point, state: tuple[str, str], way: int) -> str:
     """Cross product of a corner and a state, positive where it is counter-clockwise, times way."""
     z, w = corner
-    return plus(times(way * z, state[1]), times(-way * w, state[0]))
+    return sum_term(times(way * z, state[1]), times(-way * w, state[0]))

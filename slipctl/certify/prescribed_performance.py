@@ -41,7 +41,7 @@ INVARIANT = 3.591121476668622
 # ---- in continuous time -------------------------------------------------------------------------
 
 
-def restoring(z: float) -> float:
+def restoring_pull(z: float) -> float:
     """Pull of the funnel law at the share z of the half-width: h = (1 - z^2) atanh z.
 
     It vanishes at the bound, so an error that comes close enough is not held back.
@@ -74,12 +74,12 @@ def largest_disturbance(K1: float, eta: float, lower: float, upper: float) -> fl
     return H_MAX * K1 * eta * (lower + upper) / 2
 
 
-def settled(load: float) -> float:
+def settled_share(load: float) -> float:
     """Largest |z| that a disturbance leaves in the end: smaller root of h(z) = load; inf if none.
 
     Proof note: h rises up to z*, so z' points inwards between both roots.
     """
-    return bisect(restoring, load, 0.0, Z_PEAK) if load <= H_MAX else math.inf
+    return bisect(restoring_pull, load, 0.0, Z_PEAK) if load <= H_MAX else math.inf
 
 
 def recoverable(load: float) -> float:
@@ -87,7 +87,7 @@ def recoverable(load: float) -> float:
 
     Zero if there is none. From beyond it, the worst disturbance takes the error out.
     """
-    return bisect(restoring, load, 1.0, Z_PEAK) if load <= H_MAX else 0.0
+    return bisect(restoring_pull, load, 1.0, Z_PEAK) if load <= H_MAX else 0.0
 
 
 def escape_time(
@@ -143,7 +143,7 @@ def sampled_disturbance(kappa: float) -> float:
         return 0.0
 
     def least(zb: float) -> float:
-        return min(0.0, *(z - kappa * restoring(z) for z in (min(zb, turn), zb)))
+        return min(0.0, *(z - kappa * restoring_pull(z) for z in (min(zb, turn), zb)))
 
     # h' = 1 - 2 z atanh z falls, so z atanh z = (1 - 1/kappa)/2 has one root
     turn = 0.0
@@ -151,7 +151,7 @@ def sampled_disturbance(kappa: float) -> float:
         turn = bisect(lambda z: z * math.atanh(z), (1 - 1 / kappa) / 2, 0.0, 1 - 1e-16)
     if Z_PEAK + least(Z_PEAK) >= kappa * H_MAX:
         return kappa * H_MAX
-    zb = bisect(lambda z: z + least(z) - kappa * restoring(z), 0.0, Z_PEAK, 1.0)
+    zb = bisect(lambda z: z + least(z) - kappa * restoring_pull(z), 0.0, Z_PEAK, 1.0)
     return zb + least(zb)
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.errors import BadInput, nearest
 
 CERTIFIED, REFUTED, UNDECIDED = "CERTIFIED", "REFUTED", "UNDECIDED"
@@ -224,8 +224,8 @@ class Promise:
     def __str__(self) -> str:
         """Give the one sentence."""
         many = ", together" if len(self.against) > 1 else ""
-        against = f"for {listing(self.against)}{many}, " if self.against else ""
-        return f"{self.time}, {against}from {self.start}: {listing(tuple(self.claims.values()))}"
+        against = f"for {and_list(self.against)}{many}, " if self.against else ""
+        return f"{self.time}, {against}from {self.start}: {and_list(tuple(self.claims.values()))}"
 
     def payload(self) -> dict[str, Any]:
         """Entries of the file."""
@@ -235,7 +235,7 @@ class Promise:
         }  # fmt: skip
 
 
-def listing(words: Sequence[str]) -> str:
+def and_list(words: Sequence[str]) -> str:
     """Words as "a, b and c"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
@@ -267,12 +267,12 @@ class Witness:
 
     def lines(self) -> list[str]:
         """Lines of the table."""
-        shown = "; ".join(f"{k.replace('_', ' ')} {spelled(v, u, 6)}"
+        shown = "; ".join(f"{k.replace('_', ' ')} {number_text(v, u, 6)}"
                           for k, (v, u) in self.found.items())  # fmt: skip
         return [f"disturbance: {self.law}", *([f"simulated: {shown}"] if shown else [])]
 
 
-def spelled(value: Any, unit: str, digits: int = 10) -> str:
+def number_text(value: Any, unit: str, digits: int = 10) -> str:
     """Number with its unit; a promise shows 10 digits, the numbers of the file are exact."""
     return f"{float(value):.{digits}g}" + ("" if unit == "1" else f" {unit}")
 
@@ -348,7 +348,7 @@ class System:
         Args:
             numbers: the numbers. proofs: what proves each clause, by its name.
         """
-        words = {k: spelled(v, self.numbers[k].unit) for k, v in numbers.items()}
+        words = {k: number_text(v, self.numbers[k].unit) for k, v in numbers.items()}
         told = self.inputs(numbers)
         against = [n.says.format(words[k]) for k, n in self.numbers.items() if k in told and n.says]
         left = [n.absent for k, n in self.numbers.items() if k not in told and n.absent]
@@ -372,7 +372,7 @@ class System:
 # ---- numbers ------------------------------------------------------------------------------------
 
 
-def checked(
+def exact_numbers(
     system: System, given: Mapping[str, float | Fraction], whole: bool = True
 ) -> dict[str, Fraction]:
     """Numbers of a system as exact rationals, those that were not told in their place.

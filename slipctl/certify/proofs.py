@@ -13,8 +13,8 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import registry
-from slipctl.certify.entries import DoesNotHold, brief, mapping, only, rational
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.entries import DoesNotHold, brief, rational, read_mapping, refuse_unknown
 from slipctl.certify.promise import (
     CERTIFIED,
     REFUTED,
@@ -25,7 +25,7 @@ from slipctl.certify.promise import (
     Refuter,
     Side,
     System,
-    checked,
+    exact_numbers,
 )
 from slipctl.errors import BadInput
 
@@ -65,11 +65,11 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     one is, as soon as a clause has no proof: what is false is not proved any further.
 
     Args:
-        system: the system. numbers: as ``checked`` gives them.
+        system: the system. numbers: as ``exact_numbers`` gives them.
         every: whether each criterion that proves a clause is kept, not only the first.
     """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
-    criteria = trusted(system, numbers)
+    criteria = trusted_criteria(system, numbers)
     tried: dict[str, Entries | None] = {}
     first: dict[str, str] = {}
     left: list[str] = []
@@ -92,12 +92,14 @@ def decide(system: System, numbers: Mapping[str, Fraction], every: bool = False)
     if against is not None:
         left = [k for k in clauses if k not in first]
     by = {} if left else {clause: proofs[name] for clause, name in first.items()}
-    promise = promised(system, numbers, by)  # a bound that is proven stands in a whole promise only
+    promise = promise_of_system(
+        system, numbers, by
+    )  # a bound that is proven stands in a whole promise only
     verdict = REFUTED if against else UNDECIDED if left else CERTIFIED
     return Decision(verdict, promise, proofs, against, tuple(left), shows)
 
 
-def trusted(system: System, numbers: Mapping[str, Fraction]) -> Mapping[str, Criterion]:
+def trusted_criteria(system: System, numbers: Mapping[str, Fraction]) -> Mapping[str, Criterion]:
     """Criteria that may prove and refute: those of this package, or those computed from a tick.
 
     That an inequality of somebody else's system proves a clause is a word, and so is a disturbance
@@ -115,7 +117,9 @@ def refuters(system: System) -> Mapping[str, Refuter]:
     return system.loop.refuters() if system.loop else {}
 
 
-def promised(system: System, numbers: Mapping[str, Fraction], by: Mapping[str, Entries]) -> Promise:
+def promise_of_system(
+    system: System, numbers: Mapping[str, Fraction], by: Mapping[str, Entries]
+) -> Promise:
     """Promise of a system; of one that is declared elsewhere it says what is only its word."""
     promise = system.promise(numbers, by)
     if registry.of_the_house(system):
@@ -160,7 +164,7 @@ def counterexample(
         quick: only by searches of little work.
     """
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
-    for name, c in trusted(system, numbers).items():
+    for name, c in trusted_criteria(system, numbers).items():
         clause = _refuted(c, inputs, clauses)
         if clause:
             sides = _sides(c, numbers)
@@ -198,11 +202,13 @@ def write(system: System, given: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         BadInput: numbers that mean nothing.
     """
-    numbers = checked(system, given)
-    return written(system, numbers, decide(system, numbers, every=True))
+    numbers = exact_numbers(system, given)
+    return certificate_entries(system, numbers, decide(system, numbers, every=True))
 
 
-def written(system: System, numbers: Mapping[str, Fraction], found: Decision) -> dict[str, Any]:
+def certificate_entries(
+    system: System, numbers: Mapping[str, Fraction], found: Decision
+) -> dict[str, Any]:
     """Entries of a certificate of a decision."""
     asked = {k: {"value": str(v), "unit": system.numbers[k].unit} for k, v in numbers.items()}
     payload: dict[str, Any] = {
@@ -223,7 +229,7 @@ def check(system: System, payload: Mapping[str, Any]) -> str:
         DoesNotHold: a proof fails, or its numbers do not belong to what was asked.
         BadInput: it is malformed.
     """
-    only(payload, ENTRIES, "the certificate")
+    refuse_unknown(payload, ENTRIES, "the certificate")
     numbers = _numbers(system, payload.get("asked"))
     verdict = payload.get("verdict")
     if verdict not in (CERTIFIED, REFUTED, UNDECIDED):
@@ -239,7 +245,7 @@ def check(system: System, payload: Mapping[str, Any]) -> str:
         how = f"{', '.join(names)} checked"
     elif verdict == REFUTED:
         how = _check_counterexample(system, numbers, payload["counterexample"])
-    promise = promised(system, numbers, by)
+    promise = promise_of_system(system, numbers, by)
     if payload.get("promise") != promise.payload() or payload.get("time") != promise.time:
         raise DoesNotHold("the promise in it is not the one that its numbers make")
     if verdict == UNDECIDED:
@@ -253,8 +259,8 @@ def _check_proofs(
     system: System, numbers: Mapping[str, Fraction], given: Any
 ) -> tuple[dict[str, Entries], list[str]]:
     """What proves each clause, and the names of all criteria that were checked."""
-    inputs, criteria = system.inputs(numbers), trusted(system, numbers)
-    given = mapping(given, tuple(criteria), "proofs")
+    inputs, criteria = system.inputs(numbers), trusted_criteria(system, numbers)
+    given = read_mapping(given, tuple(criteria), "proofs")
     by: dict[str, Entries] = {}
     for clause in system.clauses(numbers):
         for name, c in criteria.items():
@@ -272,12 +278,12 @@ def _check_proof(
     where: str, criterion: Criterion, numbers: Mapping[str, Fraction], given: Any
 ) -> None:
     if criterion.evidence is not None:
-        entry = mapping(given, ("evidence",), where, True)["evidence"]
+        entry = read_mapping(given, ("evidence",), where, True)["evidence"]
         if not isinstance(entry, Mapping):
             raise BadInput(f"{where}.evidence must hold what was found")
         criterion.evidence.check(numbers, entry)
         return
-    entry = mapping(given, ("sides", "multipliers"), where)
+    entry = read_mapping(given, ("sides", "multipliers"), where)
     brought = entry.get("multipliers", {})
     if not isinstance(brought, Mapping) or set(brought) != set(criterion.multipliers):
         wanted = ", ".join(criterion.multipliers) or "nothing"
@@ -298,18 +304,18 @@ def _check_proof(
 
 def _check_counterexample(system: System, numbers: Mapping[str, Fraction], given: Any) -> str:
     where = "counterexample"
-    entry = mapping(given, ("clause", "by", "disturbance", "sides", "run"), where)
+    entry = read_mapping(given, ("clause", "by", "disturbance", "sides", "run"), where)
     by, clause = entry.get("by"), entry.get("clause")
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     if isinstance(by, str) and by in refuters(system) and "run" in entry:
-        only(entry, ("clause", "by", "run"), where)
+        refuse_unknown(entry, ("clause", "by", "run"), where)
         refuter = refuters(system)[by]
         if refuter.target != clause or clause not in clauses:
             raise DoesNotHold(f"{where}: {by} does not refute {brief(clause)}")
         if not isinstance(entry["run"], Mapping):
             raise BadInput(f"{where}.run must hold a start and a disturbance")
         return f"{by} replayed: {refuter.replay(numbers, entry['run'])}"
-    criteria = trusted(system, numbers)
+    criteria = trusted_criteria(system, numbers)
     if not isinstance(by, str) or by not in criteria:
         raise BadInput(f"{where}.by: {system.name} has no counterexample {brief(by)}")
     c = criteria[by]
@@ -324,14 +330,14 @@ def _check_counterexample(system: System, numbers: Mapping[str, Fraction], given
 
 
 def _numbers(system: System, given: Any) -> dict[str, Fraction]:
-    given = mapping(given, tuple(system.numbers), "asked")
+    given = read_mapping(given, tuple(system.numbers), "asked")
     out = {}
     for name, number in system.numbers.items():
         if name not in given:
             if number.value is not None:
                 raise BadInput(f"asked.{name} is missing")
             continue
-        entry = mapping(given[name], ("value", "unit"), f"asked.{name}", True)
+        entry = read_mapping(given[name], ("value", "unit"), f"asked.{name}", True)
         if entry["unit"] != number.unit:
             raise BadInput(
                 f"asked.{name} has the unit {brief(entry['unit'])}, it must be {number.unit!r}"
@@ -339,7 +345,7 @@ def _numbers(system: System, given: Any) -> dict[str, Fraction]:
         out[name] = rational(entry["value"], f"asked.{name}")
         if str(out[name]) != entry["value"]:
             raise BadInput(f"asked.{name} must be written {str(out[name])[:40]!r}")
-    return checked(system, out)
+    return exact_numbers(system, out)
 
 
 # ---- sides --------------------------------------------------------------------------------------

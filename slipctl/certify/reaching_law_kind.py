@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import reaching_law, relay_proof
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,

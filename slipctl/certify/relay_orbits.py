@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.outward import Interval
 from slipctl.certify.relay_sets import DIGITS, Relay
 
 LONGEST = 400
@@ -87,13 +87,13 @@ def _period(s: np.ndarray, a: np.ndarray, longest: int) -> int:
 
 def _exceeds(law: Relay, orbit: Orbit, band: Fraction) -> bool:
     try:
-        return proved(law, *orbit)[0] > band
+        return prove_orbit(law, *orbit)[0] > band
     except DoesNotHold:
         return False
 
 
 @lru_cache(maxsize=8)
-def proved(
+def prove_orbit(
     law: Relay, signs: tuple[int, ...], pushes: tuple[int, ...], near: float | Fraction = 0
 ) -> tuple[Fraction, tuple[Fraction, Fraction]]:
     """Lower bound of the largest |s| of a periodic run, and its start (s, a), rounded.

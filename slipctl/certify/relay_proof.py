@@ -6,8 +6,8 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import polygon_steps, relay_orbits, relay_sets
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
-from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, number_text, rounded_up
 from slipctl.certify.relay_sets import Absorbing, Relay, Ticker
 
 MOST_WORK = 60_000
@@ -90,7 +90,7 @@ def polygon_step(n: Numbers, entry: Entries) -> list[str]:
 
 
 def _check(n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("corners", "ticks", "bound"), "evidence", True)
+    entry = read_mapping(given, ("corners", "ticks", "bound"), "evidence", True)
     ticks = whole(entry["ticks"], "evidence.ticks", 1, MOST_WORK)
     bound = rational(entry["bound"], "evidence.bound")
     if not n["lag"]:
@@ -119,7 +119,7 @@ def claim(n: Numbers, entry: Entries) -> str:
         bound = rounded_up(Fraction(no_lag_band(n["g1"], n["g2"], n["T"], n["D"])))
     else:
         return "|s| stays bounded in the end"
-    return f"|s| stays below {spelled(bound, 'm/s')} at every tick in the end"
+    return f"|s| stays below {number_text(bound, 'm/s')} at every tick in the end"
 
 
 def _find_orbit(n: Numbers) -> Entries | None:
@@ -129,7 +129,7 @@ def _find_orbit(n: Numbers) -> Entries | None:
     found = relay_orbits.find(at, n["band"])
     if found is None:
         return None
-    _, (s, a) = relay_orbits.proved(at, *found)
+    _, (s, a) = relay_orbits.prove_orbit(at, *found)
     scale = 10**12
     return {
         "start": {"s": str(s if not n["g1"] else Fraction(round(s * scale), scale)),
@@ -140,8 +140,8 @@ def _find_orbit(n: Numbers) -> Entries | None:
 
 
 def _replay(n: Numbers, given: Entries) -> str:
-    entry = mapping(given, ("start", "signs", "d"), "run", True)
-    start = mapping(entry["start"], ("s", "a"), "run.start", True)
+    entry = read_mapping(given, ("start", "signs", "d"), "run", True)
+    start = read_mapping(entry["start"], ("s", "a"), "run.start", True)
     told = [rational(start[k], f"run.start.{k}") for k in ("s", "a")]
     signs = [whole(x, "run.signs", -1, 1) for x in rows(entry["signs"], "run.signs", 400)]
     d = [rational(x, "run.d") for x in rows(entry["d"], "run.d", 400, len(signs))]
@@ -151,14 +151,14 @@ def _replay(n: Numbers, given: Entries) -> str:
         raise DoesNotHold("run: d is not -D, 0 or D")
     pushes = tuple((x > 0) - (x < 0) for x in d)
     first = Fraction(0) if n["g1"] else told[0]  # with g1 the period itself says where it starts
-    largest, begin = relay_orbits.proved(law(n), tuple(signs), pushes, first)
+    largest, begin = relay_orbits.prove_orbit(law(n), tuple(signs), pushes, first)
     near = max(largest, n["T"] * n["g2"]) / 10**6
     if any(abs(x - y) > near * (1 + (i and 1 / n["lag"])) for i, (x, y) in
            enumerate(zip(told, begin, strict=True))):  # fmt: skip
         raise DoesNotHold("run: it does not start where the period does")
     if largest <= n["band"]:
         raise DoesNotHold("run: |s| stays inside the band")
-    return f"a run of period {len(signs)} ticks with |s| up to {spelled(largest, 'm/s', 6)}"
+    return f"a run of period {len(signs)} ticks with |s| up to {number_text(largest, 'm/s', 6)}"
 
 
 POLYGON = Evidence(_find, _check)

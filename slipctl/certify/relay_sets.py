@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-from slipctl.certify.outward import Interval, over_one
+from slipctl.certify.decimal_intervals import Interval, over_one
 
 Point = tuple[Fraction, Fraction]
 Node = tuple[int, int]
@@ -79,7 +79,7 @@ class Absorbing:
         may be anything between -1 and 1: the polygon is convex.
         """
         faces = self._faces()
-        half = clipped(self.corners)
+        half = upper_half(self.corners)
         if faces is None or len(half) < 3:
             return False
         (Ds, _), (Da, _) = self._whole
@@ -120,7 +120,7 @@ class Absorbing:
         return faces
 
 
-def clipped(P: Sequence[Point]) -> list[Point]:
+def upper_half(P: Sequence[Point]) -> list[Point]:
     """Part of a polygon with s >= 0."""
     out: list[Point] = []
     for (s, a), (s2, a2) in zip(P, [*P[1:], P[0]], strict=True):
@@ -142,7 +142,7 @@ class Ticker:
     """
 
     def __init__(self, start: Absorbing) -> None:
-        half = clipped(start.corners)
+        half = upper_half(start.corners)
         law = start.law
         size = max(s for s, _ in half), max(abs(a) for _, a in half)
         self.unit = size[0] / 2**BITS, size[1] / 2**BITS
@@ -294,7 +294,9 @@ def _size(P: object, M: object, b: object, e: float) -> float | None:
     size = corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]
     faces = np.stack([ahead[:, 1] - corners[:, 1], corners[:, 0] - ahead[:, 0]], axis=1)
     faces = faces / size[:, None]
-    half = np.array([[float(x) for x in p] for p in clipped([tuple(p) for p in corners.tolist()])])
+    half = np.array(
+        [[float(x) for x in p] for p in upper_half([tuple(p) for p in corners.tolist()])]
+    )
     up = faces @ np.asarray(M) @ half.T
     need = (abs(faces[:, 0]) * e - faces @ np.asarray(b))[:, None]
     if (up > 1 - 1e-12).any() and ((up > 1 + 1e-12) | ((up > 1 - 1e-12) & (need >= 0))).any():

@@ -23,7 +23,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import scalar_maps as maps
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.scalar_maps import AtanhPull, Interval, Tick
 
 H_BOUND = Fraction(4478, 10000)
@@ -183,7 +183,7 @@ def find(law: Funnel, start: float, step: float = 0.0) -> Kept | None:
     return None
 
 
-def proved(
+def why_unproved(
     numbers: Mapping[str, Fraction], start: Fraction, step: Fraction, kept: Kept
 ) -> str | None:
     """None if the sets prove that every error stays; else what fails, in words.
@@ -196,7 +196,7 @@ def proved(
         law = decimals(numbers)
         tail = law.standing(law.share(kept.ticks) * (1 + maps.SLOP) if law.k else Decimal(0))
         for name, z in (("settled", kept.settled), ("kept", kept.kept)):
-            if not maps.proved(tail, z):
+            if not maps.proves_kept(tail, z):
                 return f"the errors '{name}' are left in a tick"
         if not kept.settled.low <= 0 <= kept.settled.high:
             return "the errors 'settled' do not hold the middle"

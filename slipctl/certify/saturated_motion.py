@@ -27,7 +27,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 
 STEPS = 300
 """Steps of a half turn over the distance s."""

@@ -9,8 +9,8 @@ from typing import Any
 
 from slipctl.certify import saturated_motion as swing
 from slipctl.certify import smtlib
-from slipctl.certify.entries import DoesNotHold, mapping, whole
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
+from slipctl.certify.entries import DoesNotHold, read_mapping, whole
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -28,7 +28,7 @@ from slipctl.certify.systems import (
     System,
     Target,
     Witness,
-    spelled,
+    number_text,
 )
 from slipctl.errors import BadInput
 
@@ -102,11 +102,11 @@ def _free_step(n: Numbers, entry: Entries) -> str | None:
     start = n.get("start", _free_start(n))
     if not start:
         return None
-    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    term, plus, times = smtlib.term, smtlib.sum_term, smtlib.times
     p, s = n["k1"] * n["k3"], n["k1"] + n["k3"]
     most = p * start
     y = plus(times(p, "x"), times(s, "v"))
-    facts = [*smtlib.between(-start, "x", start), *smtlib.between(-most, y, most)]
+    facts = [*smtlib.interval_terms(-start, "x", start), *smtlib.interval_terms(-most, y, most)]
     rate = plus(times(p, "v"), times(-s, y))
     claim = term(
         "and",
@@ -144,7 +144,9 @@ def _find(n: Numbers) -> Entries | None:
 
 
 def _check(n: Numbers, given: Entries) -> None:
-    steps = whole(mapping(given, ("steps",), "proofs.ladder", True)["steps"], "steps", 1, 10**6)
+    steps = whole(
+        read_mapping(given, ("steps",), "proofs.ladder", True)["steps"], "steps", 1, 10**6
+    )
     if steps not in swing.FINER:
         raise DoesNotHold(f"proofs.ladder: steps must be one of {swing.FINER}")
     with precise(swing.DIGITS):
@@ -167,7 +169,7 @@ def _worst(n: Numbers) -> Entries | None:
 def _replay(n: Numbers, given: Entries) -> str:
     where = "counterexample.run"
     names = ("e1", "need_while_e2_negative", "need_while_e2_positive")
-    entry = mapping(given, names, where, True)
+    entry = read_mapping(given, names, where, True)
     side = {str(n.get("start", 0)): 1, str(-n.get("start", 0)): -1}.get(str(entry["e1"]), 0)
     needs = (entry[names[1]], entry[names[2]])
     if not side or not n.get("start") or needs != (str(n["F_high"]), str(n["F_low"])):
@@ -213,13 +215,13 @@ def _free_start(n: Numbers) -> Any:
 
 
 def _claim(n: Numbers, entry: Entries) -> str:
-    told = ZERO.format(F_low=spelled(n["F_low"], "N"), F_high=spelled(n["F_high"], "N"))
+    told = ZERO.format(F_low=number_text(n["F_low"], "N"), F_high=number_text(n["F_high"], "N"))
     if n["F_high"] == n["F_low"] or _spare(n) <= 0:
         return told
     down = Context(prec=10, rounding=ROUND_FLOOR).divide(
         *(Decimal(x) for x in Fraction(_free_start(n)).as_integer_ratio())
     )
-    return f"{told}, if |e1| <= {spelled(down, 'm')} at the start"
+    return f"{told}, if |e1| <= {number_text(down, 'm')} at the start"
 
 
 def _witness(n: Numbers) -> Witness:
@@ -287,7 +289,7 @@ SATURATION = register(System(
         "dies_out": Target(ZERO, ("start",)),
         "dies_out_near": Target(_claim, unless=("dies_out",)),
     },
-    start=lambda n: ("every |e1| <= " + spelled(n["start"], "m") if "start" in n
+    start=lambda n: ("every |e1| <= " + number_text(n["start"], "m") if "start" in n
                      else "every e1") + ", at rest, on s = 0",
     refuters={"worst_need": Refuter("dies_out", _worst, _replay, _worst)},
     never=("an error of the surface s", "a start with e2 other than 0",

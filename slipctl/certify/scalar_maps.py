@@ -21,7 +21,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from slipctl.certify.bisection import bisect
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 
 DIGITS = 50
 """Digits of a proof; a tick takes some tens of operations on numbers below LARGEST."""
@@ -305,7 +305,7 @@ def exactly(value: Fraction | float | int) -> Decimal:
     return context.divide(Decimal(exact.numerator), Decimal(exact.denominator))
 
 
-def proved(tick: Tick, z: Interval) -> bool:
+def proves_kept(tick: Tick, z: Interval) -> bool:
     """Whether ``keeps`` holds with decimals; the tick and the interval must be made of them."""
     with precise(DIGITS):
         numbers = (*z, tick.push, tick.noise, tick.q, tick.r, tick.shift)

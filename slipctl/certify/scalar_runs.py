@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.scalar_maps import DIGITS, LARGEST, SLOP, Interval, Tick, image, turn
 
 MOST = 20_000
@@ -111,13 +111,13 @@ def _backwards(
             moved, target, at = target - place, place, at - 1
             moves[-1] = Move(moved, moves[-1].noise, moves[-1].push)
         at -= 1
-        z, noise, push = aimed(ticks(i), sets[at], target)
+        z, noise, push = aim_at(ticks(i), sets[at], target)
         moves.append(Move(0.0, noise, push))
         target = z
     return Run(target, moves[::-1])
 
 
-def aimed(tick: Tick, z: Interval, target: float) -> tuple[float, float, float]:
+def aim_at(tick: Tick, z: Interval, target: float) -> tuple[float, float, float]:
     """Error in z, noise and push whose next error is the target, or the nearest to it."""
 
     def after(x: tuple[float, float, float]) -> float:
@@ -147,7 +147,7 @@ def aimed(tick: Tick, z: Interval, target: float) -> tuple[float, float, float]:
     return between(high)
 
 
-def replayed(ticks: Callable[[int], Tick], run: Run) -> Iterator[tuple[Decimal, Decimal]]:
+def replay_errors(ticks: Callable[[int], Tick], run: Run) -> Iterator[tuple[Decimal, Decimal]]:
     """Errors of a run tick by tick, each with a radius that holds the true one; all in decimals.
 
     The step of a tick is in it. It ends when the measured error is surely out of bounds, or is not
@@ -186,7 +186,7 @@ def leaves(ticks: Callable[[int], Tick], run: Run) -> int | None:
     The caller has to see that steps, noises and pushes are allowed.
     """
     count = -1
-    for count, (z, radius) in enumerate(replayed(ticks, run)):
+    for count, (z, radius) in enumerate(replay_errors(ticks, run)):
         tick, move = ticks(count), run.moves[count]
         y = z + move.noise
         if y - radius >= tick.above.width or y + radius <= -tick.below.width:

@@ -8,10 +8,10 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import extremum as bounds
-from slipctl.certify import sliding, smtlib
+from slipctl.certify import sliding_seeker, smtlib
+from slipctl.certify.checksum import with_checksum, without_checksum
 from slipctl.certify.entries import DoesNotHold, rational, whole
 from slipctl.certify.registry import register
-from slipctl.certify.seal import opened, sealed
 from slipctl.certify.systems import (
     EXACT,
     INPUT,
@@ -27,7 +27,7 @@ from slipctl.certify.systems import (
     System,
     Target,
     Witness,
-    spelled,
+    number_text,
 )
 from slipctl.errors import BadInput
 
@@ -45,9 +45,9 @@ HEARD = {
 # ---- sliding mode -------------------------------------------------------------------------------
 
 
-def _seeker(n: Numbers) -> sliding.Seeker:
-    late = sliding.ticks_late(n.get("dead_time", 0), n["T"])
-    return sliding.Seeker(n["k"], n["rho"], n["beta"], n["T"], n.get("noise", 0), late,
+def _seeker(n: Numbers) -> sliding_seeker.Seeker:
+    late = sliding_seeker.ticks_late(n.get("dead_time", 0), n["T"])
+    return sliding_seeker.Seeker(n["k"], n["rho"], n["beta"], n["T"], n.get("noise", 0), late,
                           n.get("lag", 0))  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def _slides(n: Numbers) -> Sequence[Side]:
 
 def _stays(n: Numbers) -> list[Side]:
     return [Side("(dead ticks + 1) (k slope + rho) T + 2 (noise + k slope lag) <= beta",
-                 sliding.travel(_seeker(n), n["slope"]), n["beta"])]  # fmt: skip
+                 sliding_seeker.travel(_seeker(n), n["slope"]), n["beta"])]  # fmt: skip
 
 
 def _climbs(n: Numbers) -> Sequence[Side]:
@@ -73,11 +73,11 @@ def _climbs_step(n: Numbers, entry: Entries) -> str:
 
     d is mu(v) - g at the tick before a turn is heard, t how many ticks of it have passed.
     """
-    term, plus, times = smtlib.term, smtlib.plus, smtlib.times
+    term, plus, times = smtlib.term, smtlib.sum_term, smtlib.times
     p = _seeker(n)
-    heard = sliding.heard(p, n["slope"])
-    facts = [*smtlib.between(_least(n), "m", n["slope"]),
-             *smtlib.between(Fraction(0), "t", Fraction(p.late + 1))]  # fmt: skip
+    heard = sliding_seeker.heard_error(p, n["slope"])
+    facts = [*smtlib.interval_terms(_least(n), "m", n["slope"]),
+             *smtlib.interval_terms(Fraction(0), "t", Fraction(p.late + 1))]  # fmt: skip
     climb = times(p.k * p.T, "m")
     down = plus("d", times(-1, "t", plus(climb, p.rho * p.T)))
     up = plus("d", times("t", plus(climb, -p.rho * p.T)))
@@ -98,15 +98,15 @@ def _ripples(n: Numbers) -> Sequence[Side]:
     p = _seeker(n)
     if not n.get("curvature"):
         return [Side("k T (floor((beta + 2 noise)/(rho T)) + 1) <= ripple",
-                     sliding.flat_ripple(p), n["ripple"])]  # fmt: skip
-    sides = [Side(*s) for s in sliding.ripple_sides(p, n["curvature"])]
-    return [*sides, Side("2 X, in whole k T, <= ripple", sliding.ripple(p, n["curvature"]),
+                     sliding_seeker.flat_ripple(p), n["ripple"])]  # fmt: skip
+    sides = [Side(*s) for s in sliding_seeker.ripple_sides(p, n["curvature"])]
+    return [*sides, Side("2 X, in whole k T, <= ripple", sliding_seeker.ripple(p, n["curvature"]),
                          n["ripple"])]  # fmt: skip
 
 
 def _in_time(n: Numbers) -> Sequence[Side]:
     return [*_climbs(n), Side("gap <= rho time - loss", n["gap"],
-                              sliding.gained(_seeker(n), n["slope"], n["time"]))]  # fmt: skip
+                              sliding_seeker.least_gain(_seeker(n), n["slope"], n["time"]))]  # fmt: skip
 
 
 def _sliding_guard(n: Numbers) -> None:
@@ -133,7 +133,7 @@ def _sliding_values(n: Numbers) -> dict[str, Quantity]:
         found |= {
             "last_time_constant": (bounds.time_constant(k, rho, n["curvature"]), "s"),
             "sliding_stops_at": (bounds.sliding_zone(k, rho, n["curvature"]), "m/s"),
-            "ripple_bound": (sliding.ripple(_seeker(n), n["curvature"]), "m/s"),
+            "ripple_bound": (sliding_seeker.ripple(_seeker(n), n["curvature"]), "m/s"),
         }
     return found
 
@@ -178,7 +178,9 @@ def _find_behind(n: Numbers) -> Entries | None:
     p, least = _seeker(n), _least(n)
     if p.k * least < p.rho:
         ticks = math.ceil(3 * p.beta / ((p.rho - p.k * least) * p.T))
-        return sealed(n, {"slope": str(least), "start": "0", "ticks": ticks, "noise": "none"})
+        return with_checksum(
+            n, {"slope": str(least), "start": "0", "ticks": ticks, "noise": "none"}
+        )
     if p.lag or p.late > SEARCHED:
         return None
     for ticks in (200, SEARCHED):
@@ -186,9 +188,9 @@ def _find_behind(n: Numbers) -> Entries | None:
             for share in (Fraction(1, 64), Fraction(65, 64), Fraction(127, 64), Fraction(37, 64)):
                 for against in dict.fromkeys((bool(p.noise), False)):
                     start = share * p.beta
-                    tick, _ = sliding.behind(p, slope, start, against, ticks)
+                    tick, _ = sliding_seeker.first_tick_behind(p, slope, start, against, ticks)
                     if tick:
-                        return sealed(n, {
+                        return with_checksum(n, {
                             "slope": str(slope), "start": str(start), "ticks": tick,
                             "noise": "against" if against else "none",
                         })  # fmt: skip
@@ -197,7 +199,7 @@ def _find_behind(n: Numbers) -> Entries | None:
 
 def _replay_behind(n: Numbers, run: Entries) -> str:
     p = _seeker(n)
-    run = opened(n, run, ("slope", "start", "noise", "ticks"), "run")
+    run = without_checksum(n, run, ("slope", "start", "noise", "ticks"), "run")
     slope, start = (rational(run[k], f"run.{k}") for k in ("slope", "start"))
     ticks = whole(run["ticks"], "run.ticks", 1, 10**300)
     if not _least(n) <= slope <= n["slope"] or run["noise"] not in ("against", "none"):
@@ -205,9 +207,11 @@ def _replay_behind(n: Numbers, run: Entries) -> str:
     by = (p.rho - p.k * slope) * p.T * ticks  # mu cannot climb faster than k slope
     tick = ticks
     if by < 3 * p.beta:
-        if p.lag or max(p.late, ticks) > sliding.MOST_TICKS:
+        if p.lag or max(p.late, ticks) > sliding_seeker.MOST_TICKS:
             raise DoesNotHold("run: it has a lag, or more ticks than are replayed")
-        tick, by = sliding.behind(p, slope, start, run["noise"] == "against", ticks)
+        tick, by = sliding_seeker.first_tick_behind(
+            p, slope, start, run["noise"] == "against", ticks
+        )
     if by < 3 * p.beta:
         raise DoesNotHold("run: mu does not fall behind by three cells")
     return f"after {tick} ticks mu is {float(by):.6g} behind a climb at rho"
@@ -215,20 +219,20 @@ def _replay_behind(n: Numbers, run: Entries) -> str:
 
 def _find_late(n: Numbers) -> Entries | None:
     p = _seeker(n)
-    late = sliding.gained_at_most(p, n["slope"], n["time"]) < n["gap"]
+    late = sliding_seeker.gained_at_most(p, n["slope"], n["time"]) < n["gap"]
     late = late or n["k"] * n["slope"] * n["time"] < n["gap"]
-    return sealed(n, {"slope": str(n["slope"])}) if late else None
+    return with_checksum(n, {"slope": str(n["slope"])}) if late else None
 
 
 def _replay_late(n: Numbers, run: Entries) -> str:
     """A bound of what that start can have gained, not a run: it may have any number of ticks."""
     p = _seeker(n)
-    slope = rational(opened(n, run, ("slope",), "run")["slope"], "run.slope")
+    slope = rational(without_checksum(n, run, ("slope",), "run")["slope"], "run.slope")
     if not _least(n) <= slope <= n["slope"]:
         raise DoesNotHold("run: its slope is not one that was asked")
     most = n["k"] * slope * n["time"]
     if all(s.holds() for s in _stays(n)):
-        most = min(most, sliding.gained_at_most(p, slope, n["time"]))
+        most = min(most, sliding_seeker.gained_at_most(p, slope, n["time"]))
     if not most < n["gap"]:
         raise DoesNotHold("run: it may be in time")
     shown = max(most, Fraction(0))
@@ -239,40 +243,44 @@ def _find_swing(n: Numbers) -> Entries | None:
     p = _seeker(n)
     if not n.get("curvature"):
         ticks = math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
-        return sealed(n, {"ticks": ticks}) if p.k * p.T * ticks > n["ripple"] else None
+        return with_checksum(n, {"ticks": ticks}) if p.k * p.T * ticks > n["ripple"] else None
     if p.lag:
         return None
     near = p.k * p.beta / (2 * p.rho)
-    f = sliding.Seeker(float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late)
+    f = sliding_seeker.Seeker(
+        float(p.k), float(p.rho), float(p.beta), float(p.T), float(p.noise), p.late
+    )
     wanted = float(n["ripple"]) * (1 + 1e-9)
-    if float(sliding.ripple(p, n["curvature"])) < wanted:
+    if float(sliding_seeker.ripple(p, n["curvature"])) < wanted:
         return None
     for count in PARTS:
         for share in STARTS:
             start = Fraction(-near * share).limit_denominator(10**9)
-            found = list(sliding.turns(f, float(n["curvature"]), float(start), count, count))
-            if sliding.last_swing(found, count, count) > wanted:
-                return sealed(n, {"start": str(start), "left": count, "right": count})
+            found = list(sliding_seeker.turns(f, float(n["curvature"]), float(start), count, count))
+            if sliding_seeker.last_swing(found, count, count) > wanted:
+                return with_checksum(n, {"start": str(start), "left": count, "right": count})
     return None
 
 
 def _replay_swing(n: Numbers, run: Entries) -> str:
     p = _seeker(n)
     if not n.get("curvature"):
-        ticks = whole(opened(n, run, ("ticks",), "run")["ticks"], "run.ticks", 1, 10**300)
+        ticks = whole(without_checksum(n, run, ("ticks",), "run")["ticks"], "run.ticks", 1, 10**300)
         allowed = ticks <= math.ceil((p.beta + 2 * p.noise) / (p.rho * p.T))
         if not (allowed and p.k * p.T * ticks > n["ripple"]):
             raise DoesNotHold("run: v does not move that far between two turns")
         return f"on a flat top v moves one way for {ticks} ticks"
-    run = opened(n, run, ("start", "left", "right"), "run")
+    run = without_checksum(n, run, ("start", "left", "right"), "run")
     start = rational(run["start"], "run.start")
-    left, right = (whole(run[k], f"run.{k}", 2, sliding.MOST_TURNS) for k in ("left", "right"))
-    if p.lag or abs(start) > sliding.zone(p, n["curvature"]) or max(
+    left, right = (
+        whole(run[k], f"run.{k}", 2, sliding_seeker.MOST_TURNS) for k in ("left", "right")
+    )
+    if p.lag or abs(start) > sliding_seeker.zone(p, n["curvature"]) or max(
         x.denominator.bit_length() for x in (start, *p[:5]) if isinstance(x, Fraction)
     ) > 400:  # fmt: skip
         raise DoesNotHold("run: its start or a lag is outside of what was asked")
-    found = list(sliding.turns(p, n["curvature"], start, left, right))
-    swing = sliding.last_swing(found, left, right)
+    found = list(sliding_seeker.turns(p, n["curvature"], start, left, right))
+    swing = sliding_seeker.last_swing(found, left, right)
     if not swing > n["ripple"]:
         raise DoesNotHold("run: v stays within the wanted ripple")
     return (f"after {found[-1].tick} ticks v has moved by {float(swing):.6g} m/s between two turns,"
@@ -289,7 +297,7 @@ def _sliding_start(n: Numbers) -> str:
 
 
 def _ripple_claim(n: Numbers, _: Entries) -> str:
-    wanted = spelled(n["ripple"], "m/s")
+    wanted = number_text(n["ripple"], "m/s")
     if n.get("curvature"):
         return f"in the end v stays within an interval of {wanted} about the peak"
     return f"v moves by at most {wanted} between two turns on a flat top"

@@ -27,7 +27,7 @@ def term(operator: str, *parts: Any) -> str:
     return f"({operator} {' '.join(texts)})"
 
 
-def plus(*parts: Any) -> str:
+def sum_term(*parts: Any) -> str:
     """Sum."""
     return term("+", *parts) if len(parts) > 1 else str(parts[0])
 
@@ -37,7 +37,7 @@ def times(*parts: Any) -> str:
     return term("*", *parts)
 
 
-def between(low: Fraction, x: str, high: Fraction) -> list[str]:
+def interval_terms(low: Fraction, x: str, high: Fraction) -> list[str]:
     """Both ends of an interval as terms."""
     return [term("<=", low, x), term("<=", x, high)]
 
@@ -79,13 +79,13 @@ def shrinks(
     x = ("x", "y")
 
     def row(coefficients: Sequence[Any], of: Sequence[Any]) -> str:
-        return plus(*(times(c, v) for c, v in zip(coefficients, of, strict=True)))
+        return sum_term(*(times(c, v) for c, v in zip(coefficients, of, strict=True)))
 
     def form(one: Sequence[Any], two: Sequence[Any]) -> str:
-        return plus(times(one[0], row(P[:2], two)), times(one[1], row(P[1:], two)))
+        return sum_term(times(one[0], row(P[:2], two)), times(one[1], row(P[1:], two)))
 
     moved = [row(r, x) for r in A]
-    fall = plus(form(moved, moved), times(-1, form(x, x))) if sampled else form(moved, x)
+    fall = sum_term(form(moved, moved), times(-1, form(x, x))) if sampled else form(moved, x)
     facts = [RAYS]
     if E:
         facts += [term("<=", E[0], "E"), term("<=", "E", E[1])]

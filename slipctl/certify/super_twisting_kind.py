@@ -9,8 +9,8 @@ from typing import Any
 
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as twisting
-from slipctl.certify.outward import Interval
-from slipctl.certify.promise import Entries, spelled
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.promise import Entries, number_text
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     ASIDE,
@@ -117,7 +117,7 @@ def _turns(n: Numbers) -> Sequence[Side]:
 def _band_claim(n: Numbers, entry: Entries) -> str:
     ticks = " at every tick" if "T" in n else ""
     end = "" if rests(n) else " in the end"
-    return f"|x1| stays below {spelled(n['band'], 'm/s')}{ticks}{end}"
+    return f"|x1| stays below {number_text(n['band'], 'm/s')}{ticks}{end}"
 
 
 def _start(n: Numbers) -> str:

@@ -43,16 +43,46 @@ from slipctl.certify.promise import (
     System,
     Target,
     Witness,
-    checked,
+    exact_numbers,
+    number_text,
     rounded_up,
-    spelled,
 )
 
 __all__ = [
-    "ASIDE", "CERTIFIED", "CONTINUOUS", "EXACT", "GAIN", "INPUT", "NECESSARY", "PRINTED", "REFUTED",
-    "SAMPLED", "SILENT", "SUFFICIENT", "TARGET", "UNDECIDED", "Criterion", "Entries", "Evidence",
-    "Finding", "Number", "Numbers", "Promise", "Quantity", "Refuter", "Report", "Side", "System",
-    "Target", "Witness", "checked", "end", "margins", "report", "rounded_up", "spelled",
+    "ASIDE",
+    "CERTIFIED",
+    "CONTINUOUS",
+    "EXACT",
+    "GAIN",
+    "INPUT",
+    "NECESSARY",
+    "PRINTED",
+    "REFUTED",
+    "SAMPLED",
+    "SILENT",
+    "SUFFICIENT",
+    "TARGET",
+    "UNDECIDED",
+    "Criterion",
+    "Entries",
+    "Evidence",
+    "Finding",
+    "Number",
+    "Numbers",
+    "Promise",
+    "Quantity",
+    "Refuter",
+    "Report",
+    "Side",
+    "System",
+    "Target",
+    "Witness",
+    "end",
+    "exact_numbers",
+    "margins",
+    "number_text",
+    "report",
+    "rounded_up",
     "unit_dependent",
 ]  # fmt: skip
 
@@ -146,13 +176,13 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
     Raises:
         BadInput: numbers that mean nothing.
     """
-    numbers = checked(system, given)
+    numbers = exact_numbers(system, given)
     found = proofs.decide(system, numbers)
     n = {k: float(v) for k, v in numbers.items()}
     refuted = (found.counterexample or {}).get("by")
     inputs, clauses = system.inputs(numbers), system.clauses(numbers)
     criteria = {}
-    trusted = proofs.trusted(system, numbers)
+    trusted = proofs.trusted_criteria(system, numbers)
     for name, c in {**system.asked(numbers), **trusted}.items():
         holds: bool | None = True if name in found.proofs else None
         if holds is None and c.evidence is None:

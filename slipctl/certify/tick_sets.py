@@ -21,8 +21,8 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
 from slipctl.errors import BadInput
 
@@ -263,7 +263,7 @@ def _runs(found: set[tuple[int, ...]]) -> list[list[int]]:
 
 
 def _check(loop: Loop, n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("reach", "count", "cells"), "evidence", True)
+    entry = read_mapping(given, ("reach", "count", "cells"), "evidence", True)
     states = len(loop.start)
     reach = tuple(rational(r, "evidence.reach")
                   for r in rows(entry["reach"], "evidence.reach", states, states))  # fmt: skip
@@ -341,7 +341,7 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
-    entry = mapping(given, ("start", "pushed"), "run", True)
+    entry = read_mapping(given, ("start", "pushed"), "run", True)
     states: Values = _read(entry["start"], loop.start, n, "run.start")
     enclosed = {k: Interval.of(v, 2 * DIGITS) for k, v in n.items()}
     pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
@@ -356,7 +356,7 @@ def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
 
 def _read(given: Any, bounds: Mapping[str, str], n: Numbers, where: str) -> dict[str, Interval]:
     """Values of a run, none beyond its bound."""
-    entry = mapping(given, tuple(bounds), where, True)
+    entry = read_mapping(given, tuple(bounds), where, True)
     out = {}
     for name, bound in bounds.items():
         value = rational(entry[name], where)

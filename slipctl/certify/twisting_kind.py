@@ -14,7 +14,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import adhesion_observer, higher_order, outward, smtlib, turning
+from slipctl.certify import adhesion_observer, decimal_intervals, higher_order, smtlib, worst_run
 from slipctl.certify import super_twisting as sta
 from slipctl.certify.quadratic import find_quadratic, minors
 from slipctl.certify.registry import register
@@ -50,9 +50,12 @@ def exact_sides(k1: Any, k2: Any, L: Any, names: tuple[str, str, str]) -> list[S
         return [*sides, Side(f"8 ({b} + {c}) <= ({a})^2", 8 * (k2 + L), k1 * k1)]
     if not isinstance(k1, Fraction):
         return [*sides, Side("ln q < 0", sta.log_ratio(k1, k2, L), 0)]
-    found = outward.enclosure(k1, Fraction(k2), Fraction(L))
+    found = decimal_intervals.enclosure(k1, Fraction(k2), Fraction(L))
     low, high = found or (Decimal(-1), Decimal(1))
-    return [*sides, Side("ln q < 0", outward.Interval(low, high, outward.DIGITS), 0)]
+    return [
+        *sides,
+        Side("ln q < 0", decimal_intervals.Interval(low, high, decimal_intervals.DIGITS), 0),
+    ]
 
 
 def quadratic_sides(
@@ -93,14 +96,14 @@ def fall(k1: Fraction, k2: Fraction, L: Fraction, P: Sequence[Fraction]) -> str:
     so that w^2 <= L^2 y^2.
     """
     y, z, w = "y", "z", "w"
-    first = smtlib.plus(smtlib.times(-k1 / 2, y), smtlib.times(Fraction(1, 2), z))
-    second = smtlib.plus(smtlib.times(-k2, y), w)
-    rows = [smtlib.plus(smtlib.times(P[i], y), smtlib.times(P[i + 1], z)) for i in (0, 1)]
-    V = smtlib.plus(smtlib.times(rows[0], y), smtlib.times(rows[1], z))
-    slope = smtlib.plus(smtlib.times(rows[0], first), smtlib.times(rows[1], second))
+    first = smtlib.sum_term(smtlib.times(-k1 / 2, y), smtlib.times(Fraction(1, 2), z))
+    second = smtlib.sum_term(smtlib.times(-k2, y), w)
+    rows = [smtlib.sum_term(smtlib.times(P[i], y), smtlib.times(P[i + 1], z)) for i in (0, 1)]
+    V = smtlib.sum_term(smtlib.times(rows[0], y), smtlib.times(rows[1], z))
+    slope = smtlib.sum_term(smtlib.times(rows[0], first), smtlib.times(rows[1], second))
     facts = [
         smtlib.term("<=", smtlib.times(w, w), smtlib.times(L * L, y, y)),
-        smtlib.term("=", smtlib.plus(smtlib.times(y, y), smtlib.times(z, z)), 1),
+        smtlib.term("=", smtlib.sum_term(smtlib.times(y, y), smtlib.times(z, z)), 1),
     ]
     claim = smtlib.term("and", smtlib.term(">", V, 0), smtlib.term("<", slope, 0))
     return smtlib.problem((y, z, w), facts, claim)
@@ -137,11 +140,11 @@ def _observer_printed(n: Numbers) -> Sequence[Side]:
     return [Side("2 K2 < K1", 2 * n["K2"], n["K1"]), Side("2 L < K2", 2 * n["L"], n["K2"])]
 
 
-def _observer_run(n: Numbers) -> turning.Turns:
+def _observer_run(n: Numbers) -> worst_run.Turns:
     K1, K2, K3, L = (float(n[k]) for k in ("K1", "K2", "K3", "L"))
     # so near to x1 = 0 that K3 |x1| is a thousandth, because that is where L decides
     v = math.sqrt(2 * K2 * 1e-3 / max(K3, 1e-3)) / 10
-    return turning.run(
+    return worst_run.run(
         lambda y: K1 * (y + K3 * y**3),
         lambda y: K2 * (0.5 + 2 * K3 * y**2 + 1.5 * K3**2 * y**4),
         L, v, 0.02 / max(K1, math.sqrt(K2 + 2 * L)),
@@ -158,7 +161,7 @@ def _observer_values(n: Numbers) -> dict[str, Quantity]:
     }  # fmt: skip
 
 
-def _run_witness(found: turning.Turns, law: str, units: tuple[str, str, str]) -> Witness:
+def _run_witness(found: worst_run.Turns, law: str, units: tuple[str, str, str]) -> Witness:
     grown = found.growth()
     return Witness(
         law,
@@ -293,10 +296,10 @@ def _higher_weighted(n: Numbers) -> Sequence[Side]:
     return young_49(n["alpha"], n["beta"], n["k4"], n["eta"], theta)
 
 
-def _higher_run(n: Numbers) -> turning.Turns:
+def _higher_run(n: Numbers) -> worst_run.Turns:
     k1, k2, eta = float(n["k4"]), 2 * float(n["beta"]) * float(n["k4"]), float(n["eta"])
     v = 1e-3 * math.sqrt(k2 + eta)  # |s|^(1/2) is then a thousandth, and phi1 nearly its root
-    return turning.run(
+    return worst_run.run(
         lambda y: k1 * (y + y**2), lambda y: k2 * (0.5 + 1.5 * y + y**2), eta, v,
         0.02 / max(k1, math.sqrt(k2 + 2 * eta)),
     )  # fmt: skip

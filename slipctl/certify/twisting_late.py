@@ -30,7 +30,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from slipctl.certify.outward import Interval
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, origin
 
 BITS = 10

@@ -26,7 +26,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slipctl.certify.outward import over_one
+from slipctl.certify.decimal_intervals import over_one
 from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]

@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import Any
 
 from slipctl.certify import polygon_steps, twisting_late
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
-from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, rounded_up, spelled
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, number_text, rounded_up
 from slipctl.certify.twisting_late import Kept, Late
 from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
 from slipctl.certify.twisting_rows import Law
@@ -82,7 +82,9 @@ def _levels(law: Law, entry: Entries) -> Levels:
 def levels_step(n: Numbers, entry: Entries) -> list[str]:
     """Every run comes into the polygon; the ticks of rows after that are no inequality."""
     at = law(n)
-    return [] if at is None else list(polygon_steps.twisting(_levels(at[0], entry["evidence"])))
+    return (
+        [] if at is None else list(polygon_steps.twisting_steps(_levels(at[0], entry["evidence"])))
+    )
 
 
 def _plan(given: Any, where: str) -> Plan:
@@ -107,7 +109,7 @@ def _crossings(given: Any) -> Crossings:
 
 def _check(n: Numbers, given: Entries) -> None:
     names = ("corners", "level", "fall", "crossings", "ticks", "bound", "x2")
-    entry = mapping(given, names, "evidence", True)
+    entry = read_mapping(given, names, "evidence", True)
     at = law(n)
     if at is None:
         raise DoesNotHold("evidence: no bound is known at these numbers")
@@ -126,9 +128,7 @@ def claim(n: Numbers, entry: Entries) -> str:
     if not isinstance(found, Mapping) or "bound" not in found:
         return "|x1| stays bounded in the end"
     limit = rational(found["bound"], "evidence.bound")
-    return (
-        f"|x1| stays below {spelled(limit, 'm/s')} at every tick{'' if rests(n) else ' in the end'}"
-    )
+    return f"|x1| stays below {number_text(limit, 'm/s')} at every tick{'' if rests(n) else ' in the end'}"
 
 
 def _find_run(
@@ -145,8 +145,8 @@ def _find_run(
 
 
 def _replay(n: Numbers, given: Entries) -> str:
-    entry = mapping(given, ("start", "d"), "run", True)
-    start = mapping(entry["start"], ("x1", "x2"), "run.start", True)
+    entry = read_mapping(given, ("start", "d"), "run", True)
+    start = read_mapping(entry["start"], ("x1", "x2"), "run.start", True)
     if start["x1"] != "0" or start["x2"] != "0":
         raise DoesNotHold("run: it must start where the law rests, x1 = x2 = 0")
     at = None if n.get("lag") or n.get("dead") else law(n)
@@ -159,7 +159,7 @@ def _replay(n: Numbers, given: Entries) -> str:
         raise DoesNotHold("run: |x1| does not exceed the band, or |d| exceeds L")
     return (
         f"from x1 = x2 = 0, where the law rests for any time while d = 0, |x1| comes to"
-        f" {spelled(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
+        f" {number_text(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
     )
 
 
@@ -202,7 +202,7 @@ def _find_late(n: Numbers) -> Entries | None:
 
 
 def _check_late(n: Numbers, given: Entries) -> None:
-    entry = mapping(given, ("P", "parts", "ticks", "bound"), "evidence", True)
+    entry = read_mapping(given, ("P", "parts", "ticks", "bound"), "evidence", True)
     at = late(n)
     if at is None or not rests(n):  # it holds from rest, and says nothing of other starts
         raise DoesNotHold("evidence: no bound is known at these numbers")
@@ -230,7 +230,7 @@ def _find_late_run(n: Numbers) -> Entries | None:
 
 def _replay_late(n: Numbers, given: Entries) -> str:
     names = ("start", "d", "noise") if n.get("noise") else ("start", "d")
-    entry = mapping(given, names, "run", True)
+    entry = read_mapping(given, names, "run", True)
     at = late(n)
     if entry["start"] != "rest" or at is None:
         raise DoesNotHold("run: it must start from rest, with numbers within reach")
@@ -243,7 +243,7 @@ def _replay_late(n: Numbers, given: Entries) -> str:
     reached = twisting_late.replay(at[0], d, heard)
     if reached is None or reached * at[1] <= n["band"]:
         raise DoesNotHold("run: |x1| does not exceed the band, or |d| or the noise is too large")
-    return f"from rest |x1| comes to {spelled(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
+    return f"from rest |x1| comes to {number_text(reached * at[1], 'm/s', 6)} after {len(d)} ticks"
 
 
 SAMPLED_BOUND = Evidence(_find, _check)

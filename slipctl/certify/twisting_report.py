@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from slipctl.certify import outward, turning
+from slipctl.certify import decimal_intervals, worst_run
 from slipctl.certify import super_twisting as sta
 from slipctl.certify.systems import CERTIFIED, REFUTED, Report, end
 from slipctl.errors import BadInput
@@ -81,7 +81,7 @@ class Witness:
         ]
 
 
-def checked(
+def exact_gains(
     k1: float | Fraction, k2: float | Fraction, L: float | Fraction, delta: float | Fraction = 0
 ) -> dict[str, Fraction]:
     """Gains as exact rationals.
@@ -123,7 +123,7 @@ def exact_verdict(gains: dict[str, Fraction]) -> str:
         return CERTIFIED
     ln_q = sta.log_ratio(float(k1 - delta), float(k2), float(L))
     if abs(ln_q) < 1e-6 or not math.isfinite(ln_q):
-        found = outward.enclosure(k1, k2, L, delta)
+        found = decimal_intervals.enclosure(k1, k2, L, delta)
         if found is None:
             raise BadInput(
                 "the gains lie on the boundary of stability; change k1 in its last digit"
@@ -263,7 +263,7 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
     push = "r1 = delta |x1|^(1/2) sgn x1; " if delta else ""
     if k2 <= L or k1 <= delta:
         why = "x2 never turns back" if k2 <= L else "nothing damps x1"
-        ran = simulated(k1, k2, L, delta)
+        ran = simulated_growth(k1, k2, L, delta)
         return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L, ran)
     law = f"{push}d = L sgn x1 while |x1| grows, -L sgn x1 while it falls (switch at x1' = 0)"
     switches: list[float] = []
@@ -272,16 +272,16 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
         turn, end, _ = sta.half_turn(k1, k2, L, delta, v)
         switches.append(start + turn)  # at the crossing sgn x1 and the law change together
         start, v = start + end, v * q
-    return Witness(q, law, 0.0, 1.0, tuple(switches), L, simulated(k1, k2, L, delta))
+    return Witness(q, law, 0.0, 1.0, tuple(switches), L, simulated_growth(k1, k2, L, delta))
 
 
-def simulated(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
+def simulated_growth(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
     """Growth of |x2| per half turn in a run of the equations against the worst disturbance.
 
     Infinite if x1 has not come back within the run.
     """
     step = 0.02 / max(abs(k1 - delta), math.sqrt(2 * (k2 + L)))
-    return turning.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2).growth()
+    return worst_run.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2).growth()
 
 
 def super_twisting_report(

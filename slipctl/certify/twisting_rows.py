@@ -159,10 +159,10 @@ def _tick(grid: Grid, up: Ends) -> Ends:
     falling, rising, zero = (_noisy if grid.noise else _plain)(grid, up)
     out = np.maximum(
         np.maximum(
-            moved(falling + shift, -grid.reach, -grid.parts, grid.reach),
-            moved(rising + shift, grid.parts, grid.reach, grid.reach),
+            moved_rows(falling + shift, -grid.reach, -grid.parts, grid.reach),
+            moved_rows(rising + shift, grid.parts, grid.reach, grid.reach),
         ),
-        moved(zero + shift, -grid.still, grid.still, grid.reach),
+        moved_rows(zero + shift, -grid.still, grid.still, grid.reach),
     )
     found = np.flatnonzero(out > EMPTY)
     if not len(found):
@@ -225,7 +225,7 @@ def _noisy(grid: Grid, up: Ends) -> tuple[Ends, Ends, Ends]:
     return falling, np.where(minus, rise, EMPTY), zero
 
 
-def moved(values: Ends, first: int, last: int, room: int) -> Ends:
+def moved_rows(values: Ends, first: int, last: int, room: int) -> Ends:
     """Largest value that rows moved by ``first`` to ``last`` bring; ``room`` more each side."""
     n, width = len(values), last - first + 1
     wide = np.full(n + 2 * room + width - 1, EMPTY)

@@ -22,8 +22,8 @@ import numpy as np
 from slipctl.certify import super_twisting, twisting_swings
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_polygons import find
-from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, moved
-from slipctl.certify.twisting_turns import Sweep, cost, falling, sweep
+from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows, moved_rows
+from slipctl.certify.twisting_turns import Sweep, cost, falling_bounds, sweep
 
 BITS = 10
 """A row is 2^BITS units of y high."""
@@ -204,7 +204,7 @@ def _by_half_turns(
     best, work, w = None, 0.0, levels.kept
     try:
         while work < most_work:
-            found = falling(Grid(levels.law, parts, BITS), w)
+            found = falling_bounds(Grid(levels.law, parts, BITS), w)
             work += 3 * cost(found.grid, found.most)
             turns.append((parts, *found.most))
             w, before = found.most[-1] * found.grid.height, best
@@ -337,7 +337,7 @@ def _by_ends(law: Law, wanted: Fraction, ticks: int = 1500) -> list[Fraction] | 
         spent += 2e-4 + 1e-7 * len(w)
         new = top.copy()
         for score, (a, b) in zip(_scores(k1, top, w), reach, strict=True):
-            best = moved(score.max(axis=0), a, b, last)[last:-last]
+            best = moved_rows(score.max(axis=0), a, b, last)[last:-last]
             better = best > new + 1e-9 * abs(np.where(best > EMPTY, best, 0.0))
             new[better] = best[better]
         if np.array_equal(new, top):

@@ -136,7 +136,7 @@ def sweep(grid: Grid, most: Sequence[int]) -> Sweep:
     return Sweep(grid, most, -leads, highest, lowest - bottom, ends[lowest:])
 
 
-def falling(grid: Grid, w: Fraction) -> Sweep:
+def falling_bounds(grid: Grid, w: Fraction) -> Sweep:
     """Bounds of |w| from the crossing ``w`` down to where nothing is gained: a guess, then proved.
 
     Where a half turn leads to is nearly linear in where it comes from; between the bounds of a

@@ -7,11 +7,12 @@ import logging
 from pathlib import Path
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check import load, search
-from slipctl.ccode.check.given import given
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.vectors import search
+from slipctl.ccode.check.vectors.vector_file import read_vectors
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
-from slipctl.study import doors, preparing
+from slipctl.study import case_setup, resolve
 
 log = logging.getLogger("slipctl")
 
@@ -19,25 +20,27 @@ log = logging.getLogger("slipctl")
 def answer(options: argparse.Namespace, command: str) -> int:
     """Write the C, and check it if asked."""
     name, out = options.name, Path(options.out)
-    options.settings = preparing.opened(options.settings)
+    options.settings = case_setup.open_gain_files(options.settings)
     if not options.out:
         raise BadInput("--out names no folder; write one, or . for this one")
     if options.fuzz is not None and options.fuzz < 1:
         raise BadInput(f"--fuzz {options.fuzz} gives it no time; write seconds, such as 15")
     store.check_folder(out)
     left, colon, loop_name = name.rpartition(":")
-    if name in doors.studies():
-        raise doors.no_loop(name, doors.load_study(name))
-    if colon and "." in loop_name and not doors.is_written(name):
+    if name in resolve.studies():
+        raise resolve.no_loop(name, resolve.load_study(name))
+    if colon and "." in loop_name and not resolve.is_written(name):
         name, loop_name, options.part = _with_part(name, loop_name, options.part)
     is_loop = (
-        colon and not doors.is_written(name) and (not left.endswith(".py") or doors.has_study(left))
+        colon
+        and not resolve.is_written(name)
+        and (not left.endswith(".py") or resolve.has_study(left))
     )
     seconds = search.effort(options.vectors) if options.vectors else None
     vectors = options.vectors if seconds is None else None
     if seconds and build.compiler() is None:
         raise BadInput("--vectors search needs a C compiler; install gcc or clang")
-    block = None if is_loop else doors.load_block(name)
+    block = None if is_loop else resolve.load_block(name)
     if block is not None and options.settings:
         raise BadInput(f"{name} is no loop and has no --set; write its numbers into the file")
     if block is not None and options.part:
@@ -61,11 +64,11 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
     }  # fmt: skip
     if block is not None:
-        inputs = given(vectors, block) if vectors else None
+        inputs = read_vectors(vectors, block) if vectors else None
         report = codegen.export(block, out, options.module, inputs, **wanted)
     else:
-        study = doors.load_study(left)
-        loop, case = preparing.found_loop(study, loop_name, options.settings)
+        study = resolve.load_study(left)
+        loop, case = case_setup.resolve_loop(study, loop_name, options.settings)
         part = options.part or study.controller
         words = [] if part == study.controller else part.split(".")
         try:
@@ -74,12 +77,12 @@ def answer(options: argparse.Namespace, command: str) -> int:
             what = "part" if options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         if vectors:
-            inputs = given(vectors, control)
-            _, params = codegen.recorded(loop, part, case.scenario, 1)
+            inputs = read_vectors(vectors, control)
+            _, params = codegen.record_part(loop, part, case.scenario, 1)
         else:
             log.info("running %s for its inputs", name)
             ticks = None if options.check else codegen.KEPT
-            inputs, params = codegen.recorded(loop, part, case.scenario, ticks)
+            inputs, params = codegen.record_part(loop, part, case.scenario, ticks)
         report = codegen.export(
             control, out,
             options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),

@@ -21,7 +21,7 @@ from importlib import import_module
 
 from slipctl.commands.arguments import parser
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import stopping
+from slipctl.run import interrupts
 
 log = logging.getLogger("slipctl")
 
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         return _explain(error, verbose)
     try:
-        with stopping.listening():
+        with interrupts.raise_interrupts():
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
             _talk(options)
@@ -108,7 +108,7 @@ def program() -> int:
 
 def _explain(error: BaseException, verbose: bool) -> int:
     """Say an error in one line (below where it came from, if asked); gives the exit code."""
-    from slipctl.study.blaming import blame
+    from slipctl.study.failures import blame
 
     origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
     if verbose and origin is not None:

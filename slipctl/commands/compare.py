@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from slipctl.errors import BadInput
-from slipctl.run import store, sweep_store
-from slipctl.run.sweeping import open_sweep
-from slipctl.study.texts import number, wrapped
+from slipctl.run import store
+from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.sweep_runs import open_sweep
+from slipctl.study.report.texts import number, wrap_table
 
 TOLD = ("study", "quick", "seed", "slipctl_version", "casadi_version", "numpy_version")
 """What a run says of itself that is compared, beside its parameters."""
@@ -57,7 +58,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if len(options.folders) < 2:
         raise BadInput("compare takes two folders or more; write slipctl compare A B")
     sides = [read(name) for name in options.folders]
-    changed, tables = changes(sides), compared(sides)
+    changed, tables = changes(sides), metric_rows(sides)
     if options.json:
         print(store.json_text({"format": store.FORMAT, "changed": changed, "metrics": tables}))
         return 0
@@ -154,7 +155,7 @@ def changes(sides: Sequence[Side]) -> list[dict[str, Any]]:
     return rows
 
 
-def compared(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
+def metric_rows(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
     """Rows of metrics for each loop that all have, or for the only loop of each."""
     common = [k for k in sides[0].metrics if all(k in s.metrics for s in sides)]
     pairs = [(k, [k] * len(sides)) for k in common]
@@ -233,4 +234,4 @@ def text(
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    return wrapped(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])
+    return wrap_table(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])

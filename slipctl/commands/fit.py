@@ -14,13 +14,13 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block
-from slipctl.block.meanings import is_equation
+from slipctl.block.text.meanings import is_equation
 from slipctl.draw import plots
 from slipctl.errors import BadInput
-from slipctl.estimate.fitting import Fitted, fit
+from slipctl.estimate.curve_fit import Fitted, fit
 from slipctl.run import store
-from slipctl.study import doors
-from slipctl.study.texts import number, wrapped
+from slipctl.study import resolve
+from slipctl.study.report.texts import number, wrap_table
 
 log = logging.getLogger("slipctl")
 
@@ -29,7 +29,7 @@ MODEL = "fitted.py"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the fit gives: of a law to a curve, of a flow to logs."""
-    base = doors.load_block(options.law)
+    base = resolve.load_block(options.law)
     if base.kind == "flow":
         from slipctl.commands import fit_log
 
@@ -92,7 +92,7 @@ def run(
 
 def find_curve(name: str) -> Path:
     """File of a curve: a path, or the name of one that comes with the models."""
-    shipped = doors.folder("models") / "data" / name
+    shipped = resolve.folder("models") / "data" / name
     return shipped if not Path(name).exists() and shipped.is_file() else Path(name)
 
 
@@ -145,11 +145,11 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
         needed, origin = "slipctl import from_text", f"from_text({name!r})"
     elif colon or name.endswith(".toml"):
         left, right = (left, f":{right}") if colon else (name, "")
-        needed, origin = "slipctl.study.doors import load_block", f"{Path(left).resolve()}{right}"
+        needed, origin = "slipctl.study.resolve import load_block", f"{Path(left).resolve()}{right}"
         origin = f"load_block({origin!r})"
     else:
         module, _, block = name.rpartition(".")
-        module = module or next(m for m, (_, b) in doors.models().items() if block in b)
+        module = module or next(m for m, (_, b) in resolve.models().items() if block in b)
         needed = f"slipctl.models.{module} import {block}"
         origin = block + ("" if isinstance(_object(module, block), Block) else "()")
     rows = []
@@ -263,7 +263,7 @@ def report(found: Fitted, folder: Path) -> str:
     )
     return (
         f"{law.name} fitted to {found.curve.source}, {found.curve.measured.size} points\n\n"
-        f"{wrapped(rows, widths)}\n\n{wrapped(known, spans)}\n\n{peaks}{left_out}"
+        f"{wrap_table(rows, widths)}\n\n{wrap_table(known, spans)}\n\n{peaks}{left_out}"
         f"largest error {found.max_error:.3g}{tail}, rms {found.rms:.3g}{tail}\n\n"
         f"{folder / 'fit.json'}\n{folder / 'fit.png'}\n{folder / 'residuals.csv'}\n"
         f"{model}: slipctl show {model}:law"

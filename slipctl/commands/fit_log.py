@@ -16,18 +16,18 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput, Faults
 from slipctl.estimate.curve import quantity
-from slipctl.estimate.over_time import fit_over_time
-from slipctl.estimate.record import DEAD, FittedOverTime, Record, origin
+from slipctl.estimate.log_fit.flow_fit import fit_over_time
+from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Record, origin
 from slipctl.run import store
-from slipctl.run.mapping import Source, good_samples, of_inputs, of_results, resampled
-from slipctl.run.recording import Recording, read_recording
-from slipctl.study import doors
-from slipctl.study.texts import number, wrapped
+from slipctl.run.logs.log_signals import Source, good_samples, of_inputs, of_results, resample_at
+from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.study import resolve
+from slipctl.study.report.texts import number, wrap_table
 
 log = logging.getLogger("slipctl")
 
@@ -144,7 +144,7 @@ def _record(
               if n not in inputs and n not in every}  # fmt: skip
     for n, source in inputs.items():
         t, x = good_samples(block, recording, n, source, values, recording.notes)
-        every[n] = resampled(t, x, recording.time, "hold")
+        every[n] = resample_at(t, x, recording.time, "hold")
     y = _values(recording, measured[result])
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
@@ -164,7 +164,7 @@ def _values(recording: Recording, source: Source) -> np.ndarray:
 def keys_of(law: str) -> dict[str, str]:
     """Keys of a vehicle's file that the parameters of a model fill."""
     module, _, name = law.rpartition(".")
-    homes = [m for m, (_, blocks) in doors.models().items() if name in blocks]
+    homes = [m for m, (_, blocks) in resolve.models().items() if name in blocks]
     if len(homes) != 1 or module not in ("", homes[0]):
         return {}
     found = getattr(import_module(f"slipctl.models.{homes[0]}"), "KEYS", {})
@@ -263,7 +263,7 @@ def report(found: FittedOverTime, folder: Path, keys: Mapping[str, str]) -> str:
     return (
         f"{found.flow.name} fitted to {of}, {found.residuals.size} samples of {found.output}"
         f" in {len(found.pieces)} stretch{'es' * (len(found.pieces) > 1)}\n\n"
-        f"{wrapped(rows, widths)}\n\n"
+        f"{wrap_table(rows, widths)}\n\n"
         f"largest error {found.max_error:.3g} {unit}, rms {found.rms:.3g} {unit}{tail}\n\n"
         + "\n".join(str(folder / f) for f in files)
     )

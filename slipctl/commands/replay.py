@@ -13,15 +13,15 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.block import Block
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.draw import live, plots
 from slipctl.errors import BadInput
 from slipctl.run import store
-from slipctl.run.recording import csv_of, read_recording
-from slipctl.run.replaying import Replayed, replay
-from slipctl.study import doors
-from slipctl.study.report import STYLE, figure, table
-from slipctl.study.texts import number, wrapped
+from slipctl.run.logs.recorded_log import csv_of, read_recording
+from slipctl.run.logs.replay import Replayed, replay
+from slipctl.study import resolve
+from slipctl.study.report.report_page import STYLE, figure, table
+from slipctl.study.report.texts import number, wrap_table
 
 log = logging.getLogger("slipctl")
 
@@ -51,7 +51,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
     for note in found.notes:
         log.warning("%s", note)
     rows = statistics(found)
-    figures = {n: (plots.svg_text(f, command), live.of_figure(f)) for n, f in drawn(found).items()}
+    figures = {
+        n: (plots.svg_text(f, command), live.of_figure(f)) for n, f in replay_figures(found).items()
+    }
     store.write_json(out / "replay.json", {
         "log": options.log, "block": options.block, "slipctl_version": __version__,
         "command": command, "notes": found.notes, "gaps_s": found.gaps,
@@ -74,9 +76,13 @@ def load_part(name: str) -> Block:
         BadInput: no such block, or a whole loop.
     """
     left, colon, right = name.rpartition(":")
-    if doors.is_written(name) or not colon or (left.endswith(".py") and not doors.has_study(left)):
-        return doors.load_block(name)
-    block = doors.load_block(name)
+    if (
+        resolve.is_written(name)
+        or not colon
+        or (left.endswith(".py") and not resolve.has_study(left))
+    ):
+        return resolve.load_block(name)
+    block = resolve.load_block(name)
     if "." not in right:
         parts = ", ".join(f"{name}.{n}" for n in block.parts)
         raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
@@ -117,7 +123,7 @@ def statistics(found: Replayed) -> list[list[str]]:
     return rows
 
 
-def drawn(found: Replayed) -> dict[str, plots.Figure]:
+def replay_figures(found: Replayed) -> dict[str, plots.Figure]:
     """Outputs beside the recording with their residuals, innovations, other outputs."""
     time = found.data["time"].values
     figures = {}
@@ -163,7 +169,7 @@ def text(found: Replayed, rows: Sequence[Sequence[str]], options: argparse.Names
         return f"{head}\nnothing is compared; --beside OUTPUT=COLUMN does"
     every = [list(HEAD), *rows]
     widths = [max(len(r[k]) for r in every) for k in range(len(HEAD))]
-    return f"{head}\n\n{wrapped(every, widths)}"
+    return f"{head}\n\n{wrap_table(every, widths)}"
 
 
 def page(

@@ -20,14 +20,15 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.commands.progress import Progress
-from slipctl.run import stopping, store
+from slipctl.run import interrupts, store
 from slipctl.run.results import Results
-from slipctl.study import doors, files, preparing, running, speaking
+from slipctl.study import case_setup, claim_scope, execution, resolve
+from slipctl.study.cache import Keep, key_of
 from slipctl.study.declaration import Verdict
+from slipctl.study.failure_log import note_failure
+from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
-from slipctl.study.keeping import Keep, key_of
-from slipctl.study.noting import noted
-from slipctl.study.texts import changes, claim_table, doubts, left_to_full, metric_table
+from slipctl.study.report.texts import changes, claim_table, doubts, left_to_full, metric_table
 
 log = logging.getLogger("slipctl")
 
@@ -36,11 +37,11 @@ STOPPED = "stopped before its end; what had not finished is missing here"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Run, write and print."""
-    study = doors.load_study(options.study)
+    study = resolve.load_study(options.study)
     out = Path(options.out or Path("out") / study.name)
     store.check_folder(out)
-    options.settings = preparing.opened(options.settings)
-    preparing.read_swaps(study, options.swaps)  # their files belong to the key
+    options.settings = case_setup.open_gain_files(options.settings)
+    case_setup.read_swaps(study, options.swaps)  # their files belong to the key
     key = key_of(study, quick=options.quick, settings=options.settings, swaps=options.swaps)
     keep = Keep(out, key)
     chosen = bool(options.loops or options.scenarios)
@@ -49,13 +50,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
     )
     plain = None if options.full or options.scenarios else {} if chosen else keep.logs()
     left: list[str] = []
-    cases, models = preparing.prepare(
+    cases, models = case_setup.prepare(
         study, quick=options.quick, settings=options.settings, swaps=options.swaps,
         loops=options.loops, scenarios=options.scenarios, plain=plain, left=left,
     )  # fmt: skip
-    changed = preparing.in_words(options.swaps, options.settings)
+    changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
-    results = running.new_results(study, cases, options.quick, changed, () if chosen else left)
+    results = execution.new_results(study, cases, options.quick, changed, () if chosen else left)
     with Cores(options.jobs) as cores:
         return _Run(options, command, results, models, keep, cores, experiments).answer()
 
@@ -83,8 +84,8 @@ class _Run:
         self._metrics("running, or ended before its end")
         judged = cache(self._claims)  # once, while figures are drawn
         try:
-            sections = files.early_sections(results, self.cores, running.load_logs)
-            running.run(
+            sections = results_folder.early_sections(results, self.cores, execution.load_logs)
+            execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
                 report=self.progress, results=results, keep=self.keep, command=self.command,
@@ -95,13 +96,15 @@ class _Run:
             self._metrics()
             self._save(
                 "report.html",
-                lambda: files.save_pages(results, judged, out, self.command, self.cores, sections),
+                lambda: results_folder.save_pages(
+                    results, judged, out, self.command, self.cores, sections
+                ),
             )
             verdicts = judged()
         except KeyboardInterrupt:
-            stopping.heard()
+            interrupts.note_interrupt()
             self._stopped()
-            raise KeyboardInterrupt(stopping.KEPT) from None
+            raise KeyboardInterrupt(interrupts.KEPT) from None
         if self.options.json:
             print(self._json())
         else:
@@ -123,16 +126,20 @@ class _Run:
 
     def _metrics(self, state: str = "") -> None:
         results, out = self.results, self.keep.out
-        self._save("metrics.json", lambda: files.save_metrics(results, out, self.command, state))
-        self._save("tables.json", lambda: files.save_tables(results, out, self.command))
+        self._save(
+            "metrics.json", lambda: results_folder.save_metrics(results, out, self.command, state)
+        )
+        self._save("tables.json", lambda: results_folder.save_tables(results, out, self.command))
 
     def _claims(self, state: str = "") -> list[Verdict]:
         results, o = self.results, self.options
-        changed = speaking.changes(results, o.settings, o.swaps, self.models)
-        verdicts = running.judge_all(results, changed)
+        changed = claim_scope.changes(results, o.settings, o.swaps, self.models)
+        verdicts = execution.judge_all(results, changed)
         self._save(
             "claims.json",
-            lambda: files.save_claims(results, verdicts, self.keep.out, self.command, state),
+            lambda: results_folder.save_claims(
+                results, verdicts, self.keep.out, self.command, state
+            ),
         )
         return verdicts
 
@@ -146,11 +153,13 @@ class _Run:
         state = f"This run was {STOPPED}."
         self._save(
             "report.html",
-            lambda: files.save_stopped(self.results, verdicts, self.keep.out, self.command, state),
+            lambda: results_folder.save_stopped(
+                self.results, verdicts, self.keep.out, self.command, state
+            ),
         )
 
     def _save(self, what: str, write: Callable[[], Any]) -> None:
-        with noted(self.results, what):
+        with note_failure(self.results, what):
             write()
 
     def _json(self) -> str:

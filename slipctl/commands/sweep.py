@@ -14,13 +14,13 @@ import numpy as np
 
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
-from slipctl.run import sweep_export
-from slipctl.run.ensemble import World
 from slipctl.run.results import Case
-from slipctl.run.sweeping import Sweep, sweep
-from slipctl.study import doors, preparing
+from slipctl.run.sweep import sweep_export
+from slipctl.run.sweep.ensemble import World
+from slipctl.run.sweep.sweep_runs import Sweep, sweep
+from slipctl.study import case_setup, resolve
 from slipctl.study.declaration import Study
-from slipctl.study.texts import number, wrapped
+from slipctl.study.report.texts import number, wrap_table
 
 log = logging.getLogger("slipctl")
 
@@ -36,7 +36,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
-    options.settings = preparing.opened(options.settings)
+    options.settings = case_setup.open_gain_files(options.settings)
     study, case, loop = _case(options)
     world = None if options.varied else _world(study, case, loop, options)
     progress = Progress(1, sys.stderr, options.quiet)
@@ -72,14 +72,14 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
     """Study, case and loop that a name stands for, with what was set and swapped."""
     left, colon, right = options.name.rpartition(":")
     if not colon:
-        if options.name in doors.studies() or options.name.endswith((".py", ".toml")):
-            raise doors.no_loop(options.name, doors.load_study(options.name))
-        doors.load_block(options.name)  # says what it is not
+        if options.name in resolve.studies() or options.name.endswith((".py", ".toml")):
+            raise resolve.no_loop(options.name, resolve.load_study(options.name))
+        resolve.load_block(options.name)  # says what it is not
         raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
-    study = doors.load_study(left)
+    study = resolve.load_study(left)
     loop, _, scenario = right.partition("@")
-    scenario = scenario or doors.find_loop(study, right)[1].scenario.name
-    cases, _ = preparing.prepare(
+    scenario = scenario or resolve.find_loop(study, right)[1].scenario.name
+    cases, _ = case_setup.prepare(
         study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
     )
     return study, cases[0], loop
@@ -151,4 +151,4 @@ def report(found: Sweep) -> str:
         rows.append([name, unit, *map(number, cells)])
     widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
-    return "\n".join([*head, "", wrapped(rows, widths), "", tail])
+    return "\n".join([*head, "", wrap_table(rows, widths), "", tail])

@@ -6,15 +6,15 @@ import argparse
 import logging
 from pathlib import Path
 
-from slipctl.design import page, written
-from slipctl.design.promises import of_loop
+from slipctl.design import gain_files, page
+from slipctl.design.promises import promises_of_loop
 from slipctl.design.tune import Stopped, Tuned, tune
 from slipctl.draw import plots
 from slipctl.errors import BadInput
-from slipctl.run import stopping, store
-from slipctl.run.ensemble import Ensemble, load_ensemble
+from slipctl.run import interrupts, store
 from slipctl.run.results import Case
-from slipctl.study import doors, preparing
+from slipctl.run.sweep.ensemble import Ensemble, load_ensemble
+from slipctl.study import case_setup, resolve
 from slipctl.study.declaration import Study
 
 log = logging.getLogger("slipctl")
@@ -30,14 +30,14 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("--out names no folder; write one")
     out = Path(options.out)
     store.check_folder(out)
-    options.settings = preparing.opened(options.settings)
+    options.settings = case_setup.open_gain_files(options.settings)
     study, case, loop, ensemble = _case(options)
     name = f"{options.name.rpartition(':')[0]}:{loop}@{case.scenario.name}"
     try:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
             scenario=case.scenario, signals=study.signals, known=case.known,
-            gains=of_loop(study.gains, loop, case.scenario.name), out=out,
+            gains=promises_of_loop(study.gains, loop, case.scenario.name), out=out,
             samples=options.samples, seed=options.seed, runs=options.runs,
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
@@ -48,19 +48,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
     except Stopped as stopped:
         write_gains(stopped.best, out, command)
         raise KeyboardInterrupt(
-            f"{out / 'gains.toml'} has the best so far; the same line goes on; {stopping.KEPT}"
+            f"{out / 'gains.toml'} has the best so far; the same line goes on; {interrupts.KEPT}"
         ) from None
     write_gains(found, out, command)
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:
-        said = written.certificate_of(found, command, options.settings, options.swaps)
+        said = gain_files.certificate_of(found, command, options.settings, options.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
     if found.front:
-        store.write_json(out / "front.json", written.front_of(found, command))
+        store.write_json(out / "front.json", gain_files.front_of(found, command))
         plots.save(page.front_picture(found), out, "front", command)
     store.write_text(out / "report.html", page.page(found, command))
     if options.json:
-        print(store.json_text(written.found_of(found, command) | {"folder": str(out)}).rstrip())
+        print(store.json_text(gain_files.found_of(found, command) | {"folder": str(out)}).rstrip())
         return 0
     print(page.text(found))
     names = ["gains.toml", *(["certificate.json"] if certified else []),
@@ -71,26 +71,26 @@ def answer(options: argparse.Namespace, command: str) -> int:
 
 def write_gains(found: Tuned, out: Path, command: str) -> None:
     """Write ``gains.toml``."""
-    store.write_text(out / "gains.toml", written.gains_text(found, command))
+    store.write_text(out / "gains.toml", gain_files.gains_text(found, command))
 
 
 def _case(options: argparse.Namespace) -> tuple[Study, Case, str, Ensemble]:
     """Study, case, loop and ensemble that a name stands for, with what was set and swapped."""
     left, colon, right = options.name.rpartition(":")
     if not colon:
-        if options.name in doors.studies() or options.name.endswith((".py", ".toml")):
-            raise doors.no_loop(options.name, doors.load_study(options.name))
-        doors.load_block(options.name)  # says what it is not
+        if options.name in resolve.studies() or options.name.endswith((".py", ".toml")):
+            raise resolve.no_loop(options.name, resolve.load_study(options.name))
+        resolve.load_block(options.name)  # says what it is not
         raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
     given = load_ensemble(options.ensemble) if options.ensemble else None
-    study = doors.load_study(left)
+    study = resolve.load_study(left)
     loop, _, scenario = right.partition("@")
     if not scenario:
-        cases = doors.build_cases(study)
+        cases = resolve.build_cases(study)
         having = [c.scenario.name for c in cases if loop in c.loops]
         declared = [s for s in study.ensembles if s in having]
         if not having:
-            doors.pick_loop(study, cases, right)  # says what there is
+            resolve.pick_loop(study, cases, right)  # says what there is
         scenario = (declared or having)[0]
     ensemble = given or study.ensembles.get(scenario)
     if ensemble is None:
@@ -98,7 +98,7 @@ def _case(options: argparse.Namespace) -> tuple[Study, Case, str, Ensemble]:
             f"{study.name} declares no ensemble for {loop} in scenario {scenario}; write one in a"
             " file, --ensemble FILE.toml, see slipctl docs tune"
         )
-    cases, _ = preparing.prepare(
+    cases, _ = case_setup.prepare(
         study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
     )
     return study, cases[0], loop, ensemble

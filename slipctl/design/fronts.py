@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slipctl.design.goals import paired
-from slipctl.design.tuning import REDRAWN, SURE, Candidate, Search
+from slipctl.design.gain_search import REDRAWN, SURE, Candidate, Search
+from slipctl.design.goals import paired_difference
 from slipctl.seek import population
-from slipctl.study.texts import with_unit
+from slipctl.study.report.texts import with_unit
 
 QUIET = 12
 """Generations without a new point of the front after which a search has arrived."""
@@ -68,7 +68,7 @@ class FrontSearch(Search):
         if a != b:
             return a > b and (final or b <= 0)
         for mine, its in zip(one.scores, other.scores, strict=True):
-            mean, error = paired(mine.values[:draws], its.values[:draws])
+            mean, error = paired_difference(mine.values[:draws], its.values[:draws])
             if not (mean > (0.0 if final else SURE * error) or mean == math.inf):
                 return False
         return True
@@ -116,7 +116,7 @@ class FrontSearch(Search):
         while len(found) < many and left:
             first = [n for n in left
                      if not any(_ahead(places[m], places[n]) for m in left)]  # fmt: skip
-            apart = crowding([places[n][1] for n in first])
+            apart = crowding_distance([places[n][1] for n in first])
             ranked = sorted(zip(first, apart, strict=True), key=lambda p: (-p[1], p[0]))
             found += [left.pop(n) for n, _ in ranked][: many - len(found)]
         return found
@@ -158,7 +158,7 @@ def knee(front: Sequence[Sequence[float]]) -> int:
     return int(np.lexsort((lost.sum(axis=1), lost.max(axis=1)))[0])
 
 
-def crowding(places: Sequence[Sequence[float]]) -> list[float]:
+def crowding_distance(places: Sequence[Sequence[float]]) -> list[float]:
     """Sum over objectives of the distance between the neighbours of each; infinite at the ends."""
     values = np.asarray(places, dtype=float)
     total = np.zeros(len(values))

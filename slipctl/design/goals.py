@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import METRICS, Metric
 
@@ -221,7 +221,7 @@ class Score:
         return float(np.mean(self.values[:draws]))
 
 
-def paired(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
+def paired_difference(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
     """Mean difference of values on the same draws, and its standard error."""
     d = np.asarray(one, dtype=float) - np.asarray(other, dtype=float)
     if not np.isfinite(d).all():

@@ -13,7 +13,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.design.goals import single
 from slipctl.errors import BadInput
-from slipctl.run.sweeping import Measured
+from slipctl.run.sweep.sweep_runs import Measured
 
 NEAR = 1e-9
 """How far a number of the loop may be from that of its certificate, as a share."""

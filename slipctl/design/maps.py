@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 
 from slipctl import __version__
-from slipctl.block.units import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.certify import proofs
-from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, checked
+from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact_numbers
 from slipctl.design.levels import Levels
-from slipctl.design.promises import scaled
+from slipctl.design.promises import with_margin
 from slipctl.draw import looks, plots
 from slipctl.draw.regions import regions
 from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.run import store
 from slipctl.seek.population import Box
-from slipctl.study.jobs import Cores, each
+from slipctl.study.jobs import Cores, run_jobs
 
 LEVELS = (1.2, 2.0, 5.0)
 """Margins whose level lines are drawn."""
@@ -154,7 +154,7 @@ def drawn_map(
         BadInput: numbers of the design point that mean nothing.
     """
     check_whole("--points", points, 2, MOST)
-    numbers = checked(system, given)
+    numbers = exact_numbers(system, given)
     x, y = axes
     xs, ys = (a.values(points) for a in axes)
 
@@ -170,7 +170,7 @@ def drawn_map(
 
     rows: dict[str, list[tuple[str, float]]] = {}
     jobs = {str(k): row(float(b)) for k, b in enumerate(ys)}
-    with closing(each(jobs, cores or Cores(1), lambda name, share: None)) as outcomes:
+    with closing(run_jobs(jobs, cores or Cores(1), lambda name, share: None)) as outcomes:
         for name, outcome in outcomes:
             rows[name] = outcome.get()
             tell(len(rows) / points)
@@ -185,7 +185,7 @@ def drawn_map(
 def _point(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
     """Verdict at a point, and up to which margin it is proved."""
     try:
-        numbers = checked(system, given)
+        numbers = exact_numbers(system, given)
         verdict = proofs.decide(system, numbers).verdict
     except (BadInput, ArithmeticError):
         return "", 0.0
@@ -194,7 +194,7 @@ def _point(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
     margin = 1.0
     for level in LEVELS:
         try:
-            if proofs.decide(system, scaled(system, numbers, level)).verdict != CERTIFIED:
+            if proofs.decide(system, with_margin(system, numbers, level)).verdict != CERTIFIED:
                 break
         except (BadInput, ArithmeticError):
             break

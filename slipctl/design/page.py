@@ -12,12 +12,12 @@ import numpy as np
 from slipctl import __version__
 from slipctl.certify.promise import CERTIFIED
 from slipctl.design import statement
-from slipctl.design.judging import CLOSE, Slice
+from slipctl.design.gain_search import TRAINING
+from slipctl.design.judgement import CLOSE, Slice
 from slipctl.design.tune import Tuned
-from slipctl.design.tuning import TRAINING
 from slipctl.draw import plots
-from slipctl.study.report import STYLE, image, table
-from slipctl.study.texts import number, with_unit, wrapped
+from slipctl.study.report.report_page import STYLE, image, table
+from slipctl.study.report.texts import number, with_unit, wrap_table
 
 Rows = list[list[str]]
 
@@ -137,7 +137,7 @@ def text(found: Tuned) -> str:
 
 
 def _table(rows: Rows) -> str:
-    return wrapped(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])
+    return wrap_table(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])
 
 
 # ---- pictures ------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.block.block import Block
 from slipctl.certify import catalogue, proofs
-from slipctl.certify.promise import CERTIFIED, INPUT, UNDECIDED, System, checked
+from slipctl.certify.promise import CERTIFIED, INPUT, UNDECIDED, System, exact_numbers
 from slipctl.design.goals import Proved
 from slipctl.errors import BadInput
 from slipctl.study.declaration import Gains
@@ -38,13 +38,13 @@ class Promises:
     def numbers(self, gains: Gains, loop: Block) -> dict[str, Fraction]:
         """Numbers of a certificate for a loop as it is."""
         system = catalogue.system(gains.system)
-        return checked(system, {k: float(v) for k, v in gains.numbers(loop).items()})
+        return exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
 
     def verdict(self, gains: Gains, loop: Block, margin: float = 1.0) -> str:
         """Verdict with every bound of the disturbances so many times as large."""
         system = catalogue.system(gains.system)
         try:
-            numbers = scaled(system, self.numbers(gains, loop), margin)
+            numbers = with_margin(system, self.numbers(gains, loop), margin)
             return proofs.decide(system, numbers).verdict
         except (BadInput, ArithmeticError):
             return UNDECIDED
@@ -94,7 +94,9 @@ class Promises:
         return good
 
 
-def scaled(system: System, numbers: Mapping[str, Fraction], margin: float) -> dict[str, Fraction]:
+def with_margin(
+    system: System, numbers: Mapping[str, Fraction], margin: float
+) -> dict[str, Fraction]:
     """Numbers with the bounds of what is withstood ``margin`` times as large.
 
     Those are all inputs that are no times (a sample period, a lag); where there is none of them,
@@ -106,7 +108,7 @@ def scaled(system: System, numbers: Mapping[str, Fraction], margin: float) -> di
     return {k: v * by if k in bounds else v for k, v in numbers.items()}
 
 
-def of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[Gains, ...]:
+def promises_of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[Gains, ...]:
     """Certificates that a study declares of a loop, in this scenario or in any."""
     found = []
     for g in gains:
@@ -119,4 +121,4 @@ def of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[Gains, ..
 def certificate(gains: Gains, loop: Block, promises: Promises, margin: float) -> dict[str, Any]:
     """Certificate as ``slipctl certify --out`` writes it, with the bounds times the margin."""
     system = catalogue.system(gains.system)
-    return proofs.write(system, scaled(system, promises.numbers(gains, loop), margin))
+    return proofs.write(system, with_margin(system, promises.numbers(gains, loop), margin))

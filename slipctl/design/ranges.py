@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.sharing import number_at, targets
+from slipctl.block.shared_numbers import number_at, targets
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput
 from slipctl.run.rail import Scenario
-from slipctl.run.varying import read_axis
+from slipctl.run.sweep.sweep_plan import read_axis
 
 DOOR = "--free"
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import stopping
-from slipctl.run.ensemble import Draw, World
+from slipctl.run import interrupts
 from slipctl.run.metrics import Metric
-from slipctl.run.sweep_store import Ended, Store
+from slipctl.run.sweep.ensemble import Draw, World
+from slipctl.run.sweep.sweep_store import Ended, Store
 
 FILE = "runs.sqlite"
 """Name of the store in the folder of a search."""
@@ -95,7 +95,7 @@ class Rolls:
                 self._keep(f.result() for f in ended)
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
-                stopping.heard()
+                interrupts.note_interrupt()
             stopped = True
             pool.shutdown(wait=True, cancel_futures=True)
             self._keep(f.result() for f in waiting if f.done() and not f.cancelled())
@@ -106,6 +106,6 @@ class Rolls:
     def _keep(self, ended: Iterable[tuple[Ended, Mapping[str, Metric] | None] | None]) -> None:
         found = [e for e in ended if e is not None]
         if self.store is not None:
-            with stopping.unbroken():
+            with interrupts.hold_interrupts():
                 self.store.add([e for e, _ in found])
         self._kept |= {e.run: metrics for e, metrics in found}

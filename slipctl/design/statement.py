@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from slipctl.certify import binomial
-from slipctl.certify.entries import DoesNotHold, mapping, rational, rows, whole
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.design.gain_search import FIRST_PROOF, Search
 from slipctl.design.goals import single
-from slipctl.design.tuning import FIRST_PROOF, Search
 from slipctl.errors import BadInput
-from slipctl.run.ensemble import read_ensemble
+from slipctl.run.sweep.ensemble import read_ensemble
 
 SHARE = Fraction(99, 100)
 """Share of all draws in which a claim shall hold."""
@@ -88,7 +88,7 @@ def level(attempt: int) -> Fraction:
     return BETA / attempt
 
 
-def missing(attempt: int) -> Fraction:
+def error_chance(attempt: int) -> Fraction:
     """Chance that this attempt or one before it is wrong, at most."""
     return sum((level(j) for j in range(1, attempt + 1)), Fraction(0))
 
@@ -102,7 +102,7 @@ def prove(search: Search) -> dict[str, Any]:
     attempt = 1
     while True:
         kept = search.rolls.count(FIRST_PROOF + attempt - 1)
-        fresh = kept < binomial.needed(1 - SHARE, level(attempt))
+        fresh = kept < binomial.draws_needed(1 - SHARE, level(attempt))
         entries = _attempt(search, attempt)
         if fresh or all(c.reached for c in check(entries)):
             return entries
@@ -111,7 +111,7 @@ def prove(search: Search) -> dict[str, Any]:
 
 def _attempt(search: Search, attempt: int) -> dict[str, Any]:
     world, goal = search.rolls.world, search.objective
-    draws = binomial.needed(1 - SHARE, level(attempt))
+    draws = binomial.draws_needed(1 - SHARE, level(attempt))
     asked = [(search.best.number, search.best.numbers, k) for k in range(draws)]
     metrics = search.rolls.all(FIRST_PROOF + attempt - 1, asked)
     values = [math.inf if m is None else goal.value(m) for m in metrics]
@@ -160,7 +160,7 @@ def check(given: Mapping[str, Any]) -> list[Claim]:
         DoesNotHold: a count, a share or the hash is not what its draws give.
         BadInput: it is malformed.
     """
-    found = mapping(given, ENTRIES, "statistical")
+    found = read_mapping(given, ENTRIES, "statistical")
     attempt = whole(found.get("attempt"), "statistical.attempt", 1, 1000)
     draws = whole(found.get("draws"), "statistical.draws", 1, binomial.MOST)
     whole(found.get("seed"), "statistical.seed", 0, 2**62)
@@ -175,7 +175,7 @@ def check(given: Mapping[str, Any]) -> list[Claim]:
     claims = [Claim(said, draws, lost, 1 - binomial.largest_share(draws, lost, beta), SHARE)]
     for k, row in enumerate(rows(found.get("claims", []), "statistical.claims", 100)):
         where = f"statistical.claims[{k}]"
-        entry = mapping(row, CLAIM, where, True)
+        entry = read_mapping(row, CLAIM, where, True)
         seen = _numbers(entry["values"], f"{where}.values", draws)
         limit = _numbers([entry["limit"]], f"{where}.limit", 1)[0]
         beyond = whole(entry["violations"], f"{where}.violations", 0, draws)
@@ -198,7 +198,7 @@ def lines(given: Mapping[str, Any]) -> list[str]:
     claims = check(given)
     attempt = int(given["attempt"])
     head = f"ensemble {str(given['hash'])[:16]}, seed {given['seed']}, attempt {attempt}"
-    return [f"{c.line(missing(attempt))} ({head})" for c in claims]
+    return [f"{c.line(error_chance(attempt))} ({head})" for c in claims]
 
 
 def _bound(value: float, unit: Any) -> str:
@@ -222,7 +222,7 @@ def _numbers(given: Any, where: str, many: int) -> list[float]:
     return found
 
 
-def chosen(payload: Mapping[str, Any], many: int, draws: int) -> list[int]:
+def repeated_draws(payload: Mapping[str, Any], many: int, draws: int) -> list[int]:
     """Draws that are repeated: by the content of the file, so that nobody knows them before."""
     import hashlib
 

@@ -15,20 +15,21 @@ import numpy as np
 from slipctl import __version__
 from slipctl.block.block import Block, as_block
 from slipctl.certify.promise import CERTIFIED
-from slipctl.design import judging, statement
+from slipctl.design import judgement, statement
 from slipctl.design.fronts import FrontSearch
-from slipctl.design.judging import Judged, Slice
-from slipctl.design.polish import Polished, polish
+from slipctl.design.gain_search import HELD_OUT, RUNS, TRAINING, Candidate, Search, goals_of_loop
+from slipctl.design.judgement import Judged, Slice
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
 from slipctl.design.rolls import FILE, Rolls
-from slipctl.design.tuning import HELD_OUT, RUNS, TRAINING, Candidate, Search, wanted
+from slipctl.design.slopes.polish import Polished, polish
 from slipctl.errors import BadInput, check_whole
-from slipctl.run import machine, stopping, sweep_store
-from slipctl.run.ensemble import Ensemble, World
+from slipctl.run import interrupts, machine
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known
 from slipctl.run.roles import Signals
+from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.ensemble import Ensemble, World
 from slipctl.study.declaration import Gains
 
 
@@ -159,7 +160,9 @@ def tune(
     _apart(frees, world)
     numbers = {f.name: f.now for f in frees}
     there = world.metrics(numbers, world.draw(TRAINING, 0))
-    goals, limits, proved = wanted(objective, subject_to, there, name, [g.name for g in gains])
+    goals, limits, proved = goals_of_loop(
+        objective, subject_to, there, name, [g.name for g in gains]
+    )
     if runs is None:
         runs = RUNS * len(frees) * len(goals)
     check_whole("--runs", runs, 1)
@@ -190,11 +193,11 @@ def tune(
             if len(goals) == 1:
                 polished = polish(search)
                 best = search.best
-            judged = judging.judge(search, held_out)
-            along = tuple(judging.slices(search))
+            judged = judgement.judge(search, held_out)
+            along = tuple(judgement.slices(search))
             stated = statement.prove(search) if prove else None
         except KeyboardInterrupt:
-            stopping.heard()
+            interrupts.note_interrupt()
             raise Stopped(_with(found, search.best, None, ())) from None
         return replace(_with(found, best, judged, along, stated), polished=polished)
     finally:

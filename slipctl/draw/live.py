@@ -197,7 +197,7 @@ def share(figures: Iterable[Live]) -> int:
     return int(np.clip(ALL * 3 / 4 / 4 / max(many, 1), LEAST, POINTS))
 
 
-def thinned(t: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, bool]:
+def thin_curve(t: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, bool]:
     """A curve of at most so many points: of each column its smallest and its largest value.
 
     Returns:
@@ -235,7 +235,7 @@ def text(live: Live, points: int) -> str:
 def _told(panel: Panel, span: tuple[float, float], points: int) -> Mapping[str, Any]:
     curves = []
     for c in panel.curves:
-        t, y, pairs = thinned(c.t, c.y, points)
+        t, y, pairs = thin_curve(c.t, c.y, points)
         seen = y[np.isfinite(y)]
         ends = (float(seen.min()), float(seen.max()))
         curves.append({

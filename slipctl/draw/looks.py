@@ -144,7 +144,7 @@ SAME = 0.008
 """Share of the height of a panel within which two curves look like one."""
 
 
-def covered(
+def covered_curves(
     curve: tuple[Any, Any], below: Sequence[tuple[Any, Any]], height: float | None = None
 ) -> int:
     """On how many curves one lies for a fifth of its length or more; it is to be dashed.
@@ -170,7 +170,7 @@ def covered(
     return found
 
 
-def apart(panels: Sequence[Mapping[str, Any]], order: Sequence[str]) -> dict[str, Any]:
+def line_styles(panels: Sequence[Mapping[str, Any]], order: Sequence[str]) -> dict[str, Any]:
     """Line of each curve, the same in all panels: one that lies on another has more gaps than it.
 
     Args:
@@ -181,7 +181,7 @@ def apart(panels: Sequence[Mapping[str, Any]], order: Sequence[str]) -> dict[str
 
     def lies_on(name: str, other: str) -> bool:
         return any(
-            name in panel and other in panel and covered(panel[name], [panel[other]], height)
+            name in panel and other in panel and covered_curves(panel[name], [panel[other]], height)
             for panel, height in zip(panels, heights, strict=True)
         )
 

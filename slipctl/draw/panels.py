@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.errors import BadInput, nearest
 from slipctl.run.metrics import worst
 
@@ -26,7 +26,7 @@ class Panel(NamedTuple):
     unit: str
 
 
-def shown(
+def make_panel(
     results: Results,
     scenario: str,
     logs: Mapping[str, Any],
@@ -39,7 +39,7 @@ def shown(
         BadInput: no loop logs it.
     """
     first, *others = [wanted] if isinstance(wanted, str) else wanted
-    found = {loop: n for loop, log in logs.items() if (n := named(results, log, first))}
+    found = {loop: n for loop, log in logs.items() if (n := logged_name(results, log, first))}
     if not found:
         known = [str(n) for log in logs.values() for n in log]
         raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
@@ -52,15 +52,15 @@ def shown(
     loop, name = next(iter(found.items()))
     signal, rough = logs[loop][name], {n: v / most for n, v in varied.items()}
     unit = str(signal.attrs.get("units", "1"))
-    return Panel(first, others, curves, rough, meaning(signal, name), unit)
+    return Panel(first, others, curves, rough, short_meaning(signal, name), unit)
 
 
-def meaning(signal: Any, name: str) -> str:
+def short_meaning(signal: Any, name: str) -> str:
     """Meaning of a signal, up to its first comma."""
     return str(signal.attrs.get("long_name") or name).partition(",")[0]
 
 
-def named(results: Results, log: Any, wanted: str) -> str | None:
+def logged_name(results: Results, log: Any, wanted: str) -> str | None:
     """Logged name of a role or of a name; None if the log has neither."""
     if wanted in log:
         return wanted
@@ -77,4 +77,4 @@ def samples(log: Any, name: str, span: tuple[float, float] | None) -> tuple[np.n
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
-    return t, scaled(str(log[name].attrs.get("units", "1")))[0] * y
+    return t, display_scale(str(log[name].attrs.get("units", "1")))[0] * y

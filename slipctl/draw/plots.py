@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import live
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
@@ -23,10 +23,10 @@ from slipctl.draw.looks import (
     ORANGE,
     PALETTE,
     RAILS,
-    apart,
     colour,
     dash,
     label,
+    line_styles,
     logarithmic,
     names_below,
     panels,
@@ -37,7 +37,7 @@ from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
-from slipctl.draw.panels import meaning, named, samples, shown
+from slipctl.draw.panels import logged_name, make_panel, samples, short_meaning
 from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.run.results import NotRun
 
@@ -79,10 +79,10 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    drawn = [shown(results, scenario, logs, wanted, span) for wanted in signals]
+    drawn = [make_panel(results, scenario, logs, wanted, span) for wanted in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
-    dashes = apart([panel.curves for panel in drawn], behind)
+    dashes = line_styles([panel.curves for panel in drawn], behind)
     dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
     with style():
         for axis, panel in zip(axes[:, 0], drawn, strict=True):
@@ -96,7 +96,7 @@ def traces(
                 entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
-            factor, unit = scaled(unit)
+            factor, unit = display_scale(unit)
             axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)), unit))
             if limits and first in limits:
                 axis.set_ylim(*(factor * edge for edge in limits[first]))
@@ -124,14 +124,14 @@ def _references(
     entries: dict[str, Any],
 ) -> None:
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
-    found = {loop: n for loop, log in logs.items() if (n := named(results, log, wanted))}
+    found = {loop: n for loop, log in logs.items() if (n := logged_name(results, log, wanted))}
     drawn: list[np.ndarray] = []
     for loop, name in found.items():
         values = logs[loop][name].values
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        said = meaning(logs[loop][name], name)
+        said = short_meaning(logs[loop][name], name)
         curve = samples(logs[loop], name, span)
         line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
         entries.setdefault(said, line)
@@ -259,7 +259,7 @@ def lines(
         hues = _hues(list(curves))
         long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
                 if len(np.atleast_1d(xs)) > 1}  # fmt: skip
-        lines_of: dict[str, Any] = apart([long], list(long))
+        lines_of: dict[str, Any] = line_styles([long], list(long))
         for name, (xs, ys) in curves.items():
             own = _line(name, hues)
             dashes = lines_of.get(name, own) if own == "-" else own
@@ -467,21 +467,21 @@ def load() -> None:
     """Import what drawing needs, ahead of the first figure."""
     import matplotlib.figure  # noqa: F401
 
-    import slipctl.draw.saving  # noqa: F401
+    import slipctl.draw.figure_files  # noqa: F401
 
 
 def svg_text(fig: Figure, stamp: str = "") -> str:
     """Figure as SVG, the same text every time; ``stamp`` is what it says of itself."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.svg_text(fig, stamp)
+    return figure_files.svg_text(fig, stamp)
 
 
 def png_bytes(fig: Figure, stamp: str = "") -> bytes:
     """Figure as PNG, the same bytes every time; ``stamp`` is what it says of itself."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.pictures(fig, stamp)[1]
+    return figure_files.pictures(fig, stamp)[1]
 
 
 def mark_quick(fig: Figure) -> None:
@@ -493,6 +493,6 @@ def mark_quick(fig: Figure) -> None:
 
 def save(fig: Figure, folder: Path, stem: str, stamp: str = "") -> str:
     """Write a figure as PNG and SVG; gives the SVG."""
-    from slipctl.draw import saving
+    from slipctl.draw import figure_files
 
-    return saving.save(fig, folder, stem, stamp)
+    return figure_files.save(fig, folder, stem, stamp)

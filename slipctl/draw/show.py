@@ -1,6 +1,6 @@
 """Show a block: equations in the paper's letters, signals, Jacobian, and what differs between two.
 
-Diagrams are in :mod:`slipctl.draw.diagram`; ``graph`` and ``svg`` are offered here too.
+Diagrams are in :mod:`slipctl.draw.diagrams.diagram`; ``graph`` and ``svg`` are offered here too.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from slipctl.block import formula
-from slipctl.block.plain_text import Text, cut
 from slipctl.block.reach import reach_text
-from slipctl.block.sharing import differences, places_of
+from slipctl.block.shared_numbers import differences, places_of
 from slipctl.block.signals import Signal
-from slipctl.draw.diagram import graph, svg
-from slipctl.draw.levels import inner
+from slipctl.block.text import formula
+from slipctl.block.text.plain_text import Text, cut
+from slipctl.draw.diagrams.diagram import graph, svg
+from slipctl.draw.diagrams.levels import inner
 from slipctl.draw.typeset import Latex, letter
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
 
-__all__ = ["difference", "graph", "hidden", "latex", "svg", "text"]
+__all__ = ["difference", "graph", "hidden_units", "latex", "svg", "text"]
 
 LINES = 60
 """Equations of one block that are shown; a loop that was written out has thousands."""
@@ -97,14 +97,14 @@ def _symbols(block: Block, role: str) -> dict[str, Any]:
     return out
 
 
-def hidden(block: Block) -> dict[str, str]:
+def hidden_units(block: Block) -> dict[str, str]:
     """Unit constants that the formulas of a block hide: meaning by unit."""
-    from slipctl.block import units
+    from slipctl.block.units import unit_algebra
 
     found: dict[str, str] = {}
     for _, leaf in block.leaves():
         if leaf.sx:
-            with units.checking_units() as ones:
+            with unit_algebra.checking_units() as ones:
                 leaf.expr(*(leaf.symbols(role) for role in ("state", "input", "param")))
             found |= {k: doc for k, (_, doc) in ones.items()}
     return found
@@ -117,7 +117,7 @@ def _leaves(block: Block) -> Iterator[tuple[str, Block]]:
 
 def _lines(g: formula.Graph, write: Text) -> Iterator[tuple[str, str]]:
     """Left and right side of definitions and equations, as text."""
-    for name, n in formula.defined(g):
+    for name, n in formula.named_nodes(g):
         yield name, write.root(n)
     for label, (n,) in g.roots.items():
         own = g.letters.get(n, label) == label
@@ -168,7 +168,7 @@ def text(block: Block, jacobian: bool = True) -> str:
     if shared:
         shared += [(p, f"differs from {n}") for p, n in differences(block).items()]
         out += ["Shared numbers", *_indent(_columns(shared)), ""]
-    if ones := hidden(block):
+    if ones := hidden_units(block):
         rows = [(f"1 {unit}", doc) for unit, doc in ones.items()]
         out += ["Unit constants that the formulas hide", *_indent(_columns(rows)), ""]
     if jacobian:
@@ -485,7 +485,7 @@ def _equation_changes(a: Block, b: Block) -> list[str]:
             key = (node.op, tuple(ids[i] for i in node.args), repr(node.value), node.name)
             ids.append(known.setdefault(key, len(known)))
         keys.append({k: ids[root[0]] for k, root in g.roots.items()})
-        keys[-1] |= {k: ids[n] for k, n in ((name, n) for name, n in formula.defined(g))}
+        keys[-1] |= {k: ids[n] for k, n in ((name, n) for name, n in formula.named_nodes(g))}
         formula.shorten(g)
         texts.append(dict(_lines(g, Text(g))))
     out = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from slipctl.block.formula import HIDDEN
-from slipctl.block.plain_text import ATOM, CASE, POWER, PRODUCT, SUM, Text
+from slipctl.block.text.formula import HIDDEN
+from slipctl.block.text.plain_text import ATOM, CASE, POWER, PRODUCT, SUM, Text
 
 GREEK = frozenset(
     re.findall(

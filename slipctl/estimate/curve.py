@@ -11,9 +11,9 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.signals import evaluate, names_in
-from slipctl.block.units import dimension_equal, factor, parse_quantity, unit
+from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
-from slipctl.estimate.heads import read_heads, spelt
+from slipctl.estimate.heads import python_name, read_heads
 from slipctl.estimate.tables import Table
 
 
@@ -149,9 +149,9 @@ def _columns(
     """Names, units, values and line numbers of the columns."""
     if isinstance(table, Table):
         rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
-        values = {spelt(n): rows[:, k] for k, n in enumerate(table.names)}
+        values = {python_name(n): rows[:, k] for k, n in enumerate(table.names)}
         return list(values), table.units, values, [line for line, _ in table.rows]
-    values = {spelt(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+    values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
     if not values or len({v.size for v in values.values()}) != 1:
         raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
     for n, v in values.items():

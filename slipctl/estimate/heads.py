@@ -10,10 +10,10 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block import unit_walk
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
-from slipctl.block.units import Unit, dimension_equal, unit
+from slipctl.block.units import unit_walk
+from slipctl.block.units.unit_algebra import Unit, dimension_equal, unit
 from slipctl.errors import BadInput
 
 Units = Mapping[str, str]
@@ -22,7 +22,7 @@ WORDS = re.compile(rf"\b({'|'.join(keyword.kwlist)})\b")
 """Words that may head a column and are none of an expression, such as lambda."""
 
 
-def spelt(text: str) -> str:
+def python_name(text: str) -> str:
     """A name or an expression whose names may be written in one: lambda_ for lambda."""
     return WORDS.sub(r"\1_", text)
 

@@ -27,7 +27,7 @@ import numpy as np
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.connection import connect
 from slipctl.block.signals import Output, Param, State
-from slipctl.block.timing import every
+from slipctl.block.transforms.discretisation import every
 from slipctl.errors import BadInput, check_positive
 from slipctl.estimate.misfit import (
     SURE,
@@ -40,7 +40,7 @@ from slipctl.estimate.misfit import (
     rotation,
     solution,
 )
-from slipctl.estimate.model import known_parameters, stacked
+from slipctl.estimate.model import known_parameters, stack_column
 from slipctl.seek import random as wh
 from slipctl.seek.swarm import particle_swarm
 
@@ -103,7 +103,7 @@ def identify(
     if n >= N:
         raise BadInput(f"{where}: {N} samples for {n} parameters; give {n + 1} or more")
     fixed = law.param_values()
-    constants = stacked(ca.DM(fixed[s.name]) for s in known_parameters(law, names))
+    constants = stack_column(ca.DM(fixed[s.name]) for s in known_parameters(law, names))
     H, offset = rows(inputs, constants)
     m = m - offset
     R_z: Any = np.linalg.qr(np.column_stack([H, m]), mode="r")
@@ -126,7 +126,7 @@ def identify(
     if search is not None:
         if list(search.outputs) != [*names, "value"]:
             raise BadInput(f"{where}: search has to be misfit_search of {', '.join(names)}")
-        found = search(rng=np.array(wh.seeded(seed)), **information_numbers(R, z))[1]
+        found = search(rng=np.array(wh.state_from_seed(seed)), **information_numbers(R, z))[1]
         values = np.array([found[k] for k in names])
     return Identified(
         dict(zip(names, values.tolist(), strict=True)),
@@ -208,7 +208,7 @@ def linear_fit(
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         inputs = law.pack("input", {k: u[k] for k in law.inputs})
-        _, slopes, offset = rows.function(inputs, stacked(p[s.name] for s in known))
+        _, slopes, offset = rows.function(inputs, stack_column(p[s.name] for s in known))
         prior = ca.diag(p["noise"] / p["spread"])
         before = ca.horzcat(prior, prior @ p["centre"])
         lam, begins = p["forgetting"], x["count"] == 0

@@ -116,9 +116,9 @@ def rls(
         raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
     model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")
     if form == "window":
-        from slipctl.estimate.window import windowed
+        from slipctl.estimate.window import windowed_estimator
 
-        block = windowed(
+        block = windowed_estimator(
             model,
             period,
             int(window),

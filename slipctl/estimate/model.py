@@ -13,8 +13,8 @@ import numpy as np
 
 from slipctl.analysis.objective import settled_by
 from slipctl.block.block import Block, Exprs
-from slipctl.block.inside import told, watched
 from slipctl.block.signals import Output, Param, Signal, State, evaluate, names_in
+from slipctl.block.text.intermediates import collect_locals, with_locals
 from slipctl.errors import BadInput, nearest
 
 
@@ -130,7 +130,7 @@ class Model:
 
     def constants(self, p: Exprs) -> Any:
         """Known parameters as one column."""
-        return stacked(p[s.name] for s in self.known())
+        return stack_column(p[s.name] for s in self.known())
 
     def predict(self, theta: Any, inputs: Any, constants: Any) -> tuple[Any, Any]:
         """Output at theta and its regressor h, the exact Jacobian as a column."""
@@ -230,17 +230,17 @@ def output_function(
         piece = constants[at : at + s.size]
         given[s.name] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
         at += s.size
-    with watched() as found:
+    with collect_locals() as found:
         y = law.expr({}, law.unpack("input", inputs), law.derive(given))[1][measured]
     results = [y, ca.densify(ca.jacobian(y, values))]
     made = ca.Function(
         f"{law.name}_of", [values, inputs, constants], results,
         ["values", "inputs", "constants"], ["output", "row"], {"cse": True},
     )  # fmt: skip
-    return told(made, found) if law.sx else made
+    return with_locals(made, found) if law.sx else made
 
 
-def stacked(columns: Iterable[Any]) -> Any:
+def stack_column(columns: Iterable[Any]) -> Any:
     """Stack expressions to one column; an empty one if there are none."""
     found = [ca.reshape(c, c.shape[0] * c.shape[1], 1) for c in columns]
     return ca.vertcat(*found) if found else ca.DM(0, 1)

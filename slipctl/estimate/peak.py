@@ -23,7 +23,7 @@ from slipctl.estimate.model import (
     known_parameters,
     measured_output,
     output_function,
-    stacked,
+    stack_column,
     unknown_parameters,
 )
 
@@ -89,7 +89,7 @@ def probe(
         best = ca.fmin(ca.fmax(u["best"], low), high)
         inputs = law.pack("input", {k: u[k] for k in others} | {over: best})
         values = ca.vertcat(*[u[k] for k in unknown])
-        g, curvature = gradient(values, inputs, stacked(p[k.name] for k in known))
+        g, curvature = gradient(values, inputs, stack_column(p[k.name] for k in known))
         variance = g @ u["covariance"] @ g.T
         certain = ca.logic_and(curvature < 0, variance < (WORST * best) ** 2)
         deviation = ca.if_else(certain, ca.sqrt(ca.fmax(variance, 0)) / best, WORST)
@@ -225,7 +225,7 @@ def peak_bound(
         raise BadInput(f"peak_bound({law.name}): samples must be lists of one length")
     every = law.param_values(**params)
     values = ca.DM([float(every[k]) for k in unknown])
-    known = stacked(ca.DM(every[s.name]) for s in known_parameters(law, unknown))
+    known = stack_column(ca.DM(every[s.name]) for s in known_parameters(law, unknown))
     count, n = columns[0].size, len(unknown)
     inputs = ca.DM(np.array(columns).reshape(len(columns), count))
     many = [ca.repmat(c, 1, count) for c in (values, known)]

@@ -15,7 +15,7 @@ from slipctl.block.block import Exprs
 from slipctl.block.signals import Output, Signal, State
 
 
-def counted(x: Exprs, agrees: Any, recall: int, t: Any = None) -> tuple[Exprs, Any]:
+def count_sample(x: Exprs, agrees: Any, recall: int, t: Any = None) -> tuple[Exprs, Any]:
     """Count a sample: states ``agreed`` and ``summed`` after it, and whether the estimate is back.
 
     Args:
@@ -40,7 +40,7 @@ def put_aside(x: Exprs, names: tuple[str, ...], counts: Exprs, left: Any, over: 
     Args:
         x: states before it.
         names: those that are what an estimate knows.
-        counts: of :func:`counted`.
+        counts: of :func:`count_sample`.
         left: whether the estimate is left now, and worth keeping.
         over: whether what was put aside is sought no longer.
     """

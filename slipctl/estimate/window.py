@@ -40,7 +40,7 @@ come with the last tick, to the bit those of a fit in one; ``changed`` comes wit
 
 With ``echo`` the noise of a sample comes back with the opposite sign in the next, and sigma is that
 of one of the two. Residuals and regressors are then innovations
-(:mod:`slipctl.estimate.whitening`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
+(:mod:`slipctl.estimate.noise_weights`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.inside import remembered
 from slipctl.block.signals import Param, Signal, State
+from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate import recall as taken_back
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
-from slipctl.estimate.whitening import echoing_sums, shift_ratios, signature, white_sums
+from slipctl.estimate.noise_weights import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
 
 DAMPING = 0.1
@@ -88,7 +88,7 @@ DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
 """Arguments of the normal equations."""
 
 
-def windowed(
+def windowed_estimator(
     model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0,
     recall: int = 0, per_tick: int | None = None,
 ) -> Block:  # fmt: skip
@@ -120,7 +120,7 @@ def windowed(
         predicted, h = model.predict(former["theta"], inputs, constants)
         off, may = measurement - predicted, variance(told, h, p)
         t = off / (p["gate"] * ca.sqrt(may)) if memory > 1 else None
-        counts, back = taken_back.counted(x, off**2 <= p["gate"] ** 2 * may, recall, t)
+        counts, back = taken_back.count_sample(x, off**2 <= p["gate"] ** 2 * may, recall, t)
         taken = former | {"unsettled": 0, "damping": DAMPING}
         taken |= {"shifts": 0} if memory > 1 else {}
         return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, counts, back
@@ -438,7 +438,7 @@ def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
     return D, LT
 
 
-@remembered
+@remember_locals
 def _solver(n: int) -> ca.Function:
     """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
     A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
@@ -449,7 +449,7 @@ def _solver(n: int) -> ca.Function:
     )  # fmt: skip
 
 
-@remembered
+@remember_locals
 def _inverse(n: int) -> ca.Function:
     """Function (A, least pivots) -> A^-1 for symmetric positive definite A, or 1/least.
 

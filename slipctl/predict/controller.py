@@ -11,20 +11,20 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
-from slipctl.predict import telling
-from slipctl.predict.active_set import ActiveSet
-from slipctl.predict.asked import Limit
-from slipctl.predict.curved import Curved
-from slipctl.predict.growing import STRETCH, later
-from slipctl.predict.horizon import Horizon, Soft
-from slipctl.predict.linearised import linearised
-from slipctl.predict.offset import SHARE
-from slipctl.predict.parting import Tick, parted
+from slipctl.predict import description
+from slipctl.predict.options.arguments import Limit
+from slipctl.predict.options.offset import SHARE
+from slipctl.predict.options.scenarios import TOGETHER
+from slipctl.predict.qp.active_set import ActiveSet
+from slipctl.predict.qp.line_search import Search
+from slipctl.predict.qp.split_tick import Tick, split_results
+from slipctl.predict.qp.stage_loops import as_one_call
+from slipctl.predict.qp.status import SMALL
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
-from slipctl.predict.repeating import apart
-from slipctl.predict.scenarios import TOGETHER
-from slipctl.predict.search import Search
-from slipctl.predict.status import SMALL
+from slipctl.predict.stages.exact_hessian import Curved
+from slipctl.predict.stages.horizon import Horizon, Soft
+from slipctl.predict.stages.linear_stage import stage_functions
+from slipctl.predict.stages.stage_lengths import STRETCH, plan_shift
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
 """What the output ``status`` says, in words."""
@@ -53,7 +53,7 @@ class Controller:
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
         self.weights, self.iterations, self.solver = weights, iterations, solver
         self.short = dict(zip(controls, problem.decided, strict=True))
-        self.once, self.stage, layout, self.step = linearised(where, problem)
+        self.once, self.stage, layout, self.step = stage_functions(where, problem)
         self.end, last = problem.end()
         self.curved = Curved(where, problem, layout, last) if problem.exact else None
         if self.curved:
@@ -225,7 +225,7 @@ class Controller:
             for n in self.unknown
         ]
         return make_block(
-            name, "step", apart("tick", self._body), states=states,
+            name, "step", as_one_call("tick", self._body), states=states,
             inputs=[*self.measured(), *self.given()],
             params=[*model.params.values(), *self.settings()], outputs=outputs,
             period=h, sx=False, doc=doc,
@@ -242,10 +242,10 @@ class Controller:
         """The problem in mathematics."""
         method, substeps = over
         steps = "a step" if substeps == 1 else f"{substeps} steps"
-        return telling.controller(
+        return description.controller(
             self.h, f"{plant} over {h:g} s, {steps} of {method}", self.short, self.limits,
             list(self.rate), self.ahead, self.tied,
-            telling.solver(
+            description.solver(
                 self.solver, self.iterations, self.qp.passes, self.qp.rescue, self.qp.exactly,
                 self.h.exact,
             ),
@@ -325,7 +325,7 @@ class Controller:
         only, kept = xs[PREPARE] > 0, tuple(xs[n] for n in AHEAD)
         still = (xs["applied"], xs["planned"], xs["applied"] * self.scale, *[ca.MX(0)] * 3)
         tick = Tick(only, xs["prepared"], plan, kept, given, measured, still)
-        rest, ahead = parted(self._prepare, self._feedback, tick)
+        rest, ahead = split_results(self._prepare, self._feedback, tick)
         nxt, out = self._learnt(xs, *self._named(*rest), *learn)
         nxt |= {n: ca.if_else(only, xs[n], nxt[n]) for n in LEARNT if self.unknown}
         ready = ca.logic_and(only, xs["planned"] > 0)
@@ -387,7 +387,7 @@ class Controller:
             following = self.step(X[-nx:], V[-nu:], d[:, -1], shared)
             after = ca.vertcat(V[nu:], V[-nu:]) if N > 1 else V
             return [ca.vertcat(X[nx:], following), after, self.qp.shifted(S)]
-        places, stages = later(self.h.lengths)
+        places, stages = plan_shift(self.h.lengths)
         following = self.step(X[-nx:], V[-nu:], d_last, shared)
         states = ca.horzcat(ca.reshape(X, nx, N + 1), following) @ places
         controls: Any = ca.reshape(V, nu, N)

@@ -8,15 +8,15 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
-from slipctl.estimate.kalman.model import Numbers, Problem, by_name, squared, start_value
-from slipctl.predict import telling
-from slipctl.predict.horizon import Soft
-from slipctl.predict.limits import FAR, entries_of
-from slipctl.predict.repeating import apart
-from slipctl.predict.status import SMALL
+from slipctl.estimate.kalman.model import Numbers, Problem, by_name, start_value, unit_squared
+from slipctl.predict import description
+from slipctl.predict.options.limits import FAR, entries_of
+from slipctl.predict.qp.stage_loops import as_one_call
+from slipctl.predict.qp.status import SMALL
+from slipctl.predict.stages.horizon import Soft
 from slipctl.predict.window import TINY, Window
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken, begins afresh", 3: "limits given up"}
@@ -104,9 +104,9 @@ def mhe(
     for word, count in counts.items():
         check_whole(f"{who}: {word}", count, 2 if word == "samples" else 1)
     check_whole(f"{who}: rescue", rescue, 0)
-    unknown = {s.name: squared(s.unit) for s in problem.unknown}
+    unknown = {s.name: unit_squared(s.unit) for s in problem.unknown}
     rates = {n: f"{u}/s" for n, u in unknown.items()}
-    seen = {s.name: squared(s.unit) for s in problem.measured}
+    seen = {s.name: unit_squared(s.unit) for s in problem.measured}
     numbers = {
         "prior": by_name(who, "arrival", arrival, unknown, "positive"),
         "drift": by_name(who, "drift", drift, rates, "not negative"),
@@ -176,7 +176,7 @@ class _Estimator:
         """Variances, first estimates, limits, and the parameters of the plant."""
         problem, found = self.w.problem, []
         for s in problem.unknown:
-            u, n, short = squared(s.unit), s.name, _short(s.name)
+            u, n, short = unit_squared(s.unit), s.name, _short(s.name)
             first = self.numbers["start"].get(n, float(start_value(problem.block, s)))
             found += [
                 Param(u, self.numbers["prior"][n], f"variance of {n} at the start", lo=TINY,
@@ -187,7 +187,7 @@ class _Estimator:
                     f"start_{short}"),
             ]  # fmt: skip
         for s in problem.measured:
-            u = squared(s.unit)
+            u = unit_squared(s.unit)
             found.append(
                 Param(u, self.numbers["noise"][s.name], f"variance of measured {s.name}", lo=TINY,
                       hi=1e30).named(f"noise_{_short(s.name)}")
@@ -245,9 +245,9 @@ class _Estimator:
                 "residual"),
         ]  # fmt: skip
         return make_block(
-            name, "step", apart("estimate", self._body), states=states,
+            name, "step", as_one_call("estimate", self._body), states=states,
             inputs=[*measured, *there, *problem.known],
-            params=self.params(), outputs=outputs, period=w.period, sx=False, doc=about(mhe),
+            params=self.params(), outputs=outputs, period=w.period, sx=False, doc=doc_of_maker(mhe),
             choices={
                 "flow": problem.block.name, "samples": M, "iterations": self.iterations,
                 "measured": ", ".join(s.name for s in problem.measured),
@@ -259,10 +259,10 @@ class _Estimator:
     def lines(self) -> list[tuple[str, str]]:
         """The problem in mathematics."""
         w, problem = self.w, self.w.problem
-        return telling.estimator(
+        return description.estimator(
             f"{problem.block.name} over {w.period:g} s",
             [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
-            w.samples, telling.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
+            w.samples, description.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def shared(self, p: Exprs) -> tuple[Any, Any]:

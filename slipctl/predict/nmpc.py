@@ -6,26 +6,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from slipctl.block.block import Block, about, as_block
+from slipctl.block.block import Block, as_block, doc_of_maker
 from slipctl.errors import BadInput, check_positive, check_whole
-from slipctl.predict.asked import (
+from slipctl.predict.controller import Controller
+from slipctl.predict.options.arguments import (  # fmt: skip
     Limit,
     bounds_of,
     by_name,
     check_numbers,
-    previewed,
+    preview_names,
     rates_of,
     scale_of,
     tied_of,
     weights_of,
-)  # fmt: skip
-from slipctl.predict.controller import Controller
-from slipctl.predict.growing import STRETCH, lengths, stretched
-from slipctl.predict.horizon import Horizon
-from slipctl.predict.limits import limits_of
-from slipctl.predict.offset import pushed, with_unknown
-from slipctl.predict.scenarios import TOGETHER, Factors, factors_of
-from slipctl.predict.terminal import with_lqr, with_matrix
+)
+from slipctl.predict.options.limits import limits_of
+from slipctl.predict.options.offset import with_constant_rates, with_unknown
+from slipctl.predict.options.scenarios import TOGETHER, Factors, factors_of
+from slipctl.predict.options.terminal import with_lqr, with_matrix
+from slipctl.predict.stages.horizon import Horizon
+from slipctl.predict.stages.stage_lengths import STRETCH, lengths, with_time_scale
 
 
 def nmpc(
@@ -83,13 +83,13 @@ def nmpc(
         terminal: what counts in the last stage. Names of outputs of the cost, by default all that
             do not depend on the control; or a law of residuals of its own (their weights stand in
             ``weights`` too). Or ``"lqr"``, the cost to go of the linear quadratic regulator
-            (:mod:`slipctl.predict.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with the
+            (:mod:`slipctl.predict.options.terminal`); or a matrix P, 1/2 (x - x_s)'P (x - x_s) with the
             best steady state x_s. The last two are of the plant linearised at ``at``, with the
             parameters and weights given here: what is set later does not change them. x_s follows
             the held inputs, linearly.
         offset_free: what is not known and constant, so that no offset stays: held inputs of the
             plant (a load, an adhesion), or states whose rate lacks something. Each tick estimates
-            it from what the last one missed (:mod:`slipctl.predict.offset`); ``offset_share`` of
+            it from what the last one missed (:mod:`slipctl.predict.options.offset`); ``offset_share`` of
             that is learnt. It is no input of the controller then.
         at: the point for these two: values of states, controls and held inputs, else declared ones.
         preview: held inputs, and bounds with a name, that are known ahead: such an input of the
@@ -116,12 +116,12 @@ def nmpc(
             by its length, a rate from the middle of one to that of the next.
         iterations: real-time iterations per tick.
         hessian: ``"gauss_newton"``, or ``"exact"`` with the curvature of residuals, prices and
-            equations, made convex (:mod:`slipctl.predict.curved`). It is for large residuals and
+            equations, made convex (:mod:`slipctl.predict.stages.exact_hessian`). It is for large residuals and
             for prices; limits are soft ones with squares then.
         damping: Levenberg's: curvature added to the cost of each iteration's step of a control,
             over its size. The steps get shorter and what they end at stays; 0 leaves it out.
         search: shorten the step of an iteration where cost and misses of the stages do not fall
-            (:mod:`slipctl.predict.search`).
+            (:mod:`slipctl.predict.qp.line_search`).
         passes: largest number of passes of the active set in each.
         rescue: largest number of steps of the interior point method where they have not sufficed
             or went in a circle. 0 for none, where the time of a tick has to be short.
@@ -129,7 +129,7 @@ def nmpc(
             each takes the same time. Where the passes do not suffice, ``status`` is 1.
         scenarios: factors of held inputs and parameters of the plant, ``[{"mu_p": 0.8}, {}]``. One
             plan is made for all of them, at equal shares of the cost and within the limits of each
-            (:mod:`slipctl.predict.scenarios`).
+            (:mod:`slipctl.predict.options.scenarios`).
         shared: stages whose controls the scenarios share; behind them each has its own, because by
             then it is known which one is true. By default they share all. Rates hold along each
             branch.
@@ -137,7 +137,7 @@ def nmpc(
         split: the tick may be made in two: what can be done before the measurement, and the rest.
             In C those are ``<n>_prepare`` and ``<n>_feedback``. The held inputs count as they were
             when it was prepared; bounds with a name count as they are. The state is larger then.
-        solver: ``"riccati"`` (:mod:`slipctl.predict.active_set`; generated as C, float
+        solver: ``"riccati"`` (:mod:`slipctl.predict.qp.active_set`; generated as C, float
             included). For comparison: the same iterations by ``"osqp"`` or ``"qrqp"``, and each
             tick solved to the end by ``"ipopt"`` or ``"fatrop"``; these run in Python only.
         name: name of the block.
@@ -185,7 +185,7 @@ def nmpc(
     names = terminal if isinstance(terminal, (list, tuple)) and _all_names(terminal) else None
     driven = plant
     if offset_free != ():
-        plant, unknown = pushed(where, plant, offset_free, list(full.values()))
+        plant, unknown = with_constant_rates(where, plant, offset_free, list(full.values()))
     factors: Factors = ()
     if len(scenarios):
         if offset_free != () or not (terminal is None or own or names is not None):
@@ -204,7 +204,7 @@ def nmpc(
         raise BadInput(f"{where}: economic= goes without 'lqr' and a matrix, which know no prices")
     long = lengths(where, grow, int(horizon))
     if long:
-        plant = stretched(plant)
+        plant = with_time_scale(plant)
     problem = Horizon.of(
         plant,
         cost,
@@ -250,14 +250,14 @@ def nmpc(
         )
     own_ones = (STRETCH, TOGETHER, *(problem.unknown.names if problem.unknown else ()))
     held = [n for n in problem.held if n not in own_ones]
-    ahead = previewed(where, preview, [*held, *(b for p in limits.values() for b in p)])
+    ahead = preview_names(where, preview, [*held, *(b for p in limits.values() for b in p)])
     if moves is not None and any(b in ahead for p in limits.values() for b in p):
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return Controller(
         where, problem, controls, limits, rate, softs, weigh, tied, int(iterations),
         (int(passes), int(rescue), bool(deadline)), solver, ahead, float(damping), bool(split),
         bool(search),
-    ).block(name, h, [driven, cost, *laws.values()], (method, substeps), about(nmpc))  # fmt: skip
+    ).block(name, h, [driven, cost, *laws.values()], (method, substeps), doc_of_maker(nmpc))  # fmt: skip
 
 
 def _all_names(given: Sequence[Any]) -> bool:

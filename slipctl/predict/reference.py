@@ -1,6 +1,6 @@
 """The same optimal control problems by general solvers: OSQP, qrqp, IPOPT, FATROP.
 
-They validate :mod:`slipctl.predict.active_set` and are what its speed is measured against. They
+They validate :mod:`slipctl.predict.qp.active_set` and are what its speed is measured against. They
 keep memory of their own or want libraries that a target does not have, so they run in Python only.
 """
 
@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl.errors import BadInput
-from slipctl.predict.active_set import LEAST, ActiveSet, Found
-from slipctl.predict.horizon import Horizon
+from slipctl.predict.qp.active_set import LEAST, ActiveSet, Found
+from slipctl.predict.stages.horizon import Horizon
 
 OSQP: dict[str, Any] = {
     "osqp": {"verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polish": True},
@@ -46,7 +46,7 @@ COMPILED: dict[str, Any] = {
 
 
 @contextmanager
-def compiled() -> Iterator[None]:
+def compile_callbacks() -> Iterator[None]:
     """Compile what IPOPT and FATROP call, in blocks that are made meanwhile.
 
     It takes some 10 s for each, so it is for measuring times. A C compiler is needed: without one

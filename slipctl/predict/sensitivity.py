@@ -21,9 +21,9 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, as_block
-from slipctl.block.sharing import number_at
+from slipctl.block.shared_numbers import number_at
 from slipctl.errors import BadInput, nearest
-from slipctl.run.prepared import Prepared
+from slipctl.run.preparation import Prepared
 from slipctl.run.rail import Scenario
 
 NEAR = 1e-6

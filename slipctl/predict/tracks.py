@@ -20,7 +20,7 @@ def elements(block: Block, role: str) -> list[str]:
     return names
 
 
-def logged(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndarray:
+def log_signal(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndarray:
     """A signal of a log by full name, or the only one that ends with it."""
     if name in log:
         return np.asarray(log[name].values, dtype=float)
@@ -33,7 +33,7 @@ def rows_at(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.nd
     return np.column_stack([np.interp(wanted, places, column) for column in values.T])
 
 
-def between(
+def resample_columns(
     times: np.ndarray, values: np.ndarray, first: float, last: float, s: np.ndarray
 ) -> np.ndarray:
     """Columns of values over times, at shares s of the way from ``first`` to ``last``."""

@@ -16,13 +16,13 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.timing import sampled
+from slipctl.block.transforms.discretisation import sampled
 from slipctl.errors import BadInput, RunFailed
-from slipctl.predict.horizon import expressions
-from slipctl.predict.tracks import between, elements, logged, rows_at
+from slipctl.predict.stages.horizon import expressions
+from slipctl.predict.tracks import elements, log_signal, resample_columns, rows_at
 from slipctl.run.build import column
-from slipctl.run.feeding import begun, rail_values
 from slipctl.run.rail import Scenario
+from slipctl.run.scenario_inputs import loop_at_start, rail_values
 
 if TYPE_CHECKING:
     import xarray
@@ -159,7 +159,7 @@ class _Problem:
         if plant.kind != "flow":
             raise BadInput(f"{where}: {plant.name} is a {plant.kind}; give the flow, not sampled")
         self.where, self.scenario = where, scenario
-        self.plant = plant = begun(plant, scenario)
+        self.plant = plant = loop_at_start(plant, scenario)
         names = [control] if isinstance(control, str) else list(control)
         self.controls = [plant.find(c, "input") for c in names]
         self.bounds = self._bounds(dict(zip(names, self.controls, strict=True)), bounds or {})
@@ -238,7 +238,7 @@ class _Problem:
         """Scale the states by the largest that the runs show: a torque starts at zero."""
         for log in logs:
             for k, name in enumerate(self.states):
-                seen = np.abs(logged(log, name, self.x0[k : k + 1])).max()
+                seen = np.abs(log_signal(log, name, self.x0[k : k + 1])).max()
                 self.scale[k] = max(self.scale[k], seen)
 
     def guess(self, log: xarray.Dataset | None) -> dict[str, Any]:
@@ -255,24 +255,24 @@ class _Problem:
             times = np.asarray(log["time"].values, dtype=float)
             last = times[-1]
             for name, value in self.end.items():  # a run that went on is cut where it arrived
-                way = np.sign(logged(log, name, np.full(times.size, value)) - value)
+                way = np.sign(log_signal(log, name, np.full(times.size, value)) - value)
                 arrived = np.flatnonzero(way != way[0])
                 last = min(last, times[arrived[0]]) if arrived.size else last
             edges[-1] = max(min(edges[-1], last), edges[-2] + 1e-3)
             durations = list(np.diff(edges))
             x = np.column_stack(
-                [logged(log, n, np.full(times.size, v)) for n, v in
+                [log_signal(log, n, np.full(times.size, v)) for n, v in
                  zip(self.states, self.x0, strict=True)]
             )  # fmt: skip
             u = np.column_stack(
-                [logged(log, n, np.full(times.size, m)) for n, m in
+                [log_signal(log, n, np.full(times.size, m)) for n, m in
                  zip(self.controls, middle, strict=True)]
             )  # fmt: skip
         return {
             "durations": durations,
-            "x": [lambda s, k=k: between(times, x, edges[k], edges[k + 1], s) for k in
+            "x": [lambda s, k=k: resample_columns(times, x, edges[k], edges[k + 1], s) for k in
                   range(len(self.phases))],
-            "u": [lambda s, k=k: between(times, u, edges[k], edges[k + 1], s) for k in
+            "u": [lambda s, k=k: resample_columns(times, u, edges[k], edges[k + 1], s) for k in
                   range(len(self.phases))],
         }  # fmt: skip
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.timing import sampled
+from slipctl.block.transforms.discretisation import sampled
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import build
 
@@ -50,7 +50,7 @@ class Driver:
         self.block = block
         self.x = build.column(block.pack("state", block.start()))
         self.p = build.column(block.pack("param", block.param_values()))
-        self._roll = build.rolling(block.f, compile)
+        self._roll = build.make_roller(block.f, compile)
 
     def prepare(self, *inputs: Any) -> None:
         """Prepare the next tick of a block made with ``split=True``; measured inputs are not read.

@@ -7,7 +7,7 @@ Over M samples, x_0 that of the oldest, with w = noise of the motion per tick ov
 
 a and P = L L' are the arrival: what the samples before the window tell. e is the control of one
 more stage in front, which starts from nothing, so the window is an optimal control problem of M
-stages and goes to :mod:`slipctl.predict.active_set`. Samples that have not come yet do not move the
+stages and goes to :mod:`slipctl.predict.qp.active_set`. Samples that have not come yet do not move the
 state.
 
 When the window moves on, the oldest sample goes into the arrival by a step of a Kalman filter with
@@ -25,8 +25,8 @@ import casadi as ca
 
 from slipctl.errors import BadInput
 from slipctl.estimate.kalman.model import Problem
-from slipctl.predict.active_set import ActiveSet, Found
-from slipctl.predict.horizon import HARD, Layout, Soft
+from slipctl.predict.qp.active_set import ActiveSet, Found
+from slipctl.predict.stages.horizon import HARD, Layout, Soft
 
 FREE = 1e30
 """Bound of a noise: none."""

@@ -186,7 +186,7 @@ class Roller:
         )  # fmt: skip
 
 
-def compiled(f: ca.Function, ticks: int = LONG) -> Roller | None:
+def compile_roller(f: ca.Function, ticks: int = LONG) -> Roller | None:
     """Compile ``f`` or take it from the cache; None where there is no compiler or it fails.
 
     Args:
@@ -338,13 +338,13 @@ def roll_interpreted(
     return len(u)
 
 
-def rolling(f: ca.Function, compile: bool = True, ticks: int = LONG) -> Callable[..., int]:
+def make_roller(f: ca.Function, compile: bool = True, ticks: int = LONG) -> Callable[..., int]:
     """What advances f over ``ticks``, ``(x, u, p, x_log, y_log) -> ticks done``.
 
     Compiled where there is a compiler (:meth:`Roller.roll`), else in CasADi's virtual machine; the
     numbers are the same.
     """
-    roller = compiled(f, ticks) if compile else None
+    roller = compile_roller(f, ticks) if compile else None
     return partial(roll_interpreted, f) if roller is None else roller.roll
 
 
@@ -353,7 +353,7 @@ def column(v: ca.DM | np.ndarray) -> np.ndarray:
     return np.array(ca.DM(v).full()).ravel()
 
 
-def packed(loop: Block, role: str, values: Mapping[str, Any]) -> np.ndarray:
+def pack_numbers(loop: Block, role: str, values: Mapping[str, Any]) -> np.ndarray:
     """Numbers of one role, packed as the loop's Function takes them."""
     numbers = packed_numbers(loop._signals[role], values)
     return column(loop.pack(role, values)) if numbers is None else numbers

@@ -227,7 +227,7 @@ def rail_names(scenario: Any, changes: Sequence[float]) -> list[str]:
     return [f"{n} from {t:.4g} s" if n in twice else n for n, t in zip(names, starts, strict=True)]
 
 
-def settling(
+def settling_time(
     time: np.ndarray, error: np.ndarray, start: float, stop: float, band: float
 ) -> float | None:
     """Time in s from ``start`` until ``error`` stays in the band up to ``stop``; None if never."""
@@ -278,7 +278,7 @@ def _settling(run: Run, wanted: str) -> Metric | None:
     if error is None or band is None:
         return None
     time, error = run.time[run.moving], error[run.moving]
-    found = [settling(time, error, a, b, band) for a, b in run.stretches]
+    found = [settling_time(time, error, a, b, band) for a, b in run.stretches]
     return Metric(found, "s", run.rows)
 
 

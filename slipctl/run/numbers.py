@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.replication import with_derived
-from slipctl.block.sharing import number_at, targets
+from slipctl.block.shared_numbers import number_at, targets
 from slipctl.block.signals import Signal
+from slipctl.block.transforms.replication import with_derived
 from slipctl.errors import BadInput
-from slipctl.run.feeding import begun, completed, given_by
 from slipctl.run.rail import Scenario
+from slipctl.run.scenario_inputs import complete_params, given_by, loop_at_start
 
 NUDGE = 1e-9
 """Share by which a number is moved that is the same before and after, to see what it changes."""
@@ -66,7 +66,7 @@ class Template:
                 new |= dict.fromkeys(self.places[name], value)
             block = self.loop._numbered(new)
             own = {n: block.params[n].check(n, v) for n, v in new.items() if n in block.params}
-            values = completed(block, {**self.values, **own}, self.follow)
+            values = complete_params(block, {**self.values, **own}, self.follow)
             for part, names in self.guarded:
                 known = {**values, **block.start()}
                 own = {n: known[full] for n, full in names.items() if full in known}
@@ -100,7 +100,7 @@ def template(
     declared = {k: tuple(loop.declared(n) for n in full) for k, full in meant.items()}
     tried = {k: _other(declared[k], v) for k, v in numbers.items()}
     changed = loop.with_params(**tried)
-    after = begun(changed, scenario)
+    after = loop_at_start(changed, scenario)
     ruled = {number_at(changed, n) for n in given_by(changed, scenario)}
     slots = {n: k for k, full in meant.items() for n in full if n not in ruled}
     if after._made is not loop._made or len(slots) < sum(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from slipctl.block.block import Block
-from slipctl.run.prepared import prepare
+from slipctl.run.preparation import prepare
 from slipctl.run.rail import Scenario
 
 if TYPE_CHECKING:

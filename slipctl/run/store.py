@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.errors import BadInput
-from slipctl.run.stopping import unbroken
+from slipctl.run.interrupts import hold_interrupts
 
 FORMAT = 1
 """Format that this version writes, and the newest that it reads."""
@@ -100,7 +100,7 @@ def check_file(file: Path) -> None:
 
 
 @contextmanager
-def telling(path: Path) -> Iterator[None]:
+def name_file_in_errors(path: Path) -> Iterator[None]:
     """Let an error of the disk name the file that was to be written, not the temporary one."""
     try:
         yield
@@ -111,9 +111,9 @@ def telling(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def temporary_for(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``; it becomes ``path`` if all goes well."""
-    with unbroken(), telling(path):
+    with hold_interrupts(), name_file_in_errors(path):
         yield from _replacing(path)
 
 
@@ -148,13 +148,13 @@ def _umask() -> int:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
-    with replacing(path) as scratch:
+    with temporary_for(path) as scratch:
         scratch.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_with(path: Path, write: Callable[[Path], Any]) -> None:
     """Let ``write`` fill a file under a temporary name, then rename it."""
-    with replacing(path) as scratch:
+    with temporary_for(path) as scratch:
         write(scratch)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.reach import slip_input
-from slipctl.run.feeding import rail_values
 from slipctl.run.rail import Scenario
+from slipctl.run.scenario_inputs import rail_values
 
 SPINS = 20.0
 """Creep in m/s from which a driven wheel is one that nothing holds: no slip law goes there."""

@@ -9,16 +9,16 @@ from typing import Any
 import casadi as ca
 
 from slipctl.analysis.objective import (
-    asked,
     column,
     objective,
     open_law,
     refuse_names,
-    settled,
+    search_inputs,
+    search_params,
 )
-from slipctl.block.block import Block, Exprs, about, as_block, make_block
-from slipctl.block.inside import remembered
+from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Output, Param, State
+from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_number, check_range, check_whole
 from slipctl.seek import random as wh
 
@@ -96,8 +96,10 @@ def differential_evolution(
         Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
               ).named("F0"),
     ]  # fmt: skip
-    random = State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
-    of_one_tick = repeated(generation, int(per_tick))
+    random = State(
+        "1", wh.state_from_seed(seed), "random numbers, Wichmann-Hill", shape=(3,)
+    ).named("rng")
+    of_one_tick = repeat_step(generation, int(per_tick))
 
     def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
         """The generations of one tick, from generation G on."""
@@ -148,12 +150,12 @@ def differential_evolution(
     refuse_names(where, law, [s.name for s in (*states, *params)])
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=asked(given), params=[*params, *settled(given)],
+        states=states, inputs=search_inputs(given), params=[*params, *search_params(given)],
         outputs=[
             Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
             law.outputs[maximise].as_role("output", doc="value there").named("value"),
         ],
-        sx=False, doc=about(differential_evolution),
+        sx=False, doc=doc_of_maker(differential_evolution),
         choices={
             "form": form, "law": law.name, "over": over, "population": n,
             "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
@@ -209,7 +211,7 @@ def _each(name: str, f: ca.Function, n: int, shared: Set[int], goes_on: bool) ->
     return ca.Function(name, given, one.call(columns), f.name_in(), f.name_out())
 
 
-@remembered
+@remember_locals
 def _one_member(value_of: ca.Function, worse: float) -> ca.Function:
     """Function (rng, given, lo, hi) -> (rng, place, value) of a member."""
     rng, lo, hi = ca.SX.sym("rng", 3), ca.SX.sym("lo"), ca.SX.sym("hi")
@@ -224,7 +226,7 @@ def _one_member(value_of: ca.Function, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
-def repeated(step: ca.Function, count: int) -> ca.Function:
+def repeat_step(step: ca.Function, count: int) -> ca.Function:
     """Function that does ``count`` steps (state, constants, K) -> state, by nested calls.
 
     CasADi's ``fold`` would store every state on the way.
@@ -233,11 +235,11 @@ def repeated(step: ca.Function, count: int) -> ca.Function:
         return step
     z, constants, K = (ca.MX.sym("zcK"[i], step.size1_in(i)) for i in range(3))
     inner, rest = divmod(count, min(count, 10))
-    many, after = repeated(step, inner), z
+    many, after = repeat_step(step, inner), z
     for _ in range(min(count, 10)):
         after = many(after, constants, K)
     if rest:
-        after = repeated(step, rest)(after, constants, K)
+        after = repeat_step(step, rest)(after, constants, K)
     return ca.Function(
         f"{step.name()}s_{count}", [z, constants, K], [after], ["s", "constants", "K"], ["after"]
     )
@@ -277,7 +279,7 @@ def _generation(value_of: ca.Function, n: int, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
-@remembered
+@remember_locals
 def _draw(n: int, size: int) -> ca.Function:
     """Function (rng, first, share, K) -> (partners, trial, rng) of ``size`` members of ``n``.
 
@@ -296,8 +298,8 @@ def _draw(n: int, size: int) -> ca.Function:
         scaled = after[0] * (n - 1)
         rank_a = whole(scaled * (1 / wh.MODULI[0]))
         trial = ca.if_else(scaled - wh.MODULI[0] * rank_a < share, size, 0)
-        drawn_b = wh.below(after, 1, n - 2, whole)
-        drawn_c = wh.below(after, 2, n - 3, lambda t: t)
+        drawn_b = wh.whole_below(after, 1, n - 2, whole)
+        drawn_c = wh.whole_below(after, 2, n - 3, lambda t: t)
         beyond_b = drawn_c + ca.if_else(drawn_c >= drawn_b, 1, 0)
         rank_c = beyond_b + ca.if_else(beyond_b >= rank_a, 1, 0)
         rank_b = drawn_b + ca.if_else(drawn_b >= rank_a, 1, 0)
@@ -326,7 +328,7 @@ def _choose(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
-@remembered
+@remember_locals
 def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     """Function -> (places, values, which): members, then trials; and which of them go on.
 
@@ -356,7 +358,7 @@ def _select(value_of: ca.Function, size: int, worse: float) -> ca.Function:
     )  # fmt: skip
 
 
-@remembered
+@remember_locals
 def _best_of(n: int) -> ca.Function:
     """Function (members, values) -> (place, value) of the first best one."""
     x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)

@@ -10,9 +10,9 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.block.units import unit
+from slipctl.block.units.unit_algebra import unit
 from slipctl.certify import extremum as bounds
 from slipctl.errors import BadInput, check_finite, check_positive
 
@@ -75,14 +75,14 @@ def sliding_seek(
         states=[State(place, float(start), "place to try").named("v"),
                 State(value, 0.0, "target of the value, modulo 2 beta").named("g")],
         inputs=[Input(value, "measured value").named("y")],
-        params=[Param(per(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
-                Param(per(value, "s"), float(rho), "rate of the target", lo=1e-12,
+        params=[Param(quotient_unit(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
+                Param(quotient_unit(value, "s"), float(rho), "rate of the target", lo=1e-12,
                       hi=1e12).named("rho"),
                 Param(value, float(beta), "width of a cell", lo=1e-12, hi=1e12).named("beta"),
                 period_of(period)],
         outputs=[Output(place, "place to try").named("v"),
                  Output(value, "value less target, modulo 2 beta").named("delta")],
-        doc=about(sliding_seek), choices={"steepest": steepest},
+        doc=doc_of_maker(sliding_seek), choices={"steepest": steepest},
     )  # fmt: skip
 
 
@@ -135,10 +135,10 @@ def perturbation_seek(
         T = p["T"]
         a = x["a"] if vanishing else p["a"]
         eta = ca.if_else(x["awake"] > 0, x["eta"], u["y"])
-        wave, nxt = demodulated(x | {"eta": eta}, u["y"], p)
+        wave, nxt = demodulate(x | {"eta": eta}, u["y"], p)
         nxt |= {"th": x["th"] + T * p["k"] * x["xi"], "awake": 1}
         if vanishing:
-            nxt["a"] = faded(x, p)
+            nxt["a"] = next_amplitude(x, p)
         y = {"v": x["th"] + a * wave, "theta": x["th"], "slope": x["xi"], "amplitude": a}
         return nxt, y
 
@@ -151,7 +151,7 @@ def perturbation_seek(
         State("1", 0.0, "1 from the second tick on").named("awake"),
     ]
     params = [
-        Param(per(place, f"({value}) s"), float(k), "gain", lo=-1e12, hi=1e12).named("k"),
+        Param(quotient_unit(place, f"({value}) s"), float(k), "gain", lo=-1e12, hi=1e12).named("k"),
         Param("rad/s", float(w), "frequency of the dither", lo=1e-9, hi=1e12).named("w"),
         Param("1/s", float(w_h), "corner of the washout", lo=1e-9, hi=1e12).named("w_h"),
         Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9, hi=1e12).named("w_l"),
@@ -160,9 +160,9 @@ def perturbation_seek(
     if vanishing:
         states.append(State(place, float(a), "amplitude", lo=0).named("a"))
         params += [
-            Param(per(place, f"({value})"), float(r), "gain of the amplitude", lo=0, hi=1e12).named(
-                "r"
-            ),
+            Param(
+                quotient_unit(place, f"({value})"), float(r), "gain of the amplitude", lo=0, hi=1e12
+            ).named("r"),
             Param("1/s", float(q), "rate of the amplitude", lo=1e-9, hi=1e12).named("q"),
         ]
     else:
@@ -176,11 +176,11 @@ def perturbation_seek(
                  Output(place, "middle of the dither").named("theta"),
                  Output(value, "demodulated value").named("slope"),
                  Output(place, "amplitude of the dither").named("amplitude")],
-        doc=about(perturbation_seek), choices={"dither": dither},
+        doc=doc_of_maker(perturbation_seek), choices={"dither": dither},
     )  # fmt: skip
 
 
-def demodulated(x: Exprs, y: Any, p: Exprs) -> tuple[Any, Exprs]:
+def demodulate(x: Exprs, y: Any, p: Exprs) -> tuple[Any, Exprs]:
     """Wave of the dither, and next mean ``eta``, demodulated value ``xi`` and ``phase``."""
     T, wave, high = p["T"], ca.sin(x["phase"]), y - x["eta"]
     phase = x["phase"] + T * p["w"]
@@ -191,7 +191,7 @@ def demodulated(x: Exprs, y: Any, p: Exprs) -> tuple[Any, Exprs]:
     }
 
 
-def faded(x: Exprs, p: Exprs) -> Any:
+def next_amplitude(x: Exprs, p: Exprs) -> Any:
     """Next amplitude of a vanishing dither, a' = q (r |xi| - a)."""
     return x["a"] + p["T"] * p["q"] * (p["r"] * ca.fabs(x["xi"]) - x["a"])
 
@@ -304,7 +304,7 @@ def positive(where: str, **numbers: float) -> None:
             raise BadInput(f"{where}: {name} = {value:g} must be positive")
 
 
-def per(of: str, unit_below: str) -> str:
+def quotient_unit(of: str, unit_below: str) -> str:
     """Unit of a quotient."""
     return str(unit(f"({of}) / ({unit_below})"))
 

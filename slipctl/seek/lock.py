@@ -7,10 +7,17 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, about, make_block
+from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, State
 from slipctl.certify import extremum as bounds
-from slipctl.seek.extremum import demodulated, faded, per, period_of, positive, warn_regime
+from slipctl.seek.extremum import (
+    demodulate,
+    next_amplitude,
+    period_of,
+    positive,
+    quotient_unit,
+    warn_regime,
+)
 
 WAIT, SLIDE, LOCK = 0, 1, 2
 """Values of the output ``mode``."""
@@ -95,7 +102,7 @@ def locking_seek(
         turned = ca.if_else(side * x["side"] < 0, x["v"], x["turn"])
         locks = ca.logic_and(sliding, delta < -p["planes"] * beta)  # floor(delta_0/beta) = 0
 
-        wave, dither = demodulated(x, y, p)
+        wave, dither = demodulate(x, y, p)
         climbed = ca.fabs(x["v"] - x["turn"]) > p["reach"]
         off = ca.fabs(y - x["kept"]) > p["tolerance"] * ca.fabs(x["kept"])
         locked = ca.logic_not(ca.logic_or(waiting, sliding))
@@ -119,7 +126,7 @@ def locking_seek(
             "xi": by_mode(0, 0, dither["xi"]),
             "eta": by_mode(y, y, dither["eta"]),
             "phase": by_mode(0, 0, dither["phase"]),
-            "a": by_mode(0, p["a_0"], faded(x, p)),
+            "a": by_mode(0, p["a_0"], next_amplitude(x, p)),
             "kept": by_mode(y, y, x["kept"] + T * p["forget"] * (y - x["kept"])),
         }  # fmt: skip
         amplitude = ca.if_else(locked, x["a"], 0)
@@ -147,20 +154,20 @@ def locking_seek(
         ],
         inputs=[Input(value, "measured value").named("y")],
         params=[
-            Param(per(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
-            Param(per(value, "s"), float(rho), "rate of the target", lo=1e-12,
+            Param(quotient_unit(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
+            Param(quotient_unit(value, "s"), float(rho), "rate of the target", lo=1e-12,
                   hi=1e12).named("rho"),
             Param(value, float(beta), "width of a cell", lo=1e-12, hi=1e12).named("beta"),
             Param("1", float(planes), "cells fallen through before the lock", lo=1,
                   hi=1e12).named("planes"),
-            Param(per(place, f"({value}) s"), float(gain), "gain of the dither", lo=-1e12,
+            Param(quotient_unit(place, f"({value}) s"), float(gain), "gain of the dither", lo=-1e12,
                   hi=1e12).named("gain"),
             Param(place, float(a), "amplitude of the dither at the lock", lo=0,
                   hi=1e12).named("a_0"),
             Param("rad/s", float(w), "frequency of the dither", lo=1e-9, hi=1e12).named("w"),
             Param("1/s", float(w_h), "corner of the washout", lo=1e-9, hi=1e12).named("w_h"),
             Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9, hi=1e12).named("w_l"),
-            Param(per(place, f"({value})"), float(r), "gain of the amplitude", lo=0,
+            Param(quotient_unit(place, f"({value})"), float(r), "gain of the amplitude", lo=0,
                   hi=1e12).named("r"),
             Param("1/s", float(q), "rate of the amplitude", lo=1e-9, hi=1e12).named("q"),
             Param(place, float(reach), "climb that opens the lock", lo=0, hi=1e12).named("reach"),
@@ -178,5 +185,5 @@ def locking_seek(
             Output(place, "amplitude of the dither").named("amplitude"),
             Output(value, "locked value").named("kept"),
         ],
-        doc=about(locking_seek), choices={"steepest": steepest},
+        doc=doc_of_maker(locking_seek), choices={"steepest": steepest},
     )  # fmt: skip

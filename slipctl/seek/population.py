@@ -77,10 +77,10 @@ def trial(
     moved = x + F * (members[best] - x) + F * (members[a] - members[b])
     new = random.random(x.size) < crossover
     new[random.integers(x.size)] = True
-    return reflected(np.where(new, moved, x))
+    return reflect_at_faces(np.where(new, moved, x))
 
 
-def reflected(x: np.ndarray) -> np.ndarray:
+def reflect_at_faces(x: np.ndarray) -> np.ndarray:
     """Point folded back into the cube at its faces."""
     folded = np.mod(x, 2.0)
     return np.where(folded > 1.0, 2.0 - folded, folded)

@@ -18,7 +18,7 @@ FACTORS = (171, 172, 170)
 MODULI = (30269, 30307, 30323)
 
 
-def seeded(seed: int) -> list[float]:
+def state_from_seed(seed: int) -> list[float]:
     """State from a seed, each part in 1..modulus-1.
 
     Raises:
@@ -55,7 +55,7 @@ def uniform(state: Any) -> Any:
     return total - ca.floor(total)
 
 
-def below(state: Any, k: int, n: int, whole: Callable[[Any], Any] = ca.floor) -> Any:
+def whole_below(state: Any, k: int, n: int, whole: Callable[[Any], Any] = ca.floor) -> Any:
     """Whole number in 0..n-1 from part ``k`` of a state; n times the modulus is below 2^24."""
     return whole(state[k] * n * (1 / MODULI[k]))
 

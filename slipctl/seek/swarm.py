@@ -9,18 +9,18 @@ import casadi as ca
 import numpy as np
 
 from slipctl.analysis.objective import (
-    asked,
     column,
     objective,
     open_law,
     refuse_names,
-    settled,
+    search_inputs,
+    search_params,
 )
-from slipctl.block.block import Block, Exprs, about, as_block, make_block
+from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Output, Param, State, real_array
 from slipctl.errors import BadInput, check_number, check_positive, check_ranges, check_whole
 from slipctl.seek import random as wh
-from slipctl.seek.evolution import BLOCK, repeated
+from slipctl.seek.evolution import BLOCK, repeat_step
 
 
 def particle_swarm(
@@ -90,7 +90,7 @@ def particle_swarm(
     first = _first(value_of, d, m, lo, span).mapaccum("particles", n)
     weight = inertia if callable(inertia) else None
     iteration = _iteration(value_of, n, d, m, lo, span, weight, int(iterations))
-    search, best_of = repeated(iteration, int(iterations)), _best(n, d)
+    search, best_of = repeat_step(iteration, int(iterations)), _best(n, d)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = column(given, u, p)
@@ -108,13 +108,13 @@ def particle_swarm(
 
     return make_block(
         "particle_swarm", "step", body,
-        states=[State("1", wh.seeded(seed), "random numbers, Wichmann-Hill", shape=(3,))
+        states=[State("1", wh.state_from_seed(seed), "random numbers, Wichmann-Hill", shape=(3,))
                 .named("rng")],
-        inputs=asked(given), params=[*settings, *settled(given)],
+        inputs=search_inputs(given), params=[*settings, *search_params(given)],
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
                    for k in names),
                  law.outputs[minimise].as_role("output", doc="value there").named("value")],
-        sx=False, doc=about(particle_swarm),
+        sx=False, doc=doc_of_maker(particle_swarm),
         choices={"law": law.name, "particles": n, "iterations": int(iterations),
                  "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),
                  "seed": int(seed)} | ({"inertia": "a function"} if callable(inertia) else {}),

@@ -40,8 +40,8 @@ from slipctl.run.store import plain, read_json, write_json
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
-    from slipctl.run.ensemble import Ensemble
     from slipctl.run.rail import Scenario
+    from slipctl.run.sweep.ensemble import Ensemble
     from slipctl.study.jobs import Cores
 
 Item = TypeVar("Item")
@@ -110,7 +110,7 @@ class Context:
         Returns:
             What ``work`` gave for each item, in their order, as JSON has it (NaN is None).
         """
-        from slipctl.study.jobs import Cores, each
+        from slipctl.study.jobs import Cores, run_jobs
 
         def job(item: Item) -> Callable[[Any], Any]:
             what = {"part": name, "item": item, "key": self.key}
@@ -126,7 +126,7 @@ class Context:
             self.progress(first + (last - first) * sum(begun.values()) / max(len(items), 1))
 
         jobs = {str(k): job(item) for k, item in enumerate(items)}
-        with closing(each(jobs, self.cores or Cores(1), tell)) as outcomes:
+        with closing(run_jobs(jobs, self.cores or Cores(1), tell)) as outcomes:
             for which, outcome in outcomes:
                 found[which] = outcome.get()
                 tell(which, 1.0)

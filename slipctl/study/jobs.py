@@ -26,9 +26,9 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, TypeVar
 
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import machine, stopping
+from slipctl.run import interrupts, machine
 from slipctl.run.results import NotRun
-from slipctl.study.blaming import reason
+from slipctl.study.failures import reason
 
 log = logging.getLogger("slipctl")
 
@@ -123,7 +123,7 @@ class Cores:
         os._exit(1)
 
 
-def each(
+def run_jobs(
     jobs: Mapping[str, Job[T]],
     cores: Cores,
     tell: Callable[[str, float], None],
@@ -149,7 +149,7 @@ def each(
     free = 1  # tokens held that no job uses; this process came with its own
     try:
         while waiting or running:
-            stopping.check()
+            interrupts.check()
             while waiting and (free or cores.borrow()):
                 free = max(free, 1)  # a borrowed one is held, also where no process can be made
                 name = waiting.popleft()
@@ -185,7 +185,7 @@ def each(
                     free += 1
                 yield name, value
     finally:
-        with stopping.unbroken():  # a process that is left behind would go on writing
+        with interrupts.hold_interrupts():  # a process that is left behind would go on writing
             _stop(list(running.values()))
             for _ in range(len(running) + free - 1):
                 cores.give_back()

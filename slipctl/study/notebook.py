@@ -16,14 +16,14 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.certify.certificate import Certificate
 from slipctl.draw.looks import pretty
-from slipctl.estimate.fitting import Fitted
-from slipctl.estimate.record import FittedOverTime
+from slipctl.estimate.curve_fit import Fitted
+from slipctl.estimate.log_fit.record import FittedOverTime
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Loops
-from slipctl.run.sweeping import Sweep
+from slipctl.run.sweep.sweep_runs import Sweep
 from slipctl.study.declaration import Study
-from slipctl.study.report import equations, image, table
-from slipctl.study.texts import number
+from slipctl.study.report.report_page import equations, image, table
+from slipctl.study.report.texts import number
 
 ROWS = 20
 """Rows of a table that a cell shows."""

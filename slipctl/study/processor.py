@@ -13,20 +13,20 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode import codegen
-from slipctl.ccode.check import load
-from slipctl.ccode.check.expected import taken
-from slipctl.ccode.check.in_loop import FAULTS, Stored, run_in_loop
-from slipctl.ccode.check.rig import Rig
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.processor.in_loop import FAULTS, Stored, run_in_loop
+from slipctl.ccode.check.processor.rig import Rig
+from slipctl.ccode.check.vectors.expected_outputs import accepted_rows
 from slipctl.ccode.compile import targets
 from slipctl.ccode.compile.module import input_rows
-from slipctl.ccode.write.header import bit
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.header import bit
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.metrics import Run, measure, rail_changes
 from slipctl.run.results import Case
 from slipctl.run.simulation import simulate
-from slipctl.study import doors, running
+from slipctl.study import execution, resolve
 from slipctl.study.declaration import Study
 
 TRAJECTORY = 1e-9
@@ -76,7 +76,7 @@ class Comparison:
             f" {count['worst_tick']})"
         )
         if d["load"]:
-            lines.append(f"  {load.said(d['load'])}")
+            lines.append(f"  {load.load_line(d['load'])}")
         told = [f"{_bits(n)} in {k} tick{'s' * (k > 1)}" for n, k in d["status"].items()]
         lines.append(f"  status other than 0: {', '.join(told) or 'none'}")
         if d["faults"]:
@@ -121,10 +121,10 @@ def compare(
     """
     hertz = load.clock(clock)
     study_name, colon, loop_name = name.rpartition(":")
-    study = doors.load_study(study_name if colon else name)
+    study = resolve.load_study(study_name if colon else name)
     if not colon:
-        raise doors.no_loop(name, study)
-    loop, case = doors.find_loop(study, loop_name)
+        raise resolve.no_loop(name, study)
+    loop, case = resolve.find_loop(study, loop_name)
     part = study.controller
     if seconds is not None:
         if not seconds >= (loop.period or 0.0):
@@ -263,7 +263,7 @@ def _at_the_end(study: Study, python: Any, got: Any) -> float:
 
 def _metrics(study: Study, case: Case, data: Any) -> dict[str, float | None]:
     """Metrics of a run, each element by its own name; None where it has no value."""
-    data = running.add_known(study, case, data)
+    data = execution.add_known(study, case, data)
     run = Run(data, study.signals, rail_changes(data, case.scenario, study.signals), {})
     found: dict[str, float | None] = {}
     for n, m in measure(run).items():
@@ -307,7 +307,7 @@ def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
     given = codegen.logged_params(loop, part, python)
     values = block.param_values(**given)
     rows = input_rows(block, plan.layout.inputs, codegen.logged_inputs(loop, part, python))
-    status = taken(plan, np.broadcast_to(rows, (ticks, rows.shape[1])), values)[1]
+    status = accepted_rows(plan, np.broadcast_to(rows, (ticks, rows.shape[1])), values)[1]
     for m in plan.layout.outputs:
         if f"{part}.{m.name}" in python:
             lo, hi, *_ = plan.ends([m], values)

@@ -18,11 +18,11 @@ from slipctl import BadInput, Block, Context, Ensemble, RunFailed, Scenario, Sig
 from slipctl.certify import barrier, catalogue, higher_order, super_twisting
 from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify.systems import report
+from slipctl.design.gain_search import HELD_OUT
 from slipctl.design.tune import tune
-from slipctl.design.tuning import HELD_OUT
-from slipctl.run.ensemble import Draw, World
+from slipctl.run.sweep.ensemble import Draw, World
 from slipctl.studies.all_rails.loops import NAMES, VEHICLES, H, Vehicle, loops, scenario
-from slipctl.study.texts import number
+from slipctl.study.report.texts import number
 
 FREE: dict[str, tuple[str, str]] = {
     "pid": ("law.law.K", "law.reference.up"),

@@ -36,17 +36,17 @@ from slipctl import (
     sampled,
 )
 from slipctl.models import common_form as form
-from slipctl.models import freight_traction as freight
-from slipctl.models import freight_traction_control as cheng
-from slipctl.models import hst_braking as hst
-from slipctl.models import hst_braking_control as zhang
 from slipctl.models import sensors
-from slipctl.models import subway_braking as subway
-from slipctl.models.best_slip import searched
+from slipctl.models.best_slip import search_parts
 from slipctl.models.brakes import brake
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction_control as cheng
 from slipctl.models.common_form import Wheel
-from slipctl.models.ep_valve import air_brake
-from slipctl.models.predictive_slip import predictive
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.predictive.predictive_slip import predictive
+from slipctl.models.zhang_2021 import hst_braking as hst
+from slipctl.models.zhang_2021 import hst_braking_control as zhang
+from slipctl.models.zhang_2021.ep_valve import air_brake
 from slipctl.run.results import Loops
 from slipctl.studies.all_rails.shares import FREIGHT_SHARES, HST_SHARES, SUBWAY_SHARES, shares
 
@@ -73,7 +73,7 @@ def falling(w: Wheel) -> Block:
 
 def subway_world() -> Block:
     """Subway wheelset: 50 ms of lag, tooth wheel, noisy speed, adhesion from the wheel."""
-    fit, wires = searched(CURVE, noise=1e-2)
+    fit, wires = search_parts(CURVE, noise=1e-2)
     plant = sampled(subway.plant(CURVE, brake(lag=True)), H, "rk4", substeps=10)
     wires |= {
         "plant.T_cmd": "T_cmd",
@@ -110,7 +110,7 @@ def hst_world() -> Block:
     """Quarter train: 20 ms of lag, noisy wheel speed, speed from wheel and accelerometer."""
     curve = zhang.family()
     window, settings = zhang.FIT["fitted"]
-    fit = rls(zhang.averaged(curve), "mu", form="window", period=5e-3, **settings)
+    fit = rls(zhang.mean_adhesion_law(curve), "mu", form="window", period=5e-3, **settings)
     plant = sampled(hst.plant(hst.burckhardt, air_brake("lag")), H, "rk4", substeps=10)
     wires = {
         "to_plant.u": "T_cmd",
@@ -190,7 +190,7 @@ def mirrored_resistance(
 
 def freight_world() -> Block:
     """Driven freight train in the mirror: 20 ms of lag, noisy motor speed, load observer."""
-    fit, wires = searched(CURVE, noise=3e-3)
+    fit, wires = search_parts(CURVE, noise=3e-3)
     plant = sampled(freight.plant(freight.adhesion, freight.motor(lag=True)), H, "rk4", substeps=4)
     observer = luenberger(freight.shaft, [-400.0, -400.0], measured="omega_m")
     wires |= {

@@ -326,7 +326,7 @@ def cost(context: Context) -> Table:
 
 def tick_time(block: Block, loop: Block, vehicle: str, context: Context) -> float:
     """Mean time in s of a tick of a law along its own run, the median of five."""
-    roll = build.rolling(block.f, context.compile)
+    roll = build.make_roller(block.f, context.compile)
     first = next(iter(VEHICLES[vehicle].rails))
     names = {n: f"world.{n}" for n in block.inputs if f"world.{n}" in loop.outputs}
     log = simulate(

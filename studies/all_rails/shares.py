@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from slipctl import Block
-from slipctl.models import freight_traction as freight
-from slipctl.models import hst_braking as hst
-from slipctl.models import subway_braking as subway
-from slipctl.models.freight_traction import TRAIN
-from slipctl.models.hst_braking_reference import PRIOR
-from slipctl.models.shared import GRADIENT, SHARED
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022.freight_traction import TRAIN
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.shared_names import GRADIENT, SHARED
+from slipctl.models.zhang_2021 import hst_braking as hst
+from slipctl.models.zhang_2021.hst_braking_reference import PRIOR
 
 SUBWAY_SHARES = SHARED | GRADIENT | {"m_axle = m": "force.m_axle"} | subway.MEASURED_STARTS
 HST_SHARES = (

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipctl import Block, Context, Rail, Scenario, Section, Table, simulate
-from slipctl.models.contact import patch, polach
-from slipctl.models.predictive_speed import predictive_speed
+from slipctl.models.predictive.predictive_speed import predictive_speed
+from slipctl.models.wheel_rail.contact import patch, polach
 from slipctl.studies.hst_traction import loops as train
 from slipctl.studies.hst_traction.regret import smallest_error
 

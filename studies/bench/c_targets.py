@@ -37,21 +37,22 @@ import numpy as np
 from slipctl import BadInput, Block, RunFailed, connect, rls
 from slipctl.analysis.optimum import argmax_block
 from slipctl.ccode import codegen
-from slipctl.ccode.check import expected, fuzz
+from slipctl.ccode.check import fuzz
 from slipctl.ccode.check.comparison import expected_run, trial_rows
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile import board, targets
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import input_rows
-from slipctl.ccode.write.plan import Plan
-from slipctl.models import subway_braking
-from slipctl.models import subway_braking_control as control
+from slipctl.ccode.module.plan import Plan
+from slipctl.models.huang_2020 import subway_braking
+from slipctl.models.huang_2020 import subway_braking_control as control
 from slipctl.models.ranges import fit_ranged, peak_ranged
 from slipctl.run import store
 from slipctl.run.results import Case
 from slipctl.studies.bench import fmus
 from slipctl.studies.bench.peers.casadi_float import casadi_float
 from slipctl.studies.subway_braking import loops
-from slipctl.study import doors
+from slipctl.study import resolve
 
 REALS = ("double", "float")
 SEARCHING = "rls_argmax_super_twisting"
@@ -103,7 +104,7 @@ class Controller:
         """Inputs and parameters of its run."""
         if self.scenario is None:
             return None, {}
-        return codegen.recorded(self.loop, self.part, self.scenario)
+        return codegen.record_part(self.loop, self.part, self.scenario)
 
     def plan(self, real: str) -> Plan:
         """What its C is written from."""
@@ -150,7 +151,7 @@ def searching() -> Controller:
         ),
         "slip": control.controller(sta, "slip"),
     }
-    loop, _ = doors.find_loop(doors.load_study("subway_braking"), "sta")
+    loop, _ = resolve.find_loop(resolve.load_study("subway_braking"), "sta")
     around = {k: v for k, v in loop.wires.items() if k != "ctl.v_opt"} | {"truth.v_opt": "v_opt"}
     whole = connect(
         "loop", around, plant=loop["plant"], ctl=connect("ctl", wires, **parts), truth=loops.truth
@@ -166,19 +167,19 @@ def controllers(wanted: list[str]) -> Iterator[Controller]:
     """
     if not wanted or SEARCHING in wanted:
         yield searching()
-    names = [w for w in wanted if w != SEARCHING] if wanted else list(doors.studies())
+    names = [w for w in wanted if w != SEARCHING] if wanted else list(resolve.studies())
     for name in dict.fromkeys(w.partition(":")[0] for w in names):
-        study = doors.load_study(name)
-        cases = doors.build_cases(study)
+        study = resolve.load_study(name)
+        cases = resolve.build_cases(study)
         short: list[Case] = []
         chosen = [w.partition(":")[2] for w in names if w.startswith(f"{name}:")]
         for loop_name in chosen or dict.fromkeys(n for case in cases for n in case.loops):
-            loop, case = doors.pick_loop(study, cases, loop_name)
+            loop, case = resolve.pick_loop(study, cases, loop_name)
             if study.controller not in loop.parts:  # a bound has no controller
                 continue
             if _numbers(loop, study.controller, case) > LONG:
-                short = short or doors.build_cases(study, quick=True)
-                loop, case = doors.pick_loop(study, short, loop_name)
+                short = short or resolve.build_cases(study, quick=True)
+                loop, case = resolve.pick_loop(study, short, loop_name)
             yield Controller(f"{name}:{loop_name}", loop, study.controller, case.scenario)
 
 
@@ -281,7 +282,7 @@ def fuzzed(one: Controller, seconds: int) -> dict[str, Any]:
     found = {}
     for real in REALS:
         plan = one.plan(real)
-        found[real] = fuzz.fuzzed(plan, codegen.texts(plan), max(seconds // len(REALS), 1))
+        found[real] = fuzz.run_fuzzer(plan, codegen.texts(plan), max(seconds // len(REALS), 1))
     return {"passed": all(f["passed"] for f in found.values()), "seconds": seconds, **found}
 
 
@@ -365,15 +366,15 @@ def replayed(one: Controller) -> dict[str, Any]:
         module = codegen.c_module(block, Path(scratch) / "c", "ctl", period=one.loop.period)
         plan = Plan(block, "ctl", one.loop.period)
         rows = trial_rows(plan) if inputs is None else input_rows(block, plan.layout.inputs, inputs)
-        run = expected.with_limits(plan, expected_run(plan, rows, params), params)
+        run = expected_outputs.with_limits(plan, expected_run(plan, rows, params), params)
         module.compile(cc.compilers()[0]).load().reset(**params)
         got = np.hstack(module.replay_rows(run.rows))
-        signals = expected.differences(plan, run, got)
+        signals = expected_outputs.differences(plan, run, got)
         faults = run.faults(module.status, ~0)
     return {
         "passed": not faults and all(s["counted"] <= s["limit"] for s in signals.values()),
         "ticks": len(rows),
-        "largest_relative": expected.largest_relative(signals)[0],
+        "largest_relative": expected_outputs.largest_relative(signals)[0],
     }
 
 

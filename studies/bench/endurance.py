@@ -21,11 +21,11 @@ from casadi import cos, if_else, sin
 from slipctl import Output, Param, State, connect, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import endurance
-from slipctl.ccode.write.header import bit
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.header import bit
+from slipctl.ccode.module.plan import Plan
 from slipctl.run import store
 from slipctl.studies.hst_traction.loops import H
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 @step(
@@ -109,7 +109,7 @@ def run(subject: Subject, ticks: int) -> dict[str, Any]:
         that grew, and ``why`` it may; ``covariance``: mean of each variance in the same tenths.
     """
     study, _, name = subject.loop.partition(":")
-    loop, case = doors.find_loop(doors.load_study(study), name)
+    loop, case = resolve.find_loop(resolve.load_study(study), name)
     if subject.driven:
         wires = {f"train.{n}": f"course.{n}" for n in course.outputs}
         loop = connect("loop", wires, course=course, train=loop)
@@ -124,12 +124,12 @@ def run(subject: Subject, ticks: int) -> dict[str, Any]:
         sigma += [1.0 if m.signal.noise else held[1]] * m.size
     params = {n: v for n, v in case.scenario.params.items() if n in block.params}
     made = codegen.texts(plan)
-    found = endurance.endured(
+    found = endurance.run_many_ticks(
         plan, made, np.array([row], dtype=float), np.array(sigma), params,
         int(ticks * subject.share),
     )  # fmt: skip
     growing = {}
-    for n in endurance.drifting(found):
+    for n in endurance.growing_signals(found):
         s = found["signals"][n]
         why = next((w for end, w in subject.explained.items() if end in n), "")
         growing[n] = {

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 from slipctl.block.block import Block
 from slipctl.ccode.check.faults import NEAR, SETTLED, Fault, faults
 from slipctl.errors import BadInput
-from slipctl.models import hst_braking
+from slipctl.models.zhang_2021 import hst_braking
 from slipctl.run import store
 from slipctl.run.rail import Scenario
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 class Where(NamedTuple):
@@ -61,13 +61,13 @@ def controllers(wanted: Sequence[str]) -> Iterator[tuple[str, Block, str, Scenar
         left, _, loop_name = name.rpartition(":") if ":" in name else (name, "", "")
         if left not in WHERE:
             raise BadInput(f"{left} has no place for faults; there are {', '.join(WHERE)}")
-        study, lasts = doors.load_study(left), WHERE[left].lasts
+        study, lasts = resolve.load_study(left), WHERE[left].lasts
         if loop_name:
-            found = iter([(loop_name, *doors.find_loop(study, loop_name))])
+            found = iter([(loop_name, *resolve.find_loop(study, loop_name))])
         else:
-            cases = doors.build_cases(study)
+            cases = resolve.build_cases(study)
             names = dict.fromkeys(n for case in cases for n in case.loops)
-            found = ((n, *doors.pick_loop(study, cases, n)) for n in names)
+            found = ((n, *resolve.pick_loop(study, cases, n)) for n in names)
         for one, loop, case in found:
             if loop_name or study.controller in loop.parts:  # a bound has no controller
                 # where it is to last longer, the last section goes on

@@ -21,16 +21,16 @@ import numpy as np
 
 from slipctl import BadInput, Block, Scenario, simulate
 from slipctl.ccode import codegen
-from slipctl.ccode.check import expected
 from slipctl.ccode.check.comparison import expected_run
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile.module import input_rows
+from slipctl.ccode.module.header import bit
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship.fmu import VERSIONS, is_plant
 from slipctl.ccode.ship.fmu_xml import Variable, variables
-from slipctl.ccode.write.header import bit
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.shapes import packed
+from slipctl.ccode.tree.shapes import c_elements
 from slipctl.run import store
-from slipctl.study import doors
+from slipctl.study import resolve
 
 PLANTS = ("plant", "world")
 """Names of the part of a loop that is no controller."""
@@ -109,7 +109,7 @@ def _elements(found: list[Variable], causality: str, values: dict[str, Any]) -> 
     given: dict[str, float] = {}
     for name, value in values.items():
         own = [v for v in found if v.causality == causality and v.member.name == name]
-        given |= dict(zip((v.name for v in own), packed(own[0].member, value), strict=True))
+        given |= dict(zip((v.name for v in own), c_elements(own[0].member, value), strict=True))
     return {n: float(v) for n, v in given.items()}
 
 
@@ -124,10 +124,10 @@ def _wanted(
     outputs = run.outputs
     if is_plant(plan.block):  # its outputs are those of the state after the tick
         p = np.array(block.pack("param", block.param_values(**params))).ravel()
-        seen, told = expected.taken(plan, rows, block.param_values(**params))
+        seen, told = expected_outputs.accepted_rows(plan, rows, block.param_values(**params))
         good = told & bit("REFUSED") == 0
         now = block.f.map(len(rows))(run.states.T, seen.T, np.tile(p[:, None], len(rows)))[1]
-        outputs = expected.guarded(
+        outputs = expected_outputs.run_with_guards(
             plan, rows, told, np.array(now).T[good], run.states[good], params
         ).outputs
     found = variables(plan)
@@ -159,13 +159,13 @@ def _compared(wanted: dict[str, np.ndarray], result: np.ndarray) -> dict[str, An
 def parts(wanted: list[str]) -> Iterator[tuple[str, Block, str, Scenario]]:
     """Name, loop, part and scenario of each controller and each plant of the studies."""
     seen: set[str] = set()
-    for name in dict.fromkeys(w.partition(":")[0] for w in wanted or doors.studies()):
-        study = doors.load_study(name)
-        cases = doors.build_cases(study)
+    for name in dict.fromkeys(w.partition(":")[0] for w in wanted or resolve.studies()):
+        study = resolve.load_study(name)
+        cases = resolve.build_cases(study)
         for loop_name in dict.fromkeys(n for case in cases for n in case.loops):
             if wanted and not {name, f"{name}:{loop_name}"} & set(wanted):
                 continue
-            loop, case = doors.pick_loop(study, cases, loop_name)
+            loop, case = resolve.pick_loop(study, cases, loop_name)
             for part in (study.controller, *PLANTS):
                 if part not in loop.parts:
                     continue

@@ -31,11 +31,11 @@ def kept(name: str, later: float = LATER) -> dict[str, float]:
 
     Arrays are left out: they are windows, and leave by their length.
     """
-    from slipctl.ccode.check.logged import recorded
+    from slipctl.ccode.check.vectors.run_inputs import record_part
     from slipctl.ccode.codegen import c_module
 
     _, loop, part, scenario = next(controllers([name]))
-    _, params = recorded(loop, part, scenario, 1)
+    _, params = record_part(loop, part, scenario, 1)
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         module = c_module(loop[part], Path(scratch), "ctl", period=loop.period).compile().load()
         whole = ClosedLoop(loop, part, scenario, module.reset(**params))

@@ -63,7 +63,7 @@ def in_c(p: Problem, way: str, rows: np.ndarray, work: Path) -> tuple[dict[str, 
 
 def by_solver(p: Problem, way: str, rows: np.ndarray) -> tuple[dict[str, Any], Any]:
     """How a solver runs, and a call that gives the time of its tick; none for a wrong answer."""
-    how, context = "", reference.compiled() if way in TO_THE_END else nullcontext()
+    how, context = "", reference.compile_callbacks() if way in TO_THE_END else nullcontext()
     try:
         with context:
             block = p.make(**WAYS[way])

@@ -18,9 +18,9 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from slipctl.predict.active_set import ActiveSet, Found
-from slipctl.predict.horizon import Layout
+from slipctl.predict.qp.active_set import ActiveSet, Found
 from slipctl.predict.reference import QRQP, Sparse
+from slipctl.predict.stages.horizon import Layout
 from slipctl.run import store
 
 RIGHT = 1e-10

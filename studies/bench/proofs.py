@@ -13,25 +13,25 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check import proof
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.module.plan import Plan
 from slipctl.run import store
 from slipctl.studies.bench.written_folders import loops
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 def proven(name: str, real: str, finite: bool) -> dict[str, Any]:
     """What is proven of the controller of one loop, also of ``finite`` numbers alone."""
     study, _, loop_name = name.partition(":")
-    declared = doors.load_study(study)
-    loop, _ = doors.find_loop(declared, loop_name)
+    declared = resolve.load_study(study)
+    loop, _ = resolve.find_loop(declared, loop_name)
     plan = Plan(loop[declared.controller], "ctl", loop.period, real)
-    said = proof.proved(plan, codegen.texts(plan), finite=finite)
+    said = module_proof.run_eva(plan, codegen.texts(plan), finite=finite)
     kept = (
         "tool", "seconds", "ended", "of_guards", "alarms", "ranges", "functions", "non_finite",
         "passed",
     )  # fmt: skip
-    return {k: said[k] for k in kept} | {"said": proof.summary(said)}
+    return {k: said[k] for k in kept} | {"said": module_proof.summary(said)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--once", action="store_true")
     parser.add_argument("--out")
     options = parser.parse_args(arguments)
-    proof.tool()
+    module_proof.tool()
     rows: dict[str, dict[str, Any]] = {}
     for name in loops(options.loops):
         for real in options.real:

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check.coverage import REACHABLE, covered, share, summary
+from slipctl.ccode.check.coverage import REACHABLE, run_with_counters, share, summary
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.run import store
 from slipctl.studies.bench.written_folders import loops
-from slipctl.study import doors
+from slipctl.study import resolve
 
 LEAST = 0.95
 """Share of these branches that a test shall reach."""
@@ -31,17 +31,17 @@ LEAST = 0.95
 def reached(name: str, real: str = "double") -> dict[str, Any]:
     """Coverage of the controller of one loop by its folder's own test."""
     study, _, loop_name = name.partition(":")
-    declared = doors.load_study(study)
-    loop, case = doors.find_loop(declared, loop_name)
+    declared = resolve.load_study(study)
+    loop, case = resolve.find_loop(declared, loop_name)
     part = declared.controller
-    inputs, params = codegen.recorded(loop, part, case.scenario, codegen.KEPT)
+    inputs, params = codegen.record_part(loop, part, case.scenario, codegen.KEPT)
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch) / "c"
         codegen.export(
             loop[part], folder, "ctl", inputs=inputs, params=params, period=loop.period, real=real
         )
         plan = Plan(loop[part], "ctl", loop.period, real)
-        found = covered(plan, folder, compilers.compilers())
+        found = run_with_counters(plan, folder, compilers.compilers())
     return found | {"missing": [m for m in found["missing"] if m["asked"]]}
 
 

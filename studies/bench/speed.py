@@ -79,7 +79,7 @@ def loop() -> dict[str, Any]:
 
     block = perfect(MODELS, MODELS["sta"])
     v_opt, _ = best(MODELS["adh"], "dry")
-    roller = build.compiled(block.f)
+    roller = build.compile_roller(block.f)
     library = peer_library("subway_loop")
     assert roller is not None
     x0 = np.array(ca.DM(block.pack("state", block.start())).full()).ravel()
@@ -146,7 +146,7 @@ def creep() -> dict[str, Any]:
         if case.scenario.name == "moving_optimum":
             continue
         block = case.loops["improved_robust"]
-        roller = build.compiled(block.f)
+        roller = build.compile_roller(block.f)
         assert roller is not None
         assert block.period is not None
         ticks = round(25.0 / block.period)

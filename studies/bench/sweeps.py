@@ -26,8 +26,8 @@ import numpy as np
 
 from slipctl import Block, Scenario, Signals, prepare, simulate, sweep
 from slipctl.run import build, machine, store
-from slipctl.run.varying import plan_of
-from slipctl.study.doors import find_loop, load_study
+from slipctl.run.sweep.sweep_plan import plan_of
+from slipctl.study.resolve import find_loop, load_study
 
 LOOP = ("hst_braking", "eppfc")
 VARY = ["ctl.law.K1=5:50"]
@@ -66,7 +66,7 @@ def roll_alone(runs: int) -> Callable[..., None]:
     """So many compiled rolls, of inputs and numbers that are ready."""
     loop, scenario, _ = asked()
     whole = prepare(loop, scenario).whole({})
-    roller = build.compiled(whole.f)
+    roller = build.compile_roller(whole.f)
     assert roller is not None
     x, y = np.empty_like(whole.x), np.empty_like(whole.y)
 

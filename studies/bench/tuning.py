@@ -15,11 +15,11 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
-from slipctl.design.promises import of_loop
+from slipctl.design.promises import promises_of_loop
 from slipctl.design.tune import Tuned, tune
 from slipctl.run import store
 from slipctl.studies.bench import speed
-from slipctl.study.doors import find_loop, load_study
+from slipctl.study.resolve import find_loop, load_study
 
 SAMPLES, HELD_OUT = 20, 200
 
@@ -44,7 +44,7 @@ def tuned(name: str, samples: int, held_out: int, runs: int | None = None) -> Tu
     loop, case = find_loop(study, f"{loop_name}@{scenario}")
     return tune(
         loop, FREE[name], "distance", study.ensembles[scenario], scenario=case.scenario,
-        signals=study.signals, known=case.known, gains=of_loop(study.gains, loop_name, scenario),
+        signals=study.signals, known=case.known, gains=promises_of_loop(study.gains, loop_name, scenario),
         samples=samples, held_out=held_out, runs=runs, controller=study.controller,
     )  # fmt: skip
 

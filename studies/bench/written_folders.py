@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.run import store
-from slipctl.study import doors
+from slipctl.study import resolve
 
 SECONDS, MEGABYTES = 10.0, 500.0
 """What writing a folder may take."""
@@ -26,14 +26,14 @@ SECONDS, MEGABYTES = 10.0, 500.0
 
 def loops(wanted: Sequence[str]) -> Iterator[str]:
     """``STUDY:LOOP`` of each loop with a controller, or of those wanted."""
-    for name in wanted or doors.studies():
+    for name in wanted or resolve.studies():
         if ":" in name:
             yield name
             continue
-        study = doors.load_study(name)
-        cases = doors.build_cases(study)
+        study = resolve.load_study(name)
+        cases = resolve.build_cases(study)
         for one in dict.fromkeys(n for case in cases for n in case.loops):
-            loop, _ = doors.pick_loop(study, cases, one)
+            loop, _ = resolve.pick_loop(study, cases, one)
             if study.controller in loop.parts:
                 yield f"{name}:{one}"
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from slipctl import Block, Context, Experiment, Scenario, Table, simulate
 from slipctl.certify import barrier as bounds
-from slipctl.models import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.studies.freight_traction.loops import (
     K_S,
     LAG,
@@ -213,7 +213,7 @@ def _laws(context: Context) -> Table:
         rows["gone"].append(float(gone[0]) * H if gone.size else None)
         rows["rest"].append(float(e[-1]) if not gone.size else None)
         rows["D"].append(
-            -bounds.settled(2 * float(D[-1]), K, K_S + best(law, "dry")[0])
+            -bounds.settled_error(2 * float(D[-1]), K, K_S + best(law, "dry")[0])
             if form == "printed-42" else 0.0
         )  # fmt: skip
     return Table(

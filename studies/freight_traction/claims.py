@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import Claim, Results
-from slipctl.models import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.run import periods
 from slipctl.studies.freight_traction import identification
 from slipctl.studies.freight_traction.measures import (

@@ -24,7 +24,7 @@ from slipctl import (
     sliding_seek,
 )
 from slipctl.certify import extremum as bounds
-from slipctl.models import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.run import periods
 from slipctl.seek.lock import LOCK, WAIT
 from slipctl.studies.bench.best_possible import against_optimum

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from slipctl import Block, Gains
-from slipctl.analysis.bounding import Bound, largest_slope
-from slipctl.models.freight_traction import (
+from slipctl.analysis.bounds import Bound, largest_slope
+from slipctl.models.cheng_2022.freight_traction import (
     SURFACES,
     adhesion,
     peak_creep,

@@ -39,9 +39,9 @@ from slipctl import (
     simulate,
 )
 from slipctl.draw import plots
-from slipctl.models import freight_traction as freight
-from slipctl.models import freight_traction_control as control
-from slipctl.models.freight_resistance import (
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction_control as control
+from slipctl.models.cheng_2022.freight_resistance import (
     BOX,
     ITERATIONS,
     identification,
@@ -49,7 +49,7 @@ from slipctl.models.freight_resistance import (
     specific_resistance,
     swarm_settings,
 )
-from slipctl.models.freight_traction import resistance
+from slipctl.models.cheng_2022.freight_traction import resistance
 
 T, NOISE = 0.05, 0.02
 """Period of the samples in s, and noise in N/kN."""

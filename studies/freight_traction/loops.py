@@ -23,12 +23,12 @@ from slipctl import (
     sliding_seek,
 )
 from slipctl import law as law_block
-from slipctl.models import freight_traction as freight
-from slipctl.models import freight_traction_control as control
-from slipctl.models.freight_traction import TRAIN
-from slipctl.models.shared import GRADIENT, SHARED
-from slipctl.run.feeding import begun
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction_control as control
+from slipctl.models.cheng_2022.freight_traction import TRAIN
+from slipctl.models.shared_names import GRADIENT, SHARED
 from slipctl.run.results import Loops
+from slipctl.run.scenario_inputs import loop_at_start
 
 H = 2e-4
 """Tick of every loop in s (a guess; the printed shape needs less than 0.31 ms)."""
@@ -257,7 +257,7 @@ def check(name: str, loop: Block, scenario: Scenario) -> None:
     """
     if "ctl.barrier.k_s" not in loop.params:
         return
-    loop = begun(loop, scenario)
+    loop = loop_at_start(loop, scenario)
     values, start = loop.values_by_place(), loop.start()
     p = {n.removeprefix("ctl."): v for n, v in values.items() if n.startswith("ctl.")}
     speed, wheel = (float(start[f"plant.train.{n}"]) for n in ("v_t", "omega_m"))

@@ -13,8 +13,8 @@ from slipctl.certify import prescribed_performance as ppc
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as twisting
 from slipctl.draw import plots
-from slipctl.models.freight_traction import SURFACES, steepest_slope
-from slipctl.models.hst_braking import RAILS, peak_height, peak_slip
+from slipctl.models.cheng_2022.freight_traction import SURFACES, steepest_slope
+from slipctl.models.zhang_2021.hst_braking import RAILS, peak_height, peak_slip
 from slipctl.studies.gain_bounds import runs as gain_bounds_runs
 from slipctl.studies.hst_braking.gains import G, change_of_rail
 from slipctl.studies.hst_traction import gains as hst_traction_gains

@@ -82,7 +82,7 @@ def reaching(n: int) -> Run:
     d = shaking(10.0, n, n // 40, 1)
     t, x = integrate(lambda s, d: -36 * s - 12 * np.sign(s) + d, [1.2], d, 0.4 / n)
     s = x[:, 0]
-    V, rate = lyapunov.reaching(s, d, 36.0, 12.0)
+    V, rate = lyapunov.reaching_law(s, d, 36.0, 12.0)
     return Run("reaching law", "law (23), no proof printed", t, V, rate, np.abs(s) > 1e-4,
                "V' < 0 for s != 0, |d| < g2", d)  # fmt: skip
 
@@ -112,7 +112,7 @@ def funnel(n: int) -> Run:
     t, x = integrate(rates, [0.72], w, 0.02 / n)
     z = x[:, 0]
     load = W / (K1 * width)
-    inside = (np.abs(z) > ppc.settled(load)) & (np.abs(z) < ppc.recoverable(load))
+    inside = (np.abs(z) > ppc.settled_share(load)) & (np.abs(z) < ppc.recoverable(load))
     V, rate = lyapunov.funnel(z, w, K1, width)
     return Run("prescribed performance", "Zhang 2021 (35)-(38)", t, V, rate, inside,
                "V' < 0 between settled and recoverable error", w)  # fmt: skip
@@ -164,7 +164,7 @@ def barrier(n: int) -> Run:
     t, x = integrate(lambda e, w: -2 * k * e * (k_s**2 - e**2) + w, [0.0125], w, 6.0 / n)
     e = x[:, 0]
     V, rate = lyapunov.barrier(e, w, k, k_a, k_s)
-    inside = (e > bounds.settled(W, k, k_s)) & (e < bounds.recoverable(W, k, k_s))
+    inside = (e > bounds.settled_error(W, k, k_s)) & (e < bounds.recoverable(W, k, k_s))
     return Run("barrier Lyapunov", "Cheng 2022 (43)-(48)", t, V, rate, inside,
                "V' = -2 k e^2 < 0 without w; with it beyond the settled error", w)  # fmt: skip
 

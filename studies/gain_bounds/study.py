@@ -14,7 +14,7 @@ from slipctl.studies.subway_braking.loops import MODELS, best, perfect
 
 def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     """The subway train on dry rail under the gains that are used and those that are printed."""
-    from slipctl.models.subway_braking_control import super_twisting as law
+    from slipctl.models.huang_2020.subway_braking_control import super_twisting as law
 
     v_opt = best(models["adh"], "dry")[0]
     rail = Rail([Section(0.0, "dry", {"v_opt": v_opt})])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from slipctl import Block, Gains
-from slipctl.analysis.bounding import Bound, largest_slope
+from slipctl.analysis.bounds import Bound, largest_slope
 from slipctl.certify import filters
-from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
+from slipctl.models.zhang_2021.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 
 SPEED = 36.0
 """Train speed at the end of the study's 6 s in m/s, where w is largest."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from slipctl import Context, Scenario, Table, sampled, simulate
 from slipctl.certify import prescribed_performance as ppc
-from slipctl.models import hst_braking_control as control
-from slipctl.models.ep_valve import air_brake
-from slipctl.models.hst_braking import (
+from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.ep_valve import air_brake
+from slipctl.models.zhang_2021.hst_braking import (
     I_W,
     RAILS,
     G,

@@ -22,9 +22,10 @@ from slipctl import (
     sampled,
 )
 from slipctl import law as law_block
-from slipctl.models import hst_braking_control as control
-from slipctl.models.ep_valve import air_brake, dead_time, ep_valve
-from slipctl.models.hst_braking import (
+from slipctl.models.shared_names import GRADIENT, SHARED
+from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
+from slipctl.models.zhang_2021.hst_braking import (
     BRAKE_STARTS,
     DAVIS,
     STARTS,
@@ -34,7 +35,6 @@ from slipctl.models.hst_braking import (
     plant,
     wheel,
 )
-from slipctl.models.shared import GRADIENT, SHARED
 from slipctl.run.results import Loops
 
 H = 1e-3

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.models.hst_braking import G, M, N
+from slipctl.models.zhang_2021.hst_braking import G, M, N
 from slipctl.studies.hst_braking.loops import (
     H,
 )

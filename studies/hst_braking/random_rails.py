@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, Context, Table
-from slipctl.models.hst_braking import G, peak_height, peak_slip
+from slipctl.models.zhang_2021.hst_braking import G, peak_height, peak_slip
 from slipctl.run import build
 from slipctl.studies.hst_braking.loops import (
     H,
@@ -54,13 +54,13 @@ class Runner:
         self.p_at = {n: k for k, n in enumerate(_flat(block, "param"))}
         self.mine = threading.local()
         if compile:
-            build.compiled(block.f)  # once, before the threads
+            build.compile_roller(block.f)  # once, before the threads
 
     def __call__(self, sections: Sequence[tuple[float, Mapping[str, float]]]) -> Any:
         """Position, speed, slip and adhesion over the ticks; None where the loop broke."""
         f = self.block.f
         if not hasattr(self.mine, "roll"):
-            self.mine.roll = build.rolling(f, self.compile)
+            self.mine.roll = build.make_roller(f, self.compile)
         x = self.x0.copy()
         logs = []
         for length, rail in sections:

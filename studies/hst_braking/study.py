@@ -9,7 +9,7 @@ import numpy as np
 
 from slipctl import Figure, Results, Signals, Study
 from slipctl.draw import plots
-from slipctl.models.hst_braking import adhesion
+from slipctl.models.zhang_2021.hst_braking import adhesion
 from slipctl.studies.hst_braking import experiments
 from slipctl.studies.hst_braking.answers import FOUR, THREE
 from slipctl.studies.hst_braking.claims import CLAIMS

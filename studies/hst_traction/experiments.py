@@ -12,11 +12,11 @@ import numpy as np
 from slipctl import Block, Context, Experiment, Rail, Scenario, Section, Table, simulate
 from slipctl.certify import adhesion_observer as observer_bounds
 from slipctl.certify import higher_order as proofs
-from slipctl.models import hst_traction_adhesion as adhesion
-from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import peak
-from slipctl.models.hst_traction import DISTINCT
 from slipctl.models.motors import vector_drive
+from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
+from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.hst_traction import DISTINCT
+from slipctl.models.wheel_rail.contact import peak
 from slipctl.studies.hst_traction.loops import (
     NAMES,
     H,
@@ -98,7 +98,7 @@ def observer(context: Context) -> dict[str, Table]:
         ("H-infinity, two branches", math.sqrt(2 * (K2 - math.sqrt(K2**2 - 4 * L**2))),
          observer_bounds.h_infinity(K1, K2, L)),
         ("root form, K1 > sqrt(2 K2)", math.sqrt(2 * K2), observer_bounds.root_form(K1, K2, L)),
-        ("as printed, K1 > 2 K2", 2 * K2, observer_bounds.printed(K1, K2, L)),
+        ("as printed, K1 > 2 K2", 2 * K2, observer_bounds.printed_verdict(K1, K2, L)),
     ]  # fmt: skip
     jump = 80.0  # mu by 0.11, dry to ice under traction
     tests = Table(

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 
 from slipctl import Block, Gains
-from slipctl.analysis.bounding import Bound
-from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import peak
-from slipctl.models.hst_traction import resistance
-from slipctl.models.hst_traction_adhesion import SLOPE
+from slipctl.analysis.bounds import Bound
+from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.hst_traction import resistance
+from slipctl.models.wang_2025.hst_traction_adhesion import SLOPE
+from slipctl.models.wheel_rail.contact import peak
 from slipctl.studies.hst_traction.experiments import DRY, slopes
 from slipctl.studies.hst_traction.loops import MODELS
 

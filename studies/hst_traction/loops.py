@@ -28,10 +28,9 @@ from slipctl import (
     step,
 )
 from slipctl.models import converters
-from slipctl.models import hst_traction_adhesion as adhesion
-from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import polach
-from slipctl.models.hst_traction import (
+from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
+from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.hst_traction import (
     DISTINCT,
     GROUPED,
     M_EFF,
@@ -41,7 +40,8 @@ from slipctl.models.hst_traction import (
     resistance,
     tractive_effort,
 )
-from slipctl.models.rolling import Axles
+from slipctl.models.wheel_rail.axles import Axles
+from slipctl.models.wheel_rail.contact import polach
 from slipctl.run.results import Loops
 
 log = logging.getLogger("slipctl")

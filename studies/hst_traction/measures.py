@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Results
-from slipctl.models.contact import peak
-from slipctl.models.hst_traction import M_EFF, resistance, tractive_effort
+from slipctl.models.wang_2025.hst_traction import M_EFF, resistance, tractive_effort
+from slipctl.models.wheel_rail.contact import peak
 from slipctl.run.results import NotRun
 from slipctl.studies.hst_traction.loops import DURATION, RAIL
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Context, Experiment, Table, simulate
-from slipctl.models.contact import peak, polach
-from slipctl.models.hst_traction import resistance, tractive_effort
+from slipctl.models.wang_2025.hst_traction import resistance, tractive_effort
+from slipctl.models.wheel_rail.contact import peak, polach
 from slipctl.studies.hst_traction.loops import DURATION, NAMES, RAIL, ROW, Target, target
 
 M, PER_AXLE, DRIVEN, G = 500e3, 15625.0, 10, 9.8

@@ -8,8 +8,8 @@ import numpy as np
 
 from slipctl import Figure, Results, Signals, Study
 from slipctl.draw import plots
-from slipctl.models.contact import peak
-from slipctl.models.hst_traction import tractive_effort
+from slipctl.models.wang_2025.hst_traction import tractive_effort
+from slipctl.models.wheel_rail.contact import peak
 from slipctl.studies.hst_traction import contact, experiments
 from slipctl.studies.hst_traction import regret as lost
 from slipctl.studies.hst_traction.claims import CLAIMS, SHOWN

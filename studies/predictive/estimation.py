@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from slipctl import Block, Context, Table, ekf, mhe, simulate
-from slipctl.models.hst_braking_estimate import adhesion_filter, wheel_model
+from slipctl.models.zhang_2021.hst_braking_estimate import adhesion_filter, wheel_model
 from slipctl.predict.trials import Driver
-from slipctl.study.doors import build_cases, load_study
+from slipctl.study.resolve import build_cases, load_study
 
 DRIFTS = {1e-3: 1e6, 1e-2: 1e8, 5e-2: 3e8}
 """Drift of the adhesion force in N^2/s by the standard deviation of the measured wheel speed in

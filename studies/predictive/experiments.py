@@ -11,9 +11,9 @@ import numpy as np
 
 from slipctl import Context, Experiment, Table, sampled
 from slipctl.predict import reference
-from slipctl.predict.active_set import ActiveSet
-from slipctl.predict.horizon import Horizon
-from slipctl.predict.linearised import linearised
+from slipctl.predict.qp.active_set import ActiveSet
+from slipctl.predict.stages.horizon import Horizon
+from slipctl.predict.stages.linear_stage import stage_functions
 from slipctl.predict.trials import Driver
 from slipctl.studies.bench.peers.slip_nmpc import axle, cost, make
 from slipctl.studies.predictive.estimation import estimation
@@ -89,7 +89,7 @@ def by_way(p: Problem, way: str, compile: bool = True) -> dict[str, Any]:
     others, run interpreted, with the same bits.
     """
     if compile and way in TO_THE_END:
-        with suppress(RuntimeError), reference.compiled():
+        with suppress(RuntimeError), reference.compile_callbacks():
             return run(p, **WAYS[way]) | {"how": "compiled"}
     return run(p, **WAYS[way]) | {"how": "interpreted"}
 
@@ -316,7 +316,7 @@ def horizons(context: Context) -> Table:
 def operations(stages: int) -> tuple[int, int]:
     """Operations of the linearisation and of one pass over a horizon."""
     problem = Horizon.of(axle, cost, ["u"], None, {}, stages, 0.02, "rk4", 4, {"u": 8.0})
-    of_stage = linearised("horizons", problem)
+    of_stage = stage_functions("horizons", problem)
     end, last = problem.end()
     qp = ActiveSet(problem, of_stage.layout, last, [False] * stages, False, 1)
     both = qp._backward.n_instructions() + qp._forward.n_instructions()

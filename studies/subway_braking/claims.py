@@ -14,7 +14,7 @@ import numpy as np
 
 from slipctl import Claim, Results
 from slipctl.certify import reaching_law, super_twisting
-from slipctl.run.metrics import settling
+from slipctl.run.metrics import settling_time
 from slipctl.run.periods import mean as period_mean
 from slipctl.studies.subway_braking import estimation, experiments
 from slipctl.studies.subway_braking.experiments import RAILS, spans
@@ -40,7 +40,7 @@ def _within(r: Results, scenario: str, loop: str, signal: str, near: float = NEA
     log = r.log(scenario, loop)
     off = log[signal].values / log["v_opt"].values - 1
     time = log["time"].values
-    return [settling(time, off, s.start * H, s.stop * H, near) for s in spans(log)]
+    return [settling_time(time, off, s.start * H, s.stop * H, near) for s in spans(log)]
 
 
 def longest(times: list[float | None]) -> float | None:

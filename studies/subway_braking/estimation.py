@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, Context, Table, differential_evolution, prepare, rls
-from slipctl.run.metrics import settling
+from slipctl.run.metrics import settling_time
 from slipctl.run.results import NotRun
 from slipctl.studies.subway_braking.loops import TABLE_1, H
 
@@ -117,7 +117,7 @@ def held(context: Context) -> Table:
         row: dict[str, list[bool]] = {k: [] for k in ("half", "end", "slip")}
         for s in rails(log):
             span = (s.start * H, s.stop * H, NEAR)
-            best, slip = (settling(time, e, *span) for e in off.values())
+            best, slip = (settling_time(time, e, *span) for e in off.values())
             row["half"].append(best is not None and best <= 0.5)
             row["end"].append(bool(abs(off["ctl.search.best"][s.stop - 1]) < NEAR))
             row["slip"].append(slip is not None and slip <= 0.5)

@@ -24,15 +24,15 @@ from slipctl import (
 )
 from slipctl.certify import reaching_law, super_twisting
 from slipctl.models.brakes import brake
-from slipctl.models.subway_braking import (
+from slipctl.models.huang_2020.subway_braking import (
     curve_resistance,
     double_exponential,
     plant,
     wheelset,
 )
-from slipctl.models.subway_braking_control import super_twisting as super_twisting_law
+from slipctl.models.huang_2020.subway_braking_control import super_twisting as super_twisting_law
 from slipctl.run import build
-from slipctl.run.metrics import settling
+from slipctl.run.metrics import settling_time
 from slipctl.studies.bench.best_possible import against_optimum
 from slipctl.studies.subway_braking import estimation
 from slipctl.studies.subway_braking.leaves import leaves
@@ -67,7 +67,7 @@ def ripple_by_rail(log: Any) -> list[float]:
 def settling_by_rail(log: Any, band: float = 0.05) -> list[float | None]:
     """Time in s until |v_s - v_s*| stays below the band in m/s on each rail; None if never."""
     error, time = log["plant.wheel.v_s"].values - log["v_opt"].values, log["time"].values
-    return [settling(time, error, s.start * H, s.stop * H, band) for s in spans(log)]
+    return [settling_time(time, error, s.start * H, s.stop * H, band) for s in spans(log)]
 
 
 def steady_error(log: Any) -> float:
@@ -100,7 +100,7 @@ def estimates(block: Block, columns: Sequence[np.ndarray], starts: Any = None) -
                 x[at : at + s.size] = starts[n]
             at += s.size
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
-    roll = build.rolling(block.f)
+    roll = build.make_roller(block.f)
     last = np.empty((runs, block.f.size1_out(1)))
     for k in range(runs):
         u = np.ascontiguousarray(np.column_stack([slip, measured[k]]))
@@ -215,7 +215,7 @@ def _searched(block: Block, *columns: np.ndarray) -> np.ndarray:
     x = np.array(ca.DM(block.pack("state", block.start())).full()).ravel()
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
     x_log, y_log = np.empty((len(u), x.size)), np.empty((len(u), block.f.size1_out(1)))
-    build.rolling(block.f)(x, u, p, x_log, y_log)
+    build.make_roller(block.f)(x, u, p, x_log, y_log)
     return y_log[:, list(block.outputs).index("best")]
 
 

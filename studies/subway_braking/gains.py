@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from slipctl import Block, Gains, argmax
-from slipctl.analysis.bounding import Bound, largest_slope
-from slipctl.models.subway_braking import double_exponential
-from slipctl.models.subway_braking_control import super_twisting
+from slipctl.analysis.bounds import Bound, largest_slope
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking_control import super_twisting
 
 BAND = 5e-3
 """Wanted half-swing of the slip speed in m/s; the study's second settling band."""

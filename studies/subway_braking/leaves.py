@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import Block, Context, Rail, Scenario, Section, Table, simulate
-from slipctl.models.subway_braking import double_exponential, peak_slip
+from slipctl.models.huang_2020.subway_braking import double_exponential, peak_slip
 from slipctl.studies.subway_braking.loops import H, real_online
 
 LEAVES = {"c": 0.1048, "a": 1.0710, "b": 2.3801}

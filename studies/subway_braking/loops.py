@@ -24,8 +24,7 @@ from slipctl import (
 from slipctl import law as law_block
 from slipctl.models import sensors
 from slipctl.models.brakes import brake
-from slipctl.models.shared import GRADIENT, SHARED
-from slipctl.models.subway_braking import (
+from slipctl.models.huang_2020.subway_braking import (
     MEASURED_STARTS,
     STARTS,
     curve_resistance,
@@ -34,12 +33,13 @@ from slipctl.models.subway_braking import (
     plant,
     wheelset,
 )
-from slipctl.models.subway_braking_control import (
+from slipctl.models.huang_2020.subway_braking_control import (
     controller,
     estimating_controller,
     reaching_law,
     super_twisting,
 )
+from slipctl.models.shared_names import GRADIENT, SHARED
 from slipctl.run.results import Loops
 
 H = 1e-3

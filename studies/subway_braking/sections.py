@@ -9,8 +9,8 @@ import numpy as np
 
 from slipctl import Block, Context, Rail, Scenario, Section, Table, simulate
 from slipctl.estimate.window import smallest_shift
-from slipctl.models.subway_braking import TABLE_1 as RAILS
-from slipctl.models.subway_braking import double_exponential, peak_slip, wheelset
+from slipctl.models.huang_2020.subway_braking import TABLE_1 as RAILS
+from slipctl.models.huang_2020.subway_braking import double_exponential, peak_slip, wheelset
 from slipctl.studies.subway_braking.loops import H, online
 
 ESTIMATE, SLIP = (f"{what} within 5 % for good after 0.5 s" for what in ("estimate", "slip"))

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slipctl import Block
-from slipctl.analysis.bounding import enclosure
-from slipctl.study.doors import load_block
+from slipctl.analysis.bounds import enclosure
+from slipctl.study.resolve import load_block
 
 LAWS: dict[str, tuple[str, tuple[float, float]]] = {
     "subway_braking.double_exponential": ("v_s", (0.05, 8.0)),

@@ -12,9 +12,9 @@ from enclosures import LAWS, case, compared, default
 import slipctl as sc
 import slipctl.models
 from slipctl import BadInput
-from slipctl.analysis.bounding import _of_column, enclosure
+from slipctl.analysis.bounds import _of_column, enclosure
 from slipctl.certify.enclosure import largest
-from slipctl.study.doors import load_block
+from slipctl.study.resolve import load_block
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -30,9 +30,9 @@ from slipctl import (
     step,
     unit_delay,
 )
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
 from slipctl.models.brakes import brake
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking_control as control
 
 M, J, R, G, A, B = 8000.0, 240.0, 0.5, 9.81, 0.54, 1.2
 

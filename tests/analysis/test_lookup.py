@@ -11,10 +11,10 @@ import pytest
 from slipctl import Input, Output, Param, argmax_table, law
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
+from slipctl.ccode.module import guard
 from slipctl.errors import BadInput
-from slipctl.models import contact
-from slipctl.models.hst_traction_adhesion import usable_adhesion
+from slipctl.models.wang_2025.hst_traction_adhesion import usable_adhesion
+from slipctl.models.wheel_rail import contact
 
 
 @law(
@@ -60,7 +60,7 @@ def test_conditions_are_names():
         argmax_table(hump, "x", "w", lo=0.0, hi=5.0, span=(0.0, 2.0), conditions={"a b": {}})
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_c_has_no_number_of_it_but_as_parameters(table, real: str, tmp_path: Path):
     """A search in a loop, the bits of Python, other points too; and tune looks at the places."""

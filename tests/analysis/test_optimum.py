@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput, Input, Output, Param, argmax, argmax_block, law, step
 from slipctl.analysis.optimum import GRID, argmax_several
-from slipctl.models.subway_braking import TABLE_1, double_exponential, peak_slip
+from slipctl.models.huang_2020.subway_braking import TABLE_1, double_exponential, peak_slip
 from slipctl.run import build
 
 RANGE = {"lo": 0.01, "hi": 10.0}
@@ -169,7 +169,7 @@ def test_block_gives_the_same_bits_compiled(needs_compiler):
     f = ONLINE.f
     p = np.array(ca.DM(ONLINE.pack("param", ONLINE.param_values())).full()).ravel()
     logs = []
-    for run in (build.compiled(f).roll, lambda *a: build.roll_interpreted(f, *a)):
+    for run in (build.compile_roller(f).roll, lambda *a: build.roll_interpreted(f, *a)):
         y = np.empty((len(rows), 2))
         run(np.empty(0), rows, p, np.empty((len(rows), 0)), y)
         logs.append(y.tobytes())

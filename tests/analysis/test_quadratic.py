@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 from slipctl import BadInput
 from slipctl.analysis.quadratic import qp_kernel
-from slipctl.models.hst_traction_control import horizon
+from slipctl.models.wang_2025.hst_traction_control import horizon
 
 
 def reference(H, A, q, lo, hi):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Input, Output, law
-from slipctl.analysis.bounding import largest_slope
+from slipctl.analysis.bounds import largest_slope
 
 LOW, HIGH = -1.0, 2.0
 

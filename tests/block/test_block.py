@@ -27,10 +27,10 @@ from slipctl import (
     simulate,
     step,
 )
-from slipctl.block.block import about
+from slipctl.block.block import doc_of_maker
 from slipctl.ccode.codegen import c_module
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking_control as control
 
 ROUNDING = 1e-13
 """Relative: CasADi may reorder and share operations, a few units in the last place each."""
@@ -391,7 +391,7 @@ def test_a_block_says_of_itself_what_its_maker_says_without_the_arguments() -> N
         """
         raise NotImplementedError
 
-    assert about(made) == "Make a gain.\n\nIt only multiplies."
+    assert doc_of_maker(made) == "Make a gain.\n\nIt only multiplies."
     seek = differential_evolution(subway.double_exponential, "v_s", lo=0.01, hi=10.0)
     assert seek.doc
     assert "Args:" not in seek.doc

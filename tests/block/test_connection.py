@@ -31,8 +31,8 @@ from slipctl import (
     unit_delay,
 )
 from slipctl.block.connection import _part
-from slipctl.models import subway_braking as subway
 from slipctl.models.brakes import brake
+from slipctl.models.huang_2020 import subway_braking as subway
 
 
 def source(unit="1", **options) -> Block:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from slipctl.block.expression import DEEPEST, LONGEST, read
+from slipctl.block.text.expression import DEEPEST, LONGEST, read
 from slipctl.errors import BadInput, Faults
 
 NAMES = {"x": "x", "y": "y", "v_s": "v_s"}

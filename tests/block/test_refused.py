@@ -27,7 +27,7 @@ from slipctl import (
 from slipctl.block.block import Block
 from slipctl.block.curves import places_of
 from slipctl.block.signals import evaluate
-from slipctl.block.units import unit
+from slipctl.block.units.unit_algebra import unit
 
 
 @law(y=Output("m", "out"))

@@ -20,7 +20,7 @@ from slipctl import (
     sampled,
     simulate,
 )
-from slipctl.analysis.rooting import bracketed_newton
+from slipctl.analysis.roots import bracketed_newton
 
 
 @flow(y=Output("m", "place"), both=Output("m/s", "sum"))

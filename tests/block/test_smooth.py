@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.block import smooth, unit_walk
+from slipctl.block import smooth
+from slipctl.block.units import unit_walk
 from slipctl.errors import BadInput
 
 EPS = 0.02

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.block import formula, units
-from slipctl.block.unit_walk import check
-from slipctl.block.units import (
+from slipctl.block.text import formula
+from slipctl.block.units import unit_algebra
+from slipctl.block.units.unit_algebra import (
     checking_units,
     dimension_equal,
     factor,
@@ -21,6 +21,7 @@ from slipctl.block.units import (
     parse_quantity,
     unit,
 )
+from slipctl.block.units.unit_walk import check
 from slipctl.errors import BadInput
 
 # ---- reading units ----------------------------------------------------------------------------
@@ -60,11 +61,11 @@ def test_units_read_as_written(text, same_as, ratio):
     assert unit(text).same(unit(same_as)) == (ratio == 1.0)
 
 
-@pytest.mark.parametrize("name", sorted(units._SHORT))
+@pytest.mark.parametrize("name", sorted(unit_algebra._SHORT))
 def test_the_short_table_agrees_with_pint(name):
-    scale, dims = units._from_pint(name)
-    assert dims == units._SHORT[name][1]
-    assert scale == pytest.approx(units._SHORT[name][0], rel=1e-15)
+    scale, dims = unit_algebra._from_pint(name)
+    assert dims == unit_algebra._SHORT[name][1]
+    assert scale == pytest.approx(unit_algebra._SHORT[name][0], rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_a_wire_between_units_of_one_dimension_knows_the_ratio():
 
 def test_neither_import_loads_pint_or_casadi_and_daily_units_need_no_pint():
     code = (
-        "import sys, slipctl.block.units as u, slipctl.block.smooth, slipctl.block.formula\n"
+        "import sys, slipctl.block.units.unit_algebra as u, slipctl.block.smooth, slipctl.block.text.formula\n"
         "assert not {'pint', 'casadi', 'numpy'} & set(sys.modules)\n"
         "u.unit('kg m^2'), u.parse_quantity('8.2t', 'kg'), u.parse_quantity('20 km/h', 'm/s')\n"
         "assert 'pint' not in sys.modules\n"
@@ -481,9 +482,9 @@ def test_random_equations_that_fit_pass_and_one_misfit_is_found(data):
 def test_a_count_is_no_angular_speed(text: str) -> None:
     """A wheel speed in 1/min is one of revolutions, or of radians: off by 2 pi if it is guessed."""
     with pytest.raises(BadInput, match="may count revolutions or radians"):
-        units.factor(text, "rad/s")
+        unit_algebra.factor(text, "rad/s")
     with pytest.raises(BadInput, match="may count revolutions or radians"):
-        units.parse_quantity(f"2 {text}", "rad/s")
-    assert units.factor("rpm", "rad/s") == pytest.approx(2 * math.pi / 60, rel=1e-15)
-    assert units.factor("1/s", "rad/s") == 1.0
-    assert units.factor(text, "1/s") > 0
+        unit_algebra.parse_quantity(f"2 {text}", "rad/s")
+    assert unit_algebra.factor("rpm", "rad/s") == pytest.approx(2 * math.pi / 60, rel=1e-15)
+    assert unit_algebra.factor("1/s", "rad/s") == 1.0
+    assert unit_algebra.factor(text, "1/s") > 0

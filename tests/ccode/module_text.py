@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.source import sources
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.source import sources
 
 
 def of_plan(plan: Plan) -> str:

@@ -15,12 +15,12 @@ from scipy.interpolate import RegularGridInterpolator
 from test_codegen import BLOCKS, matrices
 
 from slipctl import Input, Output, Param, connect, interpolated, step
-from slipctl.block.timing import counters
+from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import a2l
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput
 
 TOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
@@ -113,7 +113,7 @@ def test_a_table_over_two_axes_is_a_map(tmp_path: Path) -> None:
     assert re.findall(r"CM_\d+ (\d) ", axes[1]) == ["2", "3"]
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_such_a_table_in_python_and_c_is_that_of_scipy(real: str, tmp_path: Path) -> None:
     """Inside and beyond its ends, which hold; and with other points than it was written with."""
@@ -172,7 +172,7 @@ def test_a_table_needs_its_places(tmp_path: Path) -> None:
         Param("m/s", 0.0, rising=True)
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_places_that_do_not_rise_are_refused_by_tune(tmp_path: Path) -> None:
     module = codegen.c_module(curve, tmp_path, "ctl").compile().load()
     assert module.reset(F_at=[4, 3, 2]).step(v=2.5) == {"F": 3.5}
@@ -181,7 +181,7 @@ def test_places_that_do_not_rise_are_refused_by_tune(tmp_path: Path) -> None:
     assert module.step(v=2.5) == {"F": 3.5}  # those in force stay
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
     """Offsets in the description are the places of the members: the ELF file says the same."""
     codegen.c_module(matrices, tmp_path, "m")
@@ -228,7 +228,7 @@ def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
         assert int(addresses[name], 16) == at[symbol] + offset, name
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("name", ["matrices", "derived", "loops"])
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_offsets_are_those_of_the_compiler(name: str, real: str, tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ from slipctl import BadInput, Input, Output, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.files import WARNINGS
-from slipctl.models import subway_braking_control as control
+from slipctl.models.huang_2020 import subway_braking_control as control
 
-CC = compilers.found()
+CC = compilers.first_compiler()
 NS = "{http://autosar.org/schema/r4.0}"
 NUMBERS = {"float64": "double", "float32": "float", "sint32": "int"}
 

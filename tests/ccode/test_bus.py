@@ -16,10 +16,10 @@ from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.files import WARNINGS
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.commands.cli import main
 
-CC = compilers.found()
+CC = compilers.first_compiler()
 needs_cc = pytest.mark.skipif(CC is None, reason="no C compiler here")
 PHASES = ("apply", "hold", "release")
 SCALED = ("v=uint16:0.01m/s:-5m/s", "F=int16:0.5N", "w=int8:0.1rad/s", "half=uint8:0.5N")

@@ -41,9 +41,10 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.expressions import Writer
-from slipctl.ccode.write.helpers import helper_text
-from slipctl.models import brakes, subway_braking, subway_braking_control
+from slipctl.ccode.tree.expressions import Writer
+from slipctl.ccode.tree.helpers import helper_text
+from slipctl.models import brakes
+from slipctl.models.huang_2020 import subway_braking, subway_braking_control
 
 try:
     compilers.compilers()

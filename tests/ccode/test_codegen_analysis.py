@@ -15,8 +15,8 @@ from controllers import REPRESENTATIVE
 from slipctl import BadInput, Block, Input, Output, Param, State, make_block, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import analysis
-from slipctl.ccode.write.plan import Plan
-from slipctl.study import doors
+from slipctl.ccode.module.plan import Plan
+from slipctl.study import resolve
 
 needs_cppcheck = pytest.mark.skipif(shutil.which("cppcheck") is None, reason="no cppcheck here")
 
@@ -68,10 +68,10 @@ def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
 def test_solvers_keep_required_rules_too(name: str) -> None:
     """All of what is written, as none of it is CasADi's text."""
     study, _, loop = name.partition(":")
-    found = doors.load_study(study)
-    plan = Plan(doors.find_loop(found, loop)[0][found.controller], "ctl", real="float")
+    found = resolve.load_study(study)
+    plan = Plan(resolve.find_loop(found, loop)[0][found.controller], "ctl", real="float")
     made = {n: t for n, t in codegen.texts(plan).items() if n in plan.files}
-    said = analysis.analysed(plan, made)
+    said = analysis.cppcheck_findings(plan, made)
     assert said["required"] == {}
     assert said["kernel_lines"] == 0
     assert said["passed"], said["cppcheck"]
@@ -82,11 +82,11 @@ def test_a_broken_rule_is_told(tmp_path: Path) -> None:
     codegen.c_module(guarded, tmp_path)
     made = {n: (tmp_path / n).read_text() for n in ("guarded.c", "guarded.h", "example.c")}
     plan = Plan(guarded)
-    assert analysis.analysed(plan, made)["passed"]
+    assert analysis.cppcheck_findings(plan, made)["passed"]
     first = "told |= accept(in->e"
     spoilt = made["guarded.c"].replace(first, f"const int octal = 017;\n    {first}")
     assert spoilt != made["guarded.c"]
-    found = analysis.analysed(plan, made | {"guarded.c": spoilt})
+    found = analysis.cppcheck_findings(plan, made | {"guarded.c": spoilt})
     assert not found["passed"]
     assert found["required"] == {"guarded.c 7.1": 1}  # no octal numbers
 

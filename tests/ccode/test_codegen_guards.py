@@ -31,22 +31,17 @@ from slipctl import (
     step,
 )
 from slipctl.ccode import codegen
-from slipctl.ccode.check import back_to_back, expected, isolation, rounding
+from slipctl.ccode.check import back_to_back, float_error, isolation
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile import board, compilers, targets
-from slipctl.ccode.write import guard, precision
-from slipctl.ccode.write.guard import (
-    BAD_INPUT,
-    BAD_RESULT,
-    LIMITED,
-    OFF_RANGE,
-    REFUSED,
-    RESET,
-)
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import MATH, in_precision
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.guard import BAD_INPUT, BAD_RESULT, LIMITED, OFF_RANGE, REFUSED, RESET
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes import precision
+from slipctl.ccode.passes.precision import MATH, in_precision
 from slipctl.draw import show
-from slipctl.models import subway_braking, subway_braking_control
-from slipctl.seek.random import advance, quick_floor, rounder, seeded
+from slipctl.models.huang_2020 import subway_braking, subway_braking_control
+from slipctl.seek.random import advance, quick_floor, rounder, state_from_seed
 
 try:
     compilers.compilers()
@@ -257,7 +252,7 @@ def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
     at = 0
     for s in block.outputs.values():
         n = max(int(np.prod(s.shape)), 1)
-        lo, hi = precision.rounded((s.lo, s.hi), real)
+        lo, hi = precision.round_to_real((s.lo, s.hi), real)
         assert (out[:, at : at + n] >= lo).all()
         assert (out[:, at : at + n] <= hi).all()
         at += n
@@ -452,7 +447,7 @@ def test_guarded_block_gives_safe_values_in_its_range(
     rows = np.where(bad, 2.0, 0.0)[:, np.newaxis]
     count = np.arange(1, np.count_nonzero(rows == 0) + 1)[:, np.newaxis]
     told = np.where(rows[:, 0] == 0, 0, OFF_RANGE | REFUSED)
-    run = expected.guarded(plan, rows, told, np.hstack([count, count]), count, {})
+    run = expected_outputs.run_with_guards(plan, rows, told, np.hstack([count, count]), count, {})
     so_far = np.cumsum(rows == 0)
     np.testing.assert_array_equal(run.outputs[:, 1], so_far)
     np.testing.assert_array_equal(run.states[:, 0], so_far)
@@ -542,7 +537,7 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
         # before it is limited; each of the two roundings there is one last place of it at most
         wanted = report["signals"]["law.T_wanted"]
         place = float(np.spacing(np.float32(wanted["absolute"] / wanted["relative"])))
-        allowed = expected.AMPLIFIED * 2 * place + 2 * precision.epsilon("float") * 20e3
+        allowed = expected_outputs.AMPLIFIED * 2 * place + 2 * precision.epsilon("float") * 20e3
         assert report["signals"]["T_b"]["limit"] < allowed < 0.6
         # a module that is wrong by a millionth of the torque in one part is found out
         honest = codegen.texts
@@ -601,7 +596,7 @@ def test_roundings_of_trials_are_those_of_float(tmp_path: Path) -> None:
     found = []
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        found.append(rounding.trials(plan, made, rows, {}, tmp_path / name))
+        found.append(float_error.trials(plan, made, rows, {}, tmp_path / name))
     np.testing.assert_array_equal(found[0].rows, found[1].rows)
     exact = np.arange(1, 1001) * float(np.float32(0.1))
     tried = np.array(found[0].rows, dtype=float)
@@ -619,7 +614,7 @@ def test_roundings_of_trials_are_those_of_float(tmp_path: Path) -> None:
 
 def test_random_numbers_are_the_same_in_float(tmp_path: Path) -> None:
     @step(K=Output("1", "1.5/eps"))
-    def noise(s=State("1", seeded(5), "random", shape=(3,)), off=Input("1", value=0.0)):
+    def noise(s=State("1", state_from_seed(5), "random", shape=(3,)), off=Input("1", value=0.0)):
         """Wichmann and Hill, with the quick floor."""
         K = rounder()(s)
         return dict(s=advance(s, quick_floor([K[0], K[1]]))), dict(K=K[0] + off)
@@ -747,13 +742,13 @@ def test_limits_of_the_first_ticks_are_theirs() -> None:
     jumps = np.array([(np.arange(20) >= k).astype(float) for k in (15, 16, 17)])
     both = np.stack([jumps, jumps], axis=2)  # output and state
     calm = np.zeros(20, dtype=int)
-    run = expected.Expected(np.zeros((20, 0)), jumps[0][:, None], jumps[0][:, None], calm, {},
+    run = expected_outputs.Expected(np.zeros((20, 0)), jumps[0][:, None], jumps[0][:, None], calm, {},
                             frozenset())  # fmt: skip
-    tried = rounding.Trials(both[1:], np.array([calm, calm]))
-    whole = expected.with_limits(plan, run, {}, tried)
-    assert (whole.envelope, whole.limits["y"]) == ({"y"}, expected.ENVELOPE)
-    short, few = expected.kept(run, tried, 10)
-    first = expected.with_limits(plan, short, {}, few)
+    tried = float_error.Trials(both[1:], np.array([calm, calm]))
+    whole = expected_outputs.with_limits(plan, run, {}, tried)
+    assert (whole.envelope, whole.limits["y"]) == ({"y"}, expected_outputs.ENVELOPE)
+    short, few = expected_outputs.first_ticks(run, tried, 10)
+    first = expected_outputs.with_limits(plan, short, {}, few)
     assert (first.envelope, first.limits["y"]) == (frozenset(), 2 * precision.epsilon("float"))
     assert len(first.rows) == len(first.status) == 10
 
@@ -865,13 +860,13 @@ def test_sanitizers_and_neighbours_find_what_they_look_for(tmp_path: Path) -> No
         return tmp_path / "guarded.o"
 
     assert isolation.linked_twice(plan, tmp_path, compiler, product())
-    said, sound = isolation.sanitized(plan, tmp_path, compiler)
+    said, sound = isolation.run_sanitizers(plan, tmp_path, compiler)
     assert sound
     head = "guarded_out now;\n"
     if "not run" not in said:
         wild = "    const volatile double *beyond = in->w + 50;\n    (void)*beyond;\n"
         source.write_text(honest.replace(head, head + wild, 1))
-        assert not isolation.sanitized(plan, tmp_path, compiler)[1]
+        assert not isolation.run_sanitizers(plan, tmp_path, compiler)[1]
     source.write_text(honest + "int shown(void);\nint shown(void)\n{\n    return 1;\n}\n")
     assert not isolation.linked_twice(plan, tmp_path, compiler, product())
     count = "    static double calls = 0.0;\n    calls += 1e-3;\n"
@@ -883,7 +878,7 @@ def test_sanitizers_and_neighbours_find_what_they_look_for(tmp_path: Path) -> No
     module = codegen.CModule(tmp_path, plan).compile(compiler).load()
     rows = np.full((20, 4), 0.1)
     alone = np.hstack(module.replay_rows(rows))
-    assert not isolation.interleaved(module, rows, alone)
+    assert not isolation.same_beside_another(module, rows, alone)
 
 
 def test_helpers_of_double_are_told_from_those_of_float() -> None:

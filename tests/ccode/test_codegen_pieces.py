@@ -16,8 +16,8 @@ from module_text import of_folder, of_plan
 from slipctl import BadInput, Block, Input, Output, law
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import pieces
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree import ramp_tables
 
 try:
     compilers.compilers()
@@ -69,7 +69,7 @@ def test_every_place(seed: int, u: float) -> None:
     """Height plus slope times ramp is the sum, to the bit, with no compiler."""
     xs, ys = random_table(seed)
     f = table(xs, ys).f
-    _, tables = pieces.found(_nodes(f))
+    _, tables = ramp_tables.replace_ramps(_nodes(f))
     (found,) = tables
     k = max(int(np.searchsorted([r.begin for r in found.ramps], u, side="right")) - 1, 0)
     ramp = min(max(u - found.ramps[k].begin, 0.0), found.ramps[k].length)
@@ -80,7 +80,7 @@ def test_every_place(seed: int, u: float) -> None:
 
 
 def _nodes(f: ca.Function) -> list:
-    from slipctl.ccode.write.expressions import read
+    from slipctl.ccode.tree.expressions import read
 
     return read(f)[0]
 

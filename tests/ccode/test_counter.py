@@ -11,9 +11,9 @@ from module_text import changed
 
 from slipctl import BadInput, Input, Output, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import proof
+from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.commands.cli import main
 
 try:
@@ -137,10 +137,12 @@ def test_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert int(said.stdout) == size
 
 
-@pytest.mark.skipif(proof.shutil.which("frama-c") is None, reason="no frama-c on this machine")
+@pytest.mark.skipif(
+    module_proof.shutil.which("frama-c") is None, reason="no frama-c on this machine"
+)
 def test_it_is_proven_with_the_rest(tmp_path: Path) -> None:
     """The harness steps by the number of the tick: any number at all."""
     plan = Plan(way, counter=True)
-    text = proof.harness(plan)
+    text = module_proof.harness(plan)
     assert "way_step_counted(&in, &param, &state, &out, number)" in text
-    assert proof.proved(plan, codegen.texts(plan))["passed"]
+    assert module_proof.run_eva(plan, codegen.texts(plan))["passed"]

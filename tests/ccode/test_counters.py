@@ -18,14 +18,15 @@ from slipctl import (
     replicate,
     step,
 )
-from slipctl.block.timing import counters
+from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode import codegen
-from slipctl.ccode.check import comparison, expected
+from slipctl.ccode.check import comparison
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 from slipctl.commands.cli import main
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 @step(y=Output("1", lo=-1e9, hi=1e9))
@@ -61,9 +62,9 @@ def test_each_controller_of_the_file_that_new_writes_becomes_c(tmp_path, monkeyp
     """That of a four-axled vehicle has parts for each axle, and some that run every few ticks."""
     monkeypatch.chdir(tmp_path)
     assert main(["new", "metro", "-q"]) == 0
-    study = doors.load_study("metro.toml")
+    study = resolve.load_study("metro.toml")
     for name in ("pid", "super_twisting", "predictive"):
-        loop, _ = doors.find_loop(study, name)
+        loop, _ = resolve.find_loop(study, name)
         plan = Plan(loop[study.controller], "ctl", loop.period)
         assert codegen.texts(plan)["ctl.c"].count("later(x->") == sum(
             m.size for m, _ in plan.counters
@@ -72,18 +73,18 @@ def test_each_controller_of_the_file_that_new_writes_becomes_c(tmp_path, monkeyp
 
 @given(st.integers(0, 6), st.integers(0, 1000), st.integers(7, 40))
 def test_a_counter_that_missed_ticks_stands_where_it_would_be(tick, missed, ticks):
-    assert float(guard.later()(tick, missed, ticks)) == (tick + missed) % ticks
+    assert float(guard.counter_after()(tick, missed, ticks)) == (tick + missed) % ticks
 
 
 def test_ticks_before_each_good_one():
     good = np.array([0, 0, 1, 1, 0, 1, 0], dtype=bool)
-    assert expected.missed(good).tolist() == [2, 0, 1]
-    assert comparison._pieces(expected.missed(good), 3) == [(0, 1), (1, 3)]
+    assert expected_outputs.missed_ticks(good).tolist() == [2, 0, 1]
+    assert comparison._pieces(expected_outputs.missed_ticks(good), 3) == [(0, 1), (1, 3)]
     assert comparison._pieces(None, 4) == [(0, 4)]
     assert comparison._pieces(np.array([0, 2]), 2) == [(0, 2)]
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize(("real", "rates"), [("double", False), ("float", False), ("double", True)])
 def test_a_part_keeps_its_place_in_time(tmp_path, real, rates):
     """After any gap it runs in the ticks in which it would without: each fifth from the start."""
@@ -109,7 +110,7 @@ def test_a_part_keeps_its_place_in_time(tmp_path, real, rates):
     assert ("missed" in (tmp_path / "c" / "ctl.h").read_text(encoding="utf-8")) == bool(gaps)
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_the_folder_tests_itself_with_counters(tmp_path):
     """Vectors with gaps, the misuse of its own test, and the A2L file."""
     rows = {"u": np.where(np.arange(300) % 7 < 3, 20.0, np.sin(np.arange(300)))}
@@ -120,7 +121,7 @@ def test_the_folder_tests_itself_with_counters(tmp_path):
     assert "guard.missed" in (tmp_path / "out" / "ctl.a2l").read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_own_test_counts_calls_of_slow_parts(tmp_path, real):
     """A late call finds them behind by the ticks that were missed; it did not expect that."""

@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl.ccode.write.casadi_text import static_text
-from slipctl.ccode.write.direct import direct
+from slipctl.ccode.passes.direct_results import direct
+from slipctl.ccode.tree.casadi_text import static_text
 
 INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 

@@ -10,13 +10,13 @@ import pytest
 from slipctl import BadInput, Input, Output, Param, State, c_module, ranged, simulate, step
 from slipctl.ccode.check import faults
 from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
-from slipctl.ccode.check.logged import recorded
+from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
+from slipctl.ccode.module import guard
 from slipctl.run import store
 from slipctl.studies.bench import faults as bench
 from slipctl.studies.bench.kept import kept
-from slipctl.study import doors
+from slipctl.study import resolve
 
 try:
     compilers.compilers()
@@ -29,7 +29,7 @@ CANNOT_BE = ("NaN", "infinity", "10000", "65535", "times 2", "times 1e30", "flip
 @pytest.fixture(scope="module")
 def eppfc():
     """Loop and scenario of the estimator-based controller with its sensors."""
-    loop, case = doors.find_loop(doors.load_study("hst_braking"), "eppfc@real")
+    loop, case = resolve.find_loop(resolve.load_study("hst_braking"), "eppfc@real")
     return loop, case.scenario
 
 
@@ -56,7 +56,7 @@ def test_other_inputs_that_are_missing_do_no_harm(eppfc, tmp_path):
 def closed(name, folder):
     """The loop of a controller, which is a compiled module with the parameters of its run."""
     _, loop, part, scenario = next(bench.controllers([name]))
-    _, params = recorded(loop, part, scenario, 1)
+    _, params = record_part(loop, part, scenario, 1)
     module = c_module(loop[part], folder, "ctl", period=loop.period).compile().load()
     return ClosedLoop(loop, part, scenario, module.reset(**params))
 
@@ -107,7 +107,7 @@ def test_the_loop_in_c_is_that_of_python(tmp_path):
         _, loop, part, scenario = next(bench.controllers([name]))
         scenario = scenario.but(duration=0.5)
         data = simulate(loop, scenario)
-        _, params = recorded(loop, part, scenario, 1)
+        _, params = record_part(loop, part, scenario, 1)
         module = c_module(loop[part], tmp_path / part, "ctl", period=loop.period)
         whole = ClosedLoop(loop, part, scenario, module.compile().load().reset(**params))
         course = whole.run(whole.ticks)

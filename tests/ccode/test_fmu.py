@@ -15,11 +15,12 @@ from slipctl import BadInput, Block, Input, Output, Param, State, law, sampled, 
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers, platforms
-from slipctl.models import brakes, subway_braking
+from slipctl.models import brakes
+from slipctl.models.huang_2020 import subway_braking
 
 fmpy = pytest.importorskip("fmpy")
 validate_fmu = pytest.importorskip("fmpy.validation").validate_fmu
-if compilers.found() is None:
+if compilers.first_compiler() is None:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 VERSIONS = (2, 3)
@@ -102,14 +103,14 @@ def opened(folder: Path, version: int, tmp_path: Path, name: str = "lag") -> Fmu
 @pytest.mark.parametrize("name", REPRESENTATIVE)
 def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
     """Valid by FMPy; simulated by FMPy on made-up inputs, every output is that of the C module."""
+    from slipctl.ccode.module.plan import Plan
     from slipctl.ccode.ship.fmu_xml import variables
-    from slipctl.ccode.write.plan import Plan
 
     block = REPRESENTATIVE[name]()
     period = block.period or 1e-3
     # the binary that runs here; test_windows.py has the other
     codegen.export(
-        block, tmp_path, "ctl", fmus=True, period=period, platforms=[str(platforms.here())]
+        block, tmp_path, "ctl", fmus=True, period=period, platforms=[str(platforms.this_platform())]
     )
     rows = comparison.trial_rows(Plan(block))[:60]
     module = codegen.CModule(tmp_path, Plan(block, "ctl")).compile().load()
@@ -176,7 +177,7 @@ def test_plant_and_controller_split_between_two_fmus(
         block = loop[name].with_params(**{k: float(v) for k, v in params.items()})
         codegen.export(
             block, tmp_path / name, name, fmus=True, period=loop.period,
-            platforms=[str(platforms.here())],
+            platforms=[str(platforms.this_platform())],
         )  # fmt: skip
         parts[name] = opened(tmp_path / name, version, tmp_path, name).begin()
     plant, ctl = parts["plant"], parts["ctl"]
@@ -500,9 +501,9 @@ def test_the_command_in_its_documentation_builds_a_binary(
 
 def test_dependencies_say_what_passes_at_once(tmp_path: Path) -> None:
     """A plant's speed does not depend on the torque of this moment; a law's output does."""
+    from slipctl.ccode.module.plan import Plan
     from slipctl.ccode.ship.fmu import is_plant
     from slipctl.ccode.ship.fmu_xml import feedthrough
-    from slipctl.ccode.write.plan import Plan
 
     plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4")
     assert is_plant(plant)

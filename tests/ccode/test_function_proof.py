@@ -12,12 +12,12 @@ from test_proof import needs_tool
 from slipctl import Input, Output, State
 from slipctl.block.block import Block, make_block
 from slipctl.ccode import codegen
-from slipctl.ccode.check import function_proof, proof
-from slipctl.ccode.check.kernel_proof import CONTRACTS, PROOFS
-from slipctl.ccode.write import scratch
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.check.proof import function_proof, module_proof
+from slipctl.ccode.check.proof.kernel_proof import CONTRACTS, PROOFS
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes import scratch
 from slipctl.errors import RunFailed
-from slipctl.predict.repeating import Repeated, scan
+from slipctl.predict.qp.stage_loops import Repeated, scan
 
 _STAGES = 20
 
@@ -68,7 +68,7 @@ def test_calls_go_to_contracts_and_lines_stay(made) -> None:
     plan, texts = made["double"]
     sources = {f: texts[f] for f in plan.files[1:]}
     text, functions = sources["ctl_parts.h"], plan.equations.functions
-    files, contracts = function_proof.contracted("ctl", sources, "double", functions)
+    files, contracts = function_proof.text_with_contracts("ctl", sources, "double", functions)
     analysed, proofs = files["ctl_parts.h"], files[PROOFS]
     assert analysed.count("\n") == text.count("\n")
     assert contracts == proofs.count("ended = 1;") == len(functions) - 1  # that of the block itself
@@ -85,10 +85,10 @@ def test_calls_go_to_contracts_and_lines_stay(made) -> None:
 @needs_tool
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_module_of_many_functions_is_proven(made, real: str) -> None:
-    said = proof.proved(*made[real])
+    said = module_proof.run_eva(*made[real])
     assert said["passed"], said
     assert said["functions"]["ended"] == said["functions"]["of"] >= 4
-    assert "one by one: " in proof.summary(said)
+    assert "one by one: " in module_proof.summary(said)
 
 
 @needs_tool
@@ -108,7 +108,7 @@ def test_what_breaks_a_promise_is_not_proven(made, old: str, new: str) -> None:
     plan, texts = made["double"]
     changed, n = re.subn(old, new, texts["ctl_parts.h"])
     assert n
-    said = proof.proved(plan, texts | {"ctl_parts.h": changed}, finite=False)
+    said = module_proof.run_eva(plan, texts | {"ctl_parts.h": changed}, finite=False)
     assert not said["passed"], said
     assert said["alarms"] or said["functions"]["ended"] < said["functions"]["of"]
 
@@ -119,9 +119,9 @@ def test_a_function_that_touches_another_s_arrays_is_refused(made) -> None:
     names = list(plan.equations.arrays)
     text = texts["ctl_parts.h"].replace(f"&work->{names[0]};", f"&work->{names[1]};")
     with pytest.raises(RunFailed, match=f"{names[0]} touches arrays of another function"):
-        function_proof.contracted("ctl", {"ctl_parts.h": text}, "double", functions)
+        function_proof.text_with_contracts("ctl", {"ctl_parts.h": text}, "double", functions)
     text = texts["ctl_parts.h"].replace(
         "    x_after[0] = ", "    stage(x, u, q, x_after, row);\n    x_after[0] = "
     )
     with pytest.raises(RunFailed, match=r"stage.*: functions that may call themselves"):
-        function_proof.contracted("ctl", {"ctl_parts.h": text}, "double", functions)
+        function_proof.text_with_contracts("ctl", {"ctl_parts.h": text}, "double", functions)

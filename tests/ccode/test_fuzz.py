@@ -15,7 +15,7 @@ from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import endurance, fuzz
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 
 SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "0"))
 """How long each controller is fuzzed; 0 takes the runs below, the same ones every time."""
@@ -29,7 +29,7 @@ try:
 except BadInput:
     HAS_FUZZER = False
 needs_fuzzer = pytest.mark.skipif(not HAS_FUZZER, reason="no clang with libFuzzer here")
-needs_compiler = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+needs_compiler = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
 
 @step(
@@ -54,7 +54,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
     def one(name: str) -> tuple[str, dict]:
         plan = Plan(REPRESENTATIVE[name](), "fuzzed", 1e-3)
         runs = None if SECONDS else RUNS.get(name, 1000)
-        return name, fuzz.fuzzed(plan, codegen.texts(plan), SECONDS, runs=runs)
+        return name, fuzz.run_fuzzer(plan, codegen.texts(plan), SECONDS, runs=runs)
 
     with ThreadPoolExecutor(2) as pool:
         found = dict(pool.map(one, REPRESENTATIVE))
@@ -67,7 +67,7 @@ def test_any_bytes_as_inputs_and_parameters() -> None:
 @needs_fuzzer
 def test_the_fuzzer_finds_nothing_in_what_is_sound() -> None:
     plan = Plan(sums)
-    assert fuzz.fuzzed(plan, codegen.texts(plan), 0, runs=20_000)["passed"]
+    assert fuzz.run_fuzzer(plan, codegen.texts(plan), 0, runs=20_000)["passed"]
 
 
 @needs_fuzzer
@@ -86,7 +86,7 @@ def test_the_fuzzer_finds_what_is_broken(old: str, new: str, finding: str) -> No
     plan = Plan(sums)
     made = codegen.texts(plan)
     spoilt = changed(made, "sums", old, new)
-    said = fuzz.fuzzed(plan, spoilt, 0, runs=20_000)
+    said = fuzz.run_fuzzer(plan, spoilt, 0, runs=20_000)
     assert not said["passed"]
     assert finding in said["said"]
     assert said["input"]
@@ -105,12 +105,12 @@ def test_without_clang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_compiler
 def test_drift_is_told_from_noise() -> None:
     plan = Plan(sums)
-    quiet = endurance.endured(
+    quiet = endurance.run_many_ticks(
         plan, codegen.texts(plan), np.zeros((1, 2)), np.array([0.01, 0.0]), {}, 10
     )
     assert quiet["ticks"] == 10
     assert quiet["status"] == {"0": 10}
-    biased = endurance.endured(
+    biased = endurance.run_many_ticks(
         plan,
         codegen.texts(plan),
         np.array([[0.01, 0.0]]),
@@ -118,7 +118,7 @@ def test_drift_is_told_from_noise() -> None:
         {"k": 2.0},
         100_000,
     )
-    assert endurance.drifting(biased) == ["state x"]
+    assert endurance.growing_signals(biased) == ["state x"]
     assert biased["signals"]["state x"]["mean"][-1] == pytest.approx(0.95 * 2000, rel=0.05)
     assert set(biased["status"]) == {"0", "16"}
     noise = biased["signals"]["output z[0]"]

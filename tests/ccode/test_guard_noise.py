@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from slipctl import BadInput, Input, Output, Param, State, c_module, connect, law, ranged, step
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 
 MOST = float(np.finfo(float).max)
 STALE, PERIOD = 4, 0.01
@@ -62,7 +62,7 @@ VALUES = st.lists(
 def test_the_rule_is_noise_and_the_way_since_the_last_good_value(column, noise, change):
     ends = (np.array([v]) for v in (-10.0, 10.0, change, noise, float(STALE)))
     rows = np.array(column)[:, np.newaxis]
-    taken, told = guard.accepted(rows, *ends, MOST, SHORT)
+    taken, told = guard.accepted_inputs(rows, *ends, MOST, SHORT)
     wanted, said, refused = by_hand(column, -10, 10, change, noise, 10)
     assert (told > 0).tolist() == said
     np.testing.assert_array_equal(taken[:, 0], wanted)
@@ -75,7 +75,7 @@ def test_a_value_that_is_wrong_by_more_than_noise_is_believed_when_it_could_have
     first = {}
     for change, noise in ((0.1, 0.5), (0.6, 0.0)):
         ends = (np.array([v]) for v in (-10.0, 10.0, change, noise, 200.0))
-        taken, _ = guard.accepted(rows, *ends, MOST, PERIOD)
+        taken, _ = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
         first[noise] = int(np.argmax(taken[:, 0] == 2))
     assert first == {0.5: 15, 0.0: 4}
 
@@ -88,7 +88,7 @@ def test_a_wrong_value_that_was_believed_late_is_left_as_soon(wrong, away):
     """
     rows = np.r_[[0.0], np.full(wrong, 2.0), np.zeros(100)][:, np.newaxis]
     ends = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
-    taken, told = guard.accepted(rows, *ends, MOST, PERIOD)
+    taken, told = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
     assert np.count_nonzero(taken[wrong + 1 :, 0]) == away
     assert np.count_nonzero(told) == min(wrong, 14) + away
     assert not told[wrong + 1 + away :].any()
@@ -98,12 +98,12 @@ def test_a_jump_is_told_though_it_may_be_taken():
     """2 m/s there and back in two ticks: one of them is wrong, and nobody knows which."""
     rows = np.r_[[0.0], np.full(14, np.nan), 2.0, 2.1, 0.5, 0.5][:, np.newaxis]
     ends = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
-    taken, told = guard.accepted(rows, *ends, MOST, PERIOD)
+    taken, told = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
     assert taken[15:, 0].tolist() == [2.0, 2.1, 0.5, 0.5]
     assert told[14:].tolist() == [guard.BAD_INPUT, 0, 0, guard.OFF_RANGE, 0]
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_c_takes_the_same_values_to_the_bit(tmp_path, real):
     """Random walks with spikes, by numbers and by expressions of parameters, one by one and all."""

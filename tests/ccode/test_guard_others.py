@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Input, Output, Param, State, c_module, connect, every, ranged, step
-from slipctl.ccode.check import comparison, expected
+from slipctl.ccode.check import comparison
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 
 STALE, PERIOD = 5, 0.02
 
@@ -70,7 +71,7 @@ def course(ticks, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_taken_values_are_those_by_hand(seed):
     rows, plan = course(600, seed), Plan(driven)
-    taken, told = expected.taken(plan, rows, plan.block.param_values(play=0.5))
+    taken, told = expected_outputs.accepted_rows(plan, rows, plan.block.param_values(play=0.5))
     wanted, said = by_hand(rows, 0.5)
     good = said & guard.REFUSED == 0
     np.testing.assert_array_equal(told, said)
@@ -78,7 +79,7 @@ def test_taken_values_are_those_by_hand(seed):
     assert 50 < np.count_nonzero(said) < 590
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_c_takes_the_same(tmp_path, real):
     rows = course(3000, 9).astype(np.float32).astype(float)
@@ -98,7 +99,7 @@ def test_a_rim_at_rest_under_a_train_is_never_believed():
     rows = np.full((60, 4), 10.0)
     rows[5:, 3] = 0.0
     plan = Plan(driven)
-    taken, told = expected.taken(plan, rows, plan.block.param_values())
+    taken, told = expected_outputs.accepted_rows(plan, rows, plan.block.param_values())
     assert (taken[:, 3] == 10).all()
     assert (told[5:] & guard.OFF_RANGE > 0).all()
 
@@ -109,11 +110,11 @@ def test_what_was_away_for_long_need_not_fit_what_the_others_said_before(tmp_pat
     rows = np.full((90, 4), 10.0)
     rows[10:70], rows[70:] = np.nan, to
     plan = Plan(driven)
-    taken, told = expected.taken(plan, rows, plan.block.param_values())
+    taken, told = expected_outputs.accepted_rows(plan, rows, plan.block.param_values())
     assert (told[10:70] & guard.BAD_INPUT > 0).all()
     assert (told[70:] == 0).all()
     assert (taken[70:] == to).all()
-    if compilers.found() is not None:
+    if compilers.first_compiler() is not None:
         module = c_module(driven, tmp_path, "ctl").compile().load().reset()
         module.replay_rows(rows)
         np.testing.assert_array_equal(module.status, told)

@@ -27,13 +27,13 @@ from slipctl import (
     step,
 )
 from slipctl.ccode import codegen
-from slipctl.ccode.check.in_loop import Stored, run_in_loop
-from slipctl.ccode.check.rig import BROKEN, LATE, LOST, Rig, fletcher
+from slipctl.ccode.check.processor.in_loop import Stored, run_in_loop
+from slipctl.ccode.check.processor.rig import BROKEN, LATE, LOST, Rig, fletcher
 from slipctl.ccode.compile import targets
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import drawn
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.precision import neighbour_float
 from slipctl.commands import cli
-from slipctl.study import doors, processor
+from slipctl.study import processor, resolve
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_floats_are_drawn_anew_only_for_what_changes() -> None:
 
 @given(value=st.floats(-1e30, 1e30), seed=st.integers(0, 99))
 def test_drawn_floats_lie_beside_the_number_and_have_it_as_mean(value: float, seed: int) -> None:
-    found = drawn(np.full(400, value), np.random.default_rng(seed).random(400))
+    found = neighbour_float(np.full(400, value), np.random.default_rng(seed).random(400))
     below, above = found.min(), found.max()
     assert below <= value <= above or len(np.unique(found)) == 1
     assert np.nextafter(np.float32(below), np.float32(np.inf)) >= np.float32(above)
@@ -196,8 +196,8 @@ def test_metrics_are_compared_one_by_one() -> None:
     assert processor._close(1.0, 1.02, 0.011)
     assert processor._close(None, None, 0.0)
     assert not processor._close(None, 2.0, 9.0)
-    study = doors.load_study("hst_braking")
-    loop_, case = doors.find_loop(study, "efc")
+    study = resolve.load_study("hst_braking")
+    loop_, case = resolve.find_loop(study, "efc")
     scenario = replace(case.scenario, duration=0.05)
     found = processor._metrics(study, replace(case, scenario=scenario), simulate(loop_, scenario))
     assert "acceleration_variance[0]" in found
@@ -206,7 +206,7 @@ def test_metrics_are_compared_one_by_one() -> None:
 
 
 def test_recovery_is_judged_in_the_last_tenth_and_never_by_nan() -> None:
-    study = doors.load_study("hst_braking")
+    study = resolve.load_study("hst_braking")
     time = np.arange(100.0)
     calm = xarray.Dataset({"plant.wheel.lam": ("time", np.sin(time))}, {"time": time})
     moved = calm["plant.wheel.lam"].copy()

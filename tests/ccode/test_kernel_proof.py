@@ -11,8 +11,8 @@ from test_proof import needs_tool
 from slipctl import Input, Output, State
 from slipctl.block.block import make_block
 from slipctl.ccode import codegen
-from slipctl.ccode.check import kernel_proof, proof
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.check.proof import kernel_proof, module_proof
+from slipctl.ccode.module.plan import Plan
 
 _s, _q = ca.SX.sym("s", 2), ca.SX.sym("q")
 _once = ca.Function("once", [_s, _q], [ca.vertcat(_s[0] + ca.sin(_s[1]) * _q, 0.9 * _s[1])])
@@ -42,7 +42,9 @@ MADE = codegen.texts(PLAN)
 def test_calls_go_to_contracts_and_lines_stay() -> None:
     """Each function is proven for each way it is called; what calls it sees its contract alone."""
     text = MADE["ctl.c"]
-    files, contracts = kernel_proof.contracted("ctl", text, "double", PLAN.equations.work[2:])
+    files, contracts = kernel_proof.text_with_contracts(
+        "ctl", text, "double", PLAN.equations.work[2:]
+    )
     analysed, proofs = files["ctl.c"], files[kernel_proof.PROOFS]
     assert analysed.count("\n") == text.count("\n")
     assert contracts == proofs.count("failed = ")
@@ -65,11 +67,11 @@ def test_calls_go_to_contracts_and_lines_stay() -> None:
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_module_with_casadis_text_is_proven(real: str) -> None:
     plan = Plan(folded, "ctl", 0.01, real)
-    said = proof.proved(plan, codegen.texts(plan))
+    said = module_proof.run_eva(plan, codegen.texts(plan))
     assert said["passed"], said
     assert said["functions"]["ended"] == said["functions"]["of"] > 4
     assert said["non_finite"] is None
-    assert "one by one: " in proof.summary(said)
+    assert "one by one: " in module_proof.summary(said)
 
 
 @needs_tool
@@ -88,6 +90,6 @@ def test_a_module_with_casadis_text_is_proven(real: str) -> None:
 def test_what_breaks_a_contract_is_not_proven(old: str, new: str) -> None:
     text = MADE["ctl.c"]
     assert old in text
-    said = proof.proved(PLAN, MADE | {"ctl.c": text.replace(old, new)}, finite=False)
+    said = module_proof.run_eva(PLAN, MADE | {"ctl.c": text.replace(old, new)}, finite=False)
     assert not said["passed"], said
     assert said["alarms"] or said["functions"]["ended"] < said["functions"]["of"]

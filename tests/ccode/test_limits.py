@@ -8,7 +8,7 @@ import pytest
 from slipctl import BadInput
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.study import doors
+from slipctl.study import resolve
 
 LIMITS = ("T_max", "F_top", "F_brake")
 """Parameters that limit what a controller commands, by their last name."""
@@ -21,8 +21,8 @@ FREE = ("T_out", "T_b", "T_cmd", "F_contr")
                                   "hst_traction"])  # fmt: skip
 def test_a_limit_that_is_raised_is_not_cut_by_a_number(name):
     """Of each law of a study: with twice the limit the range of the command has room for it."""
-    study = doors.load_study(name)
-    cases = doors.build_cases(study, quick=True)
+    study = resolve.load_study(name)
+    cases = resolve.build_cases(study, quick=True)
     blocks = {
         n: loop[study.controller]
         for case in cases for n, loop in case.loops.items() if study.controller in loop.parts
@@ -68,8 +68,8 @@ def test_no_integral_winds_up_behind_a_limit(name, tmp_path):
     except BadInput:
         pytest.skip("no C compiler on this machine")
     given, (slip, small, large), command, sign = CASES[name]
-    study = doors.load_study(name.partition(":")[0])
-    loop, _ = doors.find_loop(study, name.partition(":")[2])
+    study = resolve.load_study(name.partition(":")[0])
+    loop, _ = resolve.find_loop(study, name.partition(":")[2])
     block = loop[study.controller]
     module = codegen.c_module(block, tmp_path, "ctl", period=loop.period).compile().load()
     limit = next(n for n in block.params if n.rpartition(".")[2] == "T_max")

@@ -10,8 +10,8 @@ import pytest
 
 from slipctl import BadInput, Input, Output, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import load
-from slipctl.ccode.check.rig import Rig
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.processor.rig import Rig
 from slipctl.ccode.compile import board, compilers
 
 try:
@@ -34,8 +34,9 @@ def adder(x=State("1", 0.0, "sum", lo=-1e6, hi=1e6), u=Input("1", "number", lo=-
 def test_a_load_is_instructions_over_the_cycles_of_a_tick() -> None:
     found = load.load(5_000.0, 30_000, 1e-3, 25e6)
     assert (found["mean"], found["worst"], found["passed"]) == (0.2, 1.2, False)
-    assert "worst 120 %, at 25 MHz (25000 cycles), one instruction a cycle: TOO MUCH" in load.said(
-        found
+    assert (
+        "worst 120 %, at 25 MHz (25000 cycles), one instruction a cycle: TOO MUCH"
+        in load.load_line(found)
     )
     assert load.load(5_000.0, 30_000, 1e-3, 168e6)["passed"]
     assert load.load(5_000.0, 25_000, 1e-3, 25e6)["passed"]  # just done when the next one comes

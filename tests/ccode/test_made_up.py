@@ -11,7 +11,7 @@ import pytest
 from slipctl import Input, Output, law
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 
 
 @law(y=Output("1"))

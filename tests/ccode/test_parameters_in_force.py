@@ -11,10 +11,10 @@ import pytest
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.guard import BAD_INPUT, LIMITED, NO_INIT, OFF_RANGE, REFUSED
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.guard import BAD_INPUT, LIMITED, NO_INIT, OFF_RANGE, REFUSED
 
-pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+pytestmark = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
 
 @step(

@@ -11,12 +11,12 @@ from module_text import changed, of_plan
 
 from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import proof
-from slipctl.ccode.write.plan import Plan
-from slipctl.study import doors
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.module.plan import Plan
+from slipctl.study import resolve
 
 try:
-    proof.tool()
+    module_proof.tool()
     HAS_TOOL = True
 except BadInput:
     HAS_TOOL = False
@@ -39,7 +39,7 @@ def sums(
 
 
 def test_the_harness_gives_any_inputs_and_claims_each_range() -> None:
-    text = proof.harness(Plan(sums))
+    text = module_proof.harness(Plan(sums))
     assert "in.u = any;" in text
     assert "check state_x: -0x1.9000000000000p+6 <= state.kept.x <= 0x1.9000000000000p+6;" in text
     assert "check out_z: -0x1.8000000000000p+1 <= out.z[k] <= 0x1.8000000000000p+1;" in text
@@ -55,16 +55,16 @@ def test_nothing_is_claimed_of_what_has_no_range() -> None:
         """Sum."""
         return dict(x=x + u), dict(y=x, z=u)
 
-    text = proof.harness(Plan(few))
+    text = module_proof.harness(Plan(few))
     assert re.findall(r"check (\w+):", text) == ["out_z"]
     ranges = {"proven": 1, "of": 1, "open": [], "without": ["x", "y"]}
     told = {"ended": True, "alarms": [], "ranges": ranges, "non_finite": 0, "passed": True}
-    assert "1 of 1 ranges proven; signals without a range: 2 (" in proof.summary(told)
+    assert "1 of 1 ranges proven; signals without a range: 2 (" in module_proof.summary(told)
 
 
 def test_comparisons_are_written_out_in_what_is_analysed() -> None:
     text = of_plan(Plan(sums))
-    analysed = proof.written_out(text)
+    analysed = module_proof.written_out(text)
     for own in ("x == x", "value == value", "*x == *x"):
         assert (text.count(own), analysed.count(own)) == (0, 1)
     assert analysed.count("\n") == text.count("\n")
@@ -79,7 +79,7 @@ def test_what_proofs_rely_on_is_written_out_in_either_precision(real: str) -> No
         f"    for (int i = 0; i < 9; ++i) {{\n        {real} e_one;\n"
         f"    for (int i = 0; i < 9; ++i) {{\n        {real} *const to = ((i % 2) == 0) ? a : b;\n"
     )
-    analysed = proof.written_out(text)
+    analysed = module_proof.written_out(text)
     assert "((at == at) && (at > -1.0" in analysed
     assert analysed.count("loop unroll 2") == 2
 
@@ -88,7 +88,7 @@ def test_what_proofs_rely_on_is_written_out_in_either_precision(real: str) -> No
 def test_ranges_that_only_the_guards_keep_are_proven() -> None:
     """0/0 and x/0 are among the outputs of the equations; a sum without end is refused."""
     plan = Plan(sums)
-    said = proof.proved(plan, codegen.texts(plan))
+    said = module_proof.run_eva(plan, codegen.texts(plan))
     assert said["passed"], said
     assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
     assert said["alarms"] == []
@@ -111,7 +111,7 @@ def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
     plan = Plan(sums)
     made = codegen.texts(plan)
     spoilt = changed(made, "sums", old, new)
-    said = proof.proved(plan, spoilt, finite=False)
+    said = module_proof.run_eva(plan, spoilt, finite=False)
     assert not said["passed"]
     assert finding in [*said["ranges"]["open"], *(a["kind"] for a in said["alarms"])], said
 
@@ -122,10 +122,10 @@ def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
 )
 def test_short_controllers_are_proven(name: str, real: str) -> None:
     study, _, loop = name.partition(":")
-    found = doors.load_study(study)
-    controller = doors.find_loop(found, loop)[0][found.controller]
+    found = resolve.load_study(study)
+    controller = resolve.find_loop(found, loop)[0][found.controller]
     plan = Plan(controller, "ctl", real=real)
-    said = proof.proved(plan, codegen.texts(plan))
+    said = module_proof.run_eva(plan, codegen.texts(plan))
     assert said["passed"], said
     assert said["non_finite"] == 0
 
@@ -133,33 +133,37 @@ def test_short_controllers_are_proven(name: str, real: str) -> None:
 @needs_tool
 def test_no_end_is_told(tmp_path: Path) -> None:
     plan = Plan(sums)
-    said = proof.proved(plan, codegen.texts(plan), seconds=0, finite=False)
+    said = module_proof.run_eva(plan, codegen.texts(plan), seconds=0, finite=False)
     assert not said["ended"]
     assert not said["passed"]
-    assert proof.summary(said) == "Frama-C: no end in 0 s, nothing is proven of the equations"
+    assert (
+        module_proof.summary(said) == "Frama-C: no end in 0 s, nothing is proven of the equations"
+    )
 
 
 @needs_tool
 def test_of_a_module_without_end_the_guards_are_proven(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the equations give, ranges hold; without the limit of an output they do not."""
-    whole = proof._analysed
+    whole = module_proof._analysed
     ended: list[bool] = []
 
     def too_long(folder: Path, command: list[str], seconds: int):
         ended.append(bool(ended))
         return whole(folder, command, seconds) if ended[-1] else (None, 60.0)
 
-    monkeypatch.setattr(proof, "_analysed", too_long)
+    monkeypatch.setattr(module_proof, "_analysed", too_long)
     plan = Plan(sums)
     made = codegen.texts(plan)
-    said = proof.proved(plan, made)
+    said = module_proof.run_eva(plan, made)
     assert (said["ended"], said["of_guards"], said["passed"]) == (False, True, False)
     assert said["alarms"] == []
     assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
-    assert "of the guards, whatever the equations give: 0 alarms, 4 of 4" in proof.summary(said)
+    assert "of the guards, whatever the equations give: 0 alarms, 4 of 4" in module_proof.summary(
+        said
+    )
     ended.clear()
     spoilt = made["sums.c"].replace("limit(&out->y, -10.0, 10.0)", "0U")
-    assert proof.proved(plan, made | {"sums.c": spoilt})["ranges"]["open"] == ["out.y"]
+    assert module_proof.run_eva(plan, made | {"sums.c": spoilt})["ranges"]["open"] == ["out.y"]
 
 
 @needs_tool
@@ -167,7 +171,7 @@ def test_the_proof_is_in_the_report(tmp_path: Path) -> None:
     report = codegen.export(sums, tmp_path / "out", prove=True)
     told = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))["proof"]
     assert report.passed
-    assert told["assumptions"] == list(proof.ASSUMPTIONS)
+    assert told["assumptions"] == list(module_proof.ASSUMPTIONS)
     assert "-warn-special-float none" in told["options"]
     assert "0 alarms, 4 of 4 ranges proven" in str(report)
     text = (tmp_path / "out/report.md").read_text(encoding="utf-8")

@@ -10,9 +10,9 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
-from slipctl.study import doors
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
+from slipctl.study import resolve
 
 try:
     compilers.compilers()
@@ -20,12 +20,12 @@ except BadInput:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 
-@pytest.mark.parametrize("name", doors.studies())
+@pytest.mark.parametrize("name", resolve.studies())
 def test_every_signal_of_a_controller_has_a_range(name):
     """Both ends, numbers or expressions; and each input and each output says why it is so."""
-    study = doors.load_study(name)
+    study = resolve.load_study(name)
     seen: set[str] = set()
-    for case in doors.build_cases(study, quick=True):
+    for case in resolve.build_cases(study, quick=True):
         for loop_name, loop in case.loops.items():
             if study.controller not in loop.parts or loop_name in seen:
                 continue
@@ -69,9 +69,9 @@ def test_python_and_c_give_the_same_bits_and_status_of_wrong_inputs(name, tmp_pa
     Both are double and have the same text, so what differs is rounding in calls of the mathematics
     library at most: 1e-12 of the largest value.
     """
-    study = doors.load_study(name.partition(":")[0])
-    loop, case = doors.find_loop(study, name.partition(":")[2])
-    inputs, params = codegen.recorded(loop, study.controller, case.scenario, 400)
+    study = resolve.load_study(name.partition(":")[0])
+    loop, case = resolve.find_loop(study, name.partition(":")[2])
+    inputs, params = codegen.record_part(loop, study.controller, case.scenario, 400)
     plan = Plan(loop[study.controller], "ctl", loop.period)
     rows = np.column_stack([np.reshape(inputs[m.name], (400, -1), order="F") for m in
                             plan.layout.inputs if m.name in inputs])  # fmt: skip

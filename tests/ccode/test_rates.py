@@ -12,12 +12,12 @@ import pytest
 from slipctl import BadInput, Input, Output, State, connect, every, step
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers, files
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.rates import groups
-from slipctl.models import subway_braking_control as control
-from slipctl.study import doors
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.rates import groups
+from slipctl.models.huang_2020 import subway_braking_control as control
+from slipctl.study import resolve
 
-CC = compilers.found()
+CC = compilers.first_compiler()
 pytestmark = pytest.mark.skipif(not CC, reason="no C compiler")
 
 
@@ -168,8 +168,8 @@ def test_the_loops_that_have_several_rates():
         ("subway_braking:sta_online", ["step_16ms", "step_1ms"]),
     ):
         study, _, loop_name = name.partition(":")
-        declared = doors.load_study(study)
-        loop, _ = doors.find_loop(declared, loop_name)
+        declared = resolve.load_study(study)
+        loop, _ = resolve.find_loop(declared, loop_name)
         plan = Plan(loop[declared.controller], "ctl", loop.period, rates=True)
         row = groups(plan)
         assert [g.name for g in row] == wanted

@@ -12,13 +12,13 @@ import pytest
 
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import coverage, rounding
+from slipctl.ccode.check import coverage, float_error
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.studies.bench import reach
-from slipctl.study import doors
+from slipctl.study import resolve
 
-pytestmark = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+pytestmark = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
 EVIDENCE = Path(__file__).parents[2] / "docs/evidence/reach.json"
 SHIPPED = json.loads(EVIDENCE.read_text(encoding="utf-8"))["numbers"]["reach"]["controllers"]
@@ -69,10 +69,10 @@ def test_a_folder_that_is_checked_again_counts_from_zero(tmp_path: Path) -> None
     u = {"u": 0.5 * np.sin(np.arange(50))}
     plan = Plan(law, "law", None)
     folder = codegen.export(law, tmp_path, inputs=u).folder
-    whole = coverage.covered(plan, folder, compilers.compilers())
+    whole = coverage.run_with_counters(plan, folder, compilers.compilers())
     test = folder / "test_law.c"
     test.write_text(test.read_text("utf-8").replace("misused(&param, &state)", "0"), "utf-8")
-    part = coverage.covered(plan, folder, compilers.compilers())
+    part = coverage.run_with_counters(plan, folder, compilers.compilers())
     assert part["branches"]["reached"] < whole["branches"]["reached"]
 
 
@@ -112,15 +112,15 @@ def test_the_own_test_sees_a_guard_that_is_broken(tmp_path: Path, what, to, find
     assert "Error" in _test(folder)
 
 
-@pytest.mark.skipif(not rounding.there(), reason="no C++ compiler")
+@pytest.mark.skipif(not float_error.has_cpp_compiler(), reason="no C++ compiler")
 def test_a_folder_in_float_holds_no_more_of_a_run_than_can_be_tried_soon(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The ticks follow from operations, which are counted: the same on every machine."""
     u = {"u": 0.5 * np.sin(np.arange(3000))}
     whole = codegen.export(law, tmp_path / "whole", inputs=u, real="float").data
-    monkeypatch.setattr(rounding, "ENOUGH", 2000)
-    monkeypatch.setattr(rounding, "AT_LEAST", 100)
+    monkeypatch.setattr(float_error, "ENOUGH", 2000)
+    monkeypatch.setattr(float_error, "AT_LEAST", 100)
     part = codegen.export(law, tmp_path / "part", inputs=u, real="float").data
     checked = codegen.check(law, u, tmp_path / "checked", real="float")
     assert (whole["ticks"], checked["ticks"]) == (3000, 3000)
@@ -130,9 +130,9 @@ def test_a_folder_in_float_holds_no_more_of_a_run_than_can_be_tried_soon(
 
 @needs_gcov
 def test_a_shipped_controller_is_reached(tmp_path: Path) -> None:
-    study = doors.load_study("subway_braking")
-    loop, case = doors.find_loop(study, "smc")
-    inputs, params = codegen.recorded(loop, study.controller, case.scenario)
+    study = resolve.load_study("subway_braking")
+    loop, case = resolve.find_loop(study, "smc")
+    inputs, params = codegen.record_part(loop, study.controller, case.scenario)
     data = codegen.check(loop[study.controller], inputs, tmp_path, params, period=loop.period)
     assert data["passed"]
     assert coverage.share(data["coverage"], "branches") >= 0.95
@@ -159,7 +159,7 @@ def test_the_head_of_the_report_has_time_stack_code_and_assumptions(tmp_path: Pa
     from slipctl.ccode.compile import board
 
     on_board = shutil.which(board.TOOLS + "gcc") and shutil.which(board.EMULATOR)
-    target = "cortex-m4" if on_board and rounding.there() else "host"
+    target = "cortex-m4" if on_board and float_error.has_cpp_compiler() else "host"
     data = codegen.check(law, {"u": np.zeros(20)}, tmp_path, target=target)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     heads = [line for line in text.splitlines() if line.startswith("## ")]

@@ -11,9 +11,11 @@ import pytest
 
 from slipctl import Input, Output, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import analysis, coverage, load, proof
+from slipctl.ccode.check import analysis, coverage
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship.readable import readable
-from slipctl.ccode.write.plan import Plan
 
 
 @step(period=0.01, y=Output("N", "sum", lo=-9, hi=9), z=Output("m", "other"))
@@ -189,16 +191,18 @@ def test_one_line_each(data) -> None:
         f" writes; in 4001 lines of CasADi's {inside} required, {89 - inside} advisory"
     )
     assert "CasADi" not in analysis.summary(ANALYSIS | {"kernel_lines": 0})
-    assert proof.summary(PROOF) == (
+    assert module_proof.summary(PROOF) == (
         "Frama-C: 1 alarms, 5005 of 5006 ranges proven; signals without a range: 1"
         " (NaN and infinity as alarms: 5003 alarms): proven"
     )
-    assert proof.summary(PROOF | {"passed": False, "non_finite": None}).endswith(
+    assert module_proof.summary(PROOF | {"passed": False, "non_finite": None}).endswith(
         "(NaN and infinity as alarms: no result): NOT PROVEN"
     )
     open_ = PROOF | {"ended": False}
-    assert proof.summary(open_) == ("Frama-C: no end in 5002 s, nothing is proven of the equations")
-    assert proof.summary(open_ | {"of_guards": True}).endswith(
+    assert module_proof.summary(open_) == (
+        "Frama-C: no end in 5002 s, nothing is proven of the equations"
+    )
+    assert module_proof.summary(open_ | {"of_guards": True}).endswith(
         "equations; of the guards, whatever the equations give: 1 alarms, 5005 of 5006 ranges"
         " proven"
     )
@@ -226,11 +230,11 @@ def test_what_is_printed(data) -> None:
         "cortex-a: 2021 instructions per step, at most 2022, 2013 bytes of stack used, 2023 ticks:"
         " passed"
     ) in lines
-    assert f"cortex-a: {load.said(TARGETS[0]['load'])}" in lines
+    assert f"cortex-a: {load.load_line(TARGETS[0]['load'])}" in lines
     assert f"{coverage.summary(COVERED)}" in lines
     assert f"{analysis.summary(ANALYSIS)}" in lines
     assert "libFuzzer: 6001 runs in 6002 s, nothing found" in lines
-    assert proof.summary(PROOF) in lines
+    assert module_proof.summary(PROOF) in lines
     assert "public symbols" not in text
 
 

@@ -13,16 +13,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl.block.inside import remembered
-from slipctl.ccode.write import scratch
-from slipctl.ccode.write.again import again
-from slipctl.ccode.write.functions import Functions, returned
-from slipctl.ccode.write.helpers import helper_text
-from slipctl.ccode.write.kernel import _branches
-from slipctl.ccode.write.scans import scanned
-from slipctl.ccode.write.small import checks
-from slipctl.ccode.write.statements import broken
-from slipctl.predict.repeating import Repeated, scan
+from slipctl.block.text.intermediates import remember_locals
+from slipctl.ccode.module.kernel import _branches
+from slipctl.ccode.module.small import checks
+from slipctl.ccode.passes import scratch
+from slipctl.ccode.tree.functions import Functions, returns_number
+from slipctl.ccode.tree.helpers import helper_text
+from slipctl.ccode.tree.scans import find_scan
+from slipctl.ccode.tree.statements import break_lines
+from slipctl.ccode.tree.while_loops import find_while_loop
+from slipctl.predict.qp.stage_loops import Repeated, scan
 
 HEAD = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 
@@ -39,7 +39,7 @@ def run(f: ca.Function, given: list[Any], folder: Path, texts: dict[str, str], n
     body = "\n\n".join(texts.values())
     text = f"{helper_text(helpers)}\n{checks(body)}\n{body}"
     places = [f"*a{i}" if f.nnz_in(i) == 1 else f"a{i}" for i in range(f.n_in())]
-    if returned(f):
+    if returns_number(f):
         name = f"*r0 = {name}"
     else:
         places += [f"r{i}" for i in range(f.n_out())]
@@ -47,7 +47,7 @@ def run(f: ca.Function, given: list[Any], folder: Path, texts: dict[str, str], n
     declared += [f"double *r{i}" for i in range(f.n_out())]
     call = f"void run({', '.join(declared)})\n{{ {name}({', '.join(places)}); }}\n"
     unit_name = f"c{len(list(folder.iterdir()))}"
-    (folder / f"{unit_name}.c").write_text(f"{HEAD}{broken(text)}\n{call}")
+    (folder / f"{unit_name}.c").write_text(f"{HEAD}{break_lines(text)}\n{call}")
     flags = ["-std=c99", "-O1", "-Wall", "-Wshadow", "-Werror", "-shared", "-fPIC"]
     command = ["gcc", *flags, "-ffp-contract=off", f"{unit_name}.c", "-o", f"{unit_name}.so", "-lm"]
     subprocess.run(command, cwd=folder, check=True)
@@ -89,7 +89,7 @@ def stage() -> ca.Function:
 @pytest.mark.parametrize("count", [3, 7, 20])
 def test_stages_are_a_loop_and_every_bit_stays(tmp_path, count, backward):
     f = scan(stage(), count, 2, 1, backward)
-    found = scanned(f)
+    found = find_scan(f)
     assert found is not None
     assert (found.inner.name(), found.count, found.backward) == ("stage", count, backward)
     assert found.carried == {0: 0, 1: 1}
@@ -109,7 +109,7 @@ def test_a_state_that_every_stage_gives_is_no_copy(tmp_path, count):
     for k in range(count):
         states.append(one(states[-1], v[k]))
     f = ca.Function("all", [z, v], [ca.horzcat(*states[1:]), states[-1]], ["z", "v"], ["Z", "e"])
-    assert scanned(f) is not None
+    assert find_scan(f) is not None
     assert "copy(e, &Z[" in same(f, tmp_path, numbers(f))
     fold = one.fold(count)
     text = same(fold, tmp_path, numbers(fold))
@@ -126,11 +126,11 @@ def test_what_is_not_the_next_column_is_no_loop(tmp_path):
         for k in places:
             y = one(y, v[k])
         f = ca.Function("f", [z, v], [y], ["z", "v"], ["y"])
-        assert scanned(f) is None
+        assert find_scan(f) is None
         same(f, tmp_path, numbers(f))
     y = one(one(one(z, v[0]) * 2, v[1]), v[2])
     f = ca.Function("f", [z, v], [y], ["z", "v"], ["y"])
-    assert scanned(f) is None
+    assert find_scan(f) is None
     same(f, tmp_path, numbers(f))
 
 
@@ -196,13 +196,13 @@ def test_what_goes_on_otherwise_is_no_such_loop():
     assert found(z[1] > 0, lambda y: y[1] > 1) is None
     y = maybe(z[1] > 0, z, k)
     f = ca.Function("f", [z, k], [maybe(y[1] > 0, y, k + 1)], ["z", "k"], ["z_next"])
-    assert again(f, lambda g: _branches(g, "test"), lambda g: None) is None
+    assert find_while_loop(f, lambda g: _branches(g, "test"), lambda g: None) is None
     f = ca.Function("f", [z, k], [once(once(z, k), k)], ["z", "k"], ["z_next"])
-    assert again(f, lambda g: _branches(g, "test"), lambda g: None) is None
+    assert find_while_loop(f, lambda g: _branches(g, "test"), lambda g: None) is None
 
 
 def test_names_of_the_python_that_wrote_it(tmp_path):
-    @remembered
+    @remember_locals
     def made() -> Any:
         x, k = ca.MX.sym("x", 5), ca.MX.sym("k")
         slope = x * k

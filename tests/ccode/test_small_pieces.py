@@ -12,12 +12,13 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import comparison, endurance, faults, rounding
+from slipctl.ccode.check import comparison, endurance, faults, float_error
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import fmu, readable
-from slipctl.ccode.write import guard, statements
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.tree import statements
 
 
 @step(y=Output("1", "sum", lo=-4, hi=4), far=Output("1", "twice the sum"))
@@ -60,16 +61,16 @@ def test_a_target_without_counted_instructions_has_an_empty_place() -> None:
 def test_a_jump_is_taken_only_where_no_change_is_declared(change, wanted) -> None:
     rows = np.array([[0.0], [0.4], [1.4], [0.8]])
     ends = (np.array([v]) for v in (-9.0, 9.0, change, 0.0, 100.0))
-    taken, told = guard.accepted(rows, *ends, 1e30)
+    taken, told = guard.accepted_inputs(rows, *ends, 1e30)
     assert taken[:, 0].tolist() == wanted
     assert told.any() == (wanted[2] != 1.4)
 
 
 def test_a_compiler_of_other_roundings_is_found() -> None:
-    assert rounding.there() == any(map(shutil.which, ("g++", "clang++", "c++")))
+    assert float_error.has_cpp_compiler() == any(map(shutil.which, ("g++", "clang++", "c++")))
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_a_start_with_refused_parameters_is_one_with_those_of_the_block(tmp_path: Path) -> None:
     """It says so, and the steps go on with the factor 1, not with what was in the memory."""
     c = codegen.c_module(adds, tmp_path).compile().load()
@@ -102,7 +103,7 @@ def test_a_finding_without_a_reason_has_an_empty_cell() -> None:
 
 def test_a_long_declaration_goes_over_several_lines_none_too_long() -> None:
     arguments = [f"double argument_{k:02d}" for k in range(12)]
-    lines = statements.wrapped("static void", "ten_of_them", *arguments).splitlines()
+    lines = statements.declaration_lines("static void", "ten_of_them", *arguments).splitlines()
     assert len(lines) > 1
     assert max(map(len, lines)) <= statements.WIDTH
     assert all(line.startswith(" " * len("static void ten_of_them(")) for line in lines[1:])
@@ -138,5 +139,5 @@ def test_a_signal_drifts_where_its_second_half_is_larger_than_parts_two_to_five(
         "lost": of(1, 1, 1, 1, 1, 1, np.nan, 1, 1, 1),
         "below": of(5, 1, 1, 1, 1, 1.4, 1, 1, 1, 1, side=-1),
     }  # fmt: skip
-    assert endurance.drifting({"signals": signals}) == ["grows", "lost", "below"]
-    assert endurance.drifting({"signals": signals}, share=0.5) == ["lost"]
+    assert endurance.growing_signals({"signals": signals}) == ["grows", "lost", "below"]
+    assert endurance.growing_signals({"signals": signals}, share=0.5) == ["lost"]

@@ -12,10 +12,11 @@ from casadi import fmin, if_else, logic_and
 
 from slipctl import BadInput, Input, Output, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import comparison, search
+from slipctl.ccode.check import comparison
 from slipctl.ccode.check.coverage import COUNTER, REACHABLE, share
+from slipctl.ccode.check.vectors import search
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.commands import c as command
 from slipctl.commands.cli import main
 
@@ -49,7 +50,7 @@ def found(seconds: int, seed: int = 1) -> tuple[Plan, np.ndarray, dict]:
     """What a search finds behind the made-up inputs of the lock."""
     plan = Plan(lock)
     run, _ = comparison.made_up(plan, {})
-    return plan, *search.searched(plan, codegen.texts(plan), run.rows, {}, seconds, seed)
+    return plan, *search.find_vectors(plan, codegen.texts(plan), run.rows, {}, seconds, seed)
 
 
 def test_it_opens_a_lock_that_the_own_test_does_not(tmp_path: Path) -> None:
@@ -96,7 +97,7 @@ def test_choices_and_whole_numbers_stay_what_they_are() -> None:
     """A gear and a number of teeth have no fraction; a speed has."""
     plan = Plan(gears)
     rows = np.array([[0.0, 0.0, 3.0]])
-    found, told = search.searched(plan, codegen.texts(plan), rows, {}, 2)
+    found, told = search.find_vectors(plan, codegen.texts(plan), rows, {}, 2)
     v, gear, count = np.vstack([rows, found]).T
     assert set(gear) <= {0.0, 1.0, 2.0}
     assert set(count) <= set(range(1, 8))

@@ -16,8 +16,8 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.compile.platforms import MINGW, here, platforms
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.compile.platforms import MINGW, platforms, this_platform
+from slipctl.ccode.module.plan import Plan
 
 WINE = next((p for p in ("wine64", "wine", "/usr/lib/wine/wine64") if shutil.which(p)), None)
 needs_mingw = pytest.mark.skipif(shutil.which(MINGW) is None, reason="no MinGW-w64 here")
@@ -53,7 +53,7 @@ def test_an_fmu_holds_a_binary_for_each_platform(tmp_path):
             found = {n.split("/")[1] for n in archive.namelist() if n.startswith("binaries/")}
             dll = archive.read(f"binaries/{next(iter(places))}/lag.dll")
         assert places <= found
-        assert len(found) == 1 + (here() is not None)
+        assert len(found) == 1 + (this_platform() is not None)
         assert dll[:2] == b"MZ"
 
 

@@ -61,7 +61,7 @@ def _rolled(block: Block, rows: dict[str, np.ndarray], command: str) -> np.ndarr
     x = np.array(ca.DM(block.pack("state", block.start())).full()).ravel()
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
     x_log, y_log = np.empty((ticks, x.size)), np.empty((ticks, block.f.size1_out(1)))
-    assert build.rolling(block.f, False)(x, u, p, x_log, y_log) == ticks
+    assert build.make_roller(block.f, False)(x, u, p, x_log, y_log) == ticks
     names = [n for n, s in block.outputs.items() for _ in range(s.size)]
     return y_log[:, names.index(command)]
 

@@ -33,11 +33,12 @@ from written_blocks import ASKED, FOLDERS, MADE
 
 from slipctl import Block, __version__
 from slipctl.ccode import codegen
-from slipctl.ccode.check import fuzz, proof, rounding
+from slipctl.ccode.check import float_error, fuzz
 from slipctl.ccode.check.comparison import trial_rows
+from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship.fmu import fmus
-from slipctl.ccode.write.plan import Plan
 
 TABLE = Path(__file__).parent / "written_text.csv"
 HEAD = ["what", "file", "code", "with comments", "functions"]
@@ -122,10 +123,10 @@ def checked(what: str) -> Iterator[list[str]]:
     plan = Plan(block(name), **planned)
     text = of_plan(plan)
     made = {
-        "harness.c": proof.harness(plan), "options": " ".join(proof._options(plan, text)),
-        "written out": proof.written_out(text), "any": proof.any_results(plan, text),
-        "claims": str(proof._claims(proof.harness(plan))), "fuzz.c": fuzz.harness(plan),
-        "binding": CModule(Path("."), plan).binding, "inexact": str(rounding.inexact(text)),
+        "harness.c": module_proof.harness(plan), "options": " ".join(module_proof._options(plan, text)),
+        "written out": module_proof.written_out(text), "any": module_proof.any_results(plan, text),
+        "claims": str(module_proof._claims(module_proof.harness(plan))), "fuzz.c": fuzz.harness(plan),
+        "binding": CModule(Path("."), plan).binding, "inexact": str(float_error.inexact(text)),
         "rows": vectors(trial_rows(plan)), "narrow": vectors(trial_rows(plan, 1e-2)),
     }  # fmt: skip
     yield from (row(f"tools for {what}", n, t) for n, t in made.items())

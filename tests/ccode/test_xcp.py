@@ -15,9 +15,9 @@ from slipctl import BadInput
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers, targets
 from slipctl.ccode.compile.files import WARNINGS
-from slipctl.models import subway_braking_control as control
+from slipctl.models.huang_2020 import subway_braking_control as control
 
-CC = compilers.found()
+CC = compilers.first_compiler()
 CONNECT, DISCONNECT, GET_STATUS, SYNCH = 0xFF, 0xFE, 0xFD, 0xFC
 SET_MTA, UPLOAD, SHORT_UPLOAD, DOWNLOAD = 0xF6, 0xF5, 0xF4, 0xF0
 UNKNOWN, SYNTAX, OUT_OF_RANGE, PROTECTED = (b"\xfe" + bytes([k]) for k in (0x20, 0x21, 0x22, 0x23))

@@ -42,7 +42,7 @@ from slipctl import (
     step,
 )
 from slipctl import law as as_law
-from slipctl.models import subway_braking
+from slipctl.models.huang_2020 import subway_braking
 
 Made = tuple[Block, dict[str, Any]]
 """A block, and how it is written: arguments of Plan and of texts."""

@@ -44,11 +44,11 @@ def measured(name: str, cases: int, seed: int) -> dict[str, dict[str, Any]]:
     groups: dict[str, list[tuple[float, float, str, str]]] = {}
     found = common.cases(common.adversaries()[name], cases, seed)
     for numbers in common.singles(found):
-        told = proofs.checked(own, {k: Fraction(f"{v:.10g}") for k, v in numbers.items()})
+        told = proofs.exact_numbers(own, {k: Fraction(f"{v:.10g}") for k, v in numbers.items()})
         start = process_time()
         answer = report(own, told)
         verdict = process_time() - start
-        payload = proofs.written(own, told, answer.decision)
+        payload = proofs.certificate_entries(own, told, answer.decision)
         start = process_time()
         certificate.check(payload)
         check = process_time() - start

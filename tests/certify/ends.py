@@ -18,11 +18,11 @@ from time import process_time
 from typing import Any
 
 from slipctl.certify import catalogue, certificate, proofs
-from slipctl.certify.farthest import Farthest, farthest
-from slipctl.certify.systems import checked
+from slipctl.certify.boundary import Farthest, farthest
+from slipctl.certify.systems import exact_numbers
 from slipctl.run import store
 from slipctl.studies.bench import speed
-from slipctl.study.doors import find_loop, load_study
+from slipctl.study.resolve import find_loop, load_study
 
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 ENDS = ("T", "lag")
@@ -47,7 +47,7 @@ def end(system: str, numbers: Mapping[str, float], of: str) -> Farthest:
     for side in ("certified", "refuted"):
         value = getattr(found, side)
         if value is not None:
-            told = checked(own, {**numbers, of: Fraction(str(value))})
+            told = exact_numbers(own, {**numbers, of: Fraction(str(value))})
             payload = proofs.write(own, told)
             assert payload["verdict"] == side.upper(), (system, of, value, payload["verdict"])
             certificate.check(payload)

@@ -23,7 +23,7 @@ MILLIONTH = Fraction(1, 10**6)
 def test_draws_that_a_share_needs(share: int, beta: Fraction, draws: int) -> None:
     """ln(1/beta)/-ln(1 - e), rounded up; one draw fewer does not do."""
     e = Fraction(1, share)
-    assert binomial.needed(e, beta) == draws
+    assert binomial.draws_needed(e, beta) == draws
     assert binomial.holds(draws, 0, e, beta)
     assert not binomial.holds(draws - 1, 0, e, beta)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Input, Output, Param, law
-from slipctl.analysis.bounding import largest_slope
+from slipctl.analysis.bounds import largest_slope
 from slipctl.certify import linear_kind
 from slipctl.certify.catalogue import SYSTEMS, certify
 
@@ -134,14 +134,14 @@ def _answers(name, numbers):
 def test_certify_hst_braking_asks_what_its_pages_show():
     """Case 13: the jump dry -> snow leaves the funnel, on the same plant, as printed or not."""
     from slipctl.studies.hst_braking import gains as own
-    from slipctl.study import doors
+    from slipctl.study import resolve
 
-    study = doors.load_study("hst_braking")
-    cases = doors.build_cases(study)
+    study = resolve.load_study("hst_braking")
+    cases = resolve.build_cases(study)
     found = {}
     for g in study.gains:
         if g.system == "prescribed_performance":
-            loop, _ = doors.pick_loop(study, cases, g.loop)
+            loop, _ = resolve.pick_loop(study, cases, g.loop)
             found[g.name] = certify(g.system, **g.numbers(loop))
     for name in ("eppfc", "eppfc_lag50", "eppfc_printed"):
         assert found[name].verdict == "REFUTED"

@@ -16,9 +16,9 @@ from slipctl.certify import (
     dither,
     dither_flight,
     filters,
-    forgetting,
     proofs,
-    sliding,
+    rls_covariance,
+    sliding_seeker,
 )
 from slipctl.certify.ball import Ball
 from slipctl.certify.catalogue import certify, system
@@ -72,8 +72,8 @@ def test_a_plane_is_lost_just_beyond_its_travel_and_kept_just_inside():
     for late, noise in ((0, 0.0), (3, 0.0), (0, 2e-3), (2, 1e-3)):
         T = (0.02 - 2 * noise) / ((late + 1) * 0.76)
         for factor, kept in ((0.99, True), (1.01, False)):
-            p = sliding.Seeker(1.0, 0.1, 0.02, T * factor, noise, late)
-            assert (sliding.travel(p, 0.66) <= 0.02) == kept
+            p = sliding_seeker.Seeker(1.0, 0.1, 0.02, T * factor, noise, late)
+            assert (sliding_seeker.travel(p, 0.66) <= 0.02) == kept
             delta, lost = rng.uniform(0, 0.04, 4000), np.zeros(4000, bool)
             cell, store = np.floor(delta / 0.04), [np.zeros(4000)] * late
             for _ in range(400):
@@ -93,8 +93,8 @@ def test_ripple_on_a_parabola_stays_inside_its_bound():
     """Runs with random noise and delays end within the bound, and fill half of it at least."""
     rng = np.random.default_rng(2)
     for late, noise in ((0, 0.0), (2, 0.0), (0, 4e-4), (1, 2e-4)):
-        p = sliding.Seeker(1.0, 0.1, 0.02, 1e-3, noise, late)
-        assert all(a <= b for _, a, b in sliding.ripple_sides(p, -0.18544))
+        p = sliding_seeker.Seeker(1.0, 0.1, 0.02, 1e-3, noise, late)
+        assert all(a <= b for _, a, b in sliding_seeker.ripple_sides(p, -0.18544))
         x = rng.uniform(-0.5, 0.5, 64)
         g, store = -0.09272 * x * x - rng.uniform(0, 0.04, 64), []
         low, high = np.full(64, np.inf), np.full(64, -np.inf)
@@ -105,7 +105,7 @@ def test_ripple_on_a_parabola_stays_inside_its_bound():
             g = g + 1e-4
             if i > 6000:
                 low, high = np.minimum(low, x), np.maximum(high, x)
-        bound = sliding.ripple(p, -0.18544)
+        bound = sliding_seeker.ripple(p, -0.18544)
         assert 0.5 * bound < (high - low).max() < bound
 
 
@@ -220,10 +220,10 @@ def test_a_proof_for_another_loop_proves_nothing():
     """The function of one gain does not fall for one that is 30 times larger, or that flees."""
     loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.012566, 0.0)
     found = find(loop, 1.0)
-    assert dither.proven(loop, found.proof) is not None
-    assert dither.proven(loop._replace(q=0.9), found.proof) is None
-    assert dither.proven(loop._replace(q=-0.0295), found.proof) is None
-    assert dither.proven(loop._replace(W=0.6), found.proof) is None
+    assert dither.check_proof(loop, found.proof) is not None
+    assert dither.check_proof(loop._replace(q=0.9), found.proof) is None
+    assert dither.check_proof(loop._replace(q=-0.0295), found.proof) is None
+    assert dither.check_proof(loop._replace(W=0.6), found.proof) is None
 
 
 def test_a_function_does_not_fall_faster_than_it_does():
@@ -231,8 +231,8 @@ def test_a_function_does_not_fall_faster_than_it_does():
     loop = dither.Loop(0.0295, 0.0557, 0.0716, 0.012566, 0.0)
     proof = find(loop, 1.0).proof
     for factor in (2, 5, 20):
-        assert dither.proven(loop, proof._replace(mu=factor * proof.mu)) is None
-    assert dither.proven(loop, proof._replace(mu=0.9 * proof.mu)) is not None
+        assert dither.check_proof(loop, proof._replace(mu=factor * proof.mu)) is None
+    assert dither.check_proof(loop, proof._replace(mu=0.9 * proof.mu)) is not None
 
 
 def test_the_function_falls_at_random_states():
@@ -330,7 +330,7 @@ def test_largest_covariance_is_reached_and_not_passed():
     top = P / lam ** (idle + S - 1)
     n = dict(forgetting=lam, P=1.0, least=least, samples=S, idle=idle)
     for factor, holds in ((1 - 1e-6, False), (1 + 1e-6, True)):
-        sides = forgetting.largest_sides(n | dict(limit=top * factor))
+        sides = rls_covariance.largest_sides(n | dict(limit=top * factor))
         assert all(a <= b for _, a, b in sides) == holds
 
 
@@ -382,7 +382,7 @@ def test_chi_squared_is_enclosed(freedom):
 
     for share in (1e-9, 0.025, 0.5, 0.975, 1 - 1e-9):
         value = float(chi2.ppf(share, freedom))
-        low, high = (float(x) for x in chi_squared.below(F(value), freedom).ends())
+        low, high = (float(x) for x in chi_squared.probability_below(F(value), freedom).ends())
         assert low - 1e-9 * share <= share <= high + 1e-9 * share
         assert high - low < 1e-12 or freedom > 20_000 or not 0.01 < share < 0.99
 

@@ -46,7 +46,7 @@ def test_disturbance_bound(share, held):
     e, left = run(w, end=100)
     assert math.isinf(left) == held
     if held:
-        assert e == pytest.approx(bl.settled(w, K, KS), rel=1e-4)
+        assert e == pytest.approx(bl.settled_error(w, K, KS), rel=1e-4)
     else:
         assert left == pytest.approx(bl.escape_time(w, K, KS), rel=2e-3)
 
@@ -95,7 +95,7 @@ def test_sampled_disturbance(kappa):
 )  # fmt: skip
 def test_roots_of_the_cubic(k, width, load):
     W = load * bl.largest_disturbance(k, width)
-    low, high = bl.settled(W, k, width), bl.recoverable(W, k, width)
+    low, high = bl.settled_error(W, k, width), bl.recoverable(W, k, width)
     assert low >= -1e-12 * width
     assert low <= width * bl.Z_PEAK * (1 + 1e-9) <= high * (1 + 2e-9) <= width * (1 + 3e-9)
     for e in (low, high):

@@ -13,7 +13,7 @@ from slipctl.certify import adhesion_observer as observer
 from slipctl.certify import higher_order as hosm
 from slipctl.certify import super_twisting as sta
 from slipctl.certify.catalogue import system
-from slipctl.models.hst_traction_control import higher_order
+from slipctl.models.wang_2025.hst_traction_control import higher_order
 
 K1 = st.floats(0.05, 20)
 K2 = st.floats(0.05, 50)
@@ -61,10 +61,10 @@ def test_numbers_of_the_exact_test():
 
 def test_theorem_1_as_printed_accepts_an_observer_that_diverges():
     K1, K2, L = 0.061, 0.03, 0.0145
-    assert observer.printed(K1, K2, L)
+    assert observer.printed_verdict(K1, K2, L)
     assert not observer.exact(K1, K2, L)
     assert sta.worst_ratio(K1, K2 / 2, L) == pytest.approx(2.3348, abs=5e-5)
-    assert not observer.printed(93.8, 4400, 2000)  # and refuses one that is proven
+    assert not observer.printed_verdict(93.8, 4400, 2000)  # and refuses one that is proven
     assert observer.h_infinity(93.8, 4400, 2000)
 
 

@@ -75,7 +75,7 @@ def test_constants_solve_their_equations():
     assert 2 * eps * math.tanh(eps) == pytest.approx(1, abs=1e-14)
     z = np.linspace(0, 0.999999, 200_001)
     assert ((1 - z**2) * np.arctanh(z)).max() == pytest.approx(pp.H_MAX, abs=1e-10)
-    assert pp.restoring(pp.Z_PEAK) == pytest.approx(pp.H_MAX, abs=1e-15)
+    assert pp.restoring_pull(pp.Z_PEAK) == pytest.approx(pp.H_MAX, abs=1e-15)
     w = 1 / pp.INVARIANT
     assert w * math.exp(w) == pytest.approx(math.exp(-1), abs=1e-15)
     assert round(pp.H_MAX, 10) == 0.4477432047
@@ -89,10 +89,10 @@ def test_largest_disturbance():
         e, left = run(sign * share * LIMIT)
         assert np.isinf(left[:2]).all()
         assert np.isfinite(left[2:]).all()
-        predicted = [pp.settled(q * pp.H_MAX) for q in share[:2]]
+        predicted = [pp.settled_share(q * pp.H_MAX) for q in share[:2]]
         np.testing.assert_allclose(sign * e[:2] / (D * ETA), predicted, atol=1e-6)
-    assert pp.settled(0.9 * pp.H_MAX) == pytest.approx(0.480967, abs=5e-7)
-    assert pp.settled(0.99 * pp.H_MAX) == pytest.approx(0.597969, abs=5e-7)
+    assert pp.settled_share(0.9 * pp.H_MAX) == pytest.approx(0.480967, abs=5e-7)
+    assert pp.settled_share(0.99 * pp.H_MAX) == pytest.approx(0.597969, abs=5e-7)
 
 
 def test_largest_disturbance_with_any_widths():
@@ -108,14 +108,14 @@ def test_largest_disturbance_with_any_widths():
     assert (np.isfinite(left) == (np.abs(factor) > 1)).all()
     np.testing.assert_allclose((e / eta)[:40], (middle / eta)[:40], atol=1e-9)
     z = pp.share(e[40:120], eta[40:120], lower[40:120], upper[40:120])
-    np.testing.assert_allclose(np.abs(z), pp.settled(0.99 * pp.H_MAX), atol=1e-5)
+    np.testing.assert_allclose(np.abs(z), pp.settled_share(0.99 * pp.H_MAX), atol=1e-5)
 
 
 def test_decay_of_the_funnel_does_not_matter():
     """With eta falling from 0.1 the same W holds; the escape comes later by the transient."""
     e, left = run(LIMIT * np.array([0.99, 1.01, 1.1]), eta_0=ETA_0, decay=DECAY, step=0.01)
     assert np.isinf(left[0])
-    assert e[0] / (D * ETA) == pytest.approx(pp.settled(0.99 * pp.H_MAX), abs=1e-3)
+    assert e[0] / (D * ETA) == pytest.approx(pp.settled_share(0.99 * pp.H_MAX), abs=1e-3)
     np.testing.assert_allclose(left[1:], [0.525, 0.262], atol=5e-4)  # digits of the hand-off
 
 
@@ -126,7 +126,7 @@ def test_what_is_recovered():
     assert np.isinf(left[0])
     assert np.isfinite(left[1])
     assert pp.recoverable(1.01 * pp.H_MAX) == 0.0
-    assert pp.settled(1.01 * pp.H_MAX) == math.inf
+    assert pp.settled_share(1.01 * pp.H_MAX) == math.inf
 
 
 @pytest.mark.parametrize("factor", [1.01, 1.1, 1.5, 5.0])

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, law
-from slipctl.analysis.bounding import METHODS, fastest, largest_slope
+from slipctl.analysis.bounds import METHODS, fastest, largest_slope
 from slipctl.block.signals import Input, Output, Param
 from slipctl.certify import catalogue, higher_order, lyapunov, systems
 from slipctl.certify import super_twisting as sta
 from slipctl.commands.cli import main
-from slipctl.models.freight_traction import SURFACES, adhesion
-from slipctl.models.hst_braking import burckhardt
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.cheng_2022.freight_traction import SURFACES, adhesion
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.zhang_2021.hst_braking import burckhardt
 from slipctl.studies.freight_traction import gains as freight_traction_gains
 from slipctl.studies.gain_bounds import experiments as gain_bounds_experiments
 from slipctl.studies.gain_bounds import runs as gain_bounds_runs
@@ -95,7 +95,7 @@ def test_lyapunov_function_falls_where_its_proof_says(make):
 
 def test_beyond_the_bound_it_rises():
     s, d = np.full(5, 0.01), np.full(5, 13.0)
-    assert (lyapunov.reaching(s, d, 36.0, 12.0)[1] > 0).all()
+    assert (lyapunov.reaching_law(s, d, 36.0, 12.0)[1] > 0).all()
     z = np.linspace(0.01, 0.99, 99)
     assert (lyapunov.funnel(z, 0.27, 100.0, 0.006)[1] > 0).all()  # 0.2686 would be held
     assert not (lyapunov.funnel(z, 0.265, 100.0, 0.006)[1] > 0).all()
@@ -133,7 +133,7 @@ def test_gains_of_the_subway_study():
     """The paper's pair violates (48), is stable in continuous time, and chatters at 1 ms."""
     found = {}
     laws = {"sta": MODELS["sta"], "smc": MODELS["smc"]}
-    from slipctl.models.subway_braking_control import super_twisting as law_of
+    from slipctl.models.huang_2020.subway_braking_control import super_twisting as law_of
 
     laws["sta_printed"] = law_of(gains="printed")
     for g in subway_braking_gains.GAINS:

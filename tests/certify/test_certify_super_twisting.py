@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from slipctl import BadInput
-from slipctl.certify import catalogue, certificate, outward, systems
+from slipctl.certify import catalogue, certificate, decimal_intervals, systems
 from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as report
 
@@ -308,10 +308,10 @@ def test_an_orbit_that_fits_certifies_no_band(k1, further):
 
 
 def test_enclosure_of_ln_q():
-    low, high = outward.enclosure(F(3, 2), F(11, 10), F(1))
+    low, high = decimal_intervals.enclosure(F(3, 2), F(11, 10), F(1))
     assert low < high < 0
     assert str(low).startswith("-0.6209529560652267052984971000")
-    low, high = outward.enclosure(F(49, 50), F(11, 10), F(1))
+    low, high = decimal_intervals.enclosure(F(49, 50), F(11, 10), F(1))
     assert 0 < low < high
     assert str(low).startswith("0.014006623327873483066")
 
@@ -321,19 +321,19 @@ def test_enclosure_contains_the_closed_form():
     for _ in range(200):
         k2 = 1 + 10 ** seeded.uniform(-6, 2)
         k1 = math.sqrt(8 * (k2 + 1)) * seeded.uniform(0.001, 0.999)
-        low, high = outward.enclosure(F(k1), F(k2), F(1))
+        low, high = decimal_intervals.enclosure(F(k1), F(k2), F(1))
         assert low <= high
-        assert high - low <= abs(low) * outward.Decimal("1e-28")
+        assert high - low <= abs(low) * decimal_intervals.Decimal("1e-28")
         assert float(low) == pytest.approx(sta.log_ratio(k1, k2, 1.0), rel=1e-11, abs=1e-13)
     for digits in (60, 120):  # through z1 = 1, where the formula changes its branch
-        found = outward.log_ratio(F(4), F(3), F(1), F(0), digits)
+        found = decimal_intervals.log_ratio(F(4), F(3), F(1), F(0), digits)
         assert found.low < found.high
-        assert found.high - found.low < outward.Decimal(10) ** (8 - digits)
+        assert found.high - found.low < decimal_intervals.Decimal(10) ** (8 - digits)
 
 
 def test_minors_of_published_matrices():
     P = ((F(4271, 10000), F(-1846, 10000)), (F(-1846, 10000), F(2387, 10000)))
-    gains = report.checked(F(2), F(11, 10), F(1))
+    gains = report.exact_gains(F(2), F(11, 10), F(1))
     assert certificate.minors(gains, P, F(1671, 5000))[:3] == (
         F(2847, 25000), F(6600779, 2500000000), F(161027271, 3125000000000))  # fmt: skip
 
@@ -424,11 +424,11 @@ def test_gains_near_and_on_the_boundary():
     least = F(report.smallest_k1("exact", 1.1, 1.0))
     k2 = F(1.1)
     step = F(1, 10**13)
-    assert report.exact_verdict(report.checked(least + step, k2, F(1))) == report.CERTIFIED
-    assert report.exact_verdict(report.checked(least - step, k2, F(1))) == report.REFUTED
+    assert report.exact_verdict(report.exact_gains(least + step, k2, F(1))) == report.CERTIFIED
+    assert report.exact_verdict(report.exact_gains(least - step, k2, F(1))) == report.REFUTED
     assert report.super_twisting_report(1.0, 1.0, 1.0).verdict == report.REFUTED
     with pytest.raises(BadInput, match="differ by less than a double tells"):
-        report.checked(1, 1 + F(1, 10**20), 1)
+        report.exact_gains(1, 1 + F(1, 10**20), 1)
 
 
 @pytest.mark.parametrize(("gains", "said"), [
@@ -452,7 +452,7 @@ def test_sliding_error_of_the_proper_implicit_form_in_c(T, tmp_path, needs_compi
     tick enters, which moves by at most L T, and by that much where the slope is constant.
     """
     from slipctl import c_module
-    from slipctl.models.subway_braking_control import super_twisting
+    from slipctl.models.huang_2020.subway_braking_control import super_twisting
 
     block = super_twisting(discretisation="proper_implicit").with_params(T=T)
     c, L, ratio, T_eq = c_module(block, tmp_path).compile().load(), 8.0, 0.5 / 240.0, 10e3

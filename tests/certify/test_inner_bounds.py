@@ -9,7 +9,7 @@ import pytest
 
 from slipctl import BadInput
 from slipctl.certify.dither_flight import _at_rest
-from slipctl.certify.holding import replay_drift
+from slipctl.certify.interval_systems import replay_drift
 from slipctl.certify.saturated_motion import Saturated, half_turn
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from slipctl.certify.ball import Ball
+from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.enclosure import _constpow
-from slipctl.certify.outward import Interval
 
 OPERATIONS = [operator.add, operator.sub, operator.mul, operator.truediv]
 ENDS = [(a, b) for a, b in product(map(Fraction, ("-7/3", "-1/9", "0", "2/7", "5/3")), repeat=2)

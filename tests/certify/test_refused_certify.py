@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify import binomial, certificate, farthest, reading, twisting_report
+from slipctl.certify import binomial, boundary, certificate, safe_json, twisting_report
 from slipctl.certify.catalogue import SYSTEMS
 
 FILES = {
@@ -21,7 +21,7 @@ FILES = {
     "nan": (b'{"a": NaN}', "NaN stands in it as a number"),
     "list": (b"[1]", "is no JSON file of slipctl"),
     "text": (b"\xff", "is no JSON file of slipctl"),
-    "large": (b" " * (reading.LARGEST + 1), "has more than 10 MB; a certificate has less"),
+    "large": (b" " * (safe_json.LARGEST + 1), "has more than 10 MB; a certificate has less"),
 }
 
 
@@ -30,15 +30,15 @@ def test_a_file_is_refused(what: str, tmp_path: Path) -> None:
     raw, words = FILES[what]
     (tmp_path / "a.json").write_bytes(raw)
     with pytest.raises(BadInput, match=words):
-        reading.read(tmp_path / "a.json")
+        safe_json.read(tmp_path / "a.json")
 
 
 def test_what_is_at_the_limit_is_read(tmp_path: Path) -> None:
     raw = b'{"a":' * 20 + b'"1"' + b"}" * 20
-    (tmp_path / "a.json").write_bytes(raw + b" " * (reading.LARGEST - len(raw)))
-    assert reading.read(tmp_path / "a.json")
+    (tmp_path / "a.json").write_bytes(raw + b" " * (safe_json.LARGEST - len(raw)))
+    assert safe_json.read(tmp_path / "a.json")
     (tmp_path / "b.json").write_bytes(b'{"a": ' + b"1" * 300 + b"}")
-    assert reading.read(tmp_path / "b.json") == {"a": int("1" * 300)}
+    assert safe_json.read(tmp_path / "b.json") == {"a": int("1" * 300)}
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
@@ -47,7 +47,7 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     for path, words in ((tmp_path / "pipe", "is no regular file"), (Path("a\0b"), "null character"),
                         (tmp_path / "none", "cannot read .*none: No such file")):  # fmt: skip
         with pytest.raises(BadInput, match=words):
-            reading.read(path)
+            safe_json.read(path)
 
 
 HALF = Fraction(1, 2)
@@ -56,16 +56,16 @@ BAD = {
     "share": (lambda: binomial.holds(3, 1, Fraction(2), HALF), "a share lies in 0 .. 1"),
     "chance": (lambda: binomial.holds(3, 1, HALF, Fraction(1)), "the chance of an error between"),
     "draws": (
-        lambda: binomial.needed(Fraction(1, 10**9), Fraction(1, 10**9)), "draws are needed"),
-    "gain": (lambda: twisting_report.checked(float("nan"), 1, 1), "k1 = nan is no finite"),
-    "no gain": (lambda: twisting_report.checked(1, 1, 0), "must be more than 0; without a"),
-    "delta": (lambda: twisting_report.checked(1, 1, 1, -1), "must be 0 or more"),
-    "far": (lambda: twisting_report.checked(1e31, 1, 1), "must lie between 1e-30 and 1e30"),
+        lambda: binomial.draws_needed(Fraction(1, 10**9), Fraction(1, 10**9)), "draws are needed"),
+    "gain": (lambda: twisting_report.exact_gains(float("nan"), 1, 1), "k1 = nan is no finite"),
+    "no gain": (lambda: twisting_report.exact_gains(1, 1, 0), "must be more than 0; without a"),
+    "delta": (lambda: twisting_report.exact_gains(1, 1, 1, -1), "must be 0 or more"),
+    "far": (lambda: twisting_report.exact_gains(1e31, 1, 1), "must lie between 1e-30 and 1e30"),
     "close": (
-        lambda: twisting_report.checked(1, 1 + Fraction(1, 10**20), 1), "move them apart"),
+        lambda: twisting_report.exact_gains(1, 1 + Fraction(1, 10**20), 1), "move them apart"),
     "sign": (
-        lambda: farthest.farthest(SYSTEMS["load_observer"], {}, "L2"), "L2 may be negative; ask"),
-    "name": (lambda: farthest.farthest(SYSTEMS["load_observer"], {}, "L3"), "has no 'L3'"),
+        lambda: boundary.farthest(SYSTEMS["load_observer"], {}, "L2"), "L2 may be negative; ask"),
+    "name": (lambda: boundary.farthest(SYSTEMS["load_observer"], {}, "L3"), "has no 'L3'"),
     "format": (
         lambda: certificate.check({"kind": certificate.KIND, "format": 99}), "has format 99"),
     "kind": (lambda: certificate.check({"kind": "x"}), "it is no certificate; slipctl certify"),

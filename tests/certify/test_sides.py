@@ -25,8 +25,8 @@ from recorded_calls import off, told
 
 from slipctl import BadInput
 from slipctl.certify.catalogue import SYSTEMS
-from slipctl.certify.outward import Interval
-from slipctl.certify.promise import Side, checked
+from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.promise import Side, exact_numbers
 from slipctl.certify.systems import _shown
 
 TABLE = Path(__file__).parent / "sides.json"
@@ -50,7 +50,7 @@ def drawn(name: str) -> Iterator[dict[str, Fraction]]:
             if number.optional and n not in start and rng.random() < 0.3:
                 given[n] = Fraction(rng.choice((1, 2, 5)), rng.choice((1, 10, 100)))
         try:
-            numbers = checked(system, given)
+            numbers = exact_numbers(system, given)
             system.guard(numbers)
         except BadInput:
             continue

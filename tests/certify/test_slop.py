@@ -8,7 +8,7 @@ import pytest
 
 from slipctl.certify import sampled_funnel
 from slipctl.certify import scalar_maps as maps
-from slipctl.certify.outward import precise
+from slipctl.certify.decimal_intervals import precise
 from slipctl.certify.scalar_maps import Interval
 
 FUNNEL = sampled_funnel.Funnel(

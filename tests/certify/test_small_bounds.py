@@ -27,12 +27,12 @@ from slipctl.certify import (
     linear_kind,
     observers,
     proofs,
-    reading,
     relay_orbits,
     relay_proof,
     relay_sets,
+    safe_json,
     seeking_kind,
-    sliding,
+    sliding_seeker,
     super_twisting,
     twisting_polygons,
     twisting_proof,
@@ -40,14 +40,14 @@ from slipctl.certify import (
 )
 from slipctl.certify.ball import Ball
 from slipctl.certify.catalogue import SYSTEMS, certify
-from slipctl.certify.entries import DoesNotHold, mapping
-from slipctl.certify.holding import sets
+from slipctl.certify.checksum import with_checksum
+from slipctl.certify.entries import DoesNotHold, read_mapping
+from slipctl.certify.interval_systems import sets
 from slipctl.certify.lagged_maps import Lagged, lag_numbers
 from slipctl.certify.promise import REFUTED, rounded_up
 from slipctl.certify.relay_sets import Relay
 from slipctl.certify.saturated_motion import Saturated, half_turn
 from slipctl.certify.scalar_maps import CubicPull, Interval
-from slipctl.certify.seal import sealed
 from slipctl.certify.systems import CERTIFIED
 from slipctl.certify.twisting_levels import Levels
 from slipctl.certify.twisting_report import exact_verdict
@@ -194,7 +194,7 @@ def test_a_need_out_of_reach_is_shown_from_rest():
 @pytest.mark.parametrize("late", [0, 1, 4])
 def test_nothing_gains_more_than_its_bound(late):
     """Seekers on a slope, tick by tick with rationals, from just below a turning plane."""
-    p = sliding.Seeker(F(3), F(1, 2), F(1, 5), F(1, 100), 0, late)
+    p = sliding_seeker.Seeker(F(3), F(1, 2), F(1, 5), F(1, 100), 0, late)
     slope = F(2)
     start = 2 * p.beta * (1 - F(1, 10**6))
     delta, mu, waiting = start, F(0), [0] * late
@@ -202,10 +202,10 @@ def test_nothing_gains_more_than_its_bound(late):
         waiting.append(1 if delta % (2 * p.beta) <= p.beta else -1)
         move = waiting.pop(0) * p.k * slope * p.T
         mu, delta = mu + move, delta + move - p.rho * p.T
-        assert mu <= max(0, sliding.gained_at_most(p, slope, i * p.T))  # it falls at first
-    lagged = sliding.gained_at_most(p._replace(lag=F(1, 50)), slope, 3)
+        assert mu <= max(0, sliding_seeker.gained_at_most(p, slope, i * p.T))  # it falls at first
+    lagged = sliding_seeker.gained_at_most(p._replace(lag=F(1, 50)), slope, 3)
     hides = 3 * p.k * slope * F(1, 50)
-    assert lagged == sliding.gained_at_most(p, slope, 3) + hides  # what a lag hides at most
+    assert lagged == sliding_seeker.gained_at_most(p, slope, 3) + hides  # what a lag hides at most
 
 
 def test_starts_of_searched_runs_cover_the_ripple():
@@ -275,7 +275,7 @@ def test_an_entry_that_is_missing_is_named():
     with pytest.raises(BadInput, match=r"evidence\.ticks is missing"):
         sets({"settled": ["0", "1"], "kept": ["0", "1"]}, 10)
     with pytest.raises(BadInput, match="must hold"):
-        mapping(3, ("a",), "evidence")
+        read_mapping(3, ("a",), "evidence")
 
 
 def test_what_cannot_come_down_is_given_up():
@@ -324,7 +324,7 @@ def test_an_entry_that_stands_twice_is_named(tmp_path):
     path = tmp_path / "c.json"
     path.write_text('{"a": "1", "b": "1", "c": "2", "b": "2"}', encoding="utf-8")
     with pytest.raises(BadInput, match="'b' stands in it twice"):
-        reading.read(path)
+        safe_json.read(path)
 
 
 # ---- the function that falls, of a dithering seeker ----------------------------------------------
@@ -341,7 +341,7 @@ def dithering():
 
 def proven_anew(loop, proof):
     """Found without what was found before: each test looks at its pieces."""
-    return dither.proven.__wrapped__(loop, proof)
+    return dither.check_proof.__wrapped__(loop, proof)
 
 
 def test_the_square_of_a_tick_is_the_whole_of_it(dithering, monkeypatch):
@@ -406,7 +406,7 @@ def test_a_dead_time_is_left_by_a_square_wave():
 def test_the_move_that_a_dead_time_hides_is_that_of_a_tick():
     """Points of the set, tick by tick: none moves farther, and the bound is not twice too wide."""
     law = behind(T=0.02, dead=2, push=0.002)
-    found = lagged_maps.grown(law, Interval(-0.1, 0.1))
+    found = lagged_maps.invariant_levels(law, Interval(-0.1, 0.1))
     assert found is not None
     levels, moved = found
     normals = np.array(lagged_maps.NORMALS) / 1e6
@@ -421,7 +421,9 @@ def test_the_move_that_a_dead_time_hides_is_that_of_a_tick():
 def test_a_drift_is_replayed_with_all_digits(monkeypatch):
     """What is replayed is the law to 1e-40, not to the 28 digits of a plain decimal."""
     seen = []
-    monkeypatch.setattr(funnel_kind.holding, "replay_drift", lambda given, tick: seen.append(tick))
+    monkeypatch.setattr(
+        funnel_kind.interval_systems, "replay_drift", lambda given, tick: seen.append(tick)
+    )
     n = dict(K1=F(100), T=F(1, 1000), eta_inf=F(7, 1000), delta_l=F(1), delta_u=F(1), W=F(1, 3))
     funnel_kind._replay_drift(n, {})
     exact = n["W"] * n["T"] / n["eta_inf"]
@@ -543,7 +545,7 @@ def test_a_held_lag_is_that_of_its_closed_form(x):
     with localcontext(Context(prec=60)):
         E = (-T / lag).exp()
         wanted = [float(v) for v in (1 - E, T - lag * (1 - E), lag * (1 - E) - T * E)]
-    assert linear_kind.held(float(lag), 0.01) == pytest.approx(wanted, rel=1e-9)
+    assert linear_kind.loop_coefficients(float(lag), 0.01) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_least_eigenvalue_is_guessed_from_below():
@@ -591,4 +593,4 @@ def test_signs_of_a_noise_that_are_none_are_refused():
     run = {k: v for k, v in payload["counterexample"]["run"].items() if k != "seal"}
     for noise in (5, run["noise"] + "x", "+" * (dither_push.MOST_TICKS + 1)):
         with pytest.raises(BadInput, match=r"must hold \+ and -, at most"):
-            dithering_kind._replay_pushed(numbers, sealed(numbers, run | {"noise": noise}))
+            dithering_kind._replay_pushed(numbers, with_checksum(numbers, run | {"noise": noise}))

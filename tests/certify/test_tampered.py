@@ -19,8 +19,8 @@ import pytest
 from slipctl import BadInput
 from slipctl.certify import certificate, proofs
 from slipctl.certify.catalogue import SYSTEMS
+from slipctl.certify.checksum import with_checksum
 from slipctl.certify.entries import RATIONAL, DoesNotHold
-from slipctl.certify.seal import sealed
 
 TABLE = Path(__file__).parent / "tampered.json"
 CASES, LEAVES = 2, 4
@@ -84,7 +84,7 @@ def resealed(payload: dict[str, Any]) -> dict[str, Any]:
     held += [payload["counterexample"]["run"]] if "run" in payload.get("counterexample", {}) else []
     for entry in held:
         if entry.pop("seal", None):
-            entry |= sealed(numbers, entry)
+            entry |= with_checksum(numbers, entry)
     return payload
 
 

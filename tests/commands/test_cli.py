@@ -18,7 +18,8 @@ import pytest
 
 from slipctl.commands.cli import main
 from slipctl.run import store
-from slipctl.study import doors, files
+from slipctl.study import resolve
+from slipctl.study.files import results_folder
 
 TESTS = Path(__file__).parents[1]
 TOY = str(TESTS / "toy_study.py")
@@ -143,7 +144,7 @@ def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture
     assert f'<h2 id="claims">Claims</h2>{note}' in page
     assert page.index(note) < page.index("<nav>")
     assert not Path("out/toy/tables.json").exists()  # experiments belong to the whole study
-    data = files.read_log(Path("out/toy/logs/base/soft.nc"))
+    data = results_folder.read_log(Path("out/toy/logs/base/soft.nc"))
     assert data["plant.adh.mu"].values[-1] == pytest.approx(0.2 * data["plant.car.s"].values[-1])
 
 
@@ -163,7 +164,7 @@ def test_stopped_while_a_study_is_built_nothing_is_said_to_be_written(
     def interrupted(*args: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("slipctl.study.preparing.prepare", interrupted)
+    monkeypatch.setattr("slipctl.study.case_setup.prepare", interrupted)
     assert main(["run", TOY, "--quick"]) == 130
     assert capsys.readouterr().err == "slipctl: stopped\n"
     assert not Path("out").exists()
@@ -253,7 +254,7 @@ study = replace(toy.study, experiments={"slow": Experiment("Slow", slow)})
     got = store.read_json(Path("out/toy/metrics.json"))
     assert list(got["scenarios"]["base"]) == ["soft", "hard"]
     for log in Path("out/toy/logs").rglob("*.nc"):
-        assert files.read_log(log).attrs["quick"] == 1
+        assert results_folder.read_log(log).attrs["quick"] == 1
     assert not list(Path("out").rglob(".*"))
 
 
@@ -388,10 +389,10 @@ def test_copy_gives_a_file_that_runs_and_is_never_overwritten(
     assert Path("mine.py").read_text() == "mine"
 
 
-@pytest.mark.parametrize("module", sorted(doors.models()))
+@pytest.mark.parametrize("module", sorted(resolve.models()))
 def test_every_model_file_runs_as_a_copy(module: str) -> None:
     assert main(["copy", module, f"{module}_copy.py"]) == 0
-    doors.load_file(f"{module}_copy.py")
+    resolve.load_file(f"{module}_copy.py")
 
 
 def test_c_of_a_loop_and_of_a_model(
@@ -664,7 +665,7 @@ def test_without_a_compiler_a_study_runs(no_compiler: None) -> None:
 def test_an_unknown_fault_is_one_line_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doors, "studies", partial(next, iter(())))
+    monkeypatch.setattr(resolve, "studies", partial(next, iter(())))
     assert main(["list"]) == 1
     assert capsys.readouterr().err.startswith("slipctl: a fault of slipctl, StopIteration")
 
@@ -717,7 +718,7 @@ DRAWING = ("plots", "looks", "regions", "layout", "saving", "strokes", "live")
 
 
 def test_only_what_draws_imports_matplotlib() -> None:
-    engine = Path(doors.__file__).parents[1]
+    engine = Path(resolve.__file__).parents[1]
     for path in engine.rglob("*.py"):
         if path.parent.name == "draw" and path.stem in DRAWING:
             continue

@@ -17,7 +17,8 @@ import pytest
 
 from slipctl.commands.cli import main
 from slipctl.run import store
-from slipctl.study import files, jobs
+from slipctl.study import jobs
+from slipctl.study.files import results_folder
 
 TESTS = Path(__file__).parents[1]
 TOY = str(TESTS / "toy_study.py")
@@ -109,7 +110,7 @@ def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> N
     """Logs and experiments of the same key are taken: nothing is simulated again."""
     run("--full")
     logs = {p: p.stat().st_mtime_ns for p in Path("o/logs").rglob("*.nc")}
-    monkeypatch.setattr("slipctl.study.running.simulate", lambda *a, **k: pytest.fail("again"))
+    monkeypatch.setattr("slipctl.study.execution.simulate", lambda *a, **k: pytest.fail("again"))
     run("--full")
     assert {p: p.stat().st_mtime_ns for p in logs} == logs
 
@@ -136,7 +137,9 @@ def test_full_that_was_stopped_ends_in_the_same_files(
 
     with monkeypatch.context() as patch:
         patch.setattr(jobs, "_attempt", stopped)
-        patch.setattr(files, "early_sections", lambda *_: {})  # jobs are runs and experiments
+        patch.setattr(
+            results_folder, "early_sections", lambda *_: {}
+        )  # jobs are runs and experiments
         assert main(command) == 130
     assert set(files_of_it()) < set(whole)
     assert main(command) == 0
@@ -213,7 +216,7 @@ def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> Non
     assert "This run was stopped before its end" in Path("o/report.html").read_text()
     assert not list(Path("o/figures").iterdir())
     for log in Path("o/logs").rglob("*.nc"):
-        assert "12t" in files.read_log(log).attrs["command"]
+        assert "12t" in results_folder.read_log(log).attrs["command"]
     assert not list(Path("o").rglob(".*"))
 
 
@@ -316,7 +319,7 @@ def test_a_fitted_law_is_what_runs_and_its_file_is_told(capsys) -> None:
     assert found["value"] == pytest.approx(0.6, rel=1e-6)  # of which the curve was made
     assert found["source"] == f"fitted to curve.csv, sha256 {digest}"
     assert first["scenarios"]["base"]["soft"] != second["scenarios"]["base"]["soft"]
-    data = files.read_log(Path("swapped/logs/base/soft.nc"))
+    data = results_folder.read_log(Path("swapped/logs/base/soft.nc"))
     s, mu = (data[f"plant.{n}"].values[:300] for n in ("car.s", "adh.mu"))  # dry is the first half
     assert mu == pytest.approx(0.6 * (np.exp(-0.5 * s) - np.exp(-s)), abs=1e-6)
     assert f"curve.csv, sha256 {digest}" in Path("swapped/report.html").read_text(encoding="utf-8")

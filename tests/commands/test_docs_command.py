@@ -6,8 +6,8 @@ import webbrowser
 
 import pytest
 
-from slipctl.commands import docs
 from slipctl.commands.cli import main
+from slipctl.commands.library import docs
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ import pytest
 
 from slipctl.commands.cli import main
 from slipctl.models.trials import KEYS
-from slipctl.study import doors, trip_files
+from slipctl.study import resolve
+from slipctl.study.files import trip_files
 
 COAST = ["fit", "coast.csv", "--law", "coasting", "--map", "v=Speed", "--set", "m=38t", "rho=6.6%",
          "--out", "fit"]  # fmt: skip
@@ -99,7 +100,7 @@ def test_what_a_trial_gives_is_taken_by_a_vehicle(capsys):
         *(f"vehicle.resistance.{n}" for n in "abc"),
         *(f"actuator.{n}" for n in ("gain", "lag", "dead_time")),
     }
-    loop, _ = doors.find_loop(trip_files.load("metro.toml"), "none")
+    loop, _ = resolve.find_loop(trip_files.load("metro.toml"), "none")
     values = loop.param_values()
     assert float(values["plant.act.gain.k"].ravel()[0]) == 0.93
     assert float(values["plant.res.c0"]) == 1186.79

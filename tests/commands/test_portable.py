@@ -34,7 +34,7 @@ ALLOWED = {
     "slipctl/run/machine.py": {"sched_getaffinity", "/proc/cpuinfo"},
     "studies/bench/sweeps.py": {"/proc/self/status"},
     "slipctl/study/jobs.py": {"fork", "setitimer", "ITIMER_REAL", "pthread_sigmask"},
-    "slipctl/run/stopping.py": {"setitimer", "ITIMER_REAL"},
+    "slipctl/run/interrupts.py": {"setitimer", "ITIMER_REAL"},
 }
 """Where such a name is asked for first."""
 
@@ -117,7 +117,7 @@ def test_every_command_refuses_a_device(words, tmp_path, monkeypatch, capsys):
 
 def test_a_module_in_c_is_no_device(tmp_path):
     """Its name becomes that of files: ``aux.c`` cannot be unpacked on Windows."""
-    from slipctl.models.subway_braking import double_exponential
+    from slipctl.models.huang_2020.subway_braking import double_exponential
 
     with pytest.raises(BadInput, match="Windows keep it"):
         sc.c_module(double_exponential, tmp_path / "out", name="aux")

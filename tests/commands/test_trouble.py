@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput
-from slipctl.block.units import parse_quantity, unit
+from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.commands.cli import main
 from slipctl.estimate.tables import read_table
-from slipctl.run import stopping
+from slipctl.run import interrupts
 
 LAW = "from slipctl import law, Output, Input\n@law(mu=Output('1'))\ndef g(v=Input('1')):\n    "
 
@@ -65,11 +65,11 @@ def test_what_an_interrupt_left_half_made_is_not_told(capfd):
         def __del__(self):
             print(self.name)
 
-    with stopping.listening():
+    with interrupts.raise_interrupts():
         try:
             Half()
         except KeyboardInterrupt:
-            stopping.heard()
+            interrupts.note_interrupt()
     signal.signal(signal.SIGINT, before)
     assert capfd.readouterr() == ("", "")
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.design.gradients import AGREES, SMOOTH, Slopes, apart
+from slipctl.design.slopes.gradients import AGREES, SMOOTH, Slopes, slope_error
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
-from slipctl.run.ensemble import Ensemble, World
+from slipctl.run.sweep.ensemble import Ensemble, World
 from slipctl.studies.bench import speed
-from slipctl.study.doors import build_cases, load_study
+from slipctl.study.resolve import build_cases, load_study
 
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 MOST = 4
@@ -61,7 +61,7 @@ def answer(study: Any, case: Any, loop: Any) -> dict[str, Any]:
         return at
 
     at = np.array(list(now.values()))
-    found = {m: apart(value(m), at, s) for m, s in slopes.items()}
+    found = {m: slope_error(value(m), at, s) for m, s in slopes.items()}
     if not max(found.values(), default=0.0) <= AGREES:
         return {"why": "differences disagree", "numbers": names, "apart": found}
     return {"numbers": names, "apart": found}

@@ -24,7 +24,7 @@ BARRIER = {"k": 1200.0, "k_a": 0.03, "k_s": 0.02, "T": 0.02, "W": 0.004, "start"
 
 def verdict(name: str, numbers: dict[str, float]) -> str:
     own = system(name)
-    told = proofs.checked(own, {k: Fraction(str(v)) for k, v in numbers.items()})
+    told = proofs.exact_numbers(own, {k: Fraction(str(v)) for k, v in numbers.items()})
     return proofs.decide(own, told).verdict
 
 

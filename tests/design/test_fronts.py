@@ -15,12 +15,12 @@ from test_tune import tuned
 
 from slipctl import BadInput
 from slipctl.commands.cli import main
-from slipctl.design import fronts, page, written
+from slipctl.design import fronts, gain_files, page
 from slipctl.design.fronts import FrontSearch
+from slipctl.design.gain_search import Candidate
 from slipctl.design.goals import Limit, Score
 from slipctl.design.rolls import Rolls
 from slipctl.design.tune import Tuned
-from slipctl.design.tuning import Candidate
 
 BOTH = ["slip_error_rms", "torque_ripple"]
 
@@ -60,10 +60,10 @@ def test_the_front_is_what_nothing_beats(found: Sequence[tuple[int, int, int]]) 
 
 def test_members_keep_both_ends_and_stand_apart() -> None:
     """Of points on a line the two ends stay; who has near neighbours goes first."""
-    apart = fronts.crowding([(0.0, 9.0), (1.0, 8.0), (2.0, 7.0), (6.0, 3.0), (9.0, 0.0)])
+    apart = fronts.crowding_distance([(0.0, 9.0), (1.0, 8.0), (2.0, 7.0), (6.0, 3.0), (9.0, 0.0)])
     assert apart[0] == apart[4] == np.inf
     assert apart[1:4] == pytest.approx([2 * 2 / 9, 2 * 5 / 9, 2 * 7 / 9])
-    assert fronts.crowding([(1.0, 1.0)]) == [np.inf]
+    assert fronts.crowding_distance([(1.0, 1.0)]) == [np.inf]
 
 
 def test_no_point_of_a_grid_beats_the_front(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_no_point_of_a_grid_beats_the_front(tmp_path: Path) -> None:
         np.mean(np.subtract(judged.each[1].tuned.values, judged.each[1].by_hand.values))
     )
     assert tuned(objective=BOTH, runs=160, jobs=1).gains == found.gains
-    text = written.gains_text(found, "")
+    text = gain_files.gains_text(found, "")
     assert "# The knee of the front" in text
     assert text.count("stays within 1 %") == 2
     rows = page.front_rows(found)

@@ -29,10 +29,11 @@ from slipctl import (
     simulate,
     step,
 )
-from slipctl.design import gradients, page
-from slipctl.design.gradients import Slopes
+from slipctl.design import page
+from slipctl.design.slopes import gradients
+from slipctl.design.slopes.gradients import Slopes
 from slipctl.design.tune import Tuned, tune
-from slipctl.run.ensemble import World
+from slipctl.run.sweep.ensemble import World
 
 T = 1e-2
 

@@ -21,11 +21,11 @@ from slipctl import (
     sampled,
     simulate,
 )
-from slipctl.design import gradients
-from slipctl.design.gradients import Slopes
+from slipctl.design.slopes import gradients
+from slipctl.design.slopes.gradients import Slopes
 from slipctl.design.tune import tune
 from slipctl.run import build
-from slipctl.run.ensemble import World
+from slipctl.run.sweep.ensemble import World
 from slipctl.studies.bench.peers.slip_nmpc import axle, make
 
 SIGNALS = Signals(speed="plant.v", slip="plant.s", reference="s_ref")

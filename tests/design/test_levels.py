@@ -10,8 +10,8 @@ from slipctl import simulate
 from slipctl.commands.cli import main
 from slipctl.design.levels import levels, places
 from slipctl.run.metrics import Run, measure
-from slipctl.run.sweeping import Measured
-from slipctl.study.doors import find_loop, load_study
+from slipctl.run.sweep.sweep_runs import Measured
+from slipctl.study.resolve import find_loop, load_study
 
 STUDY = load_study("subway_braking")
 LOOP, CASE = find_loop(STUDY, "sta", quick=True)

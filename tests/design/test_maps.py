@@ -12,9 +12,9 @@ import pytest
 
 from slipctl import BadInput
 from slipctl.certify import catalogue
-from slipctl.certify.promise import checked
+from slipctl.certify.promise import exact_numbers
 from slipctl.certify.proofs import decide
-from slipctl.commands.certify import together
+from slipctl.commands.certificates.certify import loop_verdict
 from slipctl.commands.cli import main
 from slipctl.design import maps
 from slipctl.draw import regions
@@ -51,7 +51,9 @@ def test_a_margin_is_a_factor_on_the_bound() -> None:
     for margins, k2 in zip(found.margins, found.y.values(4), strict=True):
         for m, k1 in zip(margins, found.x.values(4), strict=True):
             for level in levels:
-                at = checked(SYSTEM, {"k1": float(k1), "k2": float(k2), "L": Fraction(str(level))})
+                at = exact_numbers(
+                    SYSTEM, {"k1": float(k1), "k2": float(k2), "L": Fraction(str(level))}
+                )
                 assert (decide(SYSTEM, at).verdict == "CERTIFIED") == (level <= m)
 
 
@@ -137,4 +139,4 @@ def test_one_verdict_of_several(verdicts: list[str], whole: str) -> None:
         def __init__(self, verdict: str) -> None:
             self.report = type("Report", (), {"verdict": verdict})
 
-    assert together([Answer(v) for v in verdicts]) == whole  # type: ignore[misc]
+    assert loop_verdict([Answer(v) for v in verdicts]) == whole  # type: ignore[misc]

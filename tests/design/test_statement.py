@@ -14,10 +14,10 @@ from test_tune import tuned
 from slipctl import RunFailed
 from slipctl.certify import binomial
 from slipctl.certify.entries import DoesNotHold
-from slipctl.commands import check
+from slipctl.commands.certificates import check
 from slipctl.commands.cli import main
 from slipctl.design import page, statement
-from slipctl.design.tuning import FIRST_PROOF
+from slipctl.design.gain_search import FIRST_PROOF
 from slipctl.errors import BadInput
 
 
@@ -39,7 +39,7 @@ def test_draws_of_a_statement_are_its_own(tmp_path: Path) -> None:
     assert len(set(drawn)) == len(drawn)
     found = stated()
     assert found["attempt"] == 1
-    assert found["draws"] == binomial.needed(Fraction(1, 2), Fraction(1, 10)) == 4
+    assert found["draws"] == binomial.draws_needed(Fraction(1, 2), Fraction(1, 10)) == 4
     draw = world.draw(FIRST_PROOF, 3)
     gains = dict(tuned(runs=4).gains)
     value = world.metrics(gains, draw)["slip_error_rms"].value
@@ -67,7 +67,7 @@ def test_a_statement_that_falls_short_is_followed_by_another(tmp_path: Path) -> 
 def test_attempts_are_counted(attempt: int, whole: str) -> None:
     """The j-th has a j-th of the error; what is told is the sum over all of them."""
     assert statement.level(attempt) == Fraction(1, 10 * attempt)
-    assert statement.missing(attempt) == Fraction(whole)
+    assert statement.error_chance(attempt) == Fraction(whole)
 
 
 def test_numbers_are_rounded_to_the_safe_side() -> None:

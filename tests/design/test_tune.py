@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput, Ensemble, Gains, Known, Rail, Section, Signals, prepare, simulate
 from slipctl.commands.cli import main
-from slipctl.design import goals, tuning, written
-from slipctl.design.goals import Limit, Score, paired, read_objective
+from slipctl.design import gain_files, gain_search, goals
+from slipctl.design.gain_search import Candidate, is_behind
+from slipctl.design.goals import Limit, Score, paired_difference, read_objective
 from slipctl.design.ranges import Free
 from slipctl.design.rolls import Rolls
 from slipctl.design.tune import Stopped, Tuned, tune
-from slipctl.design.tuning import Candidate, behind
-from slipctl.run.ensemble import World, read_ensemble
 from slipctl.run.metrics import Metric
+from slipctl.run.sweep.ensemble import World, read_ensemble
 from slipctl.seek import population
 
 SIGNALS = Signals(speed="plant.wheel.v", slip="plant.wheel.v_s", torque="plant.brake.T_b",
@@ -171,11 +171,11 @@ def test_who_is_better_everywhere_is_never_given_up(pairs: Sequence[tuple[float,
     low, high = [min(p) for p in pairs], [max(p) for p in pairs]
     one, other = (Candidate(k, {}, np.zeros(1), Score(v, [[]] * len(v)))
                   for k, v in enumerate((low, high)))  # fmt: skip
-    assert not behind(one, other, ())
-    assert behind(one, other, (), final=True) == (not np.mean(low) < np.mean(high)) or math.isclose(
-        np.mean(low), np.mean(high)
-    )
-    mean, error = paired(low, high)
+    assert not is_behind(one, other, ())
+    assert is_behind(one, other, (), final=True) == (
+        not np.mean(low) < np.mean(high)
+    ) or math.isclose(np.mean(low), np.mean(high))
+    mean, error = paired_difference(low, high)
     d = np.subtract(low, high)
     assert mean == pytest.approx(d.mean())
     assert error**2 * len(d) * (len(d) - 1) == pytest.approx(((d - d.mean()) ** 2).sum(), abs=1e-9)
@@ -187,10 +187,10 @@ def test_limits_come_before_the_objective() -> None:
     few = Limit("", "a", True, 1.0, "1", 0.5)
     good = Candidate(0, {}, np.zeros(1), Score([5.0] * 4, [[-1.0]] * 4))
     bad = Candidate(1, {}, np.zeros(1), Score([1.0] * 4, [[1.0], [1.0], [1.0], [-1.0]]))
-    assert behind(bad, good, [every])
-    assert not behind(bad, good, [few])
-    assert behind(bad, good, [few], final=True)
-    assert not behind(good, bad, [every], final=True)
+    assert is_behind(bad, good, [every])
+    assert not is_behind(bad, good, [few])
+    assert is_behind(bad, good, [few], final=True)
+    assert not is_behind(good, bad, [every], final=True)
 
 
 # ---- the search ----------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def test_stopped(tmp_path: Path) -> None:
         tuned(tmp_path, tell=stop)
     best = stopped.value.best
     assert best.judged is None
-    assert "was stopped" in written.gains_text(best, "")
+    assert "was stopped" in gain_files.gains_text(best, "")
     assert tuned(tmp_path).gains == tuned().gains
 
 
@@ -324,11 +324,11 @@ def test_gains_reach_every_door(tmp_path: Path, capsys: pytest.CaptureFixture[st
     """``--set gains.toml`` of run, sweep and c gives the number that was found, to the last bit."""
     number = 17.300000000000001
     free = Free("ctl.law.k1", "k1", 1.0, 60.0, "m^.5/s^1.5", 20.0)
-    search = object.__new__(tuning.Search)
+    search = object.__new__(gain_search.Search)
     found = Tuned(LOOP, "subway_braking:sta@base", (free,), {free.name: number}, search, None, (),
                   {})  # fmt: skip
     file = tmp_path / "gains.toml"
-    file.write_text(written.gains_text(found, "slipctl tune ..."))
+    file.write_text(gain_files.gains_text(found, "slipctl tune ..."))
     run = ["run", "subway_braking", "--quick", "--loop", "sta", "--scenario", "base",
            "--no-compile", "--set", str(file), "--out", str(tmp_path / "run")]  # fmt: skip
     assert main(run) == 0
@@ -354,7 +354,7 @@ def simulate_attrs(path: Path) -> Any:
 def test_the_certificate_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``slipctl check`` proves each promise of the file anew; an altered one does not hold."""
     found = tuned(gains=GAINS, subject_to=["margin>=1.05"])
-    payload = written.certificate_of(found, "slipctl tune ...")
+    payload = gain_files.certificate_of(found, "slipctl tune ...")
     file = tmp_path / "certificate.json"
     file.write_text(json.dumps(payload))
     assert main(["check", str(file)]) == 0

@@ -18,8 +18,9 @@ from types import ModuleType
 import pytest
 
 import slipctl
-from slipctl.study import files, preparing, running
-from slipctl.study.doors import load_study
+from slipctl.study import case_setup, execution
+from slipctl.study.files import results_folder
+from slipctl.study.resolve import load_study
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -208,7 +209,7 @@ def test_no_module_is_long_unless_the_page_says_why():
 def test_public_names_stay_where_they_are():
     """What a user imports does not move with the rooms."""
     import slipctl.models
-    from slipctl.study import doors
+    from slipctl.study import resolve
 
     for name in slipctl.__all__:
         assert getattr(slipctl, name) is not None
@@ -218,7 +219,7 @@ def test_public_names_stay_where_they_are():
         assert importlib.util.find_spec(f"slipctl.certify.{name}")
     stems = ("subway_braking", "hst_braking", "hst_traction", "freight_traction", "all_rails",
              "gain_bounds", "predictive")  # fmt: skip
-    assert set(stems) <= set(doors.studies())
+    assert set(stems) <= set(resolve.studies())
     for stem in stems:
         module = importlib.import_module(f"slipctl.studies.{stem}")
         assert isinstance(module.study, slipctl.Study)
@@ -261,9 +262,9 @@ def results(tmp_path_factory) -> Path:
     """Metrics of the study's scenarios, without its experiments."""
     folder = tmp_path_factory.mktemp("results")
     study = load_study("subway_braking")
-    cases, chosen = preparing.prepare(study)
-    found = running.run(study, cases, chosen, experiments=False)
-    files.save_metrics(found, folder, "pytest")
+    cases, chosen = case_setup.prepare(study)
+    found = execution.run(study, cases, chosen, experiments=False)
+    results_folder.save_metrics(found, folder, "pytest")
     return folder
 
 

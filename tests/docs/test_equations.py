@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from slipctl.study.doors import load_study
+from slipctl.study.resolve import load_study
 
 DOCS = Path(__file__).parents[2] / "docs"
 ROWS = tomllib.loads((DOCS / "equations.toml").read_text(encoding="utf-8"))["row"]

@@ -33,9 +33,9 @@ from slipctl.certify import reaching_law as reaching
 from slipctl.certify import super_twisting as twisting
 from slipctl.estimate.least_squares import opened
 from slipctl.models import sensors
-from slipctl.models import subway_braking as models
-from slipctl.models import subway_braking_control as control
 from slipctl.models.brakes import brake
+from slipctl.models.huang_2020 import subway_braking as models
+from slipctl.models.huang_2020 import subway_braking_control as control
 from slipctl.seek import random
 from slipctl.seek.evolution import schedule
 
@@ -417,7 +417,8 @@ def test_closed_form_newton_and_search_agree():
     for generations, texts in ((25, ("4.8e-4",)), (16, ("4.0e-3", "4.2e-4"))):
         short = search(generations=generations)
         errors = [
-            abs(short(**dry, rng=random.seeded(seed))[1]["best"] - BEST) for seed in range(1, 41)
+            abs(short(**dry, rng=random.state_from_seed(seed))[1]["best"] - BEST)
+            for seed in range(1, 41)
         ]
         for text, value in zip(texts, (max(errors), np.median(errors)), strict=False):
             shows("000.17", text, value)

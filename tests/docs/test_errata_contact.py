@@ -2,8 +2,8 @@
 
 from errata import shows
 
-from slipctl.models import contact
-from slipctl.models.contact import SURFACES, creep_law, peak, polach
+from slipctl.models.wheel_rail import contact
+from slipctl.models.wheel_rail.contact import SURFACES, creep_law, peak, polach
 from slipctl.studies.hst_traction.contact import order_changes
 
 

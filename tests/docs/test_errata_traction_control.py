@@ -13,9 +13,9 @@ from slipctl import RunFailed, sampled
 from slipctl.certify import adhesion_observer as observer
 from slipctl.certify import higher_order as proofs
 from slipctl.certify import super_twisting as twisting
-from slipctl.models import hst_traction_adhesion as adhesion
-from slipctl.models import hst_traction_control as control
-from slipctl.models.contact import SURFACES, peak, polach
+from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
+from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 from slipctl.studies.hst_traction.claims import TABLE_4
 from slipctl.studies.hst_traction.loops import BAND
 
@@ -32,8 +32,8 @@ def test_printed_f_has_the_other_sign():
 
 
 def test_theorem_1_as_printed():
-    assert observer.printed(0.45, 0.21, 0.1)
-    assert observer.printed(0.061, 0.03, 0.0145)
+    assert observer.printed_verdict(0.45, 0.21, 0.1)
+    assert observer.printed_verdict(0.061, 0.03, 0.0145)
     shows("003.9", "1.113", observer.peak_gain(0.45, 0.21, 0.1))
     shows("003.9", "2.335", twisting.worst_ratio(0.061, 0.015, 0.0145))
     shows("003.9", "8800", 2 * K2)

@@ -5,8 +5,8 @@ import pytest
 from errata import shows
 
 from slipctl import Rail, Scenario, Section, connect, simulate
-from slipctl.models import hst_traction as hst
-from slipctl.models.contact import peak
+from slipctl.models.wang_2025 import hst_traction as hst
+from slipctl.models.wheel_rail.contact import peak
 
 
 def test_resistance_is_in_km_per_h():

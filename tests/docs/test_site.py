@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from slipctl.study import doors
+from slipctl.study import resolve
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -36,7 +36,7 @@ def test_every_page_stands_once_in_the_index():
 def test_every_file_of_models_with_blocks_has_its_page():
     """Each page writes all blocks of its file; what only others are made of has none."""
     inner = {"ranges", "hst_traction_peaks"}
-    files = {name for name, (_, blocks) in doors.models().items() if blocks} - inner
+    files = {name for name, (_, blocks) in resolve.models().items() if blocks} - inner
     pages = {p.stem: p.read_text(encoding="utf-8") for p in (DOCS / "models").glob("*.md")}
     assert set(pages) == files
     assert all(f"```{{models}} {name}\n" in text for name, text in pages.items())

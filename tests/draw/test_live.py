@@ -63,7 +63,7 @@ def test_thinning_keeps_the_ends_of_each_column_and_gaps():
     y = np.sign(np.sin(700 * T))
     y[5000:5200] = np.nan
     y[123] = 7.0
-    t, kept, pairs = live.thinned(T, y, 600)
+    t, kept, pairs = live.thin_curve(T, y, 600)
     assert pairs
     assert len(t) == 600
     assert (np.diff(t) >= 0).all()
@@ -71,7 +71,7 @@ def test_thinning_keeps_the_ends_of_each_column_and_gaps():
     low, high = kept.reshape(-1, 2).min(1), kept.reshape(-1, 2).max(1)
     assert np.mean((low == -1) & (high == 1)) > 0.9
     assert np.isnan(kept).any()
-    assert live.thinned(T[:600], y[:600], 600)[2] is False
+    assert live.thin_curve(T[:600], y[:600], 600)[2] is False
 
 
 def test_text_is_small_and_the_same_each_time_and_closes_no_script():

@@ -9,15 +9,15 @@ import pytest
 import toy_study
 
 from slipctl import BadInput
-from slipctl.block.units import scaled
+from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import looks, mathml, plots, show
-from slipctl.study import doors, preparing, running
+from slipctl.study import case_setup, execution, resolve
 
 
 @pytest.fixture(scope="module")
 def results():
-    cases, models = preparing.prepare(toy_study.study, quick=True)
-    return running.run(toy_study.study, cases, models, quick=True, experiments=False)
+    cases, models = case_setup.prepare(toy_study.study, quick=True)
+    return execution.run(toy_study.study, cases, models, quick=True, experiments=False)
 
 
 def test_loops_keep_their_colour() -> None:
@@ -56,9 +56,9 @@ def test_a_curve_that_lies_on_another_is_dashed() -> None:
     """Both are seen: below 0.8 % of the height apart over a fifth of the length is one line."""
     t = np.linspace(0, 1, 200)
     same = t + 0.004 * np.sin(40 * t)
-    assert looks.covered((t, same), [(t, t)]) == 1
-    assert looks.covered((t, same + 0.05), [(t, t)]) == 0
-    assert looks.covered((t[::2], same[::2]), [(t, t), (t, t)]) == 2  # other abscissas too
+    assert looks.covered_curves((t, same), [(t, t)]) == 1
+    assert looks.covered_curves((t, same + 0.05), [(t, t)]) == 0
+    assert looks.covered_curves((t[::2], same[::2]), [(t, t), (t, t)]) == 2  # other abscissas too
     fig = plots.lines({"efc": (t, t), "eppfc": (t, same), "pid": (t, 1 - t)}, ("t", "s"), ("y", ""))
     solid = [line.get_linestyle() == "-" for line in fig.axes[0].get_lines()]
     assert solid == [True, False, True]
@@ -68,7 +68,9 @@ def test_a_loop_has_one_line_in_all_panels_of_a_figure() -> None:
     """Its legend says which; a loop above another has more gaps than it in each of them."""
     t = np.linspace(0, 1, 200)
     order = ["a", "b", "c"]
-    apart = looks.apart([{"a": (t, t), "b": (t, t)}, {"b": (t, 1 - t), "c": (t, 1 - t)}], order)
+    apart = looks.line_styles(
+        [{"a": (t, t), "b": (t, t)}, {"b": (t, 1 - t), "c": (t, 1 - t)}], order
+    )
     assert [looks.DASHES.index(apart[name]) for name in order] == [0, 1, 2]
     fig, axes = plots.panels(1, 2)
     for axis, away in zip(axes.flat, (0.5, 0.0), strict=True):
@@ -193,13 +195,13 @@ def test_rows_of_a_display() -> None:
     assert [bool(right) for _, right in rows] == [True, False, True]
 
 
-@pytest.mark.parametrize("model", doors.models())
+@pytest.mark.parametrize("model", resolve.models())
 def test_every_model_has_well_formed_equations(model: str) -> None:
     """Of each block; a function that needs arguments makes none by its name alone."""
     shown = False
-    for name in doors.models()[model][1]:
+    for name in resolve.models()[model][1]:
         try:
-            block = doors.load_block(f"{model}.{name}")
+            block = resolve.load_block(f"{model}.{name}")
         except BadInput as error:
             if "is a function that needs" not in str(error):
                 raise
@@ -209,7 +211,7 @@ def test_every_model_has_well_formed_equations(model: str) -> None:
             for side in (left, right):
                 ElementTree.fromstring(f"<math>{side}</math>")
             assert "<mtext>" not in right or "otherwise" in right or "built" in right, name
-    blocks = doors.models()[model][1]
+    blocks = resolve.models()[model][1]
     assert shown or not blocks or model in ("converters", "hst_traction_peaks", "ranges", "rolling")
 
 
@@ -231,7 +233,7 @@ def test_chatter_hides_no_other_signal():
     ("unit", "drawn"), [("N", "kN"), ("N m", "kN m"), ("N m/s", "kN m/s"), ("m/s", "m/s")]
 )
 def test_forces_are_drawn_in_kilonewtons(unit, drawn):
-    factor, shown = scaled(unit)
+    factor, shown = display_scale(unit)
     assert shown == drawn
     assert factor == (1.0 if unit == drawn else 1e-3)
 
@@ -240,7 +242,7 @@ def test_a_legend_of_many_names_is_no_wider_than_its_figure():
     """Seven rails of the freight study stood off both ends of their picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from slipctl.models.freight_traction import adhesion
+    from slipctl.models.cheng_2022.freight_traction import adhesion
 
     fig = plots.laws(adhesion, upto=11.0)
     looks.legends_aside(fig)

@@ -26,11 +26,12 @@ from slipctl import (
     step,
     unit_delay,
 )
-from slipctl.block import formula, smooth
-from slipctl.block.plain_text import Text, cut
+from slipctl.block import smooth
+from slipctl.block.text import formula
+from slipctl.block.text.plain_text import Text, cut
 from slipctl.draw import show
-from slipctl.draw.drawing import Drawing
-from slipctl.draw.levels import Level, Node, level
+from slipctl.draw.diagrams.diagram_svg import Drawing
+from slipctl.draw.diagrams.levels import Level, Node, level
 from slipctl.draw.typeset import Latex, letter
 
 
@@ -184,7 +185,7 @@ def test_text_means_what_was_computed(data, depth):
     write = Text(g)
     write.digits = 17
     try:
-        for name, n in formula.defined(g):
+        for name, n in formula.named_nodes(g):
             known[name] = eval(write.root(n).replace("^", "**"), {"__builtins__": {}}, known)
         text = write.root(g.roots["y"][0]).replace("^", "**")
         value = eval(text, {"__builtins__": {}}, known)
@@ -268,7 +269,7 @@ def test_intermediate_results_keep_their_letters_but_never_a_misleading_one():
         equations = body()
     g = formula.graph(equations | {"r": ca.SX.sym("z")}, names)
     write = Text(g)
-    assert [(n, write.root(k)) for n, k in formula.defined(g)] == [("F", "x*y"), ("a", "F^2")]
+    assert [(n, write.root(k)) for n, k in formula.named_nodes(g)] == [("F", "x*y"), ("a", "F^2")]
     assert write.root(g.roots["p"][0]) == "a + sin(F)"
     assert write.root(g.roots["q"][0]) == "2*(F + 1) + x"
 
@@ -283,7 +284,7 @@ def test_long_formulas_are_cut_into_pieces_and_the_profile_hook_is_given_back():
     g = formula.graph({"t": t})
     formula.shorten(g)
     write = Text(g)
-    pieces = [write.root(n) for _, n in formula.defined(g)] + [write.root(g.roots["t"][0])]
+    pieces = [write.root(n) for _, n in formula.named_nodes(g)] + [write.root(g.roots["t"][0])]
     assert 5 < len(pieces) < 40
     assert max(map(len, pieces)) < 400
     assert sys.getprofile() is before
@@ -327,7 +328,7 @@ def test_hidden_unit_constants_and_choices_are_told():
     text = show.text(controller("printed-38"))
     assert "ctl: step, x+ = f (form = printed-38)" in text
     assert "  1 s^.5/m^.5  printed form" in text
-    assert show.hidden(wheelset) == {}
+    assert show.hidden_units(wheelset) == {}
 
 
 def test_shift_registers_are_folded_to_one_line():

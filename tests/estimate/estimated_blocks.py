@@ -27,14 +27,14 @@ from slipctl import (
     misfit_search,
 )  # fmt: skip
 from slipctl.block.block import Block
-from slipctl.estimate import misfit, peak, whitening, window
+from slipctl.estimate import misfit, noise_weights, peak, window
 from slipctl.estimate.identification import swarm_fit
 from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
 from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
+from slipctl.estimate.log_fit.rollout import Rolled, Stretch
 from slipctl.estimate.model import Model
-from slipctl.estimate.rolled import Rolled, Stretch
-from slipctl.models.freight_resistance import BOX, specific_resistance, swarm_settings
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.cheng_2022.freight_resistance import BOX, specific_resistance, swarm_settings
+from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.trials import brake_step, coasting
 
 TWO = dict(
@@ -205,8 +205,8 @@ RESULTS: dict[str, Callable[[], Any]] = {
             ([1.0, 0.0], [[1e-9, 0.0], [0.0, 0.0]]), ([1.0, 0.0], [[1.0, 0.0], [0.0, 0.0]]),
             ([1.0, 1.0], [[0.0, 0.0], [0.0, 0.0]]))],
     "rotation": lambda: of(misfit.rotation(3)), "solution": lambda: of(misfit.solution(3)),
-    "sums": lambda: of(whitening.white_sums(MODEL(), 5)),
-    "sums with an echo": lambda: [of(f) for f in whitening.echoing_sums(MODEL(), 5, 0.6)],
+    "sums": lambda: of(noise_weights.white_sums(MODEL(), 5)),
+    "sums with an echo": lambda: [of(f) for f in noise_weights.echoing_sums(MODEL(), 5, 0.6)],
     "solver": lambda: [of(window._solver(3)), of(window._inverse(3))],
     "peak gradient": lambda: of(
         peak.peak_gradient(double_exponential, "v_s", "mu", ("c", "a", "b"))),

@@ -30,8 +30,8 @@ from slipctl import (
 from slipctl.block.block import Block
 from slipctl.estimate.least_squares import FORMS, opened, peak_bound, probe, rls
 from slipctl.estimate.window import BELIEF, smallest_shift
-from slipctl.models.subway_braking import MOVING, TABLE_1, double_exponential, peak_slip
-from slipctl.run.build import column, rolling
+from slipctl.models.huang_2020.subway_braking import MOVING, TABLE_1, double_exponential, peak_slip
+from slipctl.run.build import column, make_roller
 
 TWO_EXPONENTIALS = dict(
     coordinates=("log(c)", "log(a)", "log(b - a)"), start={"c": 0.3, "a": 0.5, "b": 1.3}
@@ -138,7 +138,7 @@ def test_covariance_stays_bounded_without_excitation(form):
     u = np.column_stack([np.full(steps, v), np.full(steps, curve(v, **true))])
     x, p = column(est.pack("state", est.start())), column(est.pack("param", est.param_values()))
     logs = np.empty((steps, x.size)), np.empty((steps, est.f.size1_out(1)))
-    assert rolling(est.f, ticks=1000)(x, u, p, *logs) == steps
+    assert make_roller(est.f, ticks=1000)(x, u, p, *logs) == steps
     last = _named(est, "state", x[:, None])
     P = last["P"].reshape(3, 3)
     eigenvalues = np.linalg.eigvalsh(P)

@@ -9,7 +9,7 @@ from test_estimate import SWEEP, TWO_EXPONENTIALS, curve, peak
 from slipctl import rls
 from slipctl.ccode import codegen
 from slipctl.ccode.compile.module import CModule
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.seek.random import epsilon
 
 WINDOW, LONG = 32, 300

@@ -20,9 +20,9 @@ from slipctl import (
 )
 from slipctl.commands import cli
 from slipctl.estimate.identification import swarm_fit
-from slipctl.models import freight_resistance as models
-from slipctl.models.freight_resistance import BOX, specific_resistance, swarm_settings
-from slipctl.models.freight_traction import adhesion
+from slipctl.models.cheng_2022 import freight_resistance as models
+from slipctl.models.cheng_2022.freight_resistance import BOX, specific_resistance, swarm_settings
+from slipctl.models.cheng_2022.freight_traction import adhesion
 from slipctl.run import build
 from slipctl.seek import random
 
@@ -147,7 +147,7 @@ def test_swarm_minimises_half_the_sum_of_squares(form):
     R, z = np.split(np.linalg.qr(np.column_stack([Phi, d["y"]]), mode="r")[:3], [3], axis=1)
     given = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(i, 3)}
     given |= {f"z{i + 1}": z[i, 0] for i in range(3)}
-    value = search(rng=np.array(random.seeded(3)), **given)[1]["value"]
+    value = search(rng=np.array(random.state_from_seed(3)), **given)[1]["value"]
     best, least = np.linalg.lstsq(Phi, d["y"])[:2]
     e = d["y"] - Phi @ found
     assert value == pytest.approx((e @ e - least[0]) / 2, abs=1e-9)
@@ -291,7 +291,7 @@ def test_c_of_the_identification(tmp_path):
     """`slipctl c ... --check --real float`: sums, solution and swarm; double: the benchmark."""
     file = tmp_path / "mine.py"
     file.write_text(
-        "from slipctl.models.freight_resistance import identification\n"
+        "from slipctl.models.cheng_2022.freight_resistance import identification\n"
         "whole = identification(method='swarm', ticks=40, particles=5, iterations=9)\n"
     )
     words = ["c", f"{file}:whole", "--out", str(tmp_path / "c"), "--check", "--real", "float"]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, fit, fit_over_time
-from slipctl.estimate.record import Record
-from slipctl.models.contact import polach
+from slipctl.estimate.log_fit.record import Record
 from slipctl.models.trials import coasting
+from slipctl.models.wheel_rail.contact import polach
 
 
 def test_a_value_that_a_file_tells_wrongly_is_named_by_file_and_line(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from slipctl.run import store
-from slipctl.study import files
+from slipctl.study.files import results_folder
 
 
 def full(*_: object, **__: object) -> None:
@@ -36,6 +36,6 @@ def test_a_log_on_a_full_disk_names_the_file(said, tmp_path: Path, monkeypatch) 
     data = xarray.Dataset({"v": ("time", [1.0, 2.0])}, coords={"time": [0.0, 1.0]})
     data["v"].attrs["units"] = "m/s"
     with pytest.raises(OSError, match=r"No space|HDF error") as error:
-        files.draft_log(data, tmp_path / "logs", "sta")
+        results_folder.draft_log(data, tmp_path / "logs", "sta")
     assert error.value.filename == str(tmp_path / "logs" / "sta.nc")
     assert not list((tmp_path / "logs").iterdir())

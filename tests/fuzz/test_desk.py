@@ -26,7 +26,7 @@ from slipctl.commands.cli import main
 from slipctl.errors import BadInput
 from slipctl.models.vehicle import parts
 from slipctl.models.vehicle.trip import case
-from slipctl.study import trip_files
+from slipctl.study.files import trip_files
 
 METRO = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
 

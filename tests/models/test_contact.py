@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.special import ellipe, ellipk
 
 from slipctl import BadInput, argmax, c_module
-from slipctl.models import contact, hertz
-from slipctl.models.contact import SURFACES, polach
+from slipctl.models.wheel_rail import contact, hertz
+from slipctl.models.wheel_rail.contact import SURFACES, polach
 
 SPEEDS = st.floats(0, 90)
 NAMES = st.sampled_from(sorted(SURFACES))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from slipctl.models import hertz
-from slipctl.models.contact_reference import carter, fastsim
+from slipctl.models.wheel_rail import hertz
+from slipctl.models.wheel_rail.contact_reference import carter, fastsim
 
 COULOMB = {"A": 1.0, "mu_0": 0.33}
 SHAPE = hertz.ellipse_of_ratio(106.7e3, 0.8, 0.5, 2 * 82e9 * 1.28, 0.28)

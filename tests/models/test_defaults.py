@@ -17,25 +17,18 @@ import numpy as np
 
 from slipctl import BadInput, Block, Signal, argmax_block, probe, rls
 from slipctl import models as package
-from slipctl.models import (
-    common_form,
-    converters,
-    ep_valve,
-    freight_resistance,
-    hst_braking,
-    hst_traction,
-    hst_traction_adhesion,
-    ranges,
-    sensors,
-    subway_braking,
-)
+from slipctl.models import common_form, converters, ranges, sensors
+from slipctl.models.cheng_2022 import freight_resistance
+from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.vehicle import parts
-from slipctl.study import doors
+from slipctl.models.wang_2025 import hst_traction, hst_traction_adhesion
+from slipctl.models.zhang_2021 import ep_valve, hst_braking
+from slipctl.study import resolve
 
 TABLE = Path(__file__).parent / "defaults.csv"
 HEAD = ["block", "signal", "role", "unit", "value", "lo", "hi", "positive", "per",
         "safe", "change", "stale", "deviation", "ends", "source"]  # fmt: skip
-MODELS = [f"{m}.{b}" for m, (_, blocks) in doors.models().items() for b in blocks]
+MODELS = [f"{m}.{b}" for m, (_, blocks) in resolve.models().items() for b in blocks]
 WHEEL = common_form.Wheel(240.0, 0.5, 8e3, 8e3, 9.81, 20e3, 0.05, 1.21, 20.0)
 SUBWAY, HST = subway_braking.double_exponential, hst_braking.burckhardt
 EXAMPLES: dict[str, Callable[[], Block]] = {
@@ -51,7 +44,7 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
     "ranges.peak_ranged": lambda: ranges.peak_ranged(
         argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4), 1.0),
     "ranges.probe_ranged": lambda: ranges.probe_ranged(probe(SUBWAY, "v_s", within=(0.1, 6.0))),
-    "sensors.reading": lambda: sensors.reading("m/s"),
+    "sensors.reading": lambda: sensors.noisy_sensor("m/s"),
     "sensors.speed_of_wheels": lambda: sensors.speed_of_wheels(4),
 }  # fmt: skip
 """What functions that need arguments make."""
@@ -60,7 +53,7 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
 def model(name: str) -> Block | None:
     """A model as it comes, None for a function that needs arguments."""
     try:
-        return EXAMPLES[name]() if name in EXAMPLES else doors.load_block(name)
+        return EXAMPLES[name]() if name in EXAMPLES else resolve.load_block(name)
     except BadInput as error:
         if "is a function that needs" in str(error):
             return None

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from slipctl import Rail, Scenario, Section, connect, sampled, simulate
-from slipctl.models import freight_traction as freight
-from slipctl.models import hst_braking as hst
-from slipctl.models import hst_traction as wang
-from slipctl.models import subway_braking as subway
-from slipctl.models.hst_braking_estimate import accelerometer
-from slipctl.models.shared import GRADIENT, SHARED
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.shared_names import GRADIENT, SHARED
+from slipctl.models.wang_2025 import hst_traction as wang
+from slipctl.models.zhang_2021 import hst_braking as hst
+from slipctl.models.zhang_2021.hst_braking_estimate import accelerometer
 
 SLOPES = (0.03, -0.03)
 NONE = {

@@ -30,27 +30,17 @@ from recorded import HEAD, close, leaves, of_block, rest, said, signals, told
 from test_defaults import EXAMPLES, MODELS, SUBWAY, WHEEL
 
 from slipctl import BadInput, Block, RunFailed, Signal
-from slipctl.models import (
-    common_form,
-    contact,
-    freight_resistance,
-    freight_traction,
-    hertz,
-    hst_braking,
-    hst_braking_control,
-    hst_traction,
-    hst_traction_adhesion,
-    hst_traction_control,
-    motors,
-    predictive_slip,
-    rolling,
-    subway_braking,
-    subway_braking_control,
-)
+from slipctl.models import common_form, motors
+from slipctl.models.cheng_2022 import freight_resistance, freight_traction
+from slipctl.models.huang_2020 import subway_braking, subway_braking_control
+from slipctl.models.predictive import predictive_slip
+from slipctl.models.wang_2025 import hst_traction, hst_traction_adhesion, hst_traction_control
+from slipctl.models.wheel_rail import axles, contact, hertz
+from slipctl.models.zhang_2021 import hst_braking, hst_braking_control
 
 TABLE = Path(__file__).parent / "made.csv"
 POINT = (0.54, 1.2, 1.0)
-SMALL = rolling.Axles((2, 1), (0.0, 3.0), (True, False))
+SMALL = axles.Axles((2, 1), (0.0, 3.0), (True, False))
 
 GIVEN: dict[str, Callable[[], Any]] = {
     **{f"{n}()": make for n, make in EXAMPLES.items()},
@@ -61,8 +51,8 @@ GIVEN: dict[str, Callable[[], Any]] = {
     "predictive_slip": lambda: predictive_slip.predictive(SUBWAY)(WHEEL),
     "predictive_slip(gate)": lambda: predictive_slip.predictive(
         SUBWAY, horizon=12, gate=True)(WHEEL),
-    "rolling": lambda: rolling.rolling(contact.polach, SMALL, 1e-3, ("k_A",), ("r", "T_b")),
-    "Axles.grouped": lambda: rolling.Axles((4, 2, 2), (0.0, 9.0, 18.0), (True, False, True))
+    "rolling": lambda: axles.rolling(contact.polach, SMALL, 1e-3, ("k_A",), ("r", "T_b")),
+    "Axles.grouped": lambda: axles.Axles((4, 2, 2), (0.0, 9.0, 18.0), (True, False, True))
     .grouped(),
     "hst_traction.plant": lambda: hst_traction.plant(axles=SMALL, distinct=("k_A",)),
     "hst_traction.plant(motors)": lambda: hst_traction.plant(

@@ -20,8 +20,8 @@ from slipctl import (
     simulate,
 )
 from slipctl.certify import barrier as bounds
-from slipctl.models import freight_traction as freight
-from slipctl.models import freight_traction_control as control
+from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022 import freight_traction_control as control
 
 T = 2e-4
 BEST = float(freight.peak_creep(0.54, 1.2))
@@ -121,7 +121,7 @@ def test_printed_law_rests_where_its_pull_is_twice_the_disturbance():
     """-f in place of D: e' = -2 D - kappa(e), held off by the k_a side alone, 11.5 mm/s too low."""
     run = held("printed-42", seconds=1.0)
     e, D = float(run["ctl.barrier.e"][-1]), float(run["plant.train.D"][-1])
-    assert -e == pytest.approx(bounds.settled(2 * D, 1200.0, bounds_k_a()), rel=1e-3)
+    assert -e == pytest.approx(bounds.settled_error(2 * D, 1200.0, bounds_k_a()), rel=1e-3)
     assert -e == pytest.approx(0.0115, abs=5e-5)
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from slipctl import BadInput, Scenario, argmax, sampled, simulate
 from slipctl.certify import prescribed_performance as ppc
-from slipctl.models import ep_valve
-from slipctl.models import hst_braking as models
-from slipctl.models import hst_braking_control as control
+from slipctl.models.zhang_2021 import ep_valve
+from slipctl.models.zhang_2021 import hst_braking as models
+from slipctl.models.zhang_2021 import hst_braking_control as control
 
 M, N, I_W, R, G = 13800.0, 4.0, 60.35, 0.43, 9.81
 F_Z = M * G / N
@@ -74,7 +74,7 @@ def test_family_goes_through_the_three_rails():
 
 
 def test_averaged_law_is_the_mean_to_second_order():
-    mean = control.averaged(models.burckhardt)
+    mean = control.mean_adhesion_law(models.burckhardt)
     lam = np.linspace(0.12, 0.13, 2001)
     true = np.mean([models.burckhardt(lam=float(x))["mu"] for x in lam])
     ours = mean(lam=0.125, lam_var=float(lam.var()))["mu"]
@@ -237,7 +237,7 @@ def test_funnel_law_pulls_as_the_certificate_says():
         e = z * 1.2 * eta
         given = dict(lam=0.1 + e, lam_ref=0.1, rate=0.0, v=50.0, F_a=0.0, k=0.0, eta_h=eta)
         nu = -law(count=0.0, **given)[1]["T_wanted"] * R / (I_W * 50.0)
-        assert nu == pytest.approx(-100 * eta * 1.2 * ppc.restoring(z), rel=1e-9)
+        assert nu == pytest.approx(-100 * eta * 1.2 * ppc.restoring_pull(z), rel=1e-9)
     barrier = control.prescribed(law="barrier", motion=False)
     given["lam"] = 0.1 + 0.9 * 1.2 * eta
     nu = -barrier(count=0.0, **given)[1]["T_wanted"] * R / (I_W * 50.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from slipctl import Output, Rail, Scenario, Section, State, connect, sampled, simulate, step
-from slipctl.models import hst_traction as hst
 from slipctl.models import motors
+from slipctl.models.wang_2025 import hst_traction as hst
 
 H = 1e-4
 

@@ -26,8 +26,8 @@ from slipctl import (
     simulate,
 )
 from slipctl.models import brakes, sensors
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking_control as control
 
 J, R = 240.0, 0.5
 

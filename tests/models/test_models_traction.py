@@ -6,9 +6,9 @@ import pytest
 from hypothesis import settings
 
 from slipctl import BadInput, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
-from slipctl.models import hst_traction as hst
-from slipctl.models.contact import SURFACES, polach
-from slipctl.models.rolling import Axles, _axle, rolling
+from slipctl.models.wang_2025 import hst_traction as hst
+from slipctl.models.wheel_rail.axles import Axles, _axle, rolling
+from slipctl.models.wheel_rail.contact import SURFACES, polach
 
 
 @law(F=Output("N", "force", positive="traction"))

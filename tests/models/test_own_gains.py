@@ -12,7 +12,7 @@ import pytest
 from slipctl.certify import catalogue
 from slipctl.certify.systems import report
 from slipctl.commands.cli import main
-from slipctl.study.doors import find_loop, load_study
+from slipctl.study.resolve import find_loop, load_study
 
 CAR = """
 title = "car"

@@ -23,7 +23,8 @@ from recorded import HEAD, close, leaves, signals, told
 from slipctl import Block
 from slipctl.models.vehicle import parts as trip_parts
 from slipctl.models.vehicle.trip import case
-from slipctl.study import doors, trip_files
+from slipctl.study import resolve
+from slipctl.study.files import trip_files
 
 FOLDER = Path(__file__).parent / "parts"
 
@@ -100,7 +101,7 @@ def loops(name: str) -> Iterator[Block]:
             found = case(trip_files.load_trip(str(path)))
             yield from (found.loops[k] for k in found.loops)
         return
-    for each in doors.build_cases(doors.load_study(name)):
+    for each in resolve.build_cases(resolve.load_study(name)):
         yield from (each.loops[k] for k in each.loops)
 
 
@@ -122,7 +123,7 @@ def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
     return found
 
 
-NAMES = [s for s in doors.studies() if s not in ("all_rails", "gain_bounds")] + [*VEHICLES]
+NAMES = [s for s in resolve.studies() if s not in ("all_rails", "gain_bounds")] + [*VEHICLES]
 """The other two put together parts that these have."""
 
 

@@ -19,20 +19,20 @@ from slipctl import (
     particle_swarm,
     rls,
 )
-from slipctl.block.sharing import told_apart
+from slipctl.block.shared_numbers import warnings_of_places
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
-from slipctl.ccode.write import guard
+from slipctl.ccode.module import guard
 from slipctl.commands import cli
 from slipctl.errors import BadInput
-from slipctl.models import hst_braking as models
-from slipctl.models import hst_braking_control as control
+from slipctl.models.zhang_2021 import hst_braking as models
+from slipctl.models.zhang_2021 import hst_braking_control as control
 
 POINTS = ("a0_at", "a1_at", "a2_at")
 OTHER = {"a0_at": [0.1, 0.2, 0.4], "a1_at": [30.0, 22.0, 15.0], "a2_at": [0.08, 0.15, 0.1]}
 """Three rails that are not those of the paper."""
 
-needs_compiler = pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+needs_compiler = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_one_curve_for_fit_and_search(eppfc):
     assert set(POINTS) <= set(eppfc.params)
     assert not [n for n in eppfc.params if n.endswith(POINTS) and "." in n]
     apart = eppfc.with_params(**{"search.a1_at": OTHER["a1_at"]})
-    assert told_apart(apart) == ["search.a1_at differs from a1_at"]
+    assert warnings_of_places(apart) == ["search.a1_at differs from a1_at"]
     values = apart.param_values()
     assert values["search.log_a1"] == pytest.approx(np.log(OTHER["a1_at"]))
     assert values["log_a1"] == pytest.approx(np.log([26.731, 24.617, 23.129]))

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput
-from slipctl.models import freight_traction, hst_braking, subway_braking
-from slipctl.models import hst_braking_reference as reference
-from slipctl.models import hst_traction as train
-from slipctl.models import hst_traction_adhesion as adhesion
-from slipctl.models.rolling import Axles
+from slipctl.models.cheng_2022 import freight_traction
+from slipctl.models.huang_2020 import subway_braking
+from slipctl.models.wang_2025 import hst_traction as train
+from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
+from slipctl.models.wheel_rail.axles import Axles
+from slipctl.models.zhang_2021 import hst_braking
+from slipctl.models.zhang_2021 import hst_braking_reference as reference
 from slipctl.predict.trials import Driver
 
 

@@ -8,22 +8,19 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput, Block, probe
-from slipctl.models import (
-    best_slip,
-    contact_reference,
-    freight_resistance,
-    hst_traction_adhesion,
-    hst_traction_control,
-    predictive_speed,
-    sensors,
-    subway_braking,
-)
-from slipctl.models.contact import polach
-from slipctl.models.hst_braking_reference import adhesion_meter
+from slipctl.models import best_slip, sensors
+from slipctl.models.cheng_2022 import freight_resistance
+from slipctl.models.huang_2020 import subway_braking
+from slipctl.models.predictive import predictive_speed
 from slipctl.models.ranges import probe_ranged
-from slipctl.models.rolling import Axles, rolling
 from slipctl.models.vehicle import control, gains, of_study, parts
-from slipctl.study import doors, trip_files
+from slipctl.models.wang_2025 import hst_traction_adhesion, hst_traction_control
+from slipctl.models.wheel_rail import contact_reference
+from slipctl.models.wheel_rail.axles import Axles, rolling
+from slipctl.models.wheel_rail.contact import polach
+from slipctl.models.zhang_2021.hst_braking_reference import adhesion_meter
+from slipctl.study import resolve
+from slipctl.study.files import trip_files
 
 
 def leaves(block: Block):
@@ -129,8 +126,8 @@ def test_a_measured_speed_says_what_it_is():
 
 def test_a_slip_speed_is_a_reference():
     """Held, but never above the vehicle's own; told like every other reference."""
-    block = control.fixed(parts.SlipSpeed(slip=2.0))
-    other = control.fixed(parts.SlipRatio(slip=0.1, least=0.3))
+    block = control.fixed_reference(parts.SlipSpeed(slip=2.0))
+    other = control.fixed_reference(parts.SlipRatio(slip=0.1, least=0.3))
     assert block.name == other.name == "reference"
     assert block(v=10.0)["v_best"] == 2.0
     assert block(v=-1.5)["v_best"] == 1.5
@@ -162,7 +159,7 @@ def test_a_swarm_flies_as_long_as_is_told():
 
 
 def test_draws_of_the_rail_are_heard_and_others_named(tmp_path: Path):
-    folder = doors.folder("models") / "vehicle" / "files"
+    folder = resolve.folder("models") / "vehicle" / "files"
     text = (folder / "metro.toml").read_text(encoding="utf-8")
     text = text.replace("0.8:1.2 of plant.train.adh.c", "0.8:1.2 of rail.leaves.c, act.lag")
     path = tmp_path / "metro.toml"

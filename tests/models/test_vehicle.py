@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 
 from slipctl import BadInput, connect, gated, replicate, sampled, simulate
 from slipctl.models.brakes import brake
-from slipctl.models.subway_braking import double_exponential
-from slipctl.models.subway_braking import plant as subway_plant
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking import plant as subway_plant
 from slipctl.models.vehicle import (
     Constant,
     Davis,

@@ -9,7 +9,7 @@ from slipctl import BadInput
 from slipctl.commands import cli
 from slipctl.models.vehicle import gains as asked
 from slipctl.models.vehicle.trip import loop
-from slipctl.study import trip_files
+from slipctl.study.files import trip_files
 
 FILE = """
 [vehicle]
@@ -81,7 +81,7 @@ def test_no_motion_in_the_tube_is_worse_than_the_bounds(tmp_path, reference, goa
     """Random axles in their tubes on any rails of the ensemble: s' = v' - r omega' by hand."""
     trip = trip_files.load_trip(written(tmp_path, reference))
     over, left = asked.ranges(trip)
-    met = asked.withstood(trip, loop(trip, "sta"), over, trip.reference)
+    met = asked.slip_law_bounds(trip, loop(trip, "sta"), over, trip.reference)
     assert left == ()
     rng, n, axles = np.random.default_rng(7), 20_000, 4
     M = rng.uniform(34e3, 42e3, (n, 1))
@@ -151,4 +151,4 @@ def test_a_controller_that_was_told_another_wheel_is_refused(tmp_path):
     over, _ = asked.ranges(trip)
     other = loop(trip, "sta").with_params(**{"plant.train.J": 150.0})
     with pytest.raises(BadInput, match="J = 110 and the vehicle J = 150"):
-        asked.withstood(trip, other, over, trip.reference)
+        asked.slip_law_bounds(trip, other, over, trip.reference)

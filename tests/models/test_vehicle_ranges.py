@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from slipctl.ccode import codegen
-from slipctl.ccode.check import function_proof, proof
 from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
-from slipctl.ccode.check.logged import recorded
+from slipctl.ccode.check.proof import function_proof, module_proof
+from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 from slipctl.commands.cli import main
-from slipctl.study import doors
+from slipctl.study import resolve
 
 TOOTHED, RADAR = (
     '{ kind = "tooth_wheel", teeth = 120 }',
@@ -45,14 +45,14 @@ def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def written(folder: Path, text: str, *changes: tuple[str, str]) -> doors.Study:
+def written(folder: Path, text: str, *changes: tuple[str, str]) -> resolve.Study:
     """Study of the file with some of its text changed."""
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     file = folder / "car.toml"
     file.write_text(text, encoding="utf-8")
-    return doors.load_study(str(file))
+    return resolve.load_study(str(file))
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
     """Nor of one that is told another reference, or has another law."""
     study = written(tmp_path, text, *changes)
     for name in ("none", "pid", "super_twisting", "predictive"):
-        loop, _ = doors.find_loop(study, name)
+        loop, _ = resolve.find_loop(study, name)
         assert loop[study.controller].without_range() == [], name
 
 
@@ -81,23 +81,23 @@ def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
 def test_no_true_sample_is_refused(tmp_path, text, wheel, speed):
     """Of any sensor that a file may name; of the largest change a good part is left."""
     study = written(tmp_path, text, (TOOTHED, wheel), (RADAR, speed), ('"17 s"', '"5 s"'))
-    loop, case = doors.find_loop(study, "pid")
-    block, (inputs, _) = loop[study.controller], recorded(loop, study.controller, case.scenario)
+    loop, case = resolve.find_loop(study, "pid")
+    block, (inputs, _) = loop[study.controller], record_part(loop, study.controller, case.scenario)
     plan = Plan(block, "ctl", loop.period)
     rows = input_rows(block, plan.layout.inputs, inputs)
     ends = plan.ends(plan.layout.inputs, block.param_values())
-    taken, told = guard.accepted(rows, *ends, plan.stale, np.finfo(float).max, plan.period)
+    taken, told = guard.accepted_inputs(rows, *ends, plan.stale, np.finfo(float).max, plan.period)
     assert not told.any()
     assert (taken == rows).all()
     assert (np.abs(np.diff(rows, axis=0)) <= 0.6 * (ends.change + ends.noise)).all()
 
 
-@pytest.mark.skipif(compilers.found() is None, reason="no C compiler here")
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
     """10 000 rad/s for ten ticks took super-twisting's torque off its course to the end."""
     study = written(tmp_path, text)
-    loop, case = doors.find_loop(study, "super_twisting")
-    _, params = recorded(loop, study.controller, case.scenario, 1)
+    loop, case = resolve.find_loop(study, "super_twisting")
+    _, params = record_part(loop, study.controller, case.scenario, 1)
     module = c_module(loop[study.controller], tmp_path, "ctl", period=loop.period)
     whole = ClosedLoop(loop, study.controller, case.scenario, module.compile().load())
     module.reset(**params)
@@ -122,11 +122,15 @@ def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
 def test_a_loop_that_sums_is_marked_once_for_the_proof(tmp_path, text):
     """Its functions are proven one by one, and some of its loops in pairs of turns."""
     study = written(tmp_path, text)
-    loop, _ = doors.find_loop(study, "pid")
+    loop, _ = resolve.find_loop(study, "pid")
     plan = Plan(loop[study.controller], "ctl", loop.period)
-    made = {f: proof.written_out(t) for f, t in codegen.texts(plan).items() if f in plan.files[1:]}
+    made = {
+        f: module_proof.written_out(t)
+        for f, t in codegen.texts(plan).items()
+        if f in plan.files[1:]
+    }
     assert any("loop unroll 2;" in t for t in made.values())
-    done, many = function_proof.contracted("ctl", made, "double", plan.equations.functions)
+    done, many = function_proof.text_with_contracts("ctl", made, "double", plan.equations.functions)
     assert many > 20
     lines = "\n".join(done.values()).splitlines()
     assert max(len(re.findall("loop unroll", line)) for line in lines) == 1

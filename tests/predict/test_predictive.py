@@ -225,7 +225,7 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
 def test_a_solver_that_calls_compiled_c_gives_the_bits_of_the_interpreted(solver):
     """For measuring times; a block that is made afterwards is interpreted again."""
     given = (10, 10.1, 2, 0, 0.3, 0.02)
-    with reference.compiled():
+    with reference.compile_callbacks():
         quick = Driver(make(horizon=3, substeps=2, solver=solver), compile=False)
     assert "jit" not in reference.QUIET
     slow = Driver(make(horizon=3, substeps=2, solver=solver), compile=False)

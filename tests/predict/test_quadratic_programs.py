@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl.predict.active_set import Found
+from slipctl.predict.qp.active_set import Found
 from slipctl.studies.bench.programs import (
     MORE,
     RIGHT,

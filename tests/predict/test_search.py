@@ -8,7 +8,7 @@ import pytest
 from casadi import atan
 
 from slipctl import BadInput, Input, Output, State, flow, law, nmpc, one
-from slipctl.predict.search import STEPS, Search
+from slipctl.predict.qp.line_search import STEPS, Search
 from slipctl.studies.bench.peers.slip_nmpc import closed_loop
 from slipctl.studies.bench.peers.slip_nmpc import make as slip
 

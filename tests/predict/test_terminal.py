@@ -47,11 +47,11 @@ def place(x=Input("m", "position"), to=Input("m", "wanted", value=0.0), F=Input(
 
 def test_an_input_of_a_connected_plant_goes_by_its_short_name():
     """Where two end alike, both go by their whole names."""
-    from slipctl.predict.joining import joined
+    from slipctl.predict.stages.joint_flow import join_flows
 
     apart = connect("one", {}, a=cart)
-    assert joined("nmpc", apart, {})[1] == {"a.F": "F", "a.load": "load"}
-    names = joined("nmpc", connect("two", {}, a=cart, b=cart), {})[1]
+    assert join_flows("nmpc", apart, {})[1] == {"a.F": "F", "a.load": "load"}
+    names = join_flows("nmpc", connect("two", {}, a=cart, b=cart), {})[1]
     assert (names["a.F"], names["b.F"]) == ("a_F", "b_F")
 
 

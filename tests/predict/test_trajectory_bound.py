@@ -16,7 +16,7 @@ from slipctl import (
     simulate,
     trajectory,
 )
-from slipctl.models.hst_braking import burckhardt, ideal_plant, plant
+from slipctl.models.zhang_2021.hst_braking import burckhardt, ideal_plant, plant
 from slipctl.studies.hst_braking import loops as hst
 
 

@@ -19,7 +19,7 @@ def _both(f: ca.Function, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for compile in (True, False):
         y = np.empty((len(u), f.size1_out(1)))
         x_log = np.empty((len(u), 1))
-        roll = build.rolling(f, compile)
+        roll = build.make_roller(f, compile)
         assert roll(np.zeros(1), u, np.zeros(0), x_log, y) == len(u)
         found.append(y)
     return found[0], found[1]

@@ -20,10 +20,11 @@ from conftest import closed_loop, three_rails
 from slipctl import BadInput, open_sweep, simulate, sweep
 from slipctl.block import portable
 from slipctl.commands.cli import main
-from slipctl.run import cluster, machine
-from slipctl.run.sweeping import Measured
-from slipctl.run.swept import Sweep
-from slipctl.study.doors import find_loop, load_study
+from slipctl.run import machine
+from slipctl.run.sweep import cluster
+from slipctl.run.sweep.sweep_results import Sweep
+from slipctl.run.sweep.sweep_runs import Measured
+from slipctl.study.resolve import find_loop, load_study
 
 TOY = Path(__file__).parents[1] / "toy_study.py"
 LOOP = "soft"

@@ -28,11 +28,11 @@ from slipctl import (
 from slipctl.commands.cli import main
 from slipctl.models.brakes import brake
 from slipctl.models.vehicle import parts
-from slipctl.run.doubts import told_loop, told_run, watched
 from slipctl.run.metrics import Metric
-from slipctl.run.prepared import prepare
+from slipctl.run.preparation import prepare
 from slipctl.run.roles import Signals
-from slipctl.study.texts import absent
+from slipctl.run.warnings.doubts import doubt_signals, warnings_of_log, warnings_of_loop
+from slipctl.study.report.texts import absent
 
 H = 1e-2
 
@@ -66,7 +66,7 @@ def stuck(
 def told(loop, seconds, rail=None):
     scenario = Scenario("s", seconds, rail)
     log = prepare(loop, scenario, compile=False)(doubt=True)
-    return [] if log.watched is None else told_run(loop, scenario, log.watched)
+    return [] if log.watched is None else warnings_of_log(loop, scenario, log.watched)
 
 
 def loop_of(**given):
@@ -133,12 +133,12 @@ def test_a_rate_at_its_limit_for_most_of_a_run_is_told(rate, lines):
 
 
 def test_noise_below_quantisation_is_told():
-    from slipctl.models.sensors import reading
+    from slipctl.models.sensors import noisy_sensor
 
     def lines(sigma, q):
-        sensor = reading("m/s").with_params(sigma=sigma, q=q)
+        sensor = noisy_sensor("m/s").with_params(sigma=sigma, q=q)
         loop = connect("loop", {"y.u": "plant.v"}, plant=sampled(cart, H, "rk4"), y=sensor)
-        return told_loop(loop, Scenario("s", 1.0, inputs={"plant.T_b": 0.0}))
+        return warnings_of_loop(loop, Scenario("s", 1.0, inputs={"plant.T_b": 0.0}))
 
     assert len(lines(0.01, 0.1)) == 1
     assert "y.sigma = 0.01 m/s is below the quantisation" in lines(0.01, 0.1)[0]
@@ -157,7 +157,7 @@ def test_an_input_that_no_wire_feeds_is_told_where_there_is_a_signal_of_its_name
         plant = sampled(cart, H, "rk4")
         loop = connect("loop", {"plant.T_b": "ctl.T_cmd"} | wires, plant=plant, ctl=driver,
                        look=look)  # fmt: skip
-        return told_loop(loop, Scenario("s", 1.0, inputs=inputs))
+        return warnings_of_loop(loop, Scenario("s", 1.0, inputs=inputs))
 
     assert lines({}) == ["no wire feeds look.v: it stands at 0.0 m/s, while there is plant.v"]
     assert not lines({"look.v": "plant.v"})
@@ -168,7 +168,7 @@ def test_what_is_watched_changes_no_number_and_is_no_part_of_the_log():
     loop = loop_of(est=stuck)
     run = prepare(loop, Scenario("s", 1.5), compile=False)
     one, other = run(), run(doubt=True)
-    assert watched(loop) == {"est.held", "est.P", "plant.v", "ctl.T_cmd"}
+    assert doubt_signals(loop) == {"est.held", "est.P", "plant.v", "ctl.T_cmd"}
     assert list(one) == list(other)
     assert all(np.array_equal(one[n], other[n]) for n in one)
     assert one.told() == other.told()[: len(one.told())]

@@ -7,7 +7,15 @@ import pytest
 import xarray
 
 from slipctl import Rail, Scenario, Section
-from slipctl.run.metrics import METRICS, Metric, Run, measure, rail_changes, rail_names, settling
+from slipctl.run.metrics import (
+    METRICS,
+    Metric,
+    Run,
+    measure,
+    rail_changes,
+    rail_names,
+    settling_time,
+)
 from slipctl.run.roles import Signals
 
 H = 0.01
@@ -130,8 +138,8 @@ def test_rows_name_their_rail() -> None:
 def test_settling_time_counts_until_the_last_excursion() -> None:
     error = np.zeros_like(T)
     error[210], error[250] = 1, -1
-    assert settling(T, error, 2.0, 4.0, 0.05) == pytest.approx(0.51)
-    assert settling(T, np.zeros_like(T), 2.0, 4.0, 0.05) == 0.0
+    assert settling_time(T, error, 2.0, 4.0, 0.05) == pytest.approx(0.51)
+    assert settling_time(T, np.zeros_like(T), 2.0, 4.0, 0.05) == 0.0
 
 
 def test_settling_time_of_a_slip_ratio_has_the_band_of_one_percent() -> None:

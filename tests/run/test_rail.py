@@ -26,7 +26,7 @@ from slipctl import (
     simulate,
     step,
 )
-from slipctl.models import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking as subway
 
 TICK = 0.125
 """Exact in binary, so that a clock that counts ticks and one that adds them agree."""

@@ -34,8 +34,8 @@ from slipctl import (
 )
 from slipctl.certify.steps import METHODS
 from slipctl.models import sensors
-from slipctl.models import subway_braking as subway
-from slipctl.models import subway_braking_control as control
+from slipctl.models.huang_2020 import subway_braking as subway
+from slipctl.models.huang_2020 import subway_braking_control as control
 from slipctl.run import build
 
 
@@ -49,9 +49,9 @@ def same(a, b) -> bool:
 
 @pytest.mark.parametrize("compile", [True, False])
 def test_every_nth_row_is_the_row_of_the_whole_run(compile, monkeypatch):
-    from slipctl.run import prepared
+    from slipctl.run import preparation
 
-    monkeypatch.setattr(prepared, "SCRATCH", 17)  # pieces that do not fit the rows
+    monkeypatch.setattr(preparation, "SCRATCH", 17)  # pieces that do not fit the rows
     block, scenario = closed_loop(), three_rails(0.3)
     whole = simulate(block, scenario, compile=compile)
     some = simulate(block, scenario, compile=compile, every=7, log=["plant.wheel.v", "ctl.T_b"])
@@ -119,7 +119,7 @@ def test_every_operation_gives_the_same_bits_compiled(needs_compiler):
     rng = np.random.default_rng(0)
     numbers = rng.standard_normal((5000, 2)) * 10 ** rng.uniform(-5, 5, (5000, 1))
     logs = [np.empty((5000, 1 if k == 0 else len(results))) for k in (0, 1, 0, 1)]
-    build.compiled(f).roll(np.zeros(1), numbers, np.zeros(0), *logs[:2])
+    build.compile_roller(f).roll(np.zeros(1), numbers, np.zeros(0), *logs[:2])
     build.roll_interpreted(f, np.zeros(1), numbers, np.zeros(0), *logs[2:])
     assert (np.isnan(logs[1]) == np.isnan(logs[3])).all()
     assert np.nan_to_num(logs[1]).tobytes() == np.nan_to_num(logs[3]).tobytes()
@@ -352,7 +352,7 @@ def test_where_a_state_and_an_output_share_a_name_the_log_holds_the_output():
 SCRIPT = """
 import hashlib, sys
 from slipctl import Scenario, sampled, simulate
-from slipctl.models.subway_braking import plant
+from slipctl.models.huang_2020.subway_braking import plant
 run = simulate(sampled(plant(), 1e-3), Scenario("s", 1.0, inputs={"T_cmd": 9e3}))
 print(hashlib.sha256(run["wheel.v_s"].values.tobytes()).hexdigest())
 """
@@ -387,7 +387,7 @@ def test_parallel_runs_share_the_cache_and_a_foreign_file_is_built_again(tmp_pat
 
 
 def test_without_a_compiler_everything_still_works(no_compiler):
-    assert build.compiled(closed_loop().f) is None
+    assert build.compile_roller(closed_loop().f) is None
     assert float(simulate(closed_loop(), three_rails(0.3))["plant.wheel.v"][-1]) < 20
 
 
@@ -415,7 +415,7 @@ def test_a_library_of_another_loop_or_a_damaged_one_is_not_loaded(
     monkeypatch.setenv("SLIPCTL_CACHE", str(tmp_path))
     right = simulate(closed_loop(), three_rails(0.3))
     (mine,) = tmp_path.glob("*.so")
-    build.compiled(one_input(value=1.0).f)
+    build.compile_roller(one_input(value=1.0).f)
     (other,) = set(tmp_path.glob("*.so")) - {mine}
     whole = mine.read_bytes()
     for content in (other.read_bytes(), whole[: len(whole) // 2], whole[:-1] + b"x", b""):
@@ -455,7 +455,7 @@ def test_levels_of_the_compiler_give_the_same_bits(tmp_path, monkeypatch, needs_
 
 def test_the_compiled_roll_refuses_arrays_that_do_not_fit(needs_compiler):
     """What it would read beyond the end, or as other bits, is an error before the call."""
-    roller = build.compiled(one_input(value=1.0).f)
+    roller = build.compile_roller(one_input(value=1.0).f)
     x, u, p, log = np.zeros(1), np.zeros((4, 1)), np.zeros(0), np.zeros((4, 1))
     assert roller.roll(x, u, p, log, log.copy()) == 4
     for wrong in (np.zeros((4, 2)), np.zeros((4, 1), dtype=int)):

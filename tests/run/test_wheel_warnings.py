@@ -10,7 +10,7 @@ import pytest
 from slipctl import BadInput, prepare
 from slipctl.block.reach import reach_text, with_reach
 from slipctl.models.exponential_tail import exponential_tail, peak_slip
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import (
     Constant,
     DemandAlone,
@@ -23,7 +23,7 @@ from slipctl.models.vehicle import (
     Vehicle,
     case,
 )
-from slipctl.study.doors import load_block
+from slipctl.study.resolve import load_block
 
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=16.7)
 

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slipctl import BadInput, Block, Input, Output, Param, differential_evolution, law
-from slipctl.models.subway_braking import TABLE_1, double_exponential, peak_slip
+from slipctl.models.huang_2020.subway_braking import TABLE_1, double_exponential, peak_slip
 from slipctl.run import build
 from slipctl.seek import random
 from slipctl.seek.evolution import schedule
-from slipctl.seek.random import FACTORS, MODULI, advance, below, quick_floor, rounder, uniform
+from slipctl.seek.random import FACTORS, MODULI, advance, quick_floor, rounder, uniform, whole_below
 from slipctl.studies.bench.peers.bench_de import bench_de
 from slipctl.studies.bench.speed import peer_library
 
@@ -37,7 +37,7 @@ def roll(block: Block, u: np.ndarray, compiled: bool, **start) -> tuple[np.ndarr
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
     x_log, y_log = np.empty((len(u), x.size)), np.empty((len(u), block.f.size1_out(1)))
     if compiled:
-        roller = build.compiled(block.f)
+        roller = build.compile_roller(block.f)
         assert roller is not None
         assert roller.roll(x, u, p, x_log, y_log) == len(u)
     else:
@@ -80,11 +80,11 @@ def test_whole_numbers_below_n_are_exact_and_even(real, n):
 
 def test_expressions_are_the_generator():
     state, K = ca.SX.sym("state", 3), ca.SX.sym("K", 2)
-    one = rounder()(random.seeded(1))
+    one = rounder()(random.state_from_seed(1))
     assert (np.array(one.full()) == 1.5 * 2**52).all()
     step = ca.Function("step", [state, K], [advance(state), advance(state, quick_floor(K))])
-    numbers = ca.Function("numbers", [state], [uniform(state), below(state, 1, 48)])
-    parts = [int(v) for v in random.seeded(7)]
+    numbers = ca.Function("numbers", [state], [uniform(state), whole_below(state, 1, 48)])
+    parts = [int(v) for v in random.state_from_seed(7)]
     for _ in range(200):
         expected = [f * v % m for f, v, m in zip(FACTORS, parts, MODULI, strict=True)]
         plain, quick = (np.array(v.full()).ravel() for v in step(parts, one))
@@ -101,7 +101,7 @@ def test_numbers_are_even_and_independent():
     after = advance(state)
     count, bins = 20_000, 20
     draw = ca.Function("draw", [state], [after, uniform(after)]).mapaccum(count)
-    u = np.array(draw(random.seeded(3))[1].full()).ravel()
+    u = np.array(draw(random.state_from_seed(3))[1].full()).ravel()
     assert u.min() >= 0
     assert u.max() < 1
     # chi-square of numbers and of pairs; its mean is the number of cells less one, and five
@@ -114,19 +114,19 @@ def test_numbers_are_even_and_independent():
 
 @given(st.integers(0, 2**63))
 def test_any_seed_gives_a_state(seed):
-    state = random.seeded(seed)
+    state = random.state_from_seed(seed)
     assert all(1 <= v <= m - 1 and v == int(v) for v, m in zip(state, MODULI, strict=True))
 
 
 def test_seeds_give_states_of_their_own():
-    states = {tuple(random.seeded(seed)) for seed in range(2000)}
+    states = {tuple(random.state_from_seed(seed)) for seed in range(2000)}
     assert len(states) == 2000
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5])
 def test_no_such_seed(seed):
     with pytest.raises(BadInput, match=r"seed = .* whole number"):
-        random.seeded(seed)
+        random.state_from_seed(seed)
 
 
 # ---- the algorithm -------------------------------------------------------------------------------
@@ -134,7 +134,7 @@ def test_no_such_seed(seed):
 
 def by_hand(n, crossover, generations, seed, c, a, b, lo=0.01, hi=10.0, F0=0.5):
     """The search in plain Python: whole numbers draw, floats move; returns (rng, best, value)."""
-    rng = [int(v) for v in random.seeded(seed)]
+    rng = [int(v) for v in random.state_from_seed(seed)]
 
     def draw():
         rng[:] = [f * v % m for f, v, m in zip(FACTORS, rng, MODULI, strict=True)]
@@ -313,7 +313,7 @@ def test_peers_in_c_give_the_same_bits(needs_compiler):
     x, y = roll(block, rows, compiled=True)
     library = peer_library("de")
     for which in (0, 1):
-        rng, found = np.array(random.seeded(5)), np.empty((len(rows), 2))
+        rng, found = np.array(random.state_from_seed(5)), np.empty((len(rows), 2))
         pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (rng, rows, found)]
         library.peer_de(which, ctypes.c_long(len(rows)), *pointers)
         assert (rng == x[-1]).all()
@@ -348,7 +348,7 @@ def test_random_numbers_are_the_same_in_single_precision(tmp_path, needs_compile
     assert list(block.params) == ["lo", "hi", "crossover", "F0"]
     generator = ca.CodeGenerator("search.c", {"casadi_real": "float"})
     generator.add(block.f)
-    start = ", ".join(f"{v:.0f}" for v in random.seeded(1))
+    start = ", ".join(f"{v:.0f}" for v in random.state_from_seed(1))
     curve = ", ".join(f"{DRY[k]}f" for k in block.inputs)
     text = generator.dump() + FLOAT_MAIN.replace("RNG", start).replace("CURVE", curve)
     (tmp_path / "search.c").write_text(text)

@@ -5,10 +5,10 @@ import pytest
 
 from slipctl import Context, Scenario, connect, sampled, simulate
 from slipctl.models import common_form as form
-from slipctl.models.hst_braking_control import feedback_linearisation
-from slipctl.models.predictive_slip import predictive, slip_model
-from slipctl.models.predictive_speed import body, predictive_speed
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.predictive.predictive_slip import predictive, slip_model
+from slipctl.models.predictive.predictive_speed import body, predictive_speed
+from slipctl.models.zhang_2021.hst_braking_control import feedback_linearisation
 from slipctl.studies.all_rails import loops, runs, tracking
 
 DRY = {"c": 1.0, "a": 0.54, "b": 1.2}

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from slipctl import Context, simulate
-from slipctl.design.polish import Polished
-from slipctl.design.tuning import HELD_OUT, TRAINING
-from slipctl.run.ensemble import World
+from slipctl.design.gain_search import HELD_OUT, TRAINING
+from slipctl.design.slopes.polish import Polished
+from slipctl.run.sweep.ensemble import World
 from slipctl.studies.all_rails import fair
 from slipctl.studies.all_rails.loops import NAMES, VEHICLES, loops, scenario
 

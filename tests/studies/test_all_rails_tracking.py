@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from slipctl import simulate
-from slipctl.ccode.check.logged import logged_params
-from slipctl.models.contact import patch
+from slipctl.ccode.check.vectors.run_inputs import logged_params
+from slipctl.models.wheel_rail.contact import patch
 from slipctl.studies.all_rails import tracking
 
 

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from slipctl import Case, Context
-from slipctl.models.contact import polach
-from slipctl.models.ep_valve import THETA, air_brake
-from slipctl.models.hst_braking import plant
+from slipctl.models.wheel_rail.contact import polach
+from slipctl.models.zhang_2021.ep_valve import THETA, air_brake
+from slipctl.models.zhang_2021.hst_braking import plant
 from slipctl.studies.bench.best_possible import against_optimum, between
 from slipctl.studies.freight_traction import experiments
 from slipctl.studies.freight_traction import loops as freight

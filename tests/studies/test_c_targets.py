@@ -12,7 +12,7 @@ import pytest
 
 from slipctl.studies.bench import c_targets
 from slipctl.studies.bench.c_targets import Controller, Wanted
-from slipctl.study import doors
+from slipctl.study import resolve
 
 SHORT = 0.05
 needs_arm = pytest.mark.skipif(
@@ -76,8 +76,8 @@ def test_every_loop_with_a_controller_has_a_row() -> None:
         "subway_braking:sta",
         "hst_traction:hosm_limited",
     }
-    study = doors.load_study("subway_braking")
-    cases = doors.build_cases(study)
+    study = resolve.load_study("subway_braking")
+    cases = resolve.build_cases(study)
     loops = {n for case in cases for n, loop in case.loops.items() if "ctl" in loop.parts}
     assert {n.partition(":")[2] for n in found if n.startswith("subway")} == loops
 

@@ -10,7 +10,7 @@ import pytest
 from slipctl.run.results import Results
 from slipctl.studies.freight_traction import claims, measures, study
 from slipctl.studies.freight_traction.loops import MODELS
-from slipctl.study import preparing, running
+from slipctl.study import case_setup, execution
 from slipctl.study.declaration import judge
 
 LOOPS = ("smes_robust", "esa_robust", "improved_robust", "paper_robust", "paper_printed",
@@ -20,8 +20,8 @@ LOOPS = ("smes_robust", "esa_robust", "improved_robust", "paper_robust", "paper_
 @cache
 def ran(*settings: str, loops: tuple[str, ...] = LOOPS) -> Results:
     """Runs of ``base``, with settings."""
-    cases, models = preparing.prepare(study, settings=settings, loops=loops, scenarios=["base"])
-    return running.run(study, cases, models, experiments=False)
+    cases, models = case_setup.prepare(study, settings=settings, loops=loops, scenarios=["base"])
+    return execution.run(study, cases, models, experiments=False)
 
 
 def verdict(name: str, results: Results | None = None):

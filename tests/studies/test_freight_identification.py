@@ -7,14 +7,14 @@ import pytest
 from errata import shows
 
 from slipctl import identify, misfit_search
-from slipctl.models.freight_resistance import (
+from slipctl.models.cheng_2022.freight_resistance import (
     BOX,
     FORMS,
     printed_inertia,
     specific_resistance,
     swarm_settings,
 )
-from slipctl.models.freight_traction import resistance
+from slipctl.models.cheng_2022.freight_traction import resistance
 from slipctl.run import build
 from slipctl.studies.bench.peers.bench_pso import bench_pso
 from slipctl.studies.freight_traction import identification as study
@@ -76,7 +76,7 @@ def test_narrow_run_does_not_identify():
 
 def test_letters_of_14_and_21():
     """The gear is between the two angular speeds; (15) has the unit of no jerk."""
-    from slipctl.models.freight_traction import train
+    from slipctl.models.cheng_2022.freight_traction import train
 
     now = train(v_t=5.0, omega_m=60.0, T_m=0.0, mu=0.1)[1]
     wheel = now["v_d"] / train.params["r"].value

@@ -22,7 +22,7 @@ from slipctl.studies.freight_traction.loops import (
     check,
     holding,
 )
-from slipctl.study.preparing import prepare
+from slipctl.study.case_setup import prepare
 
 
 @cache

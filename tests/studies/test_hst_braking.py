@@ -13,13 +13,13 @@ import pytest
 from slipctl import Context, Results, simulate
 from slipctl.certify import filters
 from slipctl.certify import prescribed_performance as ppc
-from slipctl.models import hst_braking_control as control
-from slipctl.models.hst_braking import RAILS, burckhardt, peak_height, peak_slip
+from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.run import build
 from slipctl.run.metrics import Run, measure
 from slipctl.studies.hst_braking import experiments, limits, random_rails, study
 from slipctl.studies.hst_braking.loops import MODELS, NAMES, cases, closed_form_distance, sensing
-from slipctl.study import preparing, running
+from slipctl.study import case_setup, execution
 from slipctl.study.declaration import half_last_digit, judge
 
 
@@ -45,7 +45,7 @@ def test_another_speed_reaches_filter_and_meter(setting: str) -> None:
     """207.694 m was the distance while they began at the study's speed; it was 205.906 m with all
     places set by hand, and half of its last digit is the tolerance.
     """
-    (case,), _ = preparing.prepare(study, settings=[setting], loops=["eppfc"], scenarios=["real"])
+    (case,), _ = case_setup.prepare(study, settings=[setting], loops=["eppfc"], scenarios=["real"])
     found = simulate(case.loops["eppfc"], case.scenario)
     assert experiments.distance(found) == pytest.approx(205.906, abs=5e-4)
 
@@ -218,7 +218,7 @@ def results(share: float = 1.0, name: str = "J") -> Results:
         block = case.loops[n]
         if name in block.params:
             block = block.with_params(**{name: share * float(block.param_values()[name])})
-        data = running.add_known(study, case, simulate(block, case.scenario))
+        data = execution.add_known(study, case, simulate(block, case.scenario))
         found.data.setdefault("base", {})[n] = data
         metrics = measure(Run(data, study.signals, case.scenario.changes, bound))
         found.metrics.setdefault("base", {})[n] = metrics

@@ -18,17 +18,17 @@ from slipctl.studies.hst_traction.loops import (
     rail_by_time,
     target,
 )
-from slipctl.study import preparing, running
+from slipctl.study import case_setup, execution
 from slipctl.study.declaration import judge
 
 
 @cache
 def ran(*settings: str) -> Results:
     """Quick runs of the proposed controller: 10 s before the ice to 20 s after it."""
-    cases, models = preparing.prepare(
+    cases, models = case_setup.prepare(
         study, settings=settings, loops=["hosm_limited"], scenarios=["base", "stress"], quick=True
     )
-    return running.run(study, cases, models, quick=True, experiments=False)
+    return execution.run(study, cases, models, quick=True, experiments=False)
 
 
 def verdict(name: str, results: Results):
@@ -130,7 +130,7 @@ def test_what_did_not_run_is_counted_apart():
 def test_counts_must_be_those_of_the_train(scenario):
     """Item 22."""
     with pytest.raises(BadInput, match=r"train of 32; its sum must stay 32"):
-        preparing.prepare(
+        case_setup.prepare(
             study, settings=["train.count=8"], loops=["hosm_limited"], scenarios=[scenario]
         )
 
@@ -146,12 +146,14 @@ def test_a_mass_as_the_paper_writes_it_is_led_to_the_one_that_all_blocks_share()
         "m=250t": "a, b and c11 are of a wheel with 7.656e+04 N",
     }.items():
         with pytest.raises(BadInput, match=re.escape(words)):
-            preparing.prepare(study, settings=[setting], loops=["hosm_limited"], scenarios=["base"])
+            case_setup.prepare(
+                study, settings=[setting], loops=["hosm_limited"], scenarios=["base"]
+            )
 
 
 def test_a_mass_that_its_axles_do_not_carry_is_told(caplog):
     with caplog.at_level(logging.WARNING):
-        preparing.prepare(
+        case_setup.prepare(
             study, settings=["plant.train.m=250t"], loops=["hosm_limited"], scenarios=["base"]
         )
     assert "its 32 axles carry 500000 kg; m_axle = 7812.5 kg would fit" in caplog.text

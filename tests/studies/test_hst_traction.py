@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Rail, Scenario, Section, c_module, prepare, simulate
-from slipctl.models import hst_traction_control as control
-from slipctl.models.hst_traction import GROUPED, tractive_effort
+from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.hst_traction import GROUPED, tractive_effort
 from slipctl.studies.hst_traction import experiments
 from slipctl.studies.hst_traction.loops import (
     BAND,

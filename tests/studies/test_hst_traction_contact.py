@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slipctl import Context
-from slipctl.models.contact import SURFACES, peak, polach
+from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 from slipctl.studies.hst_traction import contact as study
 
 QUICK = Context(True, {}, [])

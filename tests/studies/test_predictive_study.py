@@ -79,7 +79,7 @@ def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_
         study, experiments=small, plain=("car", "a"), claims=(), figures={},
         cases=lambda models, quick: [replace(case, loops={"pid": case.loops["pid"]})],
     )  # fmt: skip
-    monkeypatch.setattr("slipctl.study.doors.load_study", lambda name: few)
+    monkeypatch.setattr("slipctl.study.resolve.load_study", lambda name: few)
     assert main(["run", "predictive", "--out", str(tmp_path / "o"), "--no-compile", "-q"]) == 0
     text = (tmp_path / "o" / "tables.json").read_text(encoding="utf-8")
     assert '"a"' in text
@@ -100,6 +100,6 @@ def test_what_ipopt_calls_is_compiled_or_the_study_says_that_it_is_not(monkeypat
     def fails():
         raise RuntimeError("no compiler")
 
-    monkeypatch.setattr(experiments.reference, "compiled", fails)
+    monkeypatch.setattr(experiments.reference, "compile_callbacks", fails)
     assert experiments.by_way(p, "IPOPT") == plain | {"how": "interpreted"}
     assert list(tmp_path.iterdir()) == []

@@ -6,8 +6,11 @@ import pytest
 
 from slipctl import BadInput, Scenario, sampled, simulate
 from slipctl.commands.cli import main
-from slipctl.models import ep_valve, freight_traction, hst_braking, hst_traction, subway_braking
 from slipctl.models.brakes import brake
+from slipctl.models.cheng_2022 import freight_traction
+from slipctl.models.huang_2020 import subway_braking
+from slipctl.models.wang_2025 import hst_traction
+from slipctl.models.zhang_2021 import ep_valve, hst_braking
 
 PLANTS = {
     "subway_braking": lambda: subway_braking.plant(brake=brake(lag=True)),

@@ -12,7 +12,7 @@ import pytest
 import reading
 
 from slipctl import Results
-from slipctl.study import doors, preparing, running
+from slipctl.study import case_setup, execution, resolve
 from slipctl.study.declaration import judge
 
 ALL = os.environ.get("REASONS") == "all"
@@ -42,11 +42,11 @@ LONG = ("base", "stress", "curves")
 
 def changed(study_name: str, name: str, share: float, loops: tuple[str, ...] = ()) -> Results:
     """The study's ``base`` (all of it: ``stress`` too) with a parameter of all loops changed."""
-    study = doors.load_study(study_name)
+    study = resolve.load_study(study_name)
     quick = study_name == "hst_traction" and not ALL
-    scenarios = [c.scenario.name for c in doors.build_cases(study, quick=quick)]
+    scenarios = [c.scenario.name for c in resolve.build_cases(study, quick=quick)]
     wanted = [s for s in (LONG if ALL else ("base",)) if s in scenarios]
-    cases, models = preparing.prepare(study, loops=loops, scenarios=wanted, quick=quick)
+    cases, models = case_setup.prepare(study, loops=loops, scenarios=wanted, quick=quick)
     new, count = [], 0
     for case in cases:
         blocks = {}
@@ -58,7 +58,7 @@ def changed(study_name: str, name: str, share: float, loops: tuple[str, ...] = (
             blocks[n] = block
         new.append(replace(case, loops=blocks))
     assert count, f"{study_name} has no parameter {name}"
-    return running.run(study, new, models, quick=quick, experiments=False)
+    return execution.run(study, new, models, quick=quick, experiments=False)
 
 
 @pytest.mark.parametrize("study", SOME)
@@ -78,9 +78,9 @@ if ALL:  # many whole runs
 
 def test_a_reason_typed_for_one_set_of_numbers_is_found():
     """The reader itself: a number of another run, a claim nobody can check, a tie that is none."""
-    study = doors.load_study("subway_braking")
-    cases, models = preparing.prepare(study, loops=["smc", "sta"], scenarios=["base"])
-    r = running.run(study, cases, models, experiments=False)
+    study = resolve.load_study("subway_braking")
+    cases, models = case_setup.prepare(study, loops=["smc", "sta"], scenarios=["base"])
+    r = execution.run(study, cases, models, experiments=False)
     claims = {c.id: c for c in study.claims}
 
     def said(id, why):

@@ -9,11 +9,11 @@ import pytest
 from scipy.optimize import brentq
 
 from slipctl import Results, simulate
-from slipctl.models.subway_braking import double_exponential
+from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.run.metrics import Run, measure
 from slipctl.studies.subway_braking import claims, estimation, study
 from slipctl.studies.subway_braking.loops import MODELS, cases
-from slipctl.study import running
+from slipctl.study import execution
 from slipctl.study.declaration import Claim, judge
 
 LOOPS = ("smc", "sta", "sta_printed", "sta_online", "sta_rls")
@@ -30,7 +30,7 @@ def results(share: float = 1.0, name: str = "J") -> Results:
         loops[n] = block.with_params(**{name: share * float(block.param_values()[name])})
     found = Results(study, [case])
     data = {n: simulate(b, case.scenario) for n, b in loops.items()}
-    found.data["base"] = {n: running.add_known(study, case, d) for n, d in data.items()}
+    found.data["base"] = {n: execution.add_known(study, case, d) for n, d in data.items()}
     return found
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipctl import Scenario, simulate
-from slipctl.models.subway_braking_control import super_twisting
+from slipctl.models.huang_2020.subway_braking_control import super_twisting
 from slipctl.studies.subway_braking import leaves, loops, sections
 
 BLIND = ({"c": 0.075, "a": 0.640, "b": 1.979}, {"c": 0.087, "a": 0.342, "b": 1.108})

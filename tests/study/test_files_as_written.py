@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput
-from slipctl.study import doors
+from slipctl.study import resolve
 
 
 def test_a_file_that_is_written_again_in_the_same_second_is_read_anew(tmp_path: Path, monkeypatch):
@@ -18,7 +18,7 @@ def test_a_file_that_is_written_again_in_the_same_second_is_read_anew(tmp_path: 
     for text in ("gain = 1\n", "gain = 2\n"):
         file.write_text(text)
         os.utime(file, (1e9, 1e9))
-        module = doors.load_file(str(file))
+        module = resolve.load_file(str(file))
         assert f"gain = {module.gain}\n" == text
         del sys.modules[module.__name__]
     assert [p.name for p in tmp_path.iterdir()] == ["mine.py"]
@@ -37,11 +37,11 @@ def test_bytes_that_are_no_text_are_told_with_their_line(tmp_path: Path, written
     file = tmp_path / "mine.py"
     file.write_bytes(written)
     with pytest.raises(BadInput, match=said) as error:
-        doors.load_file(str(file))
+        resolve.load_file(str(file))
     assert "\n" not in str(error.value)
 
 
 def test_a_file_may_name_its_encoding(tmp_path: Path):
     file = tmp_path / "mine.py"
     file.write_bytes('# -*- coding: latin-1 -*-\nname = "é"\n'.encode("latin-1"))
-    assert doors.load_file(str(file)).name == "é"
+    assert resolve.load_file(str(file)).name == "é"

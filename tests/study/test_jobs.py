@@ -12,7 +12,7 @@ import pytest
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run.results import LeftToFull, NotRun
 from slipctl.study.declaration import Context
-from slipctl.study.jobs import Cores, available, each
+from slipctl.study.jobs import Cores, available, run_jobs
 
 forked = pytest.mark.skipif(available() == 1, reason="processes cannot be forked, or one core")
 
@@ -39,7 +39,7 @@ def test_every_job_is_done_and_failures_say_why(count: int) -> None:
 
     jobs = {str(k): (lambda tell, k=k: k * k) for k in range(7)} | {"bad": bad, "none": missing}
     with Cores(count) as cores:
-        found = dict(each(jobs, cores, silent))
+        found = dict(run_jobs(jobs, cores, silent))
     assert {k: v.get() for k, v in found.items() if v.error is None} == {
         str(k): k * k for k in range(7)
     }
@@ -66,7 +66,7 @@ def test_jobs_of_jobs_share_the_cores(tmp_path: Path) -> None:
         jobs = {
             str(n): (lambda tell, n=n: context.each(f"leaf {n}", range(4), leaf)) for n in range(3)
         }
-        most = [max(outcome.get()) for _, outcome in each(jobs, cores, silent)]
+        most = [max(outcome.get()) for _, outcome in run_jobs(jobs, cores, silent)]
     assert len(most) == 3
     assert max(most) <= 2
 
@@ -89,7 +89,7 @@ def test_the_last_job_has_all_cores(tmp_path: Path, order: str) -> None:
         jobs = {"short": lambda tell: [True], "long": lambda tell: context.each("p", [0, 1], part)}
         if order == "short last":
             jobs = dict(reversed(jobs.items()))
-        assert all(all(outcome.get()) for _, outcome in each(jobs, cores, silent))
+        assert all(all(outcome.get()) for _, outcome in run_jobs(jobs, cores, silent))
         assert cores.borrow()  # as many tokens as before
         assert not cores.borrow()
 
@@ -98,7 +98,7 @@ def test_the_last_job_has_all_cores(tmp_path: Path, order: str) -> None:
 def test_a_killed_process_fails_its_job_and_the_others_go_on() -> None:
     jobs = {"dies": lambda tell: os.kill(os.getpid(), 9), "lives": lambda tell: 1}
     with Cores(2) as cores:
-        found = dict(each(jobs, cores, silent))
+        found = dict(run_jobs(jobs, cores, silent))
     assert found["lives"].get() == 1
     with pytest.raises(RunFailed, match="ended with code -9"):
         found["dies"].get()
@@ -117,7 +117,7 @@ def test_a_process_that_cannot_be_made_costs_no_core(monkeypatch, bad: int) -> N
 
     monkeypatch.setattr(ForkProcess, "start", failing)
     with Cores(2) as cores:
-        found = dict(each({str(k): (lambda tell, k=k: k) for k in range(3)}, cores, silent))
+        found = dict(run_jobs({str(k): (lambda tell, k=k: k) for k in range(3)}, cores, silent))
         assert {k: v.get() for k, v in found.items() if v.error is None} == {
             str(k): k for k in range(3) if k != bad
         }
@@ -142,7 +142,7 @@ def test_an_interrupt_while_a_process_is_made_leaves_none_behind(monkeypatch) ->
     jobs = {name: (lambda tell: time.sleep(60)) for name in "abc"}
     with Cores(2) as cores:
         with pytest.raises(KeyboardInterrupt):
-            list(each(jobs, cores, silent))
+            list(run_jobs(jobs, cores, silent))
         assert len(made) == 2
         assert all(gone(pid) for pid in made)
         assert cores.borrow()
@@ -161,7 +161,7 @@ def test_no_job_outlives_an_interrupt(tmp_path: Path) -> None:
 
     jobs = {"a": sleeps, "b": lambda t: time.sleep(0.3), "c": sleeps}
     with Cores(2) as cores, pytest.raises(KeyboardInterrupt):
-        list(each(jobs, cores, tell))
+        list(run_jobs(jobs, cores, tell))
     assert all(gone(int(p.name)) for p in tmp_path.iterdir())
 
 
@@ -196,7 +196,7 @@ def test_processes_take_jobs_one_after_another(tmp_path: Path) -> None:
 
     with Cores(2) as cores:
         jobs = {str(k): (lambda tell, k=k: job(k)) for k in range(9)}
-        found = dict(each(jobs, cores, silent))
+        found = dict(run_jobs(jobs, cores, silent))
     assert [k for k, v in found.items() if v.error is not None] == ["4"]
     numbers = {v.value for v in found.values() if v.error is None}
     assert len(numbers) in (2, 3)  # the one that is killed may have done no other job
@@ -210,7 +210,7 @@ def test_something_is_done_meanwhile(count: int, names: str) -> None:
     done: list[int] = []
     with Cores(count) as cores:
         jobs = {n: (lambda tell: list(done)) for n in names}
-        for _ in each(jobs, cores, silent, lambda: done.append(os.getpid())):
+        for _ in run_jobs(jobs, cores, silent, lambda: done.append(os.getpid())):
             assert done == [os.getpid()]
     assert done == [os.getpid()]
 

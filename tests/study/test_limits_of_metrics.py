@@ -8,7 +8,7 @@ import pytest
 
 from slipctl import BadInput, Signals, Study
 from slipctl.run.metrics import Metric
-from slipctl.study.texts import MARK, limits_broken, metric_table
+from slipctl.study.report.texts import MARK, limits_broken, metric_table
 
 
 def results(limits, **loops):

@@ -9,10 +9,10 @@ import pytest
 
 from slipctl import Rail, Scenario, Section, fit, fit_over_time, from_text
 from slipctl.certify.certificate import certify_super_twisting
-from slipctl.models.hst_braking import davis
-from slipctl.models.subway_braking import double_exponential
-from slipctl.run.sweeping import Sweep
-from slipctl.study.doors import load_study
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.zhang_2021.hst_braking import davis
+from slipctl.run.sweep.sweep_runs import Sweep
+from slipctl.study.resolve import load_study
 
 
 class Balance(HTMLParser):

@@ -18,10 +18,11 @@ from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, l
 from slipctl.run import store
 from slipctl.run.metrics import Metric
 from slipctl.run.results import NotRun, Results
-from slipctl.study import files, preparing, running
+from slipctl.study import case_setup, execution
 from slipctl.study.declaration import Context, half_last_digit, judge
-from slipctl.study.doors import load_study
-from slipctl.study.texts import metric_rows, metric_table, number, ranked_rows
+from slipctl.study.files import results_folder
+from slipctl.study.report.texts import metric_rows, metric_table, number, ranked_rows
+from slipctl.study.resolve import load_study
 
 EMPTY = Results(toy_study.study, [])
 
@@ -166,7 +167,7 @@ def param(cases, name, loop="soft", scenario=0):
 
 
 def prepared(*settings, **options):
-    return preparing.prepare(toy_study.study, settings=settings, **options)[0]
+    return case_setup.prepare(toy_study.study, settings=settings, **options)[0]
 
 
 def test_setting_by_ending_with_unit_in_every_loop() -> None:
@@ -189,7 +190,7 @@ def test_setting_of_a_start_value_wins_over_the_scenario() -> None:
     for case in cases:
         assert case.loops["soft"].start()["plant.car.v"] == 10
         assert "car.v" not in case.scenario.start
-    results = running.run(toy_study.study, cases, experiments=False)
+    results = execution.run(toy_study.study, cases, experiments=False)
     for scenario in ("base", "noisy"):
         assert results.log(scenario, "soft")["plant.car.v"].values[0] == 10
 
@@ -218,8 +219,8 @@ def test_settings_that_cannot_be(setting, message) -> None:
 def test_an_ambiguous_setting_says_between_what() -> None:
     two = toy_study.connect("two", {}, a=toy_study.car, b=toy_study.car)
     with pytest.raises(BadInput, match=r"could be a.m or b.m; write which, or '\*.m' for all"):
-        preparing.Setting.read("m=9t").matches(two)
-    assert preparing.Setting.read("*.m=9t").matches(two) == ["a.m", "b.m"]
+        case_setup.Setting.read("m=9t").matches(two)
+    assert case_setup.Setting.read("*.m=9t").matches(two) == ["a.m", "b.m"]
 
 
 # ---- swaps and selection ------------------------------------------------------------------------
@@ -266,7 +267,7 @@ number = 3
 
 
 def test_swap_replaces_a_model_before_the_loops_are_built(my_law: Path) -> None:
-    cases, models = preparing.prepare(toy_study.study, swaps=[f"adh={my_law}:my_law"])
+    cases, models = case_setup.prepare(toy_study.study, swaps=[f"adh={my_law}:my_law"])
     assert models["adh"].name == "my_law"
     for case in cases:
         assert all(loop["plant.adh"].name == "my_law" for loop in case.loops.values())
@@ -289,13 +290,13 @@ def test_swap_replaces_a_model_before_the_loops_are_built(my_law: Path) -> None:
 )
 def test_swaps_that_cannot_be(my_law: Path, swap: str, message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        preparing.prepare(toy_study.study, swaps=[swap.format(my_law)])
+        case_setup.prepare(toy_study.study, swaps=[swap.format(my_law)])
 
 
 def test_a_file_with_a_syntax_error_says_the_line(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text("x = 1\ndef f(:\n")
     with pytest.raises(BadInput, match=r"bad.py, line 2: invalid syntax"):
-        preparing.prepare(toy_study.study, swaps=[f"adh={tmp_path / 'bad.py'}:f"])
+        case_setup.prepare(toy_study.study, swaps=[f"adh={tmp_path / 'bad.py'}:f"])
 
 
 def test_selection() -> None:
@@ -313,7 +314,7 @@ def test_known_values_must_match_the_rail() -> None:
     case = prepared()[0]
     wrong = Case(case.scenario, case.loops, {"best": Known("1", [1.0])})
     with pytest.raises(BadInput, match="best has 1 values for 2 rail sections"):
-        preparing._try(wrong, "soft", case.loops["soft"])
+        case_setup._try(wrong, "soft", case.loops["soft"])
 
 
 # ---- running and files --------------------------------------------------------------------------
@@ -321,8 +322,8 @@ def test_known_values_must_match_the_rail() -> None:
 
 @pytest.fixture(scope="module")
 def results() -> Results:
-    cases, models = preparing.prepare(toy_study.study, quick=True)
-    return running.run(toy_study.study, cases, models, quick=True)
+    cases, models = case_setup.prepare(toy_study.study, quick=True)
+    return execution.run(toy_study.study, cases, models, quick=True)
 
 
 def test_run_gives_logs_metrics_and_tables(results: Results) -> None:
@@ -351,7 +352,7 @@ def test_a_failed_run_is_noted_and_the_others_go_on() -> None:
     case = prepared()[0]
     loops = {"bad": toy_study.loop(pole, toy_study.controller()), "good": case.loops["soft"]}
     mixed = Case(case.scenario, loops, case.known)
-    found = running.run(toy_study.study, [mixed], experiments=False)
+    found = execution.run(toy_study.study, [mixed], experiments=False)
     assert list(found.metrics["base"]) == ["good"]
     assert "plant" in found.failed["base/bad"]
     with pytest.raises(NotRun, match="base/bad failed: "):
@@ -359,12 +360,12 @@ def test_a_failed_run_is_noted_and_the_others_go_on() -> None:
 
 
 def test_files_are_whole_strict_and_carry_their_origin(results: Results, tmp_path: Path) -> None:
-    verdicts = running.judge_all(results)
-    files.save_metrics(results, tmp_path, "slipctl run toy")
-    files.save_claims(results, verdicts, tmp_path, "slipctl run toy")
-    files.save_tables(results, tmp_path, "slipctl run toy")
+    verdicts = execution.judge_all(results)
+    results_folder.save_metrics(results, tmp_path, "slipctl run toy")
+    results_folder.save_claims(results, verdicts, tmp_path, "slipctl run toy")
+    results_folder.save_tables(results, tmp_path, "slipctl run toy")
     data = results.data["base"]["soft"].assign_attrs(command="slipctl run toy")
-    files.publish(files.draft_log(data, tmp_path / "logs/base", "soft"))
+    results_folder.publish(results_folder.draft_log(data, tmp_path / "logs/base", "soft"))
     for name in ("metrics", "claims", "tables"):
         payload = store.read_json(tmp_path / f"{name}.json")
         assert payload["format"] == 1
@@ -382,7 +383,7 @@ def test_files_are_whole_strict_and_carry_their_origin(results: Results, tmp_pat
     assert [c["verdict"] for c in claims if c["id"] == "gone"] == ["not checkable"]
     assert {"id", "source", "claim", "kind", "paper", "ours", "unit", "tolerance", "tolerance_why",
             "assumption", "scenario", "loop", "verdict", "why"} <= set(claims[0])  # fmt: skip
-    data = files.read_log(tmp_path / "logs/base/soft.nc")
+    data = results_folder.read_log(tmp_path / "logs/base/soft.nc")
     assert data["plant.car.v"].attrs["units"] == "m/s"
     assert np.array_equal(data["plant.car.v"], results.log("base", "soft")["plant.car.v"])
     assert json.loads(data.attrs["parameters"])["plant.car.m"]["unit"] == "kg"
@@ -407,7 +408,7 @@ def test_a_newer_format_is_refused(results: Results, tmp_path: Path) -> None:
     data = xarray.Dataset(attrs={"format": 2})
     data.to_netcdf(tmp_path / "l.nc", engine="netcdf4")
     with pytest.raises(BadInput, match="has format 2"):
-        files.read_log(tmp_path / "l.nc")
+        results_folder.read_log(tmp_path / "l.nc")
 
 
 def test_a_write_that_breaks_leaves_the_old_file(tmp_path: Path) -> None:

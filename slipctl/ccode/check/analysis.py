@@ -16,8 +16,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from slipctl.ccode.write.kernel import KERNEL
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.kernel import KERNEL
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput, RunFailed
 
 _ADVISORY = """
@@ -80,7 +80,7 @@ def tool() -> str:
     return found
 
 
-def analysed(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
+def cppcheck_findings(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
     """Findings of cppcheck and of its MISRA addon.
 
     Args:

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipctl.ccode.check.expected import Expected
-from slipctl.ccode.check.misuse import misuse
-from slipctl.ccode.write import rates
-from slipctl.ccode.write.comments import spelled
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, STATUS, bit, head
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.shapes import packed
+from slipctl.ccode.check.vectors.expected_outputs import Expected
+from slipctl.ccode.check.vectors.misuse import misuse
+from slipctl.ccode.module import rates
+from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.header import CONTENT, STATUS, bit, head
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import c_elements
 
 ENOUGH, AT_LEAST = 2e10, 1000
 """Instructions after which a board has replayed enough, some minutes of emulation, and ticks that
@@ -128,7 +128,7 @@ def test_program(plan: Plan) -> str:
     """Text of the program that replays the vectors and compares."""
     n, lay, big = plan.name, plan.layout, plan.layout.big
     compared = [*lay.outputs, *lay.states]
-    names = ",\n".join(f'    {{"{spelled(m.name)}", {m.size}}}' for m in compared)
+    names = ",\n".join(f'    {{"{ascii_text(m.name)}", {m.size}}}' for m in compared)
     n_in, n_param, n_out, n_state = (
         sum(m.size for m in g) for g in (lay.inputs, lay.params, lay.outputs, lay.states)
     )
@@ -446,7 +446,7 @@ def _guards(plan: Plan) -> str:
 
 def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected) -> str:
     """Text of the vectors: parameters, limits, then inputs, outputs, states, status per tick."""
-    flat = [v for m in plan.layout.params for v in packed(m, params[m.name])]
+    flat = [v for m in plan.layout.params for v in c_elements(m, params[m.name])]
     members = [*plan.layout.outputs, *plan.layout.states]  # an output and a state may share a name
     sizes = f"{len(flat)} {len(members)} {len(run.rows)}"
     lines = [f"slipctl-vectors 3 {plan.name} {content} text {sizes}"]

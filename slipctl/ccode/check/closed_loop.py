@@ -18,12 +18,12 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.ccode.check.in_loop import GIVEN, SEEN, place_holder, places
+from slipctl.ccode.check.processor.in_loop import GIVEN, SEEN, place_holder, places
 from slipctl.ccode.compile.compilers import compile_object, compilers, link
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import build, feeding
+from slipctl.run import build, scenario_inputs
 from slipctl.run.rail import Scenario
 
 _LOOP = """
@@ -119,7 +119,7 @@ class ClosedLoop:
     """A loop with one part as a compiled module.
 
     Args:
-        loop, part, scenario: as of :func:`slipctl.ccode.check.in_loop.run_in_loop`.
+        loop, part, scenario: as of :func:`slipctl.ccode.check.processor.in_loop.run_in_loop`.
         module: the part, compiled and loaded, with the parameters of the run.
 
     Raises:
@@ -129,21 +129,23 @@ class ClosedLoop:
 
     def __init__(self, loop: Block, part: str, scenario: Scenario, module: CModule) -> None:
         block = loop[part]
-        rest = feeding.begun(loop.swap(part, place_holder(block)), scenario)
+        rest = scenario_inputs.loop_at_start(loop.swap(part, place_holder(block)), scenario)
         if rest.period is None:
             raise BadInput(f"{loop.name} has no period")
         self.module, self.period, self.plan = module, rest.period, Plan(block)
         self.ticks = round(scenario.duration / rest.period)
-        rail_inputs, rail_params = feeding.rail_values(rest, scenario)
-        self.u = feeding.feeds(rest, scenario, self.ticks, rest.period, rail_inputs)
-        f, self.pieces = feeding.pieces(rest, scenario, self.ticks, rest.period, rail_params)
+        rail_inputs, rail_params = scenario_inputs.rail_values(rest, scenario)
+        self.u = scenario_inputs.feeds(rest, scenario, self.ticks, rest.period, rail_inputs)
+        f, self.pieces = scenario_inputs.pieces(
+            rest, scenario, self.ticks, rest.period, rail_params
+        )
         self.x = np.array(ca.DM(rest.pack("state", rest.start())).full()).ravel()
         self.given = places(rest, "input", [f"{part}.{GIVEN}{n}" for n in block.outputs])
         self.seen = places(rest, "output", [f"{part}.{SEEN}{n}" for n in block.inputs])
         at_once = ca.DM(f.jac_sparsity(1, 1), 1)[self.seen.tolist(), self.given.tolist()]
         self.passes = 2 if ca.sparsify(at_once).nnz() else 1
         self.rest, self.tick = rest, 0
-        roller = build.compiled(f)
+        roller = build.compile_roller(f)
         if roller is None:
             raise RunFailed(f"{loop.name} without {part} cannot be compiled")
         self._plant, self._f = roller, f

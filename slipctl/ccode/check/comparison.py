@@ -13,21 +13,21 @@ import numpy as np
 
 from slipctl.ccode.check import coverage, isolation
 from slipctl.ccode.check.back_to_back import compared_bits
-from slipctl.ccode.check.expected import (
+from slipctl.ccode.check.vectors.expected_outputs import (
     Expected,
+    accepted_rows,
     catch_up,
     differences,
-    guarded,
     largest_relative,
-    missed,
+    missed_ticks,
+    run_with_guards,
     start_state,
-    taken,
 )
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.write.header import bit, prototypes
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import rounded
+from slipctl.ccode.module.header import bit, prototypes
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.precision import round_to_real
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build
 
@@ -72,10 +72,10 @@ def compare(
             clean = clean and not (doubles and plan.real == "float")
             passed = passed and faults == 0 and agreed and clean
             if not compiled:  # once is enough: these are faults of the text
-                memory_said, sound = isolation.sanitized(plan, Path(scratch), compiler)
+                memory_said, sound = isolation.run_sanitizers(plan, Path(scratch), compiler)
                 apart = {
                     "sanitizers": memory_said,
-                    "two_instances_interleaved": isolation.interleaved(
+                    "two_instances_interleaved": isolation.same_beside_another(
                         module, run.rows, got, **params
                     ),
                     "two_modules_linked": isolation.linked_twice(
@@ -83,7 +83,7 @@ def compare(
                     ),
                 }
                 passed = passed and sound and all(apart.values())
-                reached = coverage.covered(plan, Path(scratch), used)
+                reached = coverage.run_with_counters(plan, Path(scratch), used)
             compiled.append({
                 "compiler": cc.version(compiler),
                 "flags": " ".join(cc.FLAGS),
@@ -136,15 +136,15 @@ def expected_run(
         BadInput: no tick is taken.
         RunFailed: as :func:`reference`.
     """
-    seen, told = taken(plan, rows, plan.block.param_values(**params))
+    seen, told = accepted_rows(plan, rows, plan.block.param_values(**params))
     good = told & bit("REFUSED") == 0
     if not good.any():
         raise BadInput(f"{plan.block.name}: no tick has all its inputs in their declared ranges")
-    outputs, states = reference(plan, seen[good], params, whole, missed(good))
+    outputs, states = reference(plan, seen[good], params, whole, missed_ticks(good))
     if len(outputs) < np.count_nonzero(good):
         end = np.flatnonzero(good)[len(outputs)]
         rows, told = rows[:end], told[:end]
-    return guarded(plan, rows, told, outputs, states, params)
+    return run_with_guards(plan, rows, told, outputs, states, params)
 
 
 def reference(
@@ -235,8 +235,8 @@ def made_up(plan: Plan, params: Mapping[str, Any]) -> tuple[Expected, float]:
     inputs have if nobody gives them. If none will do, the run has no tick.
     """
     for width in WIDTHS:
-        rows = rounded(trial_rows(plan, width), plan.real)
-        _, told = taken(plan, rows, plan.block.param_values(**params))
+        rows = round_to_real(trial_rows(plan, width), plan.real)
+        _, told = accepted_rows(plan, rows, plan.block.param_values(**params))
         if plan.coupled and (told & bit("REFUSED")).all() and width > WIDTHS[-1]:
             continue  # each in its range, but not one beside the other
         run = expected_run(plan, rows, params, whole=False)

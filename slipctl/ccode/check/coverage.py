@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.compile import compilers as cc
-from slipctl.ccode.write.kernel import KERNEL
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.kernel import KERNEL
+from slipctl.ccode.module.plan import Plan
 
 COUNTER = "gcov"
 
@@ -40,7 +40,7 @@ _FAILED = re.compile(r"\bfailed\b|\(arg, res, .*\) != 0\) \{$")
 _WATCHED = ("--coverage", "-O0")
 
 
-def covered(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
+def run_with_counters(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str, Any]:
     """Run the folder's own test with counters.
 
     Args:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile import compilers as cc
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
 from slipctl.errors import RunFailed
 
 PARTS = 10
@@ -111,7 +111,7 @@ int main(int argc, char **argv)
 """
 
 
-def endured(
+def run_many_ticks(
     plan: Plan,
     made: Mapping[str, str],
     rows: np.ndarray,
@@ -198,7 +198,7 @@ def endured(
     }
 
 
-def drifting(found: Mapping[str, Any], share: float = 0.3) -> list[str]:
+def growing_signals(found: Mapping[str, Any], share: float = 0.3) -> list[str]:
     """Names of the signals that grow.
 
     The largest absolute value of the second half of the run is beyond that of parts 2 to 5 by more

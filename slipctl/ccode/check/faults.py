@@ -31,8 +31,8 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.check.closed_loop import ClosedLoop, Course, Wrong
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
 from slipctl.run.rail import Scenario
 
 LAST, LO, HI = "the last good sample", "the lower end", "the upper end"
@@ -163,11 +163,11 @@ def faults(
         outside: inputs that an estimator in the rest of the loop finds; see ``_Instant._own``.
         real: double or float.
     """
-    from slipctl.ccode.check.logged import recorded
+    from slipctl.ccode.check.vectors.run_inputs import record_part
     from slipctl.ccode.codegen import c_module
 
     block = loop[part]
-    _, params = recorded(loop, part, scenario, 1)
+    _, params = record_part(loop, part, scenario, 1)
     module = c_module(block, folder, "ctl", period=loop.period, real=real).compile().load()
     module.reset(**params)
     whole = ClosedLoop(loop, part, scenario, module)

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile.compilers import version
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.shapes import packed
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import c_elements
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (
@@ -213,7 +213,9 @@ def harness(plan: Plan) -> str:
     )  # fmt: skip
     lows, highs, *_ = plan.ends(lay.inputs, plan.block.param_values())
     values = [
-        v for m in lay.inputs for v in packed(m, 0.0 if m.signal.value is None else m.signal.value)
+        v
+        for m in lay.inputs
+        for v in c_elements(m, 0.0 if m.signal.value is None else m.signal.value)
     ]
     good = ", ".join(number(float(v)) for v in np.clip(values, lows, highs))
     settled = guard.memory(plan.period, plan.stale) + np.ceil(SETTLED / (plan.period or 1e-3))
@@ -231,7 +233,7 @@ def harness(plan: Plan) -> str:
     )  # fmt: skip
 
 
-def fuzzed(
+def run_fuzzer(
     plan: Plan, made: dict[str, str], seconds: int, seed: int = 1, runs: int | None = None
 ) -> dict[str, Any]:
     """Fuzz a module for some time, or for a number of runs, whatever time they take.

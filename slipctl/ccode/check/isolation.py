@@ -11,8 +11,8 @@ import numpy as np
 
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.write.header import prototypes
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.header import prototypes
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import RunFailed
 
 QUICK = "-O0"
@@ -43,7 +43,7 @@ int main(void)
 """
 
 
-def sanitized(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
+def run_sanitizers(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
     """Run the folder's own test under the address and the undefined behaviour sanitizer.
 
     Returns:
@@ -86,7 +86,9 @@ def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool
     return subprocess.run([str(program)], check=False).returncode == 0
 
 
-def interleaved(module: CModule, rows: np.ndarray, alone: np.ndarray, **params: Any) -> bool:
+def same_beside_another(
+    module: CModule, rows: np.ndarray, alone: np.ndarray, **params: Any
+) -> bool:
     """Whether an instance gives the same bits while another one, on other inputs, runs beside it.
 
     Args:

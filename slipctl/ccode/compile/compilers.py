@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.compile.files import OPTIMISE, WARNINGS
-from slipctl.ccode.write.precision import MATH
+from slipctl.ccode.passes.precision import MATH
 from slipctl.errors import BadInput, RunFailed
 
 FLAGS = (*WARNINGS.split(), "-Werror", *OPTIMISE.split())
@@ -39,7 +39,7 @@ def compilers() -> tuple[str, ...]:
     return tuple(found)
 
 
-def found() -> str | None:
+def first_compiler() -> str | None:
     """The first compiler, if there is one."""
     try:
         return compilers()[0]

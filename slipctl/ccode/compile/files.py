@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import casadi as ca
 
 from slipctl.ccode.compile.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS, machine
-from slipctl.ccode.write.comments import spelled
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, head
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import in_precision
-from slipctl.ccode.write.shapes import constant
+from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.header import CONTENT, head
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import constant
 
 WARNINGS = (
     "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"
@@ -27,10 +27,10 @@ def example(plan: Plan) -> str:
     n = plan.name
     lines = []
     for m in plan.layout.inputs:
-        values = enumerate(starting(m))
-        lines += [f"    {m.at('in.', k)} = {spoken(v, plan)};" for k, v in values]
+        values = enumerate(start_elements(m))
+        lines += [f"    {m.at('in.', k)} = {c_number(v, plan)};" for k, v in values]
     shown = [
-        f'        (void)printf(" {spelled(m.name)}{"" if m.scalar else "[0]"} %g",'
+        f'        (void)printf(" {ascii_text(m.name)}{"" if m.scalar else "[0]"} %g",'
         f" (double){m.at('out.', 0)});"
         for m in sorted(plan.layout.outputs, key=lambda m: "." in m.name)[:6]
     ]
@@ -65,7 +65,7 @@ int main(void)
 """
 
 
-def starting(m: Member) -> list[float]:
+def start_elements(m: Member) -> list[float]:
     """Elements of an input before it is set: its value, or the number in its range next to 0."""
     value = m.signal.value
     if value is None:
@@ -144,7 +144,7 @@ xcp_{t}: xcp_{t}.elf # its serial line is a terminal of this machine, which QEMU
     return "\n".join(rules)
 
 
-def spoken(value: float, plan: Plan) -> str:
+def c_number(value: float, plan: Plan) -> str:
     """A number in C of the module's precision."""
     return in_precision(number(float(value)), plan.real, plan.block.name)
 

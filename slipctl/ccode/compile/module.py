@@ -12,10 +12,10 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import size
-from slipctl.ccode.write.shapes import matrix, packed
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.precision import size
+from slipctl.ccode.tree.shapes import c_elements, matrix
 from slipctl.errors import BadInput, RunFailed, nearest
 
 _REPLAY = """#include "{n}.h"
@@ -163,7 +163,7 @@ class CModule:
         at = 0
         for m in self._plan.layout.params:
             if m.name in params:
-                self._param[at : at + m.size] = packed(m, values[m.name])
+                self._param[at : at + m.size] = c_elements(m, values[m.name])
             at += m.size
         self.status = int(self._call("init", self._param, self._state))
         return self
@@ -253,7 +253,7 @@ class CModule:
             at = 0
             for m in self._plan.layout.states:
                 if m.name in numbers:
-                    self._state[at : at + m.size] = packed(m, numbers[m.name])
+                    self._state[at : at + m.size] = c_elements(m, numbers[m.name])
                 at += m.size
             y = self.step(**{k: v for k, v in numbers.items() if k in self.block.inputs})
             return y if self.block.kind == "law" else (self.state, y)
@@ -272,7 +272,7 @@ class CModule:
             value = inputs.get(m.name, m.signal.value)
             if value is None:
                 raise BadInput(f"{self.block.name} needs the input {m.name} [{m.signal.unit}]")
-            row[at : at + m.size] = packed(m, value)
+            row[at : at + m.size] = c_elements(m, value)
             at += m.size
         return row
 

@@ -45,7 +45,7 @@ _KNOWN = {
 }  # fmt: skip
 
 
-def here() -> str | None:
+def this_platform() -> str | None:
     """Name of this machine's platform; None where no library is built for it."""
     machine = {"x86_64": "linux64", "amd64": "linux64", "aarch64": "aarch64-linux"}
     found = machine.get(platform.machine().lower())
@@ -54,8 +54,8 @@ def here() -> str | None:
 
 def _compiler(name: str) -> str | None:
     """Path of a compiler that builds for a platform, or None."""
-    if name == here():
-        return cc.found()
+    if name == this_platform():
+        return cc.first_compiler()
     return shutil.which(MINGW) if name == "win64" else None
 
 
@@ -75,7 +75,7 @@ def platforms(names: Sequence[str] | None = None) -> list[Platform]:
             how = (
                 f"install MinGW-w64, whose gcc is {MINGW} (Debian: gcc-mingw-w64-x86-64)"
                 if name == "win64"
-                else f"it is built on such a machine only, and this one is {here() or 'another'}"
+                else f"it is built on such a machine only, and this one is {this_platform() or 'another'}"
             )
             raise BadInput(f"no compiler for {name}: {how}")
         found.append(Platform(name, compiler, *_KNOWN[name]))

@@ -26,7 +26,7 @@ from slipctl.ccode.compile.board import (
     TOOLS,
     machine,
 )
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput, RunFailed, nearest
 
 COMPILER = f"{TOOLS}gcc"

@@ -15,13 +15,13 @@ import math
 from collections.abc import Iterable
 
 from slipctl.block.curves import places_of
-from slipctl.ccode.write import guard
-from slipctl.ccode.write.comments import spelled
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, statuses
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, first_sentence
-from slipctl.ccode.write.precision import size
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.header import CONTENT, statuses
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.passes.precision import size
+from slipctl.ccode.tree.expressions import number
 
 _STRUCTS = ("in", "param", "state", "out")
 
@@ -191,7 +191,7 @@ def _name(plan: Plan, struct: str, m: Member, within: str = "") -> str:
 
 
 def _quoted(text: str) -> str:
-    plain = " ".join(spelled(text).split()).replace("\\", "/").replace('"', "'")
+    plain = " ".join(ascii_text(text).split()).replace("\\", "/").replace('"', "'")
     return f'"{plain}"'
 
 

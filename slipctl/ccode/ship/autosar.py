@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from slipctl.ccode.write.header import CONTENT, head
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.header import CONTENT, head
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput
 
 SCHEMA = "AUTOSAR_00048.xsd"

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from slipctl.block.units import parse_quantity, split_quantity
-from slipctl.ccode.compile.files import spoken
-from slipctl.ccode.write.comments import comment
-from slipctl.ccode.write.header import head, member_comment
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
+from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
+from slipctl.ccode.compile.files import c_number
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.header import head, member_comment
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput, nearest
 
 TYPES = {
@@ -169,7 +169,7 @@ def _source(plan: Plan, found: Mapping[Member, Scaled]) -> str:
     told = [line for m in lay.outputs for line in _each(m, _encoded(plan, m, found.get(m)))]
     helper = ""
     if any(found.get(m) and found[m].type != "bool" for m in lay.outputs):
-        half, zero = spoken(0.5, plan), spoken(0.0, plan)
+        half, zero = c_number(0.5, plan), c_number(0.0, plan)
         helper = (
             "/* the nearest whole number; beyond the ends of a type, and of NaN, an end */\n"
             f"static int32_t whole({real} x, {real} lo, {real} hi)\n{{\n"
@@ -201,11 +201,11 @@ def _decoded(plan: Plan, m: Member, s: Scaled | None) -> str:
     if s is None:
         value = there
     elif s.type == "bool":
-        value = f"{there} ? {spoken(1.0, plan)} : {spoken(0.0, plan)}"
+        value = f"{there} ? {c_number(1.0, plan)} : {c_number(0.0, plan)}"
     else:
         value = f"({plan.real}){there}"
-        value += f" * {spoken(s.resolution, plan)}" if s.resolution != 1 else ""
-        value += f" + {spoken(s.offset, plan)}" if s.offset else ""
+        value += f" * {c_number(s.resolution, plan)}" if s.resolution != 1 else ""
+        value += f" + {c_number(s.offset, plan)}" if s.offset else ""
     return f"given.{m.c}[k] = {value};"
 
 
@@ -214,15 +214,15 @@ def _encoded(plan: Plan, m: Member, s: Scaled | None) -> str:
     if s is None:
         value = there
     elif s.type == "bool":
-        value = f"{there} > {spoken(0.5, plan)}"
+        value = f"{there} > {c_number(0.5, plan)}"
     else:
-        ends = ", ".join(spoken(float(end), plan) for end in TYPES[s.type])
-        inner = f"({there} - {spoken(s.offset, plan)})" if s.offset else there
-        inner += f" / {spoken(s.resolution, plan)}" if s.resolution != 1 else ""
+        ends = ", ".join(c_number(float(end), plan) for end in TYPES[s.type])
+        inner = f"({there} - {c_number(s.offset, plan)})" if s.offset else there
+        inner += f" / {c_number(s.resolution, plan)}" if s.resolution != 1 else ""
         value = f"({s.type}_t)whole({inner}, {ends})"
     return f"out->{m.c}[k] = {value};"
 
 
-def asked(plan: Plan, scaled: Sequence[str]) -> dict[str, str]:
+def bus_files(plan: Plan, scaled: Sequence[str]) -> dict[str, str]:
     """Text of the files for what is asked for, and for what is declared as whole."""
     return texts(plan, read(plan, scaled))

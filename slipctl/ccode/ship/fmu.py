@@ -16,10 +16,10 @@ from slipctl.block.block import Block
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.files import licence
 from slipctl.ccode.compile.platforms import Platform
+from slipctl.ccode.module.header import CONTENT
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import fmu_xml
 from slipctl.ccode.ship.fmu_source import interface
-from slipctl.ccode.write.header import CONTENT
-from slipctl.ccode.write.plan import Plan
 from slipctl.errors import BadInput
 
 VERSIONS = (2, 3)

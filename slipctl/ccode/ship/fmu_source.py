@@ -15,16 +15,16 @@ from pathlib import Path
 import casadi as ca
 
 from slipctl.block.signals import evaluate, names_in
-from slipctl.ccode.compile.files import spoken, starting
-from slipctl.ccode.write.expressions import Writer, number
-from slipctl.ccode.write.guarding import within
-from slipctl.ccode.write.header import head
-from slipctl.ccode.write.helpers import helper_text
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.precision import in_precision
-from slipctl.ccode.write.shapes import matrix, shaped
-from slipctl.ccode.write.small import checks
+from slipctl.ccode.compile.files import c_number, start_elements
+from slipctl.ccode.module.guard_functions import range_condition
+from slipctl.ccode.module.header import head
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.small import checks
+from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.tree.expressions import Writer, number
+from slipctl.ccode.tree.helpers import helper_text
+from slipctl.ccode.tree.shapes import dense_value, matrix
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -71,12 +71,14 @@ def core(plan: Plan, token: str, now: bool) -> str:
             lines += [f"{word} ({condition}) {{", f"        found = (real *)&m->{member} + ({at});"]
     lines += ["    }"] if lines else ["    (void)m;", "    (void)k;"]
     inputs = [
-        f"    {m.at('m->in.', k)} = {spoken(v, plan)};"
-        for m in lay.inputs for k, v in enumerate(starting(m))
+        f"    {m.at('m->in.', k)} = {c_number(v, plan)};"
+        for m in lay.inputs for k, v in enumerate(start_elements(m))
     ]  # fmt: skip
     starts, helpers = _starts(plan)
     wrong = (
-        "\n            || ".join(f"!{within(plan, m, 'm->state.kept.')}" for m in lay.states)
+        "\n            || ".join(
+            f"!{range_condition(plan, m, 'm->state.kept.')}" for m in lay.states
+        )
         or "false"
     )
     tests = checks(wrong)
@@ -118,7 +120,7 @@ def _starts(plan: Plan) -> tuple[str, str]:
             result = evaluate(value, {k: symbols[n] for k, n in used.items()}, m.name)
             names = list(dict.fromkeys(used.values()))
             f = ca.Function("start", [symbols[n] for n in names],
-                            [shaped(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
+                            [dense_value(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
             writer = _written(f, [places[n] for n in names])
             text += _if_not_given(first[m.name], m, writer)
             helpers |= set(writer.helpers)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from xml.sax.saxutils import escape, quoteattr
 
-from slipctl.block import units
-from slipctl.ccode.compile.files import starting
-from slipctl.ccode.write.comments import spelled
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.shapes import packed
+from slipctl.block.units import unit_algebra
+from slipctl.ccode.compile.files import start_elements
+from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import c_elements
 
 DISPLAY = {
     "m/s": ("km/h", 3.6), "rad/s": ("r/min", 30 / math.pi), "rad": ("deg", 180 / math.pi),
@@ -59,7 +59,7 @@ def variables(plan: Plan) -> list[Variable]:
     found: list[Variable] = []
     for causality, variability, initial, members in groups:
         for m in members:
-            name = spelled(m.name)
+            name = ascii_text(m.name)
             # an output may have the name of a state or of a parameter
             if members is lay.states and m.name in taken:
                 name = f"state.{name}"
@@ -67,11 +67,11 @@ def variables(plan: Plan) -> list[Variable]:
                 name = f"parameter.{name}"
             values: list[float | None] = [None] * m.size
             if causality == "input":
-                values = list(starting(m))
+                values = list(start_elements(m))
             elif causality == "parameter":
-                values = [float(v) for v in packed(m, m.signal.value)]
+                values = [float(v) for v in c_elements(m, m.signal.value)]
             elif causality == "local":
-                values = [float(v) for v in packed(m, start[m.name])]
+                values = [float(v) for v in c_elements(m, start[m.name])]
             # what is computed from others unless it is set has no exact start value
             begins = "approx" if causality == "local" and m.signal.derived else initial
             for k, indices in enumerate(_indices(m)):
@@ -111,7 +111,7 @@ def unit_definitions(plan: Plan) -> list[str]:
     lines = []
     for name in names:
         inner = ""
-        u = units.unit(name)
+        u = unit_algebra.unit(name)
         rad = sum((e for n, e in u.names if n in ("rad", "deg")), Fraction(0))
         dims = dict(u.dims) | ({"rad": rad} if rad else {})
         whole = all(e.denominator == 1 for e in dims.values())
@@ -133,7 +133,7 @@ def _description(m: Member) -> str:
         said.append(f"positive = {s.positive}")
     if s.source:
         said.append(f"source: {s.source}")
-    return quoteattr(spelled(" ".join("; ".join(said).split())))
+    return quoteattr(ascii_text(" ".join("; ".join(said).split())))
 
 
 def _numbers(v: Variable) -> str:
@@ -168,9 +168,9 @@ def _structure(plan: Plan, now: bool) -> list[tuple[Variable, list[int] | None]]
 def _text(plan: Plan) -> tuple[str, str]:
     """Description, and the name of the tool."""
     from slipctl import __version__
-    from slipctl.ccode.write.plan import first_sentence
+    from slipctl.ccode.module.plan import first_sentence
 
-    return quoteattr(spelled(first_sentence(plan.block.doc))), f"slipctl {__version__}"
+    return quoteattr(ascii_text(first_sentence(plan.block.doc))), f"slipctl {__version__}"
 
 
 def description_2(plan: Plan, token: str, now: bool) -> str:
@@ -294,12 +294,12 @@ def page(plan: Plan) -> str:
     """Text of documentation/index.html."""
     rows = "".join(
         f"<tr><td>{escape(v.name)}</td><td>{escape(v.member.signal.unit)}</td>"
-        f"<td>{v.causality}</td><td>{escape(spelled(v.member.signal.doc))}</td></tr>\n"
+        f"<td>{v.causality}</td><td>{escape(ascii_text(v.member.signal.doc))}</td></tr>\n"
         for v in variables(plan)
     )
     return (
         f"<!DOCTYPE html>\n<meta charset='utf-8'><title>{plan.name}</title>\n<h1>{plan.name}</h1>\n"
-        f"<p>{escape(spelled(plan.block.doc))}</p>\n<p>A binary for another platform is built from"
+        f"<p>{escape(ascii_text(plan.block.doc))}</p>\n<p>A binary for another platform is built from"
         " the C files in sources, which need nothing but the C library: <code>cc -std=c99 -O2"
         f" -ffp-contract=off -fPIC -shared sources/*.c -o {plan.name}.so -lm</code></p>\n"
         "<table>\n<tr><th>variable</th><th>unit</th>"

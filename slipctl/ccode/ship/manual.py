@@ -6,13 +6,13 @@ import re
 
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
+from slipctl.ccode.module.header import CONTENT, memory, statuses
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.rates import groups
 from slipctl.ccode.ship.readable import table
-from slipctl.ccode.write.expressions import number
-from slipctl.ccode.write.header import CONTENT, memory, statuses
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan, first_sentence
-from slipctl.ccode.write.rates import groups
-from slipctl.ccode.write.shapes import packed
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import c_elements
 
 
 def readme(plan: Plan) -> str:
@@ -166,7 +166,7 @@ def _shared(plan: Plan) -> list[list[Member]]:
     """Parameters of different parts with one name, unit and default, other than the tick."""
     groups: dict[object, list[Member]] = {}
     for m in plan.layout.params:
-        s, values = m.signal, packed(m, m.signal.value).tolist()
+        s, values = m.signal, c_elements(m, m.signal.value).tolist()
         if s.unit == "s" and values == [plan.period]:
             continue
         groups.setdefault((m.name.rpartition(".")[2], s.unit, s.shape, *values), []).append(m)

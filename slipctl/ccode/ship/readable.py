@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from slipctl.ccode.check import analysis, coverage, load, proof, search
+from slipctl.ccode.check import analysis, coverage
+from slipctl.ccode.check.processor import load
+from slipctl.ccode.check.proof import module_proof
+from slipctl.ccode.check.vectors import search
 
 _COMPARED = {
     "every tick": "every tick",
@@ -235,7 +238,7 @@ def _targets(data: Mapping[str, Any]) -> list[str]:
         "## On the target",
         f"{', '.join(compilers)}; instructions of a step are counted by QEMU, they are not cycles.",
         table(heads, rows),
-        *[f"{t['target']}: {load.said(t['load'])}." for t in data["targets"] if t.get("load")],
+        *[f"{t['target']}: {load.load_line(t['load'])}." for t in data["targets"] if t.get("load")],
     ]
 
 
@@ -270,7 +273,7 @@ def _proved(data: Mapping[str, Any]) -> list[str]:
     if "proof" not in data:
         return []
     p = data["proof"]
-    said = [f"{proof.summary(p)}. {p['tool']}; options: `{p['options']}`."]
+    said = [f"{module_proof.summary(p)}. {p['tool']}; options: `{p['options']}`."]
     if p["alarms"]:
         rows = [
             [f"`{a['file']}`", a["line"], f"`{a['function']}`", a["kind"], f"`{a['condition']}`"]

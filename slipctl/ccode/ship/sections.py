@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 
-from slipctl.ccode.compile.files import spoken
-from slipctl.ccode.write.comments import comment
-from slipctl.ccode.write.header import head
-from slipctl.ccode.write.layout import Member
-from slipctl.ccode.write.plan import Plan
-from slipctl.ccode.write.shapes import packed
+from slipctl.ccode.compile.files import c_number
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.header import head
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.shapes import c_elements
 from slipctl.errors import BadInput
 
 _TABLE = re.compile(r"^ *static const [^;={}()]*\](?= =)", re.M)
@@ -48,7 +48,7 @@ def calibration(plan: Plan, section: str) -> dict[str, str]:
     if plan.layout.params:
         values = ",\n".join(f"    .{m.c} = {_value(plan, m)}" for m in plan.layout.params)
     else:
-        values = f"    .unused = {spoken(0.0, plan)}"
+        values = f"    .unused = {c_number(0.0, plan)}"
     guard, cpp = f"{big}_CALIBRATION_H", '#ifdef __cplusplus\nextern "C" {\n#endif'
     return {
         f"{name}.h": f"{head(plan, f'{name}.h')}\n\n#ifndef {guard}\n#define {guard}\n\n"
@@ -61,5 +61,5 @@ def calibration(plan: Plan, section: str) -> dict[str, str]:
 
 
 def _value(plan: Plan, m: Member) -> str:
-    numbers = [spoken(float(v), plan) for v in packed(m, m.signal.value)]
+    numbers = [c_number(float(v), plan) for v in c_elements(m, m.signal.value)]
     return numbers[0] if m.scalar else f"{{{', '.join(numbers)}}}"

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slipctl.ccode.compile.files import spoken, starting
-from slipctl.ccode.write.header import head
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.compile.files import c_number, start_elements
+from slipctl.ccode.module.header import head
+from slipctl.ccode.module.plan import Plan
 
 FILES = ("xcp.h", "xcp.c")
 
@@ -25,8 +25,8 @@ def texts(plan: Plan) -> dict[str, str]:
 def _board(plan: Plan) -> str:
     n, big = plan.name, plan.layout.big
     values = "\n".join(
-        f"    {m.at(f'{n}_in_instance.', k)} = {spoken(v, plan)};"
-        for m in plan.layout.inputs for k, v in enumerate(starting(m))
+        f"    {m.at(f'{n}_in_instance.', k)} = {c_number(v, plan)};"
+        for m in plan.layout.inputs for k, v in enumerate(start_elements(m))
     )  # fmt: skip
     regions = "\n".join(
         f"        region(&{n}_{s}_instance, (uint32_t)sizeof({n}_{s}_instance), {writable}),"

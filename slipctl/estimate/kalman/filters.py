@@ -18,8 +18,8 @@ from slipctl.block.block import Block
 from slipctl.block.signals import Param
 from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.estimate.kalman.forms import differential_form, sampled_form
-from slipctl.estimate.kalman.model import Numbers, Problem, by_name, squared
-from slipctl.estimate.kalman.moments import linearised, printed_22, unscented
+from slipctl.estimate.kalman.model import Numbers, Problem, by_name, unit_squared
+from slipctl.estimate.kalman.moments import linear_moments, printed_22, sigma_points
 from slipctl.estimate.kalman.signals import Setting
 from slipctl.estimate.kalman.slopes import Lipschitz, Observability, lipschitz, observability
 
@@ -117,7 +117,7 @@ def ctukf(
     return _filter(
         "ctukf", FORMS, block, measured, estimate,
         moments=lambda p: printed_22(p["sigma"], p["beta"]) if "beta" in p
-        else unscented(p["sigma"]),
+        else sigma_points(p["sigma"]),
         shape=tuple(shape), prior=prior, noise=noise, drift=drift, start=start, floor=floor,
         cap=cap, form=form, per=per, method=method, substeps=substeps, period=period,
         numbers=numbers,
@@ -148,7 +148,7 @@ def ekf(
     by the square of the spread. It has no parameter sigma and no form ``"printed-22"``.
     """
     return _filter(
-        "ekf", FORMS[:2], block, measured, estimate, moments=lambda p: linearised, shape=(),
+        "ekf", FORMS[:2], block, measured, estimate, moments=lambda p: linear_moments, shape=(),
         prior=prior, noise=noise, drift=drift, start=start, floor=floor, cap=cap, form=form,
         per=per, method=method, substeps=substeps, period=period, numbers=numbers,
     )  # fmt: skip
@@ -193,9 +193,11 @@ def _filter(
             f" lie in [0, {highest:g}], gamma = 0.23 would pass"
         )
     problem = Problem.of(kind, block, measured, estimate)
-    squares = {s.name: squared(s.unit) for s in problem.unknown}
+    squares = {s.name: unit_squared(s.unit) for s in problem.unknown}
     rates = {s.name for s in problem.increments}
-    noises = {s.name: squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured}
+    noises = {
+        s.name: unit_squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured
+    }
     before = by_name(who, "prior", prior, squares, "positive")
     least: Numbers = {k: 1e-12 * v for k, v in before.items()} if floor is None else floor
     most: Numbers = {k: 1e12 * v for k, v in before.items()} if cap is None else cap

@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.timing import check_step, sampled
-from slipctl.block.units import one
+from slipctl.block.transforms.discretisation import check_step, sampled
+from slipctl.block.units.unit_algebra import one
 from slipctl.certify.filters import rate
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput
 from slipctl.estimate.kalman.model import Problem, per_second, start_value
-from slipctl.estimate.kalman.moments import Vector, factors, floored, forward, solve
+from slipctl.estimate.kalman.moments import Vector, factors, forward, solve, with_floor
 from slipctl.estimate.kalman.signals import (
     Names,
     Setting,
@@ -29,7 +29,7 @@ from slipctl.estimate.kalman.signals import (
     filter_states,
     first_estimate,
     held_states,
-    kept,
+    state_for_next,
 )
 
 PREDICTIONS = ("euler", "rk4")
@@ -107,14 +107,14 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         L, D = factors(S)
         gain = [solve(L, D, row) for row in cross]
         mean = [mean[i] + _dot(gain[i], innovation) for i in n]
-        P = floored([[P[i][j] - _dot(gain[i], cross[j]) for j in n] for i in n], floor)
+        P = with_floor([[P[i][j] - _dot(gain[i], cross[j]) for j in n] for i in n], floor)
 
         white = forward(L, innovation)
         results = {names.innovation[s.name]: v for s, v in zip(ordered, innovation, strict=True)}
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
         results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
-        return names.states(problem, mean, P) | kept(problem, names, u), results
+        return names.states(problem, mean, P) | state_for_next(problem, names, u), results
 
     return make_block(
         setting.kind, "step", body,
@@ -260,11 +260,11 @@ def _discretised(
         moved, y = motion.expr(here, known, {k: p[k] for k in flow.params})
         nxt = {k: ca.if_else(begun, moved[k], here[k]) for k in flow.states}
         floor = [p[names.floor[s.name]] for s in unknown]
-        mean, P = names.mean(problem, nxt), floored(names.matrix(problem, nxt), floor)
+        mean, P = names.mean(problem, nxt), with_floor(names.matrix(problem, nxt), floor)
         results = {k: ca.if_else(begun, v, 0) for k, v in y.items()}
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
-        return names.states(problem, mean, P) | kept(problem, names, u), results
+        return names.states(problem, mean, P) | state_for_next(problem, names, u), results
 
     def rebuild(parts: dict[str, Block]) -> Block:
         return _discretised(problem, names, parts[flow.name], setting, method, substeps)

@@ -234,7 +234,7 @@ def start_value(block: Block, s: Signal) -> np.ndarray:
     return np.clip(np.broadcast_to(np.asarray(value, dtype=float), s.shape), s.lo, s.hi)
 
 
-def squared(unit: str) -> str:
+def unit_squared(unit: str) -> str:
     """Text of a unit squared."""
     return unit if unit == "1" else f"{_one_word(unit)}^2"
 

@@ -27,7 +27,7 @@ Moments = Callable[[Function, Vector, Matrix, Vector], Through]
 """(function, mean, covariance, floor) -> Through."""
 
 
-def unscented(sigma: Any) -> Moments:
+def sigma_points(sigma: Any) -> Moments:
     """Sigma points x, x +- sqrt((N + sigma) P), weights sigma/(N + sigma), 1/(2 (N + sigma)).
 
     P = L D L' gives the root: column j is L_j sqrt(D_j). Of the extra weight 1 - alpha^2 + beta
@@ -98,7 +98,7 @@ def printed_22(sigma: Any, beta: Any) -> Moments:
     return moments
 
 
-def linearised(g: Function, x: Vector, P: Matrix, floor: Vector) -> Through:
+def linear_moments(g: Function, x: Vector, P: Matrix, floor: Vector) -> Through:
     """First order: mean g(x), covariances P G' and G P G' with the exact Jacobian G."""
     n = len(x)
     make: Any = ca.MX if any(isinstance(v, ca.MX) for v in x) else ca.SX
@@ -132,7 +132,7 @@ def factors(A: Matrix, floor: Vector | None = None) -> tuple[Matrix, Vector]:
     return L, D
 
 
-def floored(P: Matrix, floor: Vector) -> Matrix:
+def with_floor(P: Matrix, floor: Vector) -> Matrix:
     """P where each unknown, given those before it, has at least the variance ``floor``."""
     L, D = factors(P, floor)
     n = len(P)

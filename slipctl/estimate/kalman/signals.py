@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.block.block import Exprs
 from slipctl.block.signals import Output, Param, Signal, State
-from slipctl.estimate.kalman.model import Problem, product, squared, start_value
+from slipctl.estimate.kalman.model import Problem, product, start_value, unit_squared
 from slipctl.estimate.kalman.moments import Matrix, Moments, Vector
 
 
@@ -112,7 +112,7 @@ def filter_states(problem: Problem, setting: Setting, names: Names) -> list[Sign
     for (i, j), name in names.P.items():
         a, b = unknown[i], unknown[j]
         states.append(
-            State(squared(a.unit), names.prior[a.name], f"variance of {a.name}").named(name)
+            State(unit_squared(a.unit), names.prior[a.name], f"variance of {a.name}").named(name)
             if i == j
             else State(product(a.unit, b.unit), 0.0, f"covariance of {a.name} and {b.name}"
                        ).named(name)
@@ -134,7 +134,7 @@ def held_states(problem: Problem, names: Names) -> list[Signal]:
     return [*held, State("1", 0.0, "1 after the first tick", lo=0, hi=1).named(names.begun)]
 
 
-def kept(problem: Problem, names: Names, u: Exprs) -> Exprs:
+def state_for_next(problem: Problem, names: Names, u: Exprs) -> Exprs:
     """What the next tick needs of this one."""
     own = {s.name for s in problem.unknown}
     return {name: u[k] for k, name in names.held.items() if k not in own} | {names.begun: 1.0}
@@ -158,7 +158,7 @@ def filter_params(problem: Problem, setting: Setting, names: Names) -> list[Sign
         *setting.shape,
     ]  # fmt: skip
     for s in problem.unknown:
-        u, n = squared(s.unit), s.name
+        u, n = unit_squared(s.unit), s.name
         params += [
             Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY, hi=1e30).named(
                 names.prior[n]),
@@ -170,7 +170,7 @@ def filter_params(problem: Problem, setting: Setting, names: Names) -> list[Sign
                 names.cap[n]),
         ]  # fmt: skip
     for s in problem.measured:
-        u = squared(s.unit) + ("/s" if problem.by_increments(s) else "")
+        u = unit_squared(s.unit) + ("/s" if problem.by_increments(s) else "")
         what = "R_w of the increments of" if problem.by_increments(s) else "variance of measured"
         params.append(
             Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY, hi=1e30).named(
@@ -189,7 +189,7 @@ def filter_outputs(problem: Problem, names: Names) -> list[Signal]:
     return [
         *(s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
                     hi=math.inf) for s in problem.unknown),
-        *(Output(squared(s.unit), f"variance of {s.name}").named(names.variance[s.name])
+        *(Output(unit_squared(s.unit), f"variance of {s.name}").named(names.variance[s.name])
           for s in problem.unknown),
         *(Output(s.unit, f"measured minus expected {s.name}"
                  + (", over a tick" if problem.by_increments(s) else "")).named(

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
-from slipctl.certify.enclosure import Bracket, expanded, largest
+from slipctl.certify.enclosure import Bracket, largest, scalar_function
 from slipctl.errors import BadInput, check_positive, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, per_second, start_value
 
@@ -163,7 +163,7 @@ def lipschitz(
     fixed = {n: ca.DM(point[n]) for n in symbols if n not in ranges}
     J = ca.substitute([J], [symbols[n] for n in fixed], list(fixed.values()))[0]
     varying = ca.vertcat(*(symbols[n] for n in ranges))
-    f = expanded(ca.Function("slopes", [varying], [ca.vec(J)], {"cse": True}))
+    f = scalar_function(ca.Function("slopes", [varying], [ca.vec(J)], {"cse": True}))
     lo, hi = np.array(list(ranges.values())).T
     n, m = len(unknown), len(of_what)
     weight = np.outer(_scales(problem, scale), [1 / v for v in sizes.values()]).ravel()[:, None]

@@ -16,7 +16,7 @@ import numpy as np
 from slipctl import differential_evolution
 from slipctl.ccode.codegen import c_module
 from slipctl.errors import BadInput
-from slipctl.models.subway_braking import TABLE_1, double_exponential
+from slipctl.models.huang_2020.subway_braking import TABLE_1, double_exponential
 from slipctl.run import build
 from slipctl.seek import random
 
@@ -54,14 +54,14 @@ def bench_de(rounds: int = 100) -> dict[str, Any]:
 
     library = peer_library("de")
     block = differential_evolution(double_exponential, "v_s", "mu", lo=0.01, hi=10.0)
-    roller = build.compiled(block.f)
+    roller = build.compile_roller(block.f)
     if roller is None:
         raise BadInput("speed needs a C compiler; install gcc or clang, or set CC")
     curve = np.array([TABLE_1["dry"][s] for s in block.inputs])
     curves = np.tile(curve, (SEARCHES, 1))
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()
     log, found = np.empty((SEARCHES, 3)), np.empty((SEARCHES, 2))
-    rng = np.array(random.seeded(1))
+    rng = np.array(random.state_from_seed(1))
     with tempfile.TemporaryDirectory() as folder:
         module = c_module(block, folder, "search").compile().load()
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl import linear_fit, misfit_search
 from slipctl.ccode.codegen import c_module
-from slipctl.models.freight_resistance import BOX, specific_resistance, swarm_settings
+from slipctl.models.cheng_2022.freight_resistance import BOX, specific_resistance, swarm_settings
 from slipctl.studies.freight_traction.identification import NOISE, samples
 
 SAMPLES = 3000

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, RunFailed
-from slipctl.ccode.check import expected
 from slipctl.ccode.check.comparison import trial_rows
-from slipctl.ccode.check.rounding import INEXACT
+from slipctl.ccode.check.float_error import INEXACT
+from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile import board, targets
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import input_rows
-from slipctl.ccode.write.plan import Plan
+from slipctl.ccode.module.plan import Plan
 
 _PEER = """#include "peer.h"
 #include "cortex_m.h"
@@ -88,7 +88,7 @@ def casadi_float(
     rows = rows[:ticks]
     values = block.param_values(**params)
     p = np.array(ca.DM(block.pack("param", values)).full()).ravel()
-    x = expected.start_state(block, params)
+    x = expected_outputs.start_state(block, params)
     f = block.f
     f = ca.Function("peer", f.sx_in() if f.is_a("SXFunction") else f.mx_in(),
                     f.call(f.sx_in() if f.is_a("SXFunction") else f.mx_in()))  # fmt: skip

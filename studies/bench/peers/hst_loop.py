@@ -40,7 +40,7 @@ def bench(pairs: int = 21, simulator: bool = True) -> dict[str, Any]:
     from slipctl.studies.hst_braking.loops import MODELS, best, loop
 
     block = loop(MODELS, MODELS["eppfc"], "gradient").with_params(**{"tacho.sigma": 1e-3})
-    roller = build.compiled(block.f)
+    roller = build.compile_roller(block.f)
     assert roller is not None
     library = peer_library("hst_loop")
     lam_opt = best(MODELS["adh"], "dry")[0]

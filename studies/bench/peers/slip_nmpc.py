@@ -105,7 +105,7 @@ def bench(pairs: int = 9) -> dict[str, Any]:
 
     block = make()
     inputs = recorded(block)
-    roller = build.compiled(block.f)
+    roller = build.compile_roller(block.f)
     assert roller is not None
     driver = Driver(block)
     x_log, y_log = np.empty((len(inputs), driver.x.size)), np.empty((len(inputs), 4))
@@ -147,12 +147,12 @@ def osqp(inputs: np.ndarray) -> Any:
     import osqp as solver
     from scipy import sparse
 
-    from slipctl.predict.horizon import Horizon
-    from slipctl.predict.linearised import linearised
     from slipctl.predict.reference import Sparse
+    from slipctl.predict.stages.horizon import Horizon
+    from slipctl.predict.stages.linear_stage import stage_functions
 
     problem = Horizon.of(axle, cost, ["u"], None, {}, 20, 0.02, "rk4", 4, {"u": 8.0})
-    of_stage = linearised("bench", problem)
+    of_stage = stage_functions("bench", problem)
     end, last = problem.end()
     matrices = Sparse("osqp", problem, of_stage.layout, last, [False] * 20, False, 1)._matrices()
     X, V, x0 = ca.MX.sym("X", 4, 21), ca.MX.sym("V", 1, 20), ca.MX.sym("x0", 4)
@@ -212,7 +212,7 @@ def _csc(m: Any) -> Any:
 
 def _called(f: ca.Function) -> Any:
     """Function (x, u, p) -> y as generated C, called with arrays."""
-    roller = build.compiled(f)
+    roller = build.compile_roller(f)
     assert roller is not None
     n = f.size1_out(1)
 

@@ -30,8 +30,8 @@ def peak(
 
 def sta_rls() -> Block:
     """Super-twisting slip control at the peak that recursive least squares sees."""
-    from slipctl.models.subway_braking import double_exponential
-    from slipctl.models.subway_braking_control import controller, super_twisting
+    from slipctl.models.huang_2020.subway_braking import double_exponential
+    from slipctl.models.huang_2020.subway_braking_control import controller, super_twisting
 
     wires = {
         "estimator.v_s": "v_s", "estimator.mu": "mu", "peak.c": "estimator.c",

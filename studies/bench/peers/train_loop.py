@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
-from slipctl.models.contact import SURFACES, polach
-from slipctl.models.hst_traction import DISTINCT, GROUPED, plant
-from slipctl.models.rolling import TOLERANCE, Axles
+from slipctl.models.wang_2025.hst_traction import DISTINCT, GROUPED, plant
+from slipctl.models.wheel_rail.axles import TOLERANCE, Axles
+from slipctl.models.wheel_rail.contact import SURFACES, polach
 from slipctl.run import build
 
 RAIL = (("dry", 0.0), ("ice", 115.0), ("oily", 120.0), ("wet", 170.0), ("damp", 320.0))
@@ -184,7 +184,7 @@ def bench(seconds: float = DURATION, pairs: int = 5) -> dict[str, Any]:
 def _rolling(axles: Axles) -> Any:
     """Call that runs some ticks from the start and gives the speed at each."""
     block = loop(axles)
-    roller = build.compiled(block.f)
+    roller = build.compile_roller(block.f)
     assert roller is not None
     x0 = np.array(ca.DM(block.pack("state", block.start())).full()).ravel()
     p = np.array(ca.DM(block.pack("param", block.param_values())).full()).ravel()

@@ -234,9 +234,9 @@ def trial(adversary: Adversary, n: int, seed: int, every: int = 1, effort: int =
     refuted: list[tuple[dict[str, float], dict[str, float], dict[str, Any]]] = []
     for i, numbers in enumerate(singles(found)):
         exact = {k: Fraction(f"{v:.10g}") for k, v in numbers.items()}
-        told = proofs.checked(own, exact)
+        told = proofs.exact_numbers(own, exact)
         decision = proofs.decide(own, told)
-        payload = proofs.written(own, told, decision)
+        payload = proofs.certificate_entries(own, told, decision)
         if i % every == 0:
             certificate.check(payload)
         if decision.verdict == "CERTIFIED":

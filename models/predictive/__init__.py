@@ -1,0 +1,1 @@
+"""Predictive control of slip and of speed."""

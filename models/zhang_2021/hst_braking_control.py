@@ -1,0 +1,520 @@
+"""Slip control of Zhang 2021: prescribed performance and its rivals, arbitration, controller.
+
+Signs as in the paper: T_b <= 0 and F_a <= 0 when braking, lam >= 0. With the error e = lam - lam*
+and the slip dynamics (7),
+
+    lam' = r/(I_w v) (r F_a - T_b) + (1 - lam) n F_a/(m v)
+
+of which (8) keeps the first term. A wanted lam' = nu is reached by
+
+    T_b = r F_a - (I_w v/r) nu + I_w n (1 - lam) F_a/(m r),
+
+the last term being the one that (8) neglects; it matters below 10 m/s. Each law gives the torque it
+wants; ``arbitration`` gives the torque that is applied.
+"""
+
+from typing import Any
+
+from casadi import exp, fabs, fmax, fmin, if_else, log, logic_and, logic_or
+
+from slipctl import (
+    Block,
+    Input,
+    Output,
+    Param,
+    State,
+    argmax_block,
+    connect,
+    every,
+    law,
+    probe,
+    ranged,
+    rls,
+    step,
+)
+from slipctl.certify import prescribed_performance as bounds
+from slipctl.errors import refuse_unknown_choice
+from slipctl.estimate.model import unknown_parameters
+from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
+from slipctl.models.shared_names import SHARED
+from slipctl.models.zhang_2021.hst_braking import (
+    GUESS,
+    I_W,
+    SOURCE,
+    TABLE_2,
+    TABLE_3,
+    G,
+    M,
+    N,
+    R,
+    burckhardt,
+    grip,
+)
+from slipctl.models.zhang_2021.hst_braking_estimate import (
+    FORCE,
+    SLIP,
+    accelerometer,
+    adhesion_filter,
+    speed_fusion,
+    wheel_model,
+    wheel_speed_sensor,
+)
+from slipctl.models.zhang_2021.hst_braking_reference import (
+    FIRST,
+    PRIOR,
+    adhesion_meter,
+    caution,
+    family,
+    fixed_reference,
+    gradient_search,
+    mean_adhesion_law,
+    shaper,
+    slope_identification,
+    unshaped,
+)
+
+LAM_START = Param("1", 0.0, "slip at the start", positive="braking", per="ratio", lo=-1.5, hi=1.5)
+
+WIDE = "ten times a locked wheel's; printed references run away"
+WANTED = "250 times the largest torque; arbitration limits it"
+COUNTED = "the count stands still there"
+FASTEST = "430 km/h; 5 m/s^2 for 1 ms, and noise"
+
+# ---- slip laws -----------------------------------------------------------------------------------
+
+
+def slip_torque(nu, v, F_a, lam, J, r, m, n, motion):
+    """Torque at which lam' = nu by (7), or by (8) without ``motion``."""
+    T = r * F_a - (J * v / r) * nu
+    return T + J * n * (1 - lam) * F_a / (m * r) if motion else T
+
+
+def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = True) -> Block:
+    """Make the prescribed performance controller E-PPFC; (10)-(17), (34).
+
+    Args:
+        form: ``"consistent"``, or ``"printed-17"``: (15) with its minus, (17) with g' = 1/g, no
+            restart.
+        law: ``"funnel"``: K1 eps/l as printed, whose pull vanishes at the bound. ``"barrier"``: the
+            1/l left out, so that it does not.
+        motion: keep the term of (7) that (8) neglects.
+    """
+    refuse_unknown_choice("prescribed", "form", form, ("consistent", "printed-17"))
+    refuse_unknown_choice("prescribed", "law", law, ("funnel", "barrier"))
+    printed = form == "printed-17"
+
+    @step(
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
+        lower=Output("1", "lower bound of the error", WIDE, lo=-20, hi=0),
+        upper=Output("1", "upper bound of the error", WIDE, lo=0, hi=20),
+        share=Output("1", "error over its bound", "it restarts beyond 1", lo=-1, hi=100),
+        restarts=Output("1", "restarts of the funnel so far", COUNTED, lo=0, hi=1e6),
+        name="eppfc", choices={"form": form, "law": law, "motion": motion},
+    )  # fmt: skip
+    def eppfc(
+        eta_h=State("1", "eta_0", "performance function", WIDE, lo=0, hi=20),
+        count=State("1", 0.0, "restarts so far", COUNTED, lo=0, hi=1e6),
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
+        lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
+        rate=Input("1/s", "its rate"),
+        v=Input("m/s", "train speed"),
+        F_a=Input("N", "estimated adhesion force", positive="traction"),
+        eta_0=Param("1", 0.1, "funnel at the start", TABLE_3, lo=1e-6, hi=1),
+        eta_inf=Param("1", 0.005, "funnel in the end", TABLE_3, lo=1e-6, hi=1),
+        k=Param("1/s", 30.0, "its decay", TABLE_3, lo=0, hi=1e5),
+        delta_l=Param("1", 1.2, "lower width", TABLE_3, lo=1e-3, hi=1e4),
+        delta_u=Param("1", 1.2, "upper width", TABLE_3, lo=1e-3, hi=1e4),
+        K1=Param("1/s", 100.0, "gain", TABLE_3, lo=0, hi=1e5),
+        trip=Param("1", 0.95, "share of the bound at which the funnel restarts", GUESS, lo=0,
+                   hi=1e9),
+        reserve=Param("1", 0.6, "share of the new bound that the error has then", GUESS, lo=0.01,
+                      hi=1000),
+        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
+        v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0,
+                    hi=1000),
+        m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
+        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
+        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        kappa=Param("1", "K1 * T", "gain per tick; from 2 on the error grows", lo=0, hi=2),
+        lam_start=LAM_START, lam_ref_start=FIRST,
+        first=Param(
+            "1", "fmax((lam_start - lam_ref_start)/delta_u, (lam_ref_start - lam_start)/delta_l)"
+            "/eta_0", "error at the start over its bound", lo=0, hi=1,
+        ),
+    ):  # fmt: skip
+        """Prescribed performance slip control with estimated adhesion; Zhang 2021 (10)-(17), (34).
+
+        T_b = r F_a - (I_w v/r)(-K1 eps/l + e eta'/eta + lam*') + I_w n (1 - lam) F_a/(m r), with
+        1/l = 2 eta (zeta + dl)(du - zeta)/(dl + du), so that nothing is divided by g. Added here:
+        the funnel restarts, wider, when the error comes to ``trip`` of its bound, because from
+        beyond it the printed law never comes back.
+        """
+        e = lam - lam_ref
+        awake = v >= v_off
+        if printed:
+            eta = eta_h
+        else:
+            tripped = logic_or(e > trip * delta_u * eta_h, e < -trip * delta_l * eta_h)
+            wider = fmax(eta_0, fmax(e / delta_u, -e / delta_l) / reserve)
+            eta = if_else(tripped, wider, eta_h)
+        inside = 1 - 1e-9
+        zeta = fmax(-delta_l * inside, fmin(delta_u * inside, e / eta))
+        eps = log((zeta + delta_l) / (delta_u - zeta)) / 2
+        deta = -k * (eta - eta_inf)
+        speed = fmax(v, v_min)
+        if printed:
+            ell = (1 / (zeta + delta_l) - 1 / (delta_u - zeta)) / (2 * eta)
+            f = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e
+            g = r / (J * speed) * ell
+            T_wanted = (K1 * eps + f - ell * rate) / g
+        else:
+            width = (delta_l + delta_u) / 2
+            if law == "barrier":
+                pull = K1 * eta * width * eps
+            else:
+                pull = K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
+            nu = -pull + e * deta / eta + rate
+            T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
+        nxt = dict(
+            eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
+            count=count if printed else fmin(count + logic_and(tripped, awake), 1e6),
+        )
+        shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
+        upper, lower = delta_u * shown, -delta_l * shown
+        outputs = dict(
+            T_wanted=T_wanted, e=e, lower=lower, upper=upper,
+            share=fmax(e / upper, e / lower), restarts=nxt["count"],
+        )  # fmt: skip
+        return nxt, outputs
+
+    return eppfc
+
+
+def feedback_linearisation(motion: bool = True) -> Block:
+    """Make the baseline E-FC, which the paper does not print.
+
+    Args:
+        motion: keep the term of (7) that (8) neglects.
+    """
+
+    @law(
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
+        name="efc", choices={"motion": motion},
+    )  # fmt: skip
+    def efc(
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
+        lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
+        rate=Input("1/s", "its rate"),
+        v=Input("m/s", "train speed"),
+        F_a=Input("N", "estimated adhesion force", positive="traction"),
+        K=Param(
+            "1/s", 100.0, "gain; equal to K1, so that the comparison means something", lo=0, hi=1e5
+        ),
+        v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
+        m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
+        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
+        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    ):
+        """Feedback linearisation with estimated adhesion: lam' = -K e + lam*'."""
+        e = lam - lam_ref
+        nu = -K * e + rate
+        T = slip_torque(nu, fmax(v, v_min), F_a, lam, J, r, m, n, motion)
+        return dict(T_wanted=T, e=e)
+
+    return efc
+
+
+def pid(gains: str = "rule") -> Block:
+    """Make the baseline PID.
+
+    Args:
+        gains: ``"rule"``: on (8) with the adhesion constant the loop is s^2 + b Kp s + b Ki with
+            b = r/(I_w v). Both poles are put at K/2, so Kp = K/b and Ki = K^2/(4 b), K the gain of
+            the other laws. Kd = 0, because on an integrator it only adds inertia. ``"printed"``:
+            100, 10, 1, read as kN m, kN m/s and kN m s.
+    """
+    refuse_unknown_choice("pid", "gains", gains, ("rule", "printed"))
+    rule = gains == "rule"
+
+    @step(
+        T_wanted=Output("N m", "wanted torque", WANTED, positive="traction", lo=-5e6, hi=5e6),
+        e=Output("1", "slip error", WIDE, lo=-5, hi=5),
+        name="pid", choices={"gains": gains},
+    )  # fmt: skip
+    def controller_pid(
+        integral=State("N m", 0.0, "integral part", WANTED, lo=-5e6, hi=5e6),
+        e_last=State("1", "lam_start - lam_ref_start", "slip error of the last tick", lo=-5, hi=5),
+        lam=Input("1", "slip ratio", SLIP, positive="braking", per="ratio", lo=-1.5, hi=1.5),
+        lam_ref=Input("1", "slip reference", positive="braking", per="ratio"),
+        v=Input("m/s", "train speed"),
+        K=Param("1/s", 100.0, "wanted bandwidth, that of the other laws", lo=0, hi=1e5),
+        K_p=Param("N m", 100e3, "proportional gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e8),
+        K_i=Param("N m/s", 10e3, "integral gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e7),
+        K_d=Param("N m s", 1e3, "derivative gain", f"{SOURCE}, section 5.2, unit guessed", lo=0,
+                  hi=1e6),
+        T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
+        v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3, hi=1000),
+        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
+        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        lam_start=LAM_START, lam_ref_start=FIRST,
+        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+    ):  # fmt: skip
+        """PID on the slip error; T_b grows towards 0 with the error.
+
+        Added here: the integral stands still while the torque is limited (anti-windup).
+        """
+        e = lam - lam_ref
+        if rule:
+            P, I = K * J * fmax(v, v_min) / r, K**2 / 4 * J * fmax(v, v_min) / r
+            T_wanted = P * e + integral
+        else:
+            P, I = K_p, K_i
+            T_wanted = P * e + integral + K_d * (e - e_last) / T
+        free = logic_or(
+            logic_and(T_wanted < 0, T_wanted > -T_max),
+            logic_or(logic_and(T_wanted >= 0, e < 0), logic_and(T_wanted <= -T_max, e > 0)),
+        )
+        nxt = dict(integral=integral + if_else(free, T * I * e, 0), e_last=e)
+        return nxt, dict(T_wanted=T_wanted, e=e)
+
+    return controller_pid
+
+
+# ---- arbitration ---------------------------------------------------------------------------------
+
+
+@step(T_b=Output("N m", "commanded torque", positive="traction", lo="-T_max", hi=0))
+def arbitration(
+    carried=State(
+        "N",
+        0.0,
+        "adhesion force, last estimate above v_off; none at the start",
+        FORCE,
+        lo=0,
+        hi=60e3,
+    ),
+    T_wanted=Input("N m", "torque that slip control wants", positive="traction"),
+    v=Input("m/s", "train speed", FASTEST, lo=-1, hi=120, change=0.005, noise=0.045),
+    F_a=Input("N", "estimated adhesion force", positive="traction"),
+    a_demand=Input(
+        "m/s^2",
+        "required deceleration, a positive number",
+        value=15.0,
+        lo=0,
+        hi=20,
+        source="twice gravity",
+    ),
+    m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
+    n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
+    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
+    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0, hi=1000),
+    part=Param("1", 0.7, "share of the carried torque that is used below v_off", GUESS, lo=0, hi=1),
+):
+    """Torque applied: the demand, unless slip control wants less; Zhang 2021, Remark 3.
+
+    Below v_off the torque follows the demanded deceleration. Added here: a brake cannot drive.
+    Below v_off the torque stays below what the last estimate says the rail carries, because the
+    printed snow curve leaves a locked wheel no adhesion to turn it again.
+    """
+    demand = r * m * a_demand / n + J * a_demand / r
+    awake = v >= v_off
+    kept = if_else(awake, fabs(F_a), carried)
+    allowed = if_else(awake, fmin(T_max, fmax(0, -T_wanted)), part * r * kept)
+    return dict(carried=kept), dict(T_b=-fmin(demand, allowed))
+
+
+# ---- the whole controller ------------------------------------------------------------------------
+
+CONTROLLER = {
+    n: f"*.{n}" for n in ("n", "v_off", "omega_start", "T_b_start", "lam_start", "lam_ref_start")
+}
+"""Numbers that several parts of the controller have, beside those of every model."""
+
+REFERENCES = ("true", "gradient", "fitted", "free", "fixed")
+SPEEDS = ("true", "estimated")
+
+START = {"a0": 0.2, "a1": 20.0, "a2": 0.1}
+"""First guess of the curve without a prior; a guess, none of the rails."""
+
+
+def controller(
+    slip_law: Block,
+    reference: str = "true",
+    speed: str = "true",
+    *,
+    checked: bool = True,
+    adhesion: Block = burckhardt,
+    filter: Block | None = None,
+    slope: Block | None = None,
+    search: Block | None = None,
+    shape: Block | None = None,
+    torque: str = "held",
+    every_ticks: int = 5,
+    name: str = "ctl",
+) -> Block:
+    """Connect filter, speed, reference, slip law and arbitration: sensor to actuator.
+
+    Args:
+        slip_law: ``prescribed(...)``, ``feedback_linearisation()`` or ``pid()``.
+        reference: ``"true"``: the best slip is fed as ``lam_opt``. ``"gradient"``: slope and
+            gradient search (40)-(42). ``"fitted"``: the curve is fitted with the family through
+            the paper's rails as prior. ``"free"``: fitted without a prior. ``"fixed"``: slip 0.1.
+        speed: ``"true"``: v and lam are inputs. ``"estimated"``: the acceleration a_m is, and
+            both are estimated from it and the wheel speed.
+        adhesion: law that ``"free"`` fits.
+        filter, slope, search, shape: other forms of these blocks.
+        checked: refuse settings that cannot work; False for the printed ones.
+        torque: ``"held"`` or ``"sampled"``, as the brake has it, see :func:`adhesion_meter`.
+        every_ticks: ticks between two fits.
+        name: name of the controller.
+
+    Returns:
+        Block from omega and T_b (measured), a_demand and the inputs above to the command T_b.
+
+    Raises:
+        BadInput: an unknown choice, or settings that cannot work (:mod:`slipctl.certify`).
+    """
+    refuse_unknown_choice("controller", "reference", reference, REFERENCES)
+    refuse_unknown_choice("controller", "speed", speed, SPEEDS)
+    if checked:
+        check(slip_law, search, shape)
+    parts: dict[str, Block] = {"filter": filter or adhesion_filter()}
+    wires = {"filter.omega": "omega", "filter.T_b": "T_b"}
+    v, lam = "v", "lam"
+    if speed == "estimated":
+        parts["fusion"] = speed_fusion
+        wires |= {"fusion.omega": "omega", "fusion.a_m": "a_m", "fusion.F_a": "filter.F_a"}
+        v, lam = "fusion.v", "fusion.lam"
+    if reference == "true":
+        best = "lam_opt"
+    elif reference == "fixed":
+        parts["fixed"] = fixed_reference
+        best = "fixed.best"
+    elif reference == "gradient":
+        parts |= {"slope": slope or slope_identification(), "search": search or gradient_search()}
+        wires |= {
+            "slope.F_a": "filter.F_a",
+            "slope.lam": lam,
+            "search.chi": "slope.chi",
+            "search.fresh": "slope.fresh",
+            "search.lam": lam,
+        }
+        best = "search.best"
+    else:
+        curve = family() if reference == "fitted" else adhesion
+        start = START if reference == "free" and set(START) <= set(curve.params) else None
+        unknown = unknown_parameters(curve, None)
+        window, settings = FIT[reference]
+        estimator = fit_ranged(rls(
+            mean_adhesion_law(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
+            **settings,
+        ), curve, slip=5.0, most=2.0, far=max(12.0, settings["farthest"] + 3))  # fmt: skip
+        peak = argmax_block(grip(curve), "lam", lo=0.005, hi=0.4, closed_form=reference == "fitted")
+        parts |= {
+            "meter": adhesion_meter(window, torque),
+            "estimator": every(estimator, every_ticks),
+            "search": every(peak_ranged(peak, 1.0), every_ticks),
+        }
+        wires |= {
+            "meter.omega": "omega",
+            "meter.T_b": "T_b",
+            "meter.lam": lam,
+            "meter.changed": "estimator.changed",
+            "estimator.mu": "meter.mu_m",
+            "estimator.lam": "meter.lam_m",
+            "estimator.lam_var": "meter.var_m",
+        }
+        wires |= {f"search.{n}": f"estimator.{n}" for n in unknown}
+        best = "search.best"
+        if reference == "free":
+            sure = probe(curve, "lam", within=(0.005, 0.4), period=every_ticks * 1e-3, depth=0.0)
+            parts |= {"certainty": every(probe_ranged(sure, 1.0), every_ticks), "caution": caution}
+            wires |= {f"certainty.{n}": f"estimator.{n}" for n in unknown}
+            wires |= {
+                "certainty.covariance": "estimator.covariance",
+                "certainty.changed": "estimator.changed",
+                "certainty.best": "search.best",
+                "caution.best": "search.best",
+                "caution.lam": lam,
+                "caution.unsure": "certainty.probing",
+                "caution.changed": "estimator.changed",
+                "caution.recalled": "estimator.recalled",
+            }
+            best = "caution.best_safe"
+    parts |= {"reference": shape or shaper, "law": slip_law, "arbitration": arbitration}
+    wires["reference.best"] = best
+    ports = {"v": v, "lam": lam, "F_a": "filter.F_a", "lam_ref": "reference.lam_ref",
+             "rate": "reference.rate"}  # fmt: skip
+    wires |= {f"law.{n}": ports[n] for n in slip_law.inputs}
+    wires |= {f"reference.{n}": ports[n] for n in parts["reference"].inputs if n != "best"}
+    wires |= {
+        "arbitration.T_wanted": "law.T_wanted",
+        "arbitration.v": v,
+        "arbitration.F_a": "filter.F_a",
+        "arbitration.a_demand": "a_demand",
+        "T_out": "arbitration.T_b",
+    }
+    follows: dict[str, Any] = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
+    follows |= PRIOR if reference == "fitted" else {}
+    if "slope" in parts and "held_F_a" in parts["filter"].states:
+        follows["F_a_start"] = ["filter.held_F_a", "slope.F_a_start"]
+    block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
+    if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
+        block = block.with_params(**{"*.v_off": 3.0})
+    most = "a quarter more than the largest; a brake does not drive"
+    brake = Input("N m", source=most, lo="-1.25 * T_max", hi=1e3)
+    given: dict[str, Any] = {"T_b": brake}
+    if "lam" in block.inputs:
+        ahead = "a locked wheel has 1; below 0 noise alone; ten times what a run has in a tick"
+        given["lam"] = Input("1", source=ahead, lo=-0.1, hi=1.5, change=0.05)
+    return ranged(block, **given)
+
+
+def check(slip_law: Block, search: Block | None = None, shape: Block | None = None) -> None:
+    """Refuse settings of the funnel that cannot work, with the bound and a value that would pass.
+
+    Args:
+        slip_law: ``prescribed(...)``; other laws have no funnel.
+        search: search whose result steps by ``h_1`` per tick, if it is the printed one.
+        shape: ``unshaped`` lets its steps through.
+
+    Raises:
+        BadInput: K1 T beyond its window, an error at the start outside the funnel, a reference
+            step larger than the funnel.
+    """
+    if slip_law.name != "eppfc":
+        return
+    p = {k: float(v.value) for k, v in slip_law.params.items() if not v.derived}
+    kind = slip_law.choices["law"]
+    bounds.check_gain("law", p["K1"], p["T"], kind)
+    error = p["lam_start"] - p["lam_ref_start"]
+    bounds.check_start("law", error, p["eta_0"], p["delta_l"], p["delta_u"])
+    if shape is not None and "smooth" not in shape.states:
+        printed = search is not None and search.choices.get("form") == "printed-40"
+        step = float(search.params["h_1"].value) if printed and search else 0.01
+        bounds.check_reference_step("reference", step, p["eta_inf"], p["delta_l"], p["delta_u"])
+
+
+FIT: dict[str, tuple[int, dict[str, Any]]] = {
+    "fitted": (5, {"window": 24, "iterations": 4, "noise": 2e-3, "settling": 1.0,
+                   "coarsest": 0.01, "farthest": 9.0}),
+    "free": (25, {"window": 60, "iterations": 30, "noise": 1e-4, "settling": 3.0,
+                  "coarsest": 0.01, "farthest": 30.0, "recall": 8}),
+}  # fmt: skip
+"""Window of the meter in ticks, and settings of the estimator, of the two fitted searches.
+
+A wheel speed that is off by 1e-3 rad/s makes sqrt(2) J 1e-3/(W T r F_z) = 2.3e-3 of noise in the
+adhesion over W = 5 ticks; coarsest is four times that. farthest is a factor of 8e3. The three
+unknowns of ``free`` trade off, and held near their first guess they miss the curve: up to 9 m of
+way on a random rail. Nothing but wrong samples leads them a factor of 1e13 away. What was known
+before a change is in force again after 8 samples, 40 ms, that agree with it.
+"""

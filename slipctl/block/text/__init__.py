@@ -1,0 +1,1 @@
+"""Does it read equations that a person wrote, or write those of a block for a person?"""

@@ -1,0 +1,1 @@
+"""Does it do the algebra of units?"""

@@ -1,0 +1,496 @@
+"""Units as algebra: parse them, compare them, and check the equations that use them.
+
+A unit is a scale and exponents of SI base units, so km/h and m/s have one dimension and are two
+units. Angles are pure numbers: rad is 1. Names that are not in the short table below are looked up
+in pint, which is loaded then and not before.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, NoReturn
+
+from slipctl.errors import BadInput, nearest
+
+Dims = tuple[tuple[str, Fraction], ...]
+"""Exponents by symbol (of SI base units, or of units as written), sorted, none of them zero."""
+
+_ONE = "one["
+"""How the symbol of a hidden unit constant begins."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: ``scale`` times a product of SI base units.
+
+    Attributes:
+        scale: how many of the SI unit it is; 1000/3600 for km/h.
+        dims: exponents of ``kg, m, s, A, K, mol, cd``.
+        names: the same as written, ``(("N", 1), ("m", 1))``; empty where it came from algebra.
+    """
+
+    scale: float
+    dims: Dims
+    names: Dims = field(default=(), compare=False)
+
+    def __mul__(self, other: Unit) -> Unit:
+        return Unit(self.scale * other.scale, _add(self.dims, other.dims, 1))
+
+    def __truediv__(self, other: Unit) -> Unit:
+        return Unit(self.scale / other.scale, _add(self.dims, other.dims, -1))
+
+    def __pow__(self, exponent: Fraction | int) -> Unit:
+        dims = tuple((n, e * exponent) for n, e in self.dims if exponent)
+        return Unit(float(self.scale**exponent), dims)
+
+    def same(self, other: Unit) -> bool:
+        """Whether both are one unit: N m and J are, km/h and m/s are not."""
+        return self.dims == other.dims and math.isclose(self.scale, other.scale, rel_tol=1e-9)
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is the pure number 1."""
+        return not self.dims and math.isclose(self.scale, 1.0, rel_tol=1e-9)
+
+    def __str__(self) -> str:
+        return _written(self.names) if self.names else _composed(self)
+
+
+def _add(a: Dims, b: Dims, sign: int) -> Dims:
+    total = dict(a)
+    for name, exponent in b:
+        total[name] = total.get(name, Fraction(0)) + sign * exponent
+    return tuple(sorted((n, e) for n, e in total.items() if e))
+
+
+def _dims(**exponents: int) -> Dims:
+    return tuple(sorted((n, Fraction(e)) for n, e in exponents.items()))
+
+
+_N = _dims(kg=1, m=1, s=-2)
+_SHORT: dict[str, tuple[float, Dims]] = {
+    "m": (1.0, _dims(m=1)), "km": (1e3, _dims(m=1)), "mm": (1e-3, _dims(m=1)),
+    "kg": (1.0, _dims(kg=1)), "t": (1e3, _dims(kg=1)),
+    "s": (1.0, _dims(s=1)), "ms": (1e-3, _dims(s=1)), "min": (60.0, _dims(s=1)),
+    "h": (3600.0, _dims(s=1)), "Hz": (1.0, _dims(s=-1)),
+    "N": (1.0, _N), "kN": (1e3, _N), "J": (1.0, _dims(kg=1, m=2, s=-2)),
+    "W": (1.0, _dims(kg=1, m=2, s=-3)), "kW": (1e3, _dims(kg=1, m=2, s=-3)),
+    "Pa": (1.0, _dims(kg=1, m=-1, s=-2)), "K": (1.0, _dims(K=1)), "A": (1.0, _dims(A=1)),
+    "V": (1.0, _dims(kg=1, m=2, s=-3, A=-1)),
+    "rad": (1.0, ()), "deg": (math.pi / 180.0, ()), "%": (1e-2, ()),
+}  # fmt: skip
+"""Units that models use every day, so that pint (a third of a second) need not be loaded."""
+
+_REFUSED = {
+    "ton": "ton is the American 2000 lb; write t (1000 kg)",
+    "tons": "tons are the American 2000 lb; write t (1000 kg)",
+    **{
+        k: f"{k} is the {what}, a constant and not a unit"
+        for k, what in {
+            "c": "speed of light", "k": "Boltzmann constant", "e": "elementary charge",
+            "R": "gas constant", "pi": "circle constant",
+        }.items()
+    },
+}  # fmt: skip
+
+_BASE = {
+    "meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
+    "candela": "cd",
+}  # fmt: skip
+
+
+# ---- parsing ----------------------------------------------------------------------------------
+
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+))|(?P<name>[^\W\d_]+(?:_[^\W\d_]+)*|[%‰°])"
+    r"|(?P<op>\*\*|[*/^()]))"
+)
+_SIGNS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "−": "-", "μ": "µ"})
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·", "0123456789-.")
+
+
+@lru_cache(maxsize=4096)
+def unit(text: str) -> Unit:
+    """Read a unit: ``"N m"``, ``"m/s^2"``, ``"kg m2"``, ``"m^.5/s^1.5"``, ``"1"``.
+
+    A blank between names multiplies; after a slash it would be ambiguous and is refused.
+
+    Raises:
+        BadInput: unknown name, a constant or an offset scale (degC) in place of a unit, bad syntax.
+    """
+    if not isinstance(text, str):
+        raise BadInput(f"a unit is a text such as 'm/s^2', not {text!r}")
+    try:
+        found = _Reader(text).read()
+    except OverflowError:
+        found = None
+    if found is None or not 1e-150 < found.scale < 1e150:
+        raise BadInput(f"unit {text!r} is beyond what a number can hold")
+    return found
+
+
+def read_unit(where: str, text: str) -> Unit:
+    """Read the unit of what stands in ``where``.
+
+    Raises:
+        BadInput: as of :func:`unit`, with the place.
+    """
+    try:
+        return unit(text)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+class _Reader:
+    """Recursive descent over the tokens of one unit."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.tokens: list[tuple[str, str]] = []
+        clean = re.sub(
+            "[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m[0].translate(_RAISED), text.translate(_SIGNS)
+        )
+        at, clean = 0, clean.rstrip()
+        while at < len(clean):
+            match = _TOKEN.match(clean, at)
+            if match is None or match.lastgroup is None:
+                self.fail(f"{clean[at:].strip()[:1]!r} has no place in a unit")
+            self.tokens.append((match.lastgroup, match[match.lastgroup]))
+            at = match.end()
+        if not self.tokens:
+            self.fail("a pure number has the unit '1'")
+        if len(self.tokens) > 200:
+            self.fail("it is too long")
+
+    def fail(self, why: str) -> NoReturn:
+        shown = self.text if len(self.text) <= 40 else self.text[:37] + "..."
+        raise BadInput(f"unit {shown!r} cannot be read: {why}")
+
+    def unknown(self, name: str) -> NoReturn:
+        close = nearest(name, _SHORT)
+        self.fail(f"{_cut(name)!r} is no known unit" + (close if "mean" in close else ""))
+
+    def peek(self) -> str:
+        return self.tokens[0][1] if self.tokens else ""
+
+    def read(self) -> Unit:
+        value = self.product()
+        if self.tokens:
+            self.fail(f"{self.peek()!r} has no place there")
+        return value
+
+    def product(self) -> Unit:
+        value, divided = self.power(), False
+        while self.tokens and self.peek() != ")":
+            op = self.peek()
+            if op in ("*", "/"):
+                self.tokens.pop(0)
+                divided = op == "/"
+            elif divided:
+                self.fail(
+                    f"write 1/(a b) or a b/c; what the blank before {op!r} multiplies is open"
+                )
+            factor = self.power()
+            sign = -1 if op == "/" else 1
+            both = value / factor if op == "/" else value * factor
+            value = Unit(both.scale, both.dims, _add(value.names, factor.names, sign))
+        return value
+
+    def power(self) -> Unit:
+        kind, token = self.tokens.pop(0) if self.tokens else ("", "")
+        if token == "(":
+            value = self.product()
+            if self.peek() != ")":
+                self.fail("a bracket is not closed")
+            self.tokens.pop(0)
+        elif kind == "name":
+            value = self.named(token)
+            if self.tokens and self.tokens[0][0] == "number":
+                return self.raised(value)  # kg m2
+        elif kind == "number":
+            if float(token) != 1.0:
+                self.fail(f"the number {token} has no place in a unit")
+            value = Unit(1.0, ())
+        else:
+            self.fail(f"a name is missing {f'before {token!r}' if token else 'at its end'}")
+        if self.peek() in ("^", "**"):
+            self.tokens.pop(0)
+            return self.raised(value)
+        return value
+
+    def raised(self, value: Unit) -> Unit:
+        bracket = self.peek() == "("
+        if bracket:
+            self.tokens.pop(0)
+        kind, token = self.tokens.pop(0) if self.tokens else ("", "")
+        if kind != "number":
+            self.fail("an exponent must be a number")
+        exponent = Fraction(token)
+        if bracket:
+            if self.peek() == "/":
+                self.tokens.pop(0)
+                below = self.tokens.pop(0)[1] if self.tokens else ""
+                if not re.fullmatch(r"[1-9]\d?", below):
+                    self.fail("an exponent must be a number")
+                exponent /= int(below)
+            if self.peek() != ")":
+                self.fail("a bracket is not closed")
+            self.tokens.pop(0)
+        if abs(exponent) > 99 or exponent.denominator > 1000:
+            self.fail(f"the exponent {token} is beyond reason")
+        power = value**exponent
+        return Unit(
+            power.scale, power.dims, tuple((n, e * exponent) for n, e in value.names if exponent)
+        )
+
+    def named(self, name: str) -> Unit:
+        names: Dims = ((name, Fraction(1)),)
+        if name in _SHORT:
+            scale, dims = _SHORT[name]
+            return Unit(scale, dims, names)
+        if match := re.fullmatch(r"([mkM]?N)m", name):  # pint would read a unit of yarn
+            force, metre = self.named(match[1]), self.named("m")
+            both = force * metre
+            return Unit(both.scale, both.dims, _add(force.names, metre.names, 1))
+        if name in _REFUSED:
+            self.fail(_REFUSED[name])
+        if name == "°":
+            name = "deg"
+        scale, dims = _from_pint(name) or self.unknown(name)
+        return Unit(scale, dims, names)
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _from_pint(name: str) -> tuple[float, Dims] | None:
+    registry = _registry()
+    try:
+        zero = registry.Quantity(0.0, name).to_base_units()
+        base = registry.Quantity(1.0, name).to_base_units()
+    except Exception:  # pint raises many kinds for what it cannot read
+        return None
+    if zero.magnitude != 0.0 or "delta_" in str(registry.parse_units(name)):
+        raise BadInput(
+            f"unit {name!r} is a scale with an offset, a difference or a logarithm; write K or 1"
+        )
+    dims = {}
+    for long, exponent in base._units.items():
+        if long in _BASE:
+            dims[_BASE[long]] = Fraction(exponent).limit_denominator(1000)
+        elif registry.get_dimensionality(long):
+            dims[long] = Fraction(exponent).limit_denominator(1000)
+    return float(base.magnitude), tuple(sorted(dims.items()))
+
+
+def dimension_equal(first: str, second: str) -> bool:
+    """Whether two units measure the same kind of quantity: km/h and m/s do.
+
+    Raises:
+        BadInput: one of them cannot be read.
+    """
+    return first == second or unit(first).dims == unit(second).dims
+
+
+def factor(source: str, target: str) -> float:
+    """Number that turns a value in ``source`` into one in ``target``: 1000/3600 for km/h to m/s.
+
+    Raises:
+        BadInput: different dimensions, a unit that cannot be read, or a count per minute or in Hz
+            for an angular speed.
+    """
+    a, b = unit(source), unit(target)
+    if a.dims != b.dims:
+        raise BadInput(f"{source} cannot be turned into {target}: the dimensions differ")
+    if "rad" in target:
+        refuse_count(source)
+    return 1.0 if a.same(b) else float(_ratio(a, b))
+
+
+def refuse_count(text: str) -> None:
+    """Refuse a rate of which nobody can tell whether it counts revolutions or radians.
+
+    Raises:
+        BadInput: 1/min, Hz and the like, without rad, deg or rpm.
+    """
+    a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
+    if a.dims == _dims(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
+        raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
+
+
+def _ratio(a: Unit, b: Unit) -> Fraction:
+    """Ratio of the scales, exact where a short fraction is what was meant."""
+    ratio = a.scale / b.scale
+    short = Fraction(max(ratio, 1 / ratio)).limit_denominator(10**6)
+    if ratio < 1.0:
+        short = 1 / short
+    if math.isclose(short, ratio, rel_tol=4e-16):
+        return short
+    return Fraction(ratio)
+
+
+def display_scale(unit: str) -> tuple[float, str]:
+    """Factor and unit in which a quantity is shown: forces in kN and torques in kN m."""
+    return (1e-3, f"k{unit}") if unit in ("N", "N m", "N m/s", "N/s") else (1.0, unit)
+
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.DOTALL)
+
+
+def parse_quantity(text: str, wanted: str, where: str = "") -> float:
+    """Read ``"8.2t"``, ``"20 km/h"`` or ``"8200"`` as a number in the wanted unit.
+
+    Args:
+        text: number and unit; a plain number is in the wanted unit already.
+        wanted: declared unit, ``"kg"``.
+        where: name of what takes it (``"car.m"``), for the message.
+
+    Raises:
+        BadInput: one line: no number, unknown unit, another dimension.
+    """
+    name = f"{where} " if where else ""
+    text = str(text).replace("−", "-")
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise BadInput(
+            f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'"
+        )
+    number, given = match[1], match[2].strip()
+    if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]|1\s*/\s*\(?[^\W\d]", given):
+        hint = "; write a point for a comma" if given.startswith(",") else ""
+        raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit{hint}")
+    target = unit(wanted)
+    value = float(number)
+    if not math.isfinite(value):
+        raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is too large a number")
+    if not given:
+        return value
+    try:
+        source = unit(given)
+        if "rad" in wanted:
+            refuse_count(given)
+    except BadInput as error:
+        raise BadInput(f"{name}[{wanted}]: {error}") from None
+    if source.dims != target.dims:
+        raise BadInput(
+            f"{name}[{wanted}] cannot be {_cut(text)!r}: [{_composed(source)}] is another"
+            f" dimension; write for instance '{number} {wanted}'"
+        )
+    return float(Fraction(repr(value)) * _ratio(source, target))
+
+
+def split_quantity(text: str) -> tuple[str, str | None]:
+    """Split ``"8.2 t"`` into number and unit; the unit is None where there is none.
+
+    Raises:
+        BadInput: no number in front.
+    """
+    match = _QUANTITY.fullmatch(text.replace("−", "-"))
+    if match is None:
+        raise BadInput(f"{_cut(text)!r} is no number with a unit, such as '8.2 kg'")
+    return match[1], match[2].strip() or None
+
+
+def si_text(text: str) -> str:
+    """The SI unit of what a unit measures, ``"N"`` of kN; the unit itself where its scale is 1.
+
+    Raises:
+        BadInput: it cannot be read.
+    """
+    found = unit(text)
+    return text if math.isclose(found.scale, 1.0, rel_tol=1e-12) else str(Unit(1.0, found.dims))
+
+
+def _cut(text: str, limit: int = 40) -> str:
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+# ---- rendering --------------------------------------------------------------------------------
+
+
+def _exponent(e: Fraction) -> str:
+    if e.denominator == 1:
+        return str(e.numerator)
+    text = repr(float(e))
+    return f"({e})" if len(text) > 6 else text
+
+
+def _written(names: Dims) -> str:
+    """``(("N", 1), ("s", -2))`` as ``"N/s^2"``; names keep their order of first appearance."""
+    up = [n + ("" if e == 1 else f"^{_exponent(e)}") for n, e in names if e > 0]
+    down = [n + ("" if e == -1 else f"^{_exponent(-e)}") for n, e in names if e < 0]
+    if not up and not down:
+        return "1"
+    below = f"({' '.join(down)})" if len(down) > 1 else "".join(down)
+    return (" ".join(up) or "1") + (f"/{below}" if down else "")
+
+
+_COMPOSED = ("N", "N m", "W", "Pa", "N/m", "N s", "N s/m", "N m s", "N m/s", "N/s", "V")
+
+
+def _composed(u: Unit) -> str:
+    """Shortest usual name of a unit that came out of algebra."""
+    if not math.isclose(u.scale, 1.0, rel_tol=1e-9):
+        for name, (scale, dims) in _SHORT.items():
+            if dims == u.dims and math.isclose(scale, u.scale, rel_tol=1e-9):
+                return name
+        return f"{u.scale:g} {_composed(Unit(1.0, u.dims))}"
+    for name in _COMPOSED:
+        if u.dims == unit(name).dims:
+            return name
+    order = ("kg", "m", "A", "K", "mol", "cd", "s")
+    return _written(tuple(sorted(u.dims, key=lambda d: order.index(d[0]) if d[0] in order else 9)))
+
+
+# ---- units of equations -----------------------------------------------------------------------
+
+
+_hidden: ContextVar[dict[str, tuple[Any, str]] | None] = ContextVar("_hidden", default=None)
+
+
+@contextmanager
+def checking_units() -> Iterator[dict[str, tuple[Any, str]]]:
+    """Make :func:`one` return symbols that carry their unit; for bodies on SX symbols.
+
+    Yields:
+        The hidden unit constants met so far: (symbol, meaning) by unit.
+    """
+    found: dict[str, tuple[Any, str]] = {}
+    token = _hidden.set(found)
+    try:
+        yield found
+    finally:
+        _hidden.reset(token)
+
+
+def one(text: str, doc: str = "") -> Any:
+    """Return the unit constant that an empirical formula hides.
+
+    The curve resistance 600/R, in N/kN with R in m, is written ``600 * one("m N/kN") / R``. The
+    constant is 1.0 wherever equations are computed, and carries its unit where they are checked.
+
+    Args:
+        text: the unit.
+        doc: where it hides, for ``slipctl show``.
+    """
+    found = _hidden.get()
+    if found is None:
+        return 1.0
+    if text not in found:
+        import casadi as ca
+
+        unit(text)
+        found[text] = (ca.SX.sym(f"{_ONE}{text}]"), doc)
+    return found[text][0]

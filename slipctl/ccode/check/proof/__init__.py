@@ -1,0 +1,1 @@
+"""Does it prove something of the C, or read what the prover says?"""

@@ -1,0 +1,358 @@
+"""No run-time error, and every range kept, for any number of ticks: proven by Frama-C's Eva.
+
+Eva computes with sets of numbers what a program can do. The harness sets the module up, then steps
+without end, each input any number at all in every tick. What must hold: no alarm, and every state
+and output in its declared range after every tick. An alarm is an index out of bounds, an
+uninitialised number, an overflow of integers, or a conversion that does not fit.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from slipctl.ccode.check.proof import function_proof, kernel_proof
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Plan
+from slipctl.errors import BadInput, RunFailed
+
+SECONDS = 120
+"""CPU time in s for a proof; a module that is not through by then is not proven."""
+
+TURNS = 256
+"""Turns of a loop up to which each is told from the others."""
+
+HARNESS = "harness.c"
+"""File of the program that is analysed with the module."""
+
+_WRITTEN_OUT = {
+    "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
+    "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
+    "((at > -1.0) &&": "((at == at) && (at > -1.0) &&",
+    "((at > -1.0f) &&": "((at == at) && (at > -1.0f) &&",
+    "if ((*x >= lo) && (*x <= hi)) {": "if ((*x == *x) && (*x >= lo) && (*x <= hi)) {",
+}
+"""A comparison with NaN is false. Eva 25 does not know that, so it is written out for it."""
+
+_TWICE = re.compile(
+    r"^( +)(for \([^\n]*\{\n +(?:double|float) (?:\w+_one|\*const \w+ = \(\(i % 2\)))",
+    re.MULTILINE,
+)
+"""Loops that sum over samples, or call a function with what it gave, in two arrays by turns."""
+
+ASSUMPTIONS = (
+    "the caller calls init once, then step, with the default parameters, which stay",
+    "inputs are any numbers in every tick, NaN and infinite ones too, in range or not",
+    "arithmetic is that of IEEE 754, rounded to nearest, and the compiler keeps it"
+    " (no -ffast-math, -ffp-contract=off); int has 32 bits",
+    "a comparison with NaN is false; in the analysed text that is written out, as x == x",
+    "functions of the C library do what Frama-C's headers and builtins say of them",
+)
+"""What a proof takes for true."""
+
+
+def tool() -> str:
+    """Path of Frama-C.
+
+    Raises:
+        BadInput: not installed.
+    """
+    found = shutil.which("frama-c")
+    if found is None:
+        raise BadInput(
+            "--prove needs frama-c; install it (Debian, Ubuntu: apt install frama-c-base)"
+        )
+    return found
+
+
+def harness(plan: Plan) -> str:
+    """Text of the program that is analysed: init, then steps without end."""
+    n, lay = plan.name, plan.layout
+    ends = _ends(plan)
+    hints = sorted({v for rows in ends.values() for row in rows for v in row})
+    body: list[str] = []
+    for m in lay.inputs:
+        body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
+    step = f"{n}_step{'_counted' * plan.counter}"
+    counted = ", number" * plan.counter
+    body.append(f"(void){step}(&in, &param, &state, &out{counted});")
+    for what, place, members in (
+        ("state", "state.kept", lay.states), ("out", "out", lay.outputs)
+    ):  # fmt: skip
+        for m in members:
+            rows = ends.get((what, m.c), [])
+            if len(set(rows)) == 1:
+                at = f"{place}.{m.c}{'' if m.scalar else '[k]'}"
+                body += _each(m, _check(what, m, at, rows[0]))
+            else:
+                body += [_check(what, m, m.at(f"{place}.", k), r) for k, r in enumerate(rows)]
+    structs = [f"    static {n}_{what} {what};" for what in ("param", "state", "in", "out")]
+    widened = f'    /*@ widen_hints "all", {", ".join(v.hex() for v in hints)}; */'
+    lines = [
+        f'#include "{n}.h"', "", f"static volatile {plan.real} any;",
+        "static volatile int more;", *["static volatile unsigned int number;"] * plan.counter,
+        "", "int main(void)", "{", *structs, "    int k;",
+        f"    {n}_default(&param);", f"    (void){n}_init(&param, &state);",
+        *[widened] * bool(hints), "    while (more != 0) {",
+        *(f"        {line}" for line in body), "    }", "    return 0;", "}", "",
+    ]  # fmt: skip
+    return lay.nested("\n".join(lines))
+
+
+def run_eva(
+    plan: Plan, made: Mapping[str, str], seconds: int = SECONDS, finite: bool = True
+) -> dict[str, Any]:
+    """Run Eva on a module, with special floats allowed and then without.
+
+    Args:
+        plan: the module.
+        made: text of its files by name.
+        seconds: CPU time of each of the two.
+        finite: whether the second is tried.
+
+    Returns:
+        ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
+        ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many are
+        ``proven``, out of how many, which are ``open``, and which states and outputs have none
+        (``without``), so that nothing is claimed of them; ``non_finite``: the number
+        of alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end
+        or was not tried, as of a module that is proven function by function; ``functions``: how
+        many of these come to their end, of how many, each by itself (:mod:`function_proof`, and
+        :mod:`kernel_proof` for CasADi's text, where each returns 0);
+        ``passed``: no alarm, and every range proven. A module that is not through in time is tried
+        once more with :func:`any_results`: then ``alarms`` and ``ranges`` are of its guards alone,
+        whatever the equations give, and ``of_guards`` is true; it has not passed.
+
+    Raises:
+        BadInput: Frama-C is not installed.
+        RunFailed: it refuses the module.
+    """
+    frama_c, n = tool(), plan.name
+    texts = {f: made[f] for f in plan.files[1:]}
+    text = texts[f"{n}.c"]
+    whole = "".join(texts.values())
+    options = _options(plan, whole)
+    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+        folder = Path(scratch)
+        (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
+        files, contracts = {f: written_out(t) for f, t in texts.items()}, 0
+        if kernel_proof.has_kernel(text):
+            work = plan.equations.work[2:]
+            found, contracts = kernel_proof.text_with_contracts(n, files[f"{n}.c"], plan.real, work)
+            files |= found
+        elif plan.equations.arrays:
+            called = plan.equations.functions
+            files, contracts = function_proof.text_with_contracts(n, files, plan.real, called)
+        for name, content in {**files, HARNESS: harness(plan)}.items():
+            (folder / name).write_text(content, encoding="utf-8")
+        command = [frama_c, HARNESS, f"{n}.c", *options]
+        rows, used = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
+        if contracts and rows is not None:
+            of_it = [frama_c, kernel_proof.PROOFS, *options, "-warn-special-float", "none"]
+            more, also = _analysed(folder, of_it, seconds)
+            rows, used = None if more is None else [*rows, *more], used + also
+        of_guards = rows is None
+        if of_guards:
+            guards = any_results(plan, written_out(text))
+            (folder / f"{n}.c").write_text(guards, encoding="utf-8")
+            rows, _ = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
+        strict = None
+        if finite and not of_guards and not contracts:
+            apart = _options(plan, whole, of_input=64)
+            strictly = [*command[:3], *apart, "-warn-special-float", "non-finite"]
+            strict, _ = _analysed(folder, strictly, seconds)
+    claims = _claims(harness(plan))
+    good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
+    open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
+    of = len(set(claims.values()))
+    alarms = _alarms(rows or [], plan.files)
+    ended = sum(
+        r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
+        and r["status"] == "Valid" for r in rows or []
+    )  # fmt: skip
+    said = subprocess.run([frama_c, "-version"], capture_output=True, text=True, check=False)
+    return {
+        "tool": f"Frama-C {said.stdout.strip()}, Eva",
+        "options": " ".join(["-warn-special-float none", *options]),
+        "assumptions": list(ASSUMPTIONS),
+        "seconds": round(used, 1), "limit_seconds": seconds,
+        "ended": not of_guards,
+        "of_guards": of_guards and rows is not None,
+        "alarms": alarms,
+        "ranges": {"proven": of - len(open_), "of": of, "open": open_, "without": _unclaimed(plan)},
+        "functions": {"ended": ended, "of": contracts},
+        "non_finite": None if strict is None else len(_alarms(strict, plan.files)),
+        "passed": not of_guards and not alarms and not open_ and ended == contracts,
+    }  # fmt: skip
+
+
+def written_out(text: str) -> str:
+    """Source with the comparisons that NaN decides written out; lines keep their numbers.
+
+    Some loops are marked: two turns are told apart, and all others taken together.
+    """
+    for short, long in _WRITTEN_OUT.items():
+        text = text.replace(short, long)
+    return _TWICE.sub(r"\1/*@ loop unroll 2; */ \2", text)
+
+
+_EQUATIONS = re.compile(r"^static (void|int) equations\((?:[^{;]*)\)\n\{\n(.*?)^\}", re.M | re.S)
+
+
+def any_results(plan: Plan, text: str) -> str:
+    """Source of which the equations give any numbers; its lines are others.
+
+    What is proven of it holds whatever the equations are: it is what the guards do.
+    """
+    found = _EQUATIONS.search(text)
+    if found is None:
+        return text
+    lay = plan.layout
+    given = [a for a in ("in", "param", "derived", "state", "work") if f"*{a}" in found[0]]
+    body = ["int k;", *(f"(void){a};" for a in given)]
+    for pointer, members in (("next", lay.states), ("now", lay.outputs)):
+        for m in members:
+            body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")
+    body += ["return 0;"] * (found[1] == "int")
+    lines = lay.nested("".join(f"    {line}\n" for line in body))
+    declared = f"static volatile {plan.real} unknown;\nstatic volatile int undecided;\n"
+    return (
+        text[: found.start()] + declared + text[found.start() : found.start(2)] + lines
+        + text[found.end(2) :]
+    )  # fmt: skip
+
+
+def summary(data: Mapping[str, Any]) -> str:
+    """One line on a proof."""
+    ranges, alarms = data["ranges"], len(data["alarms"])
+    if not data["ended"]:
+        said = f"Frama-C: no end in {data['limit_seconds']} s, nothing is proven of the equations"
+        if data.get("of_guards"):
+            said += (
+                f"; of the guards, whatever the equations give: {alarms} alarms,"
+                f" {ranges['proven']} of {ranges['of']} ranges proven"
+            )
+        return said
+    finite = data["non_finite"]
+    strict = "no result" if finite is None else f"{finite} alarms"
+    functions = data.get("functions", {"of": 0})
+    if functions["of"]:
+        strict += f"; one by one: {functions['ended']} of {functions['of']} functions end"
+    without = len(ranges["without"])
+    none = f"; signals without a range: {without}" if without else ""
+    return (
+        f"Frama-C: {alarms} alarms, {ranges['proven']} of {ranges['of']} ranges proven{none}"
+        f" (NaN and infinity as alarms: {strict}):"
+        f" {'proven' if data['passed'] else 'NOT PROVEN'}"
+    )
+
+
+# ---- small parts --------------------------------------------------------------------------------
+
+
+def _unclaimed(plan: Plan) -> list[str]:
+    """States and outputs without a range: of them nothing is claimed."""
+    lay = plan.layout
+    return [m.name for m in (*lay.states, *lay.outputs) if not plan.ranged(m)]
+
+
+def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    """Range of each element of each state and output that has one, with the default parameters."""
+    values = plan.block.param_values()
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for what, members in (("state", plan.layout.states), ("out", plan.layout.outputs)):
+        for m in filter(plan.ranged, members):
+            lo, hi, *_ = plan.ends([m], values)
+            found[what, m.c] = [(float(a), float(b)) for a, b in zip(lo, hi, strict=True)]
+    return found
+
+
+def _check(what: str, m: Member, at: str, row: tuple[float, float]) -> str:
+    """A claim; hexadecimal, as a decimal number is a real one there and not the nearest double."""
+    return f"/*@ check {what}_{m.c}: {row[0].hex()} <= {at} <= {row[1].hex()}; */"
+
+
+def _each(m: Member, statement: str) -> list[str]:
+    """A statement for a number, or for each element ``k``."""
+    if m.scalar:
+        return [statement]
+    return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {statement}", "}"]
+
+
+def _options(plan: Plan, text: str, of_input: int = 16) -> list[str]:
+    """Options of Eva: how many cases are kept apart in which function, ``of_input`` in accept."""
+    lay = plan.layout
+    largest = max((m.size for m in (*lay.inputs, *lay.states, *lay.outputs)), default=1)
+    turns = [int(n) for n in re.findall(r"\bfor \([^;]*; \w+ < (\d+); ", text)]
+    largest = max([largest, *(n for n in turns if n <= TURNS)])  # an array that such a loop fills
+    states = sum(m.size for m in plan.layout.states)
+    wanted = {
+        "within": 8, "limit": 8, "can_follow": 8, "accept": of_input,
+        "all_within": 4 * largest + 16, "limit_all": 4 * largest + 16, "check_inputs": 8,
+        "part_off": 4 * states + 64, f"{plan.name}_step": 64,
+        "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
+    }  # fmt: skip
+    wanted |= function_proof.kept_apart(text)
+    there = [
+        f"{f}:{k}" for f, k in wanted.items() if re.search(rf"^(?:static )?\w.*\b{f}\(", text, re.M)
+    ]
+    decided = ("within", "all_within", "can_follow", "part_off")
+    split = ",".join(f"{f}:0" for f in decided if any(x.startswith(f"{f}:") for x in there))
+    options = [
+        "-eva", "-eva-slevel-function", ",".join(there), "-eva-auto-loop-unroll",
+        str(max(128, largest)), "-eva-widening-period", "1",
+        *(["-eva-split-return-function", split] if split else []),
+    ]  # fmt: skip
+    return options
+
+
+def _analysed(
+    folder: Path, command: Sequence[str], seconds: int
+) -> tuple[list[dict[str, str]] | None, float]:
+    """Properties that Eva decided or left open, None if it did not end; CPU seconds."""
+    told = folder / "told.csv"
+    told.unlink(missing_ok=True)
+    before = os.times()
+    done = subprocess.run(
+        ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command, "-then", "-report",
+         "-report-csv", told.name],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    after = os.times()
+    used = sum(after[2:4]) - sum(before[2:4])
+    if done.returncode < 0 or used >= 0.98 * seconds:  # it is told to stop, and says so itself
+        return None, used
+    if done.returncode or not told.exists():
+        said = [line for line in done.stdout.splitlines() if "rror" in line]
+        raise RunFailed(f"frama-c fails: {(said or [done.stderr.strip()])[0][:200]}")
+    with told.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t")), used
+
+
+def _claims(text: str) -> dict[int, str]:
+    """What each line of a harness claims to be in its range."""
+    lines = enumerate(text.splitlines(), start=1)
+    found = {k: re.search(r"/\*@ check (\w+):", line) for k, line in lines}
+    return {k: m[1].replace("_", ".", 1) for k, m in found.items() if m}
+
+
+def _valid(row: Mapping[str, str]) -> bool:
+    return row["status"] in ("Valid", "Considered valid") or "dead" in row["status"].lower()
+
+
+def _alarms(rows: Sequence[Mapping[str, str]], files: Sequence[str]) -> list[dict[str, Any]]:
+    """What may go wrong in the module itself; reading any number in the harness may not."""
+    own = (*files, kernel_proof.CONTRACTS, kernel_proof.PROOFS)
+    return [
+        {"file": r["file"], "line": int(r["line"]), "function": r["function"],
+         "kind": r["property kind"], "condition": r["property"]}
+        for r in rows
+        if r["file"] in own and not _valid(r)
+    ]  # fmt: skip

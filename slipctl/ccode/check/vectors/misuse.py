@@ -1,0 +1,444 @@
+"""The part of a module's own test that uses it wrongly: what its vectors, a good run, never do.
+
+It runs on the host alone, after the vectors. Nothing of it is compared with Python: it looks at
+what docs/c_interface.md promises of parameters, states, calls and inputs that are wrong.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+
+import numpy as np
+
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+
+WALK, BETWEEN = 2000, 20
+"""Ticks with inputs that wander through all of their ranges, and as many with states that are
+shaken once in so many ticks: a part that runs every few ticks sees them."""
+
+SHAKEN = WALK + 4000
+"""Ticks with states, parameters and inputs that are shaken; after the first of them once in as many
+ticks as every part runs in."""
+
+FAR = 1e6
+"""Where an input without an end turns round."""
+
+STEPS = 4000
+"""Steps after which no further state is broken: one of a predictive controller takes long."""
+
+_TRIALS = """#ifndef ON_BOARD
+#define RECOVERY {recovery} /* ticks in which every part of the state is reset */
+#define TAKEN {taken} /* ticks after which any input is taken again */
+#define N_FIRSTS {firsts}
+#define STEPS {steps} /* after which no further state is broken: some modules take long */
+#define SHAKEN {shaken} /* ticks with numbers that were shaken, */
+#define LONGER {longer} /* of these so many that go on from there for a while */
+#define SEVERITY 3
+
+static const int first_of[] = {{{places}}}; /* place of the first element of each state */
+static const double bad[SEVERITY] = {{(double)NAN, -1e30, 1e30}};
+static const double param_of[][2] = {{{ends}}}; /* ranges of parameters */
+{input_of}
+/* A number from 0 to 1 that looks like chance. */
+static double drawn(void)
+{{
+    static unsigned int seed = 1U;
+    seed = (seed * 1664525U) + 1013904223U;
+    return (double)(seed >> 8) / 16777216.0;
+}}
+
+/* One between two ends, often an end. */
+static double between(const double *end)
+{{
+    return end[0] + ((end[1] - end[0]) * fmin(fmax((1.5 * drawn()) - 0.25, 0.0), 1.0));
+}}
+
+/* Make a step; whether its outputs are finite. */
+static bool stepped(const {n}_in *in, {n}_state *state, int *status)
+{{
+    static {n}_param any; /* those in force are used */
+    static {n}_out out;
+    static real raw[N_ROW];
+    bool finite = true;
+    int k;
+    *status = {n}_step(in, &any, state, &out);
+    copied(raw, &out, (size_t)N_OUT * sizeof(real));
+    for (k = 0; k < N_OUT; ++k) {{
+        finite = finite && (fabs((double)raw[k]) <= DBL_MAX);
+    }}
+    return finite;
+}}
+
+/* Steps with the same inputs until all is well, which is to come in some ticks. */
+static bool recovers(const {n}_in *in, {n}_state *state, int ticks)
+{{
+    int status = {big}_REFUSED;
+    int tick;
+    bool finite = true;
+    for (tick = 0; (tick < ticks) && ((status | {big}_LIMITED) != {big}_LIMITED); ++tick) {{
+        finite = stepped(in, state, &status) && finite;
+    }}
+    return finite && ((status | {big}_LIMITED) == {big}_LIMITED);
+}}
+
+/* Parameters that are wrong are refused, and those in force stay. */
+static int wrong_parameters(const {n}_param *good, const {n}_state *kept)
+{{
+    static {n}_param param;
+    static {n}_param safe;
+    static {n}_state state;
+    static real raw[N_ROW];
+    int wrong = 0;
+    int k;
+    int j;
+    {n}_default(&safe);
+    for (k = 0; k < N_PARAM; ++k) {{
+        for (j = 0; j < (SEVERITY + 2); ++j) {{
+            copied(raw, good, (size_t)N_PARAM * sizeof(real));
+            raw[k] = (real)((j < SEVERITY) ? bad[j] : param_of[k][j - SEVERITY]);
+            copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+            copied(&state, kept, sizeof(state));
+            if ({n}_tune(&param, &state) == {big}_OK) {{
+                wrong += (j == 0) ? 1 : 0; /* NaN is in no range */
+            }} else {{
+                wrong += same(&state, kept, sizeof(state)) ? 0 : 1;
+                wrong += ({n}_init(&param, &state) == {big}_BAD_PARAM) ? 0 : 1;
+                wrong += same(&state.in_force, &safe, sizeof(safe)) ? 0 : 1;
+            }}
+        }}
+    }}
+    return wrong;
+}}
+
+/* Memory that is broken: a parameter in force, until tune; a state, with outputs finite. */
+static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_state *kept)
+{{
+    static {n}_state state;
+    static {n}_param param;
+    static real raw[N_ROW];
+    bool refused = false;
+    int wrong = 0;
+    int steps = 0;
+    int tick;
+    int k;
+    int j;
+    for (k = 0; k < {damages}; ++k) {{ /* one, at last all of them */
+        int status = {big}_OK;
+        copied(&state, kept, sizeof(state));
+        copied(raw, good, (size_t)N_PARAM * sizeof(real));
+        for (j = 0; j < N_PARAM; ++j) {{
+            raw[j] = ((j == (k / SEVERITY)) || ((k / SEVERITY) == N_PARAM))
+                ? (real)bad[k % SEVERITY] : raw[j];
+        }}
+        copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+        state.in_force = param; /* as if a bit of memory had changed: ends of ranges may be NaN */
+        (void)stepped(in, &state, &status);
+        if (((status & {big}_REFUSED) != 0) && !refused) {{
+            refused = true; /* once is enough: all parts are reset in turn, and again */
+            for (tick = 0; tick < (2 * RECOVERY); ++tick) {{
+                (void)stepped(in, &state, &status);
+            }}
+        }}
+        wrong += ({n}_tune(good, &state) == {big}_OK) ? 0 : 1;
+        wrong += recovers(in, &state, RECOVERY) ? 0 : 1;
+    }}
+    for (k = 0; (k < N_FIRSTS) && (steps < STEPS); ++k) {{
+        for (j = 0; j < SEVERITY; ++j) {{
+            copied(&state, kept, sizeof(state));
+            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            raw[first_of[k]] = (real)bad[j];
+            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+            for (tick = 0; (tick < RECOVERY) && !recovers(in, &state, 1); ++tick) {{
+                ++steps;
+            }}
+            wrong += (tick < RECOVERY) ? 0 : 1;
+        }}
+    }}
+    return wrong;
+}}
+
+{more}/* Use the module wrongly in every way; how many trials did not go as they should. */
+static int misused(const {n}_param *param, const {n}_state *kept)
+{{
+    static {n}_state state;
+{last}    int wrong = 0;
+    int trials;
+    int status = 0;
+    bool able;
+    (void)memset(&state, 0x55, sizeof(state));
+    wrong += stepped(&in, &state, &status) ? 0 : 1;
+    wrong += (status == ({big}_NO_INIT | {big}_REFUSED)) ? 0 : 1;
+    wrong += wrong_parameters(param, kept);
+    wrong += ({n}_init(param, &state) == {big}_OK) ? 0 : 1;
+    able = recovers(&in, &state, 1); /* a fresh instance can do something with these inputs */
+    trials = broken_memory(&in, param, kept);
+    trials += shaken(&in, param, kept);
+{wander}{counted}    return wrong + (able ? trials : 0);
+}}
+#endif
+
+"""
+
+_SHAKE = """/* States, parameters and inputs as no run has them; outputs are finite. */
+static int shaken(const {n}_in *from, const {n}_param *good, const {n}_state *kept)
+{{
+    static const double factor[4][2] = {{
+        {{0.0, 2.0}}, {{-10.0, 10.0}}, {{-1e3, 1e3}}, {{-1e9, 1e9}}
+    }};
+    static const double around[] = {{0.5, 2.0}};
+    static {n}_state state;
+    static {n}_param param;
+    static {n}_in in;
+    static real raw[N_ROW];
+    int wrong = 0;
+    int k;
+    int j;
+    copied(&in, from, sizeof(in));
+    for (k = 0; k < SHAKEN; ++k) {{
+        int ticks = {most};
+        int shake;
+        int status = {big}_OK;
+        if (k >= LONGER) {{
+            ticks = {least};
+        }}
+        shake = k / ticks;
+        if ((k % ticks) == 0) {{
+            copied(&state, kept, sizeof(state));
+            copied(raw, good, (size_t)N_PARAM * sizeof(real));
+            for (j = 0; j < N_PARAM; ++j) {{
+                double x = (double)raw[j] * between(around);
+                x = ((shake % 3) > 1) ? between(param_of[j]) : x;
+                x = fmin(fmax(x, param_of[j][0]), param_of[j][1]);
+                raw[j] = ((shake % 3) > 0) ? (real)x : raw[j];
+            }}
+            copied(&param, raw, (size_t)N_PARAM * sizeof(real));
+            (void){n}_tune(&param, &state); /* which may refuse them */
+            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            for (j = 0; j < N_STATE; ++j) {{
+                const double x = between(factor[(shake / 3) % 4]);
+                const double of = (fabs((double)raw[j]) > 0.0) ? (double)raw[j] : 1.0;
+                raw[j] = (drawn() < 0.5) ? raw[j] : (real)(of * (((shake % 2) > 0) ? floor(x) : x));
+            }}
+            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+        }}
+{inputs}        wrong += stepped(&in, &state, &status) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_SHAKEN_INPUTS = """        if (((shake % 2) > 0) || ((k % ticks) == 0)) {{
+            copied(raw, from, sizeof(in));
+            for (j = 0; j < N_IN; ++j) {{
+                const double x = (double)raw[j] * between(around);
+                raw[j] = (real)(((shake % 4) > 1) ? x : between(input_of[j]));
+                raw[j] = (real)fmin(fmax((double)raw[j], input_of[j][0]), input_of[j][1]);
+            }}
+            copied(&in, raw, sizeof(in));
+            copied(&state.guard.last, raw, sizeof(in)); /* as if they had been so before */
+        }}
+"""
+
+_WALK = """/* Inputs wander, some NaN or infinite, at last all NaN; outputs are finite. */
+static int wandering(const {n}_in *from, {n}_state *state)
+{{
+    static const double rate[4] = {{0.9, 0.1, 0.01, 10.0}};
+    static double target[N_IN];
+    static double now[N_IN];
+    static real raw[N_IN];
+    static {n}_in in;
+    int wrong = 0;
+    int status = 0;
+    int tick;
+    int k;
+    copied(raw, from, sizeof(raw));
+    for (k = 0; k < N_IN; ++k) {{
+        now[k] = (double)raw[k];
+    }}
+    for (tick = 0; tick < {ticks}; ++tick) {{
+        for (k = 0; k < N_IN; ++k) {{
+            const double most = input_of[k][2] * rate[(tick / 50) % 4];
+            const double share = drawn();
+            target[k] = ((tick % 50) == 0) ? between(input_of[k]) : target[k];
+            now[k] = fmin(fmax(target[k], now[k] - most), now[k] + most);
+            raw[k] = (real)((share < 0.002) ? (double)NAN : now[k]);
+            raw[k] = (share > 0.999) ? (real)INFINITY : raw[k];
+        }}
+        if ((tick % 50) == 25) {{ /* a jump of one of them, for a tick */
+            k = (tick / 200) % N_IN;
+            raw[k] = (real)(((now[k] - input_of[k][0]) > (input_of[k][1] - now[k])) ? input_of[k][0]
+                : input_of[k][1]);
+        }}
+        copied(&in, raw, sizeof(in));
+        wrong += stepped(&in, state, &status) ? 0 : 1;
+{fitted}    }}
+    for (k = 0; k < N_IN; ++k) {{
+        raw[k] = (real)NAN;
+    }}
+    copied(&in, raw, sizeof(in));
+    for (tick = 0; tick < TAKEN; ++tick) {{ /* until the last good ones are forgotten */
+        wrong += stepped(&in, state, &status) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_JUMP = """/* From good inputs one jumps, to an end or further than it can; then all is well. */
+static int jumping(const {n}_in *good, const {n}_state *kept)
+{{
+    static {n}_state state;
+    static {n}_in in;
+    static real raw[N_IN];
+    int wrong = 0;
+    int k;
+    int j;
+    for (k = 0; k < {jumps}; ++k) {{
+        const double *range = input_of[k / 4];
+        int status = {big}_OK;
+        double jump;
+        copied(&state, kept, sizeof(state));
+        for (j = 0; (j < TAKEN) && !((double)state.guard.fresh > 0.0); ++j) {{
+            wrong += stepped(good, &state, &status) ? 0 : 1;
+        }}
+        copied(raw, good, sizeof(in));
+        jump = (double)raw[k / 4] + ((((k % 4) == 2) ? 1.5 : -1.5) * range[2]);
+        raw[k / 4] = (real)(((k % 4) < 2) ? range[k % 4] : fmin(fmax(jump, range[0]), range[1]));
+        copied(&in, raw, sizeof(in));
+        wrong += stepped(&in, &state, &status) ? 0 : 1;
+        wrong += recovers(good, &state, TAKEN) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_COUNT = """/* Calls by the number of their tick: in turn, twice, behind the largest, late, back. */
+static int miscounted(const {n}_in *in, const {n}_state *kept)
+{{
+    static const unsigned int tick[9] = {{7U, 8U, 8U, 0xFFFFFFFFU, 0U, 0U, 3U, 2U, 3U}};
+    static const bool again[9] = {{false, false, true, false, false, true, false, false, false}};
+    static const bool timely[9] = {{true, true, false, false, true, false, false, false, true}};
+    static {n}_param any; /* those in force are used */
+    static {n}_state plain;
+    static {n}_state state;
+    static {n}_state before;
+    static {n}_out good;
+    static {n}_out out;
+    int wrong = 0;
+    int k;
+    copied(&state, kept, sizeof(state));
+    for (k = 0; k < 9; ++k) {{
+        int wanted = {big}_TIMING | {big}_REFUSED;
+        int got;
+        copied(&before, &state, sizeof(state));
+        copied(&plain, &state, sizeof(state));
+        got = {n}_step_counted(in, &any, &state, &out, tick[k]);
+        if (again[k]) {{
+            wrong += same(&before, &state, sizeof(state)) ? 0 : 1;
+        }} else {{
+{missed}            wanted = {n}_step(in, &any, &plain, &good);
+            wanted |= timely[k] ? 0 : {big}_TIMING;
+            wrong += same(&out, &good, sizeof(out)) ? 0 : 1;
+            wrong += same(&plain, &state, (size_t)N_STATE * sizeof(real)) ? 0 : 1;
+        }}
+        wrong += (got == wanted) ? 0 : 1;
+    }}
+    return wrong;
+}}
+
+"""
+
+_LATE = """            if (!timely[k]) {{ /* as if the ticks between had gone by without inputs */
+                const real since = (real)(tick[k] - tick[k - 1] - 1U);
+{older}{slow}            }}
+"""
+
+_OLDER = """                int j;
+                for (j = 0; j < N_IN; ++j) {{
+                    const double age = floor((double)plain.guard.age[j]);
+                    plain.guard.age[j] = (age < 0.0) ? plain.guard.age[j] : ((real)age + since);
+                }}
+                plain.guard.fresh = (real)0.0;
+"""
+
+_FITTED = """        if ((status & {big}_OFF_RANGE) != 0) {{ /* on from what fits the others */
+            copied(raw, &state->guard.last, sizeof(raw));
+            for (k = 0; k < N_IN; ++k) {{
+                now[k] = (double)raw[k];
+            }}
+        }}
+"""
+
+_INPUTS = """static const double input_of[N_IN][3] = {{{wandered}}}; /* and the largest change */
+"""
+
+_WANDER = """    trials += jumping(&in, kept);
+    copied(&state, kept, sizeof(state));
+    trials += wandering(&in, &state);
+    trials += recovers(&in, &state, TAKEN) ? 0 : 1;
+"""
+
+
+def misuse(plan: Plan) -> str:
+    """C of ``misused``, for the test program; it needs ``copied`` and ``same``."""
+    n, lay, big = plan.name, plan.layout, plan.layout.big
+    places = [sum(m.size for m in lay.states[:k]) for k in range(len(lay.states))]
+    recovery = guard.PATIENCE * (len(plan.parts) + 2) + 1
+    taken = int(guard.memory(plan.period, plan.stale)) + 1 + recovery if plan.n_in else 0
+    ends = [
+        "{" + ", ".join(number(min(max(v, -1e30), 1e30)) for v in plan.limits(m)) + "}"
+        for m in lay.params for _ in range(m.size)
+    ]  # fmt: skip
+    last = "kept->guard.last" if plan.n_in else "{0}"
+    ranges = _INPUTS.format(wandered=_rows(input_travel(plan, 0.1))) if plan.n_in else ""
+    least = int(max((ticks for _, ticks in plan.counters), default=1))  # all parts run in so many
+    return _TRIALS.format(
+        n=n, big=big, recovery=recovery, taken=taken, steps=STEPS, firsts=len(places),
+        damages=3 * (sum(m.size for m in lay.params) + 1), shaken=SHAKEN, longer=WALK,
+        places=_rows(map(str, places or [0])),
+        ends=_rows(ends or ["{0.0, 0.0}"]),
+        input_of=ranges,
+        more=_SHAKE.format(
+            n=n, big=big, most=BETWEEN, least=least,
+            inputs=_SHAKEN_INPUTS.format() if plan.n_in else "",
+        ) + (_JUMP + _WALK).format(
+            n=n, big=big, ticks=WALK, jumps=4 * plan.n_in,
+            fitted=_FITTED.format(big=big) * plan.coupled,
+        ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big, missed=_missed(plan)) * plan.counter,
+        wander=_WANDER if plan.n_in else "",
+        counted="    trials += miscounted(&in, kept);\n" * plan.counter,
+        last=f"    const {n}_in in = {last};\n",
+    )  # fmt: skip
+
+
+def _missed(plan: Plan) -> str:
+    """What a late call finds: older inputs, and slow parts that are behind."""
+    older = _OLDER.format() * bool(plan.n_in)
+    slow = "                plain.guard.missed += since;\n" * bool(plan.counters)
+    return _LATE.format(older=older, slow=slow) if older or slow else ""
+
+
+def input_travel(plan: Plan, most: float) -> list[str]:
+    """Ends of each input element and its largest change, with the defaults of the parameters.
+
+    Args:
+        plan: the module.
+        most: largest change over the width of the range, where none is declared or a larger one.
+    """
+    lows, highs, change, noise = plan.ends(plan.layout.inputs, plan.block.param_values())
+    rows, steps = [], np.minimum(change, FAR) + noise
+    for lo, hi, step in zip(lows.clip(-FAR, FAR), highs.clip(-FAR, FAR), steps, strict=True):
+        found = (lo, hi, min(step, most * (hi - lo)))
+        rows.append("{" + ", ".join(number(float(v)) for v in found) + "}")
+    return rows
+
+
+def _rows(numbers: Iterable[str]) -> str:
+    """Numbers of a table on lines of their own."""
+    text = textwrap.fill(", ".join(numbers), 90, break_long_words=False)
+    return "\n" + textwrap.indent(text, "    ") + "\n"

@@ -1,0 +1,227 @@
+"""What guards a step: rules for one number, written once, for C and for the run in Python.
+
+``accept`` says what an input becomes, ``patience`` when states that stay refused are reset, and
+which. Both are CasADi Functions of scalars: Python calls them, and C has their text.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.text.intermediates import remember_locals
+from slipctl.ccode.passes.local_names import name_locals, with_inside
+from slipctl.ccode.tree.expressions import Writer
+
+BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, TIMING = (
+    1 << k for k in range(9)
+)
+"""Bits of the status; ``header.STATUS`` says what they mean."""
+
+MARK = 9240613.0
+"""What ``init`` leaves in a state; a step of a state without it is refused."""
+
+PATIENCE = 10
+"""Ticks refused in a row after which a part is reset, and after as many more the next one."""
+
+MANY = 1e6
+"""Ticks that a float can count, with room: no memory is longer."""
+
+
+FORGOTTEN = 1.0
+"""Seconds after which the last good value of an input says nothing of the next one."""
+
+UNSURE = 256
+"""Beside the bits of the status: an input is good, but was not for a while before."""
+
+
+def memory(period: float | None, stale: np.ndarray) -> float:
+    """``FORGOTTEN`` in ticks, of 1 ms where no period is known; not before a value is stale."""
+    ticks = float(np.ceil(FORGOTTEN / (period or 1e-3)))
+    return min(max(ticks, float(np.max(stale, initial=1.0))), MANY)
+
+
+@lru_cache(maxsize=1)
+@remember_locals
+def accept() -> ca.Function:
+    """(value, last, age, lo, hi, change, noise, stale, memory, most) -> (taken, age, told).
+
+    ``age`` counts the ticks without a good value, up to ``memory``, and is -1 before the first. A
+    value is good that is finite and in its range; ``most`` is the largest number. It is no further
+    from the last good one than ``noise`` and the way that it can have come since. From ``memory``
+    on the last one says nothing. In the place of a value that is not good, the last good one is
+    taken for ``stale`` ticks. After them the tick is refused, and before there is a good one.
+
+    A good value takes one tick of the age away, not all. Where a wrong one was believed at last, as
+    it could have come so far, the true one is away no longer than the wrong one was believed. Such
+    an age has a half besides: the value of the tick before was good. One that is further from that
+    than a tick allows is told, though it may be taken. Until the age is 0 there is ``UNSURE``,
+    which stays inside.
+    """
+    names = ["value", "last", "age", "lo", "hi", "change", "noise", "stale", "memory", "most"]
+    given = [ca.SX.sym(n) for n in names]
+    value, last, age, lo, hi, change, noise, stale, memory, most = given
+    whole = ca.floor(age)
+    first = age < 0
+    way = ca.fabs(value - last)
+    near = way <= noise + change * (whole + 1)
+    unknown = ca.logic_or(first, whole >= memory)
+    anything = ca.logic_or(unknown, change >= most)
+    good = ca.logic_and(ca.logic_and(value >= lo, value <= hi), ca.logic_or(anything, near))
+    older = ca.if_else(unknown, whole, whole + 1)
+    younger = ca.if_else(whole > 1, ca.if_else(whole > memory, memory, whole) - 0.5, 0)
+    follows = ca.logic_or(ca.logic_or(anything, way <= noise + change), age <= whole)
+    doubted = ca.if_else(follows, ca.if_else(whole > 1, UNSURE, 0), OFF_RANGE)
+    why = ca.if_else(ca.fabs(value) <= most, OFF_RANGE, BAD_INPUT)
+    told = why + ca.if_else(ca.logic_or(first, whole >= stale), REFUSED, 0)
+    return ca.Function(
+        "accept",
+        given,
+        [
+            ca.if_else(good, value, last),
+            ca.if_else(good, younger, older),
+            ca.if_else(good, doubted, told),
+        ],
+        names,
+        ["taken", "age_next", "bits"],
+    )
+
+
+@lru_cache(maxsize=16)
+@remember_locals
+def patience(parts: int) -> ca.Function:
+    """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
+
+    ``off`` is the part of which a state is out of its range, 0 if that is not the reason. After
+    ``PATIENCE`` ticks it is that part (else the first). After as many more it is the first, the
+    second and so on in the order of the wires, then all of them (``parts + 1``). Then the count
+    begins anew.
+    """
+    before, off = ca.SX.sym("refused"), ca.SX.sym("off")
+    refused = before + 1
+    turn = refused / PATIENCE
+    due = turn == ca.floor(turn)
+    first = ca.if_else(off > 0, off, 1)
+    part = ca.if_else(due, ca.if_else(turn > 1, turn - 1, first), 0)
+    after = ca.if_else(refused >= PATIENCE * (parts + 2), 0, refused)
+    return ca.Function(
+        "patience", [before, off], [after, part], ["before", "off"], ["refused_next", "which"]
+    )
+
+
+@lru_cache(maxsize=1)
+@remember_locals
+def counter_after() -> ca.Function:
+    """(tick, missed, ticks) -> where a counter from 0 to ``ticks`` stands that missed some."""
+    tick, missed, ticks = (ca.SX.sym(n) for n in ("tick", "missed", "ticks"))
+    whole = tick + missed
+    rest = whole - ticks * ca.floor(whole / ticks)
+    found = ca.if_else(ca.logic_and(rest >= 0, rest < ticks), rest, 0)
+    names = ["tick", "missed", "ticks"]
+    return ca.Function("later", [tick, missed, ticks], [found], names, ["counted"])
+
+
+def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
+    """Statements of a rule in C: arguments are read by these names, first results written to these.
+
+    The others are locals, by the names that the rule gives its results.
+    """
+    given = [f.name_out(k) for k in range(f.n_out())]
+    words = re.findall(r"\w+", " ".join([*names, *results, *given]))
+    inner, letters = with_inside(f, words)
+    writer = Writer(inner, lambda i, k: names[i], letters, shown=f.n_out(), modest=True).run()
+    at = dict(writer.results)
+    lines = list(writer.lines)
+    # a result may be an argument of the next: all are known before one is written
+    for i, name in enumerate(given):
+        lines.append(f"const double {name} = {writer.result(at[i, 0])};")
+    lines += [f"{to} = {name};" for to, name in zip(results, given, strict=False)]
+    return name_locals(lines, "", words)
+
+
+def accepted_inputs(
+    rows: np.ndarray,
+    lo: np.ndarray,
+    hi: np.ndarray,
+    change: np.ndarray,
+    noise: np.ndarray,
+    stale: np.ndarray,
+    most: float,
+    period: float | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the step takes of rows of inputs, and what it tells in each tick.
+
+    Args:
+        rows: input elements, one row per tick; anything.
+        lo, hi, change, noise, stale: of each element.
+        most: the largest number.
+        period: of a tick in s.
+    """
+    ticks, n = rows.shape
+    taken, told = np.zeros((ticks, n)), np.zeros(ticks, dtype=int)
+    if not ticks:
+        return taken, told
+    run = _run(ticks)
+    with np.errstate(invalid="ignore", over="ignore"):
+        for k in range(n):
+            column = rows[:, k]
+            steps = np.abs(np.diff(column))
+            fine = (column >= lo[k]) & (column <= hi[k])
+            if fine.all() and (change[k] >= most or (steps <= noise[k] + change[k]).all()):
+                taken[:, k] = column
+                continue
+            one: Any = run(
+                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], noise[k],
+                stale[k], memory(period, stale), most,
+            )  # fmt: skip
+            taken[:, k] = np.array(one[0].full())[0]
+            told |= np.array(one[1].full())[0].astype(int) % UNSURE
+    return taken, told
+
+
+def accepted_together(
+    rows: np.ndarray, ends: ca.Function, stale: np.ndarray, most: float, period: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same where ends follow the last good values of other inputs.
+
+    Args:
+        rows, stale, most, period: as of :func:`accepted_inputs`.
+        ends: from the last good inputs to lo, hi, change and noise, a column each.
+    """
+    ticks, n = rows.shape
+    if not ticks:
+        return np.zeros((0, n)), np.zeros(0, dtype=int)
+    x, value = ca.SX.sym("x", 2 * n), ca.SX.sym("value", n)
+    last, age = x[:n], x[n:]
+    gone = ca.logic_or(age < 0, age >= memory(period, stale))
+    known = ca.if_else(gone, value, last)  # before there is a good one it speaks for itself
+    columns = [ca.vertsplit(c) for c in ends(known)]
+    found = [
+        accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],
+                 memory(period, stale), most)
+        for k in range(n)
+    ]  # fmt: skip
+    taken, ages, told = (ca.vertcat(*column) for column in zip(*found, strict=True))
+    one = ca.Function("tick", [x, value], [ca.vertcat(taken, ages), taken, told])
+    run = one.mapaccum(ticks)
+    result: Any = run(ca.DM([0.0] * n + [-1.0] * n), ca.DM(rows.T))
+    bits = np.array(result[2].full()).astype(int) % UNSURE
+    return np.array(result[1].full()).T, np.bitwise_or.reduce(bits, axis=0)
+
+
+@lru_cache(maxsize=4)
+def _run(ticks: int) -> ca.Function:
+    """``accept`` over ticks: ((last, age), values, lo, hi, change, ...) to both."""
+    names = ("value", "lo", "hi", "change", "noise", "stale", "memory", "most")
+    x, (value, *rest) = ca.SX.sym("x", 2), [ca.SX.sym(n) for n in names]
+    taken, age, told = accept()(value, x[0], x[1], *rest)
+    one = ca.Function("tick", [x, value, *rest], [ca.vertcat(taken, age), taken, told])
+    X = ca.MX.sym("x", 2)
+    V = ca.MX.sym("v", 1, ticks)
+    C = [ca.MX.sym(n) for n in names[1:]]
+    _, y, t = one.mapaccum(ticks)(X, V, *[ca.repmat(c, 1, ticks) for c in C])
+    return ca.Function("accepted", [X, V, *C], [y, t])

@@ -1,0 +1,324 @@
+"""Functions of the C that guard a step: inputs, next states, and what to do when they stay bad."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.header import prototype
+from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.plan import Ends, Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.statements import conjunction, define, if_
+
+
+def check_inputs(plan: Plan) -> str:
+    """Function that takes what is good of the inputs, and says what was not."""
+    n, lay = plan.name, plan.layout
+    if not lay.inputs:
+        return ""
+    lines, ends = _known(plan)
+    good = ["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)]
+    lines += [
+        "unsigned int told = 0U;",
+        if_([conjunction(good)], "guard->last = *in;", "return told;"),
+    ]
+    at = 0
+    for m in lay.inputs:
+        each = [
+            ", ".join(
+                [
+                    *(ends[m.c, k, what] for what in Ends._fields),
+                    number(float(m.signal.stale)),
+                ]
+            )
+            for k in range(m.size)
+        ]
+        if m.size > 1 and len(set(each)) == 1:
+            last = f"{m.address('guard->last.')}, &guard->age[{at}]"
+            given = ", ".join([m.address("in->"), str(m.size), each[0], last])
+            lines.append(f"told |= accept_all({given});")
+        else:
+            for k, given in enumerate(each):
+                last = f"&{m.at('guard->last.', k)}, &guard->age[{at + k}]"
+                lines.append(f"told |= accept({m.at('in->', k)}, {given}, {last});")
+        at += m.size
+    lines.append("guard->fresh = (told == 0U) ? 1.0 : 0.0;")
+    what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
+    text = "\n".join(lines)
+    signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
+                          *_types(plan, text), f"struct {n}_guard *guard")  # fmt: skip
+    return f"{what}\n" + define(signature, [*lines, f"return told % {guard.UNSURE}U;"])
+
+
+def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
+    """Ends of inputs in C. What follows other inputs is worked out before this tick changes them.
+
+    Before its first good value, and where the last one is forgotten, an input speaks for itself.
+    """
+    longest = number(guard.memory(plan.period, plan.stale) - 0.5)  # ages are whole and halves
+    lines, ends = plan.ends_text(plan.layout.inputs, last=True)
+    made, at = dict[str, str](), 0
+    text = "\n".join([*lines, *ends.values()])
+    for m in plan.layout.inputs:
+        for k in range(m.size):
+            last = m.at("guard->last.", k)
+            if re.search(rf"{re.escape(last)}(?!\w)", text):
+                name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
+                there = f"within(guard->age[{at + k}], 0.0, {longest})"
+                given = f"{there} ? {last} : {m.at('in->', k)}"
+                made[last] = f"const double {name} = {given};"
+                swap = re.compile(rf"{re.escape(last)}(?!\w)")
+                lines = [swap.sub(name, line) for line in lines]
+                ends = {key: swap.sub(name, end) for key, end in ends.items()}
+        at += m.size
+    once: dict[str, str] = {}
+    for (c, k, what), end in ends.items():
+        if made and re.search(r"known_|\w\(|\ba\d", end):
+            if end not in once:
+                once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
+                lines.append(f"const double {once[end]} = {end};")
+            ends[c, k, what] = once[end]
+    return [*made.values(), *lines], ends
+
+
+def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
+    """Conditions that ``accept`` finds each input good, when it did so in the tick before."""
+    found = []
+    for m in inputs:
+        each = [tuple(ends[m.c, k, what] for what in Ends._fields) for k in range(m.size)]
+        if m.size > 1 and len(set(each)) == 1:
+            rows = [("all_", f"{m.address('in->')}, {m.size}", m.address("guard->last."))]
+            each = each[:1]
+        else:
+            rows = [("", m.at("in->", k), m.at("guard->last.", k)) for k in range(m.size)]
+        for (many, value, last), (lo, hi, change, noise) in zip(rows, each, strict=True):
+            found.append(f"{many}within({value}, {lo}, {hi})")
+            if change != "DBL_MAX":
+                step = change if noise == "0.0" else f"{noise} + {change}"
+                found.append(f"{many}can_follow({value}, {last}, {step})")
+    return found
+
+
+def early_good(plan: Plan) -> tuple[list[str], str]:
+    """Statements, and the condition that the inputs which ``prepare`` reads are in their ranges."""
+    lines, ends = plan.ends_text(plan.early)
+    open_ = {k: "DBL_MAX" if k[2] == "change" else v for k, v in ends.items()}
+    return lines, conjunction(_all_good(plan.early, open_))
+
+
+def _types(plan: Plan, text: str) -> list[str]:
+    """Declarations of what the ends of ranges are expressions of."""
+    return [plan.types[p] for p in ("param", "derived") if re.search(rf"\b{p}->", text)]
+
+
+def ends_given(plan: Plan, members: Sequence[Member], param: str) -> list[str]:
+    """Arguments for them, where the parameters are ``param``."""
+    lines, ends = plan.ends_text(members, last=members == plan.layout.inputs)
+    text = " ".join([*lines, *ends.values()])
+    places = {"param": param, "derived": "&state->derived"}
+    return [place for p, place in places.items() if re.search(rf"\b{p}->", text)]
+
+
+def check_inputs_call(plan: Plan, param: str) -> str:
+    """Call of the function that takes what is good of the inputs."""
+    given = ends_given(plan, plan.layout.inputs, param)
+    return f"check_inputs({', '.join(['in', *given, '&state->guard'])})"
+
+
+def part_off_call(plan: Plan, next_: str) -> str:
+    """Call of the function that says of which part a next state is out of its range."""
+    members = [m for m in plan.layout.states if plan.ranged(m)]
+    return f"part_off({', '.join([next_, *ends_given(plan, members, 'used')])})"
+
+
+def limit_outputs_call(plan: Plan, out: str, param: str = "&state->in_force") -> str:
+    """Call of the function that puts outputs into their ranges."""
+    limited = [m for m in plan.layout.outputs if plan.ranged(m)]
+    return f"limit_outputs({', '.join([*ends_given(plan, limited, param), out])})"
+
+
+def part_off(plan: Plan) -> str:
+    """Function that says of which part a next state is out of its range."""
+    members = [m for m in plan.layout.states if plan.ranged(m)]
+    if not members:
+        return ""
+    lines, ends = plan.ends_text(members)
+    tests: list[str] = []
+    for k, own in enumerate(plan.parts.values(), start=1):
+        found: list[str] = []
+        for m in own:
+            if not plan.ranged(m):
+                continue
+            each = [f"{ends[m.c, i, 'lo']}, {ends[m.c, i, 'hi']}" for i in range(m.size)]
+            if m.size == 1:
+                found.append(f"within({m.at('x->', 0)}, {each[0]})")
+            elif len(set(each)) == 1:
+                found.append(f"all_within(x->{m.c}, {m.size}, {each[0]})")
+            else:
+                found += [f"within({m.at('x->', i)}, {e})" for i, e in enumerate(each)]
+        if found:
+            tests.append(if_([f"!({conjunction(found)})"], f"return {k};"))
+    text = "\n".join([*lines, *tests])
+    what = comment("The first part of which a next state is out of its range, 0 for none.")
+    signature = prototype(plan, "static int", "part_off",
+                          f"const struct {plan.name}_kept *x", *_types(plan, text))  # fmt: skip
+    return f"{what}\n" + define(signature, [*lines, *tests, "return 0;"])
+
+
+def recover(plan: Plan) -> str:
+    """Function that counts refused ticks and resets parts of the state when they are too many."""
+    n, parts = plan.name, len(plan.parts)
+    if not parts:
+        return ""
+    rule = guard.text(
+        guard.patience(parts), ["state->guard.refused", "(double)off"], ["state->guard.refused"]
+    )
+    which = f"const int part = (which > {number(parts + 0.5)}) ? 0 : (int)which;"
+    call = "start(%s, &state->kept, part)"
+    reset = [f"{call % 'param'};"]
+    if any(m.signal.derived for m in plan.layout.states):
+        # parameters may give no good start: then it is that of the defaults
+        other = [f"(void){call % '&defaults'};"]
+        if not plan.layout.params:
+            other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
+        reset = [if_([f"!{call % 'param'}"], *other)]
+    lines = [
+        *rule,
+        if_(["which > 0.0"], which, *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
+        "return 0U;",
+    ]
+    order = ", ".join(p or "the state" for p in plan.parts)
+    what = comment(
+        f"One more tick is refused. After {guard.PATIENCE} in a row the part of which a state is"
+        " out of its range is put to its start. After as many more it is one part after the other:"
+        f" {order}. Then it is all of it."
+    )
+    signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
+                          f"{n}_state *state", "int off")  # fmt: skip
+    return f"{what}\n" + define(signature, lines)
+
+
+def catch_up(plan: Plan) -> str:
+    """Function that moves on the counters of parts that run every few ticks."""
+    if not plan.counters:
+        return ""
+    lines = [
+        f"{m.at('x->', k)} = later({m.at('x->', k)}, missed, {number(float(ticks))});"
+        for m, ticks in plan.counters for k in range(m.size)
+    ]  # fmt: skip
+    what = comment(
+        "Ticks that were refused count for the parts that run every few ticks: they go on in step"
+        " with the others."
+    )
+    signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
+                          "double missed")  # fmt: skip
+    return f"{what}\n" + define(signature, lines)
+
+
+def finite(plan: Plan) -> str:
+    """Functions that say whether what comes out of the equations is finite."""
+    ahead = plan.ahead
+    if not plan.untested:
+        return ""
+    rest = [place for place in plan.untested if place[0] not in ahead]
+    first = [place for place in plan.untested if place[0] in ahead]
+    arguments = [f"const struct {plan.name}_kept *next", f"const {plan.name}_out *now"]
+    made = []
+    for name, places in (("result_finite", rest), ("ahead_finite", first)):
+        if not places:
+            continue
+        given = with_results(plan, arguments, places)
+        lines = _zero(places)
+        made.append(define(prototype(plan, "static bool", name, *given), lines))
+    return "\n\n".join(made)
+
+
+def with_results(
+    plan: Plan, both: list[str], places: Iterable[tuple[Member, str, int]] | None = None
+) -> list[str]:
+    """What stands for next states and for outputs, of those that have results to be tested."""
+    if places is None:
+        places = [place for place in plan.untested if place[0] not in plan.ahead]
+    there = {pointer for _, pointer, _ in places}
+    return [
+        x for x, p in zip(both[-2:], ("next->", "now->")[-len(both) :], strict=True) if p in there
+    ]
+
+
+_CHAIN = 6
+"""Factors of a product: several short ones do not wait for each other."""
+
+
+def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
+    """Statements that tell whether elements are finite: then their product with 0 is 0, not NaN.
+
+    That is one multiplication for each and one comparison for all, without a branch.
+    """
+    products: list[str] = []
+    chain: list[str] = []
+    for m, pointer, k in elements:
+        if m.size > _CHAIN:
+            whole = f"zero_of({pointer}{m.c}, {m.size})"
+            products += [whole] * (whole not in products)
+            continue
+        factor = m.at(pointer, k)
+        if chain and (len(chain) == _CHAIN or len(" * ".join([*chain, factor])) > 70):
+            products.append(" * ".join(["0.0", *chain]))
+            chain = []
+        chain.append(factor)
+    products += [" * ".join(["0.0", *chain])] if chain else []
+    first, *rest = products
+    what = "/* 0 times a finite number is 0; times NaN or infinity it is NaN */"
+    if not rest:
+        return [what, f"return ({first}) == 0.0;"]
+    return [what, f"double zero = {first};", *(f"zero *= {p};" for p in rest),
+            "return zero == 0.0;"]  # fmt: skip
+
+
+def limit_outputs(plan: Plan) -> str:
+    """Function that puts outputs that left their ranges to the ends of them."""
+    limited = [m for m in plan.layout.outputs if plan.ranged(m)]
+    if not limited:
+        return ""
+    lines, ends = plan.ends_text(limited)
+    once: dict[str, str] = {}
+    for (c, k, what), end in ends.items():
+        if "->" in end and end not in once:
+            name = once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
+            lines.append(f"const double {name} = {end};")
+    ends = {key: once.get(end, end) for key, end in ends.items()}
+    calls: list[str] = []
+    for m in limited:
+        each = [f"{ends[m.c, k, 'lo']}, {ends[m.c, k, 'hi']}" for k in range(m.size)]
+        if m.size > 1 and len(set(each)) == 1:
+            calls.append(f"limit_all(out->{m.c}, {m.size}, {each[0]})")
+        else:
+            calls += [f"limit(&{m.at('out->', k)}, {e})" for k, e in enumerate(each)]
+    lines.append(f"return {conjunction(calls, 'return ', '|')};")
+    text = "\n".join(lines)
+    signature = prototype(plan, "static unsigned int", "limit_outputs",
+                          *_types(plan, text), f"{plan.name}_out *out")  # fmt: skip
+    what = comment("Put outputs into their ranges; a bit of the status.")
+    return f"{what}\n" + define(signature, lines)
+
+
+def _ends(plan: Plan, m: Member) -> tuple[str, str]:
+    """Least and greatest number of a signal, in C."""
+    lo, hi = plan.limits(m)
+    return (
+        number(lo) if math.isfinite(lo) else "-DBL_MAX",
+        number(hi) if math.isfinite(hi) else "DBL_MAX",
+    )
+
+
+def range_condition(plan: Plan, m: Member, pointer: str) -> str:
+    """Condition: a finite number in the range of the signal."""
+    lo, hi = _ends(plan, m)
+    if m.size == 1:
+        return f"within({m.at(pointer, 0)}, {lo}, {hi})"
+    return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"

@@ -1,0 +1,306 @@
+"""The header of a C module: documented structs, status, prototypes."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from typing import Any
+
+import numpy as np
+
+from slipctl.ccode.module import guard, rates, tick_counter
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.layout import Member, change_text, noise_text, own_name, range_text
+from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.passes.precision import in_precision, size
+from slipctl.ccode.passes.scratch import structs
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.statements import declaration_lines
+
+STATUS = (
+    ("OK", 0, "all is well"),
+    ("BAD_INPUT", guard.BAD_INPUT, "step: an input is NaN or infinite; its last good value is"
+     " taken"),
+    ("BAD_RESULT", guard.BAD_RESULT, "step: the equations gave NaN, infinity or a state out of its"
+     " range, or a solver in them failed; refused"),
+    ("BAD_PARAM", guard.BAD_PARAM, "init, tune: a parameter or start value is NaN or out of range"),
+    ("OFF_RANGE", guard.OFF_RANGE, "step: an input is out of its range, or has changed by more than"
+     " it can; its last good value is taken"),
+    ("LIMITED", guard.LIMITED, "step: an output was put back into its range; all else as with 0"),
+    ("REFUSED", guard.REFUSED, "step: refused, the state is as it was, outputs are held or safe"),
+    ("RESET", guard.RESET, "step: refused so often that a part of the state was put to its start"),
+    ("NO_INIT", guard.NO_INIT, "step: refused, this state was never set by init"),
+)  # fmt: skip
+"""Bits of the status: name, value, meaning."""
+
+TIMING = (
+    "TIMING", guard.TIMING, "step_counted: the tick is not the one after the last; the same one"
+    " again is refused"
+)  # fmt: skip
+"""The bit of a step that is told the number of its tick."""
+
+
+def statuses(plan: Plan) -> tuple[tuple[str, int, str], ...]:
+    """Bits of the status of a module."""
+    return (*STATUS, *[TIMING] * plan.counter)
+
+
+CONTENT = "<content-hash-->"
+"""Stands for the hash of the content until it is known."""
+
+
+def head(plan: Plan, file: str) -> str:
+    """First comment of a file."""
+    from slipctl import __version__
+
+    what = first_sentence(plan.block.doc) or f"block {plan.block.name}"
+    return comment(
+        f"{file}: {what}\n\n"
+        f"Written by slipctl {__version__}, content {CONTENT}. Do not edit it: change the model and"
+        " write it again.\n\nSPDX-License-Identifier: Apache-2.0 (see LICENSE)"
+    )
+
+
+def member_comment(m: Member, indent: str = "    ") -> str:
+    """Say what a signal is: unit, meaning, convention, range, value, source."""
+    s = m.signal
+    said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
+    if s.positive:
+        said.append(f"positive = {s.positive}")
+    if s.per:
+        said.append(f"slip as a {s.per}")
+    if range_text(s):
+        said.append(f"range {range_text(s)}")
+    if change_text(s):
+        said.append(f"changes by at most {change_text(s)} in a tick")
+        said += [f"and by noise of {noise_text(s)}"] * bool(noise_text(s))
+    if s.role == "input":
+        said.append(f"when bad, its last good value for {s.stale} ticks")
+    if len(s.shape) == 2:
+        said.append(f"{s.shape[0]} x {s.shape[1]}, column by column")
+    if s.value is not None:
+        word = {"state": "start", "input": "if not known"}.get(s.role, "default")
+        said.append(f"{'=' if s.derived and s.role == 'param' else word} {_short(s.value)}")
+    if s.safe is not None:
+        said.append(f"safe value {number(float(s.safe))}, given while a step is refused")
+    if s.source:
+        said.append(f"source: {s.source}")
+    return comment("; ".join(" ".join(t.split()) for t in said), indent)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    array = np.asarray(value, dtype=float).ravel()
+    if (array == array[0]).all():
+        return number(float(array[0]))
+    shown = ", ".join(number(float(v)) for v in array[:4])
+    return f"({shown}{', ...' if array.size > 4 else ''})"
+
+
+def header(plan: Plan) -> str:
+    """Text of the header."""
+    lay, big = plan.layout, plan.layout.big
+    states = ",\n".join(
+        f"{comment(what, '    ')}\n    {big}_{k} = {v}" for k, v, what in statuses(plan)
+    )
+    parts = [
+        head(plan, f"{plan.name}.h"),
+        _about(plan),
+        f'#ifndef {big}_H\n#define {big}_H\n\n#ifdef __cplusplus\nextern "C" {{\n#endif',
+        f"{comment('Status of a call: 0, or bits of these.')}\nenum {{\n{states}\n}};",
+        _struct(plan, "in", "Inputs of one tick.", lay.inputs),
+        _struct(
+            plan,
+            "param",
+            "Parameters, to be written one by one. They take effect together, when init or tune has"
+            " checked them; until then, and if it refuses them, step goes on with those before.",
+            lay.params,
+        ),
+        _struct(plan, "out", "Outputs of one tick.", lay.outputs),
+        _state(plan),
+        _prototypes(plan),
+        f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {big}_H */",
+    ]
+    return in_precision("\n\n".join(parts) + "\n", plan.real, plan.block.name)
+
+
+def _about(plan: Plan) -> str:
+    """What the block is, with its parts, choices and sources, and how it is used."""
+    b, n = plan.block, plan.name
+    tick = f"every {number(plan.period)} s" if plan.period else "once per tick"
+    said = [b.doc.strip() or f"The block {b.name}."]
+    if b.choices:
+        said.append("Choices: " + ", ".join(f"{k} = {v}" for k, v in b.choices.items()))
+    for path, leaf in plan.part_docs():
+        choices = "".join(f", {k} = {v}" for k, v in leaf.choices.items())
+        text = textwrap.indent(leaf.doc.strip(), "    ")
+        said.append(f"{path} ({leaf.name}{choices}):\n\n{text}")
+    said.append(
+        f"Use: {n}_default fills the parameters, {n}_init sets the start state, {n}_step is called"
+        f" {tick}. Every number is in the unit stated beside it. No memory is allocated and nothing"
+        f" is global; one {n}_state is one instance. {memory(plan)}"
+    )
+    return comment("\n\n".join(said))
+
+
+def memory(plan: Plan) -> str:
+    """Say where the step keeps its intermediate results."""
+    _, _, sz_iw, sz_w = plan.equations.work
+    if not sz_iw + sz_w:
+        return "The step keeps its intermediate results in registers and on the stack."
+    where = f"in {plan.name}_state.work" if plan.work_in_state else "on the stack"
+    return f"Scratch memory of {size(plan.real) * sz_w + 4 * sz_iw} bytes lies {where}."
+
+
+def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
+    lines = [comment(what), f"typedef struct {plan.name}_{suffix} {{"]
+    for m in members:
+        lines += [member_comment(m), f"    {m.declared()}"]
+    if not members:
+        lines.append("    double unused; /* there are none; C wants a member */")
+    return "\n".join([*lines, f"}} {plan.name}_{suffix};"])
+
+
+def _state(plan: Plan) -> str:
+    n, lay = plan.name, plan.layout
+    _, _, sz_iw, sz_w = plan.equations.work
+    lines = []
+    if lay.derived:
+        lines += [comment("Derived parameters, computed by init and tune.")]
+        lines += [f"struct {n}_derived {{"]
+        for m in lay.derived:
+            lines += [member_comment(m), f"    {m.declared()}"]
+        lines += ["};", ""]
+    ages = [
+        f"    double age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
+        "    double fresh; /* 1 if all were good in the last tick, and are sure */",
+    ]
+    lines += [
+        f"struct {n}_guard {{",
+        f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
+        *ages * bool(plan.n_in),
+        "    double refused; /* ticks refused in a row since the last good one or reset */",
+        *["    double missed; /* ticks refused since the last good one */"] * bool(plan.counters),
+        "    double mark; /* set by init, looked for by step */",
+        "};",
+        "",
+    ]
+    if lay.states:
+        lines += _kept(plan)
+    if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
+        members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        whole = [f"struct {n}_work {{ {' '.join(members)} }};", ""]
+        if arrays := plan.equations.arrays:
+            what = "Arrays of functions of step, where they would take too much of the stack."
+            whole = [comment(what), *structs(arrays, f"{n}_work")]
+        lines += whole
+    lines += [
+        comment("State: set by init, changed by step; a copy of the struct saves an instance."),
+        f"typedef struct {n}_state {{",
+    ]
+    if lay.states:
+        lines.append(f"    struct {n}_kept kept; /* of the last good tick */")
+    if lay.derived:
+        lines.append(f"    struct {n}_derived derived;")
+    lines.append(f"    {n}_param in_force; /* parameters that init or tune took last */")
+    lines.append(f"    {n}_out held; /* outputs of the last good step */")
+    lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
+    if plan.next_in_state:
+        lines.append(f"    struct {n}_kept next; /* scratch of step */")
+    if plan.work_in_state:
+        lines.append(f"    struct {n}_work work; /* scratch of step */")
+    lines += rates.tick_struct(plan) if plan.rates else []
+    lines += tick_counter.members() if plan.counter else []
+    return "\n".join([*lines, f"}} {n}_state;"])
+
+
+def _kept(plan: Plan) -> list[str]:
+    """Structs of what a good tick keeps: one for each part, and the whole."""
+    lines: list[str] = []
+    whole: list[str] = []
+    for struct, own in plan.layout.kept:
+        members = [
+            line for m in own
+            for line in (member_comment(m), f"    {m.declared(own_name(m) if struct else m.c)}")
+        ]  # fmt: skip
+        if not struct:
+            whole += members
+            continue
+        path = own[0].name.rpartition(".")[0]
+        kind = f"struct {plan.name}_kept_{struct}"
+        lines += [comment(f"What {path} keeps for the next tick."), f"{kind} {{", *members]
+        lines += ["};", ""]
+        whole.append(f"    {kind} {struct};")
+    what = comment("What a good tick keeps for the next one.")
+    return [*lines, what, f"struct {plan.name}_kept {{", *whole, "};", ""]
+
+
+def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
+    """Declaration of a function of the module, wrapped."""
+    return declaration_lines(result, function, *arguments)
+
+
+def prototypes(plan: Plan) -> dict[str, str]:
+    """Declarations of the functions of the module, by their short names."""
+    n = plan.name
+    param, state = f"const {n}_param *param", f"{n}_state *state"
+    arguments = {
+        "default": ("void", f"{n}_param *param"),
+        "init": ("int", param, state),
+        "tune": ("int", param, state),
+        "step": ("int", f"const {n}_in *in", param, state, f"{n}_out *out"),
+    }
+    if plan.block.split:
+        arguments["prepare"] = arguments["step"][:-1]
+        arguments["feedback"] = arguments["step"]
+    texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+    texts |= rates.prototypes(plan) if plan.rates else {}
+    return texts | ({"step_counted": tick_counter.prototype(plan)} if plan.counter else {})
+
+
+def _prototypes(plan: Plan) -> str:
+    big, texts = plan.layout.big, prototypes(plan)
+    told = {
+        "default": "Fill the parameters with their defaults; derived ones are not among them.",
+        "init": (
+            "Check the parameters, compute the derived ones, set the start state. Status 0 or"
+            f" {big}_BAD_PARAM: then the defaults are in force, and the state starts as with them."
+        ),
+        "tune": (
+            "Check the parameters, compute the derived ones and put them all in force at once; the"
+            f" rest of the state stays. Status 0 or {big}_BAD_PARAM: then those before stay."
+        ),
+        "step": (
+            "One tick, with the parameters in force, whatever param has become since. Status 0, or"
+            f" bits that tell what was wrong. With {big}_REFUSED the state is"
+            " untouched and the outputs are those of the last good step (before the first one:"
+            " zero, or the end of their range nearest to it)"
+            + (", or their safe value where one is stated." if plan.safe else ".")
+            + " Else the step was made, with the last good value of an input that was bad."
+        ),
+    }
+    if plan.block.split:
+        read = ", ".join(m.c for m in plan.early) or "nothing"
+        told["prepare"] = (
+            f"What can be done of the next tick before its inputs are there: of in it reads {read}."
+            f" Status 0, or {big}_REFUSED with the reason: then nothing is prepared, and the next"
+            " tick does it all. Parameters that tune takes after it count from the tick after next."
+        )
+        told["feedback"] = (
+            "The rest of the tick, of all inputs; without prepare before it, the whole. Status and"
+            " outputs are those of step, which does the same."
+        )
+    told |= rates.rate_docs(plan) if plan.rates else {}
+    told |= {"step_counted": tick_counter.counter_doc(plan)} if plan.counter else {}
+    return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
+
+
+def identifier_free(text: str, name: str) -> bool:
+    """Whether ``name`` is used nowhere in a piece of C; a member of that name is another."""
+    return re.search(rf"(?<!->)(?<!\.)\b{name}\b", text) is None
+
+
+def bit(name: str) -> int:
+    """Value of a status."""
+    return next(v for k, v, _ in STATUS if k == name)

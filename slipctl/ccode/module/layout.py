@@ -1,0 +1,228 @@
+"""Names and places in C: which struct member carries which signal of a Block."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+
+from slipctl.block.block import Block
+from slipctl.block.curves import places_of
+from slipctl.block.signals import Signal
+from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.tree.expressions import number
+from slipctl.errors import BadInput
+
+_C_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while asm bool catch class const_cast delete dynamic_cast explicit export false friend
+mutable namespace new operator private protected public reinterpret_cast static_cast template this
+throw true try typeid typename using virtual wchar_t and or not xor constexpr decltype nullptr
+noexcept alignas alignof thread_local NAN INFINITY NULL EOF I
+"""
+KEYWORDS = frozenset(_C_WORDS.split())
+"""Words that C or C++ keep, and macros of the headers a caller is likely to have."""
+
+_LOCAL_WORDS = """
+in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan asin acos atan
+atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
+hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
+sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
+all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
+states_within start recover guard part part_off off refused told in_force used limit_outputs
+start_outputs mark fresh rising derived work own defaults untouched good whole which
+"""
+LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
+"""Names that mean something inside the generated functions; loops count by the last three."""
+
+
+_FILE_WORDS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg
+stdbool stddef stdint stdio stdlib string tgmath time wchar wctype
+example cortex_m fmi2 fmi3 makefile xcp xcp_board
+all all_build clean edit_cache help install package package_source preinstall rebuild_cache
+run_tests test zero_check
+aux con nul prn
+"""
+FILES = frozenset(_FILE_WORDS.split())
+"""Headers of C, other files of the folder, targets of make and CMake, devices of Windows: no module
+has such a name, in letters of either case."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A struct member: the signal it carries and its C name."""
+
+    signal: Signal
+    c: str
+
+    @property
+    def name(self) -> str:
+        """Name of the signal, dots included."""
+        return self.signal.name
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return self.signal.size
+
+    @property
+    def scalar(self) -> bool:
+        """Whether it is a plain number in C; a vector of one element is an array."""
+        return self.signal.shape == ()
+
+    def at(self, pointer: str, k: int) -> str:
+        """C expression of element k."""
+        return f"{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}[{k}]"
+
+    def address(self, pointer: str) -> str:
+        """C expression of the address of its first element."""
+        return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
+
+    def declared(self, name: str = "") -> str:
+        """Declaration inside a struct, by its C name or another."""
+        name = name or self.c
+        return f"double {name};" if self.scalar else f"double {name}[{self.size}];"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Members of the structs of one C module."""
+
+    name: str
+    inputs: tuple[Member, ...]
+    params: tuple[Member, ...]
+    derived: tuple[Member, ...]
+    states: tuple[Member, ...]
+    outputs: tuple[Member, ...]
+
+    @property
+    def big(self) -> str:
+        """Name in capitals, for constants."""
+        return self.name.upper()
+
+    @cached_property
+    def kept(self) -> tuple[tuple[str, tuple[Member, ...]], ...]:
+        """States by the struct of their part, as they lie in memory; those of "" are in none.
+
+        A part whose states do not lie together has no struct.
+        """
+        groups = [
+            (path, tuple(own))
+            for path, own in groupby(self.states, lambda m: m.name.rpartition(".")[0])
+        ]
+        names = [path and c_name(path) for path, _ in groups]
+        taken = {m.c for m in self.states}
+
+        def struct(path: str, own: tuple[Member, ...]) -> str:
+            name = path and c_name(path)
+            free = names.count(name) == 1 and name not in taken
+            return name if free and all(m.c != "in_force" for m in own) else ""
+
+        return tuple((struct(path, own), own) for path, own in groups)
+
+    @cached_property
+    def places(self) -> dict[str, str]:
+        """Where a state lies in the struct of all that is kept, by its C name."""
+        return {
+            m.c: f"{struct}.{own_name(m)}" if struct else m.c
+            for struct, own in self.kept for m in own
+        }  # fmt: skip
+
+    def nested(self, text: str) -> str:
+        """C text in which a state of a part is a member of the struct of that part."""
+        moved = {c: place for c, place in self.places.items() if c != place}
+        if not moved:
+            return text
+        use = re.compile(
+            r"((?:\b(?:state|next|x)->|\b(?:kept|next)\.))(" + "|".join(moved) + r")\b"
+        )
+        return use.sub(lambda m: m[1] + moved[m[2]], text)
+
+
+def layout(block: Block, name: str) -> Layout:
+    """Give each signal of a block its member.
+
+    Raises:
+        BadInput: ``name`` is no C identifier, or a file has it already; two signals would have one
+            C name; a parameter without value.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        raise BadInput(
+            f"{name!r} cannot name a C file and its functions; take a letter, then letters, digits"
+            " or _"
+        )
+    if name.lower() in FILES:
+        raise BadInput(
+            f"{name!r} cannot name a C file and its functions: C, make, CMake or Windows keep it;"
+            f" take another, such as {name}_law"
+        )
+    for p in block.params.values():
+        if p.value is None:
+            where = "" if p.unit == "1" else f" in {p.unit}"
+            raise BadInput(f"{block.name}.{p.name} has no value; give it a default{where}")
+        places_of(block.params, p.name)
+    free = [s for s in block.params.values() if not s.derived]
+    derived = [s for s in block.params.values() if s.derived]
+    return Layout(
+        name,
+        _members(block, block.inputs.values()),
+        _members(block, free),
+        _members(block, derived),
+        _members(block, block.states.values()),
+        _members(block, block.outputs.values()),
+    )
+
+
+def c_name(name: str) -> str:
+    """C name of a signal: dots become underscores, words of C get one at the end."""
+    plain = re.sub(r"\W", lambda m: "_" if m[0] == "." else ascii_text(m[0]), name)
+    plain = re.sub(r"[^\x00-\x7f]", lambda m: ascii_text(m[0]), plain)
+    return plain + "_" if plain in KEYWORDS or not re.match("[A-Za-z_]", plain) else plain
+
+
+def own_name(m: Member) -> str:
+    """C name of a signal inside the struct of its part."""
+    return c_name(m.name.rpartition(".")[2])
+
+
+def _members(block: Block, signals: Iterable[Signal]) -> tuple[Member, ...]:
+    members: dict[str, Member] = {}
+    for s in signals:
+        c = c_name(s.name)
+        if c in members:
+            raise BadInput(
+                f"{block.name}: {members[c].name!r} and {s.name!r} would both be {c!r} in C;"
+                " rename one"
+            )
+        members[c] = Member(s, c)
+    return tuple(members.values())
+
+
+def range_text(s: Signal) -> str:
+    """Range of a signal in words, ends that follow parameters as they are declared."""
+    if s.values:
+        return s.meanings
+    lo = [number(s.lo)] * (s.lo > float("-inf")) + [
+        b.expression for b in s.bounds if b.what == "lo"
+    ]
+    hi = [number(s.hi)] * (s.hi < float("inf")) + [b.expression for b in s.bounds if b.what == "hi"]
+    low, high = " and ".join(lo), " and ".join(hi)
+    if lo and hi:
+        return f"{low} to {high}"
+    return f"at least {low}" if lo else f"at most {high}" if hi else ""
+
+
+def change_text(s: Signal) -> str:
+    """Largest change per tick of a signal in words."""
+    own = [number(s.change)] * (s.change < float("inf"))
+    return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "change")])
+
+
+def noise_text(s: Signal) -> str:
+    """Noise of a signal in words, empty if none is declared."""
+    own = [number(s.jitter)] * (s.jitter > 0)
+    return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "noise")])

@@ -1,0 +1,484 @@
+"""What a C module consists of: its structs, its equations, how it starts, where it works."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import evaluate, names_in
+from slipctl.block.transforms.discretisation import counters
+from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
+from slipctl.ccode.module.layout import LOCAL, Layout, Member, layout
+from slipctl.ccode.module.parts import Place, Wires
+from slipctl.ccode.passes.precision import check_real, round_to_real, size
+from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
+from slipctl.ccode.tree.shapes import constant, dense_value, matrix
+from slipctl.ccode.tree.statements import declaration_lines
+from slipctl.errors import BadInput
+
+ON_STACK = 128
+"""Numbers of scratch memory above which it lies in the state struct instead of on the stack."""
+
+
+class Ends(NamedTuple):
+    """Of each element least and greatest value, largest change per tick, and noise."""
+
+    lo: np.ndarray
+    hi: np.ndarray
+    change: np.ndarray
+    noise: np.ndarray
+
+
+class Plan:
+    """Everything that header and source are written from.
+
+    Args:
+        block: a step or a law.
+        name: name of the module.
+        period: tick in s, if the block does not say it itself; only told in comments.
+        real: type of a number in C, double or float.
+        rates: whether there is a step function for each rate too.
+        counter: whether there is a step that is told the number of its tick too.
+
+    Raises:
+        BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
+            value, an operation that cannot be generated.
+    """
+
+    def __init__(
+        self,
+        block: Block,
+        name: str | None = None,
+        period: float | None = None,
+        real: str = "double",
+        rates: bool = False,
+        counter: bool = False,
+    ) -> None:
+        self.real, self.rates, self.counter = check_real(real), rates, counter
+        if block.kind == "flow":
+            raise BadInput(
+                f"{block.name} is continuous and has no step;"
+                f" sampled({block.name}, h, method) first"
+            )
+        self.block = block
+        self.layout: Layout = layout(block, name or block.name)
+        self.name, self.period = self.layout.name, block.period or period
+        self.bound_helpers: set[str] = set()
+        try:
+            if block.split:  # only CasADi's text leaves what is prepared where it lies
+                raise Unsupported("a tick in two parts")
+            self.equations: Kernel = self._by_parts()
+        except Unsupported:  # a table, say
+            self.equations = kernel(
+                self._function(), self._argument, self._local_names(), self.docs, block.name,
+                self._can_be,
+            )  # fmt: skip
+
+    def _by_parts(self) -> Kernel:
+        lay = self.layout
+        params = {m.name: (m, "param->") for m in lay.params}
+        params |= {m.name: (m, "derived->") for m in lay.derived}
+        wires = Wires(
+            {m.name: (m, "state->") for m in lay.states},
+            {m.name: (m, "next->") for m in lay.states},
+            {m.name: (m, "in->") for m in lay.inputs}, params,
+            {m.name: (m, "now->") for m in lay.outputs},
+        )  # fmt: skip
+
+        def signature(result: str, name: str, used: Sequence[str]) -> str:
+            return declaration_lines(result, name, *([self.types[u] for u in used] or ["void"]))
+
+        def can_be(place: Place, k: int) -> int:
+            return NUMBER if place[1] == "param->" else FINITE
+
+        work = self.types["work"]
+        return by_parts(self.block, wires, signature, self.results, self.docs, can_be, work)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files of the module: header, parts if it has such, source."""
+        parts = [f"{self.name}_parts.h"] * bool(self.equations.functions)
+        return (f"{self.name}.h", *parts, f"{self.name}.c")
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Declaration of each struct that a function of the module may be given, by its name."""
+        n = self.name
+        return {
+            "in": f"const {n}_in *in", "param": f"const {n}_param *param",
+            "derived": f"const struct {n}_derived *derived",
+            "state": f"const struct {n}_kept *state", "next": f"struct {n}_kept *next",
+            "now": f"{n}_out *now", "work": f"struct {n}_work *work",
+        }  # fmt: skip
+
+    @cached_property
+    def docs(self) -> dict[str, str]:
+        """First sentence of each part by the name of its Function."""
+        found: dict[str, str] = {}
+        for _, leaf in self.block.leaves():
+            if leaf.doc:
+                found.setdefault(leaf._c_name(), first_sentence(leaf.doc))
+        return found
+
+    @cached_property
+    def arguments(self) -> list[tuple[Member, str]]:
+        """Struct member behind each argument of the equations, with the pointer to it."""
+        lay = self.layout
+        found = [(m, "state->") for m in lay.states] + [(m, "in->") for m in lay.inputs]
+        params = {m.name: (m, "param->") for m in lay.params}
+        params |= {m.name: (m, "derived->") for m in lay.derived}
+        return found + [params[n] for n in self.block.params]
+
+    @cached_property
+    def results(self) -> list[tuple[Member, str]]:
+        """Struct member behind each result of the equations, with the pointer to it."""
+        lay = self.layout
+        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.outputs]
+
+    @property
+    def work_in_state(self) -> bool:
+        """Whether the scratch memory of the equations lies in the state struct."""
+        _, _, sz_iw, sz_w = self.equations.work
+        return bool(self.equations.arrays) or 2 * sz_w + sz_iw > 2 * ON_STACK
+
+    @property
+    def next_in_state(self) -> bool:
+        """Whether the next state is put together in the state struct instead of on the stack."""
+        return self.rates or sum(m.size for m in self.layout.states) > ON_STACK
+
+    @property
+    def memory_bytes(self) -> dict[str, int]:
+        """Size of each struct of the module, by its short name."""
+        lay = self.layout
+        groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
+        found = {k: size(self.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
+        return found | {"state": self._state_bytes}
+
+    @property
+    def _state_bytes(self) -> int:
+        """Size of the state struct, where int has four bytes and a number is aligned to its own."""
+        lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
+        states = sum(m.size for m in lay.states)
+        held = max(sum(m.size for m in lay.outputs), 1)
+        numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2 + bool(self.counters)  # of guards
+        numbers += max(sum(m.size for m in lay.params), 1)  # those in force
+        numbers += held + 2 if self.rates else 0  # a tick in hand
+        numbers += sz_w if self.work_in_state else 0
+        whole = size(self.real)
+        numbers += -(-8 // whole) if self.counter else 0  # two integers
+        return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
+
+    @property
+    def early(self) -> list[Member]:
+        """Inputs that ``prepare`` reads."""
+        names = self.block.split.inputs if self.block.split else ()
+        return [m for m in self.layout.inputs if m.name in names]
+
+    @property
+    def ahead(self) -> list[Member]:
+        """States that ``prepare`` makes and the rest of the tick leaves as they are."""
+        names = self.block.split.ahead if self.block.split else ()
+        return [m for m in self.layout.states if m.name in names]
+
+    def state_named(self, name: str) -> Member:
+        """The state of this name."""
+        return next(m for m in self.layout.states if m.name == name)
+
+    @property
+    def n_in(self) -> int:
+        """Number of input elements."""
+        return sum(m.size for m in self.layout.inputs)
+
+    @cached_property
+    def counters(self) -> list[tuple[Member, int]]:
+        """States that count ticks from one run of a part to the next, and how many those are."""
+        return [(self.state_named(n), ticks) for n, ticks in counters(self.block).items()]
+
+    @property
+    def stale(self) -> np.ndarray:
+        """Ticks for which the last good value of each input element is taken."""
+        return np.array([float(m.signal.stale) for m in self.layout.inputs for _ in range(m.size)])
+
+    @cached_property
+    def parts(self) -> dict[str, list[Member]]:
+        """States of each part by its path, in the order in which parts are reset."""
+        found: dict[str, list[Member]] = {}
+        for m in self.layout.states:
+            found.setdefault(m.name.rpartition(".")[0], []).append(m)
+        return found
+
+    def ranged(self, m: Member) -> bool:
+        """Whether a signal has a range of its own."""
+        return any(math.isfinite(v) for v in self.limits(m)) or any(
+            b.what in ("lo", "hi") for b in m.signal.bounds
+        )
+
+    def ends(self, members: Iterable[Member], values: Mapping[str, Any]) -> Ends:
+        """Range, largest change per tick and noise of each element, in numbers that C has."""
+        most = float(np.finfo(np.float32 if self.real == "float" else np.float64).max)
+        rows = []
+        for m in members:
+            found = self.block.ends(m.signal, values)
+            for k in range(m.size):
+                lo, hi, change, noise = (
+                    [float(_element(v, k)) for v in given] for given in found
+                )  # fmt: skip
+                rows.append((max([-most, *lo]), min([most, *hi]), min([most, *change]),
+                             max(noise, default=0.0)))  # fmt: skip
+        return Ends(*round_to_real(np.array(rows).reshape(-1, 4), self.real).T)
+
+    @cached_property
+    def coupled(self) -> bool:
+        """Whether an end of an input follows other inputs."""
+        known = self._symbols(self.block.params)
+        both = known | self._symbols(self.block.inputs)
+        return any(
+            len(a) < len(b) for m in self.layout.inputs
+            for a, b in zip(self.block.ends(m.signal, known), self.block.ends(m.signal, both),
+                            strict=True)
+        )  # fmt: skip
+
+    def _symbols(self, signals: Mapping[str, Any]) -> dict[str, ca.SX]:
+        return {n: ca.SX.sym(n, *matrix(s)) for n, s in signals.items()}
+
+    def ends_of_inputs(self, values: Mapping[str, Any]) -> ca.Function:
+        """Function of last good inputs, one below the other, to the columns of :class:`Ends`."""
+        symbols = self._symbols(self.block.inputs)
+        most = float(np.finfo(np.float32 if self.real == "float" else np.float64).max)
+        top = {"lo": -most, "hi": most, "change": most, "noise": 0.0}
+        columns: dict[str, list[Any]] = {what: [] for what in Ends._fields}
+        for m in self.layout.inputs:
+            found = self.block.ends(m.signal, {**values, **symbols})
+            for what, given in zip(Ends._fields, found, strict=True):
+                for k in range(m.size):
+                    here = [_element(v, k) for v in given]
+                    columns[what].append(_tightest(m, what, here) if here else top[what])
+        last = ca.vertcat(*(ca.vec(v) for v in symbols.values()))
+        return ca.Function("ends", [last], [ca.vertcat(*c) for c in columns.values()])
+
+    def ends_text(
+        self, members: Iterable[Member], last: bool = False
+    ) -> tuple[list[str], dict[Any, str]]:
+        """The same in C: statements, and an expression by (member, element, what).
+
+        Args:
+            members: of one role.
+            last: count ends that follow the last good values of inputs, too.
+        """
+        lay, block = self.layout, self.block
+        places = {m.name: (m, "param->") for m in lay.params}
+        places |= {m.name: (m, "derived->") for m in lay.derived}
+        places |= {m.name: (m, "guard->last.") for m in lay.inputs}
+        read = [*block.params.values(), *(block.inputs.values() if last else ())]
+        symbols = self._symbols({s.name: s for s in read})
+        keys, results, texts = [], [], {}
+        for m in members:
+            found = dict(zip(Ends._fields, block.ends(m.signal, symbols), strict=True))
+            top = {"lo": "-DBL_MAX", "hi": "DBL_MAX", "change": "DBL_MAX", "noise": "0.0"}
+            for what, given in found.items():
+                follows = any(b.what == what for b in m.signal.bounds)
+                for k in range(m.size):
+                    here = [_element(v, k) for v in given]
+                    if not follows:
+                        texts[m.c, k, what] = _literal(here[0], self.real) if here else top[what]
+                        continue
+                    if not here:
+                        texts[m.c, k, what] = top[what]
+                        continue
+                    keys.append((m.c, k, what))
+                    results.append(ca.SX(_tightest(m, what, here)))
+        if not keys:
+            return [], texts
+        f = ca.Function("ends", list(symbols.values()), results)
+        members_ = [places[s.name] for s in read]
+        writer = Writer(f, lambda i, k: members_[i][0].at(members_[i][1], k)).run()
+        self.bound_helpers |= set(writer.helpers)
+        at = dict(writer.results)
+        return list(writer.lines), texts | {
+            key: writer.result(at[i, 0]) for i, key in enumerate(keys)
+        }
+
+    def limits(self, m: Member) -> tuple[float, float]:
+        """Range of a signal, in numbers that C has."""
+        lo, hi = round_to_real((m.signal.lo, m.signal.hi), self.real)
+        return float(lo), float(hi)
+
+    def before(self, m: Member) -> float:
+        """Output before the first good step: safe, or what is nearest to 0 with the defaults."""
+        if m.c in self.safe:
+            return self.safe[m.c]
+        lo, hi, *_ = self.ends([m], self.block.param_values())
+        return min(max(0.0, float(lo.max())), float(hi.min()))
+
+    def follows(self, members: Iterable[Member]) -> bool:
+        """Whether an end of a range of these is an expression of parameters."""
+        return any(b.what in ("lo", "hi") for m in members for b in m.signal.bounds)
+
+    @property
+    def safe(self) -> dict[str, float]:
+        """Safe value by the C name of each output that states one."""
+        return {m.c: float(m.signal.safe) for m in self.layout.outputs if m.signal.safe is not None}
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether the equations say if they came to an end (a solver may not)."""
+        return bool(self.equations.entry) or self.equations.calls
+
+    @cached_property
+    def untested(self) -> list[tuple[Member, str, int]]:
+        """Elements of results that may come out NaN or infinite: member, pointer, number.
+
+        Of what is written several times, such as an output of a part that leaves the controller
+        too, there is one.
+        """
+        made, found = self.equations, []
+        seen: set[str] = set()
+        for i, (m, pointer) in enumerate(self.results):
+            for k in range(m.size):
+                text = made.results.get((i, k), f"{pointer}{m.c} {k}")
+                tested = pointer == "next->" and self.ranged(m)
+                if text not in seen and (i, k) not in made.finite and not tested:
+                    found.append((m, pointer, k))
+                seen.add(text)
+        return found
+
+    def _argument(self, i: int, k: int) -> str:
+        member, pointer = self.arguments[i]
+        return member.at(pointer, k)
+
+    def _can_be(self, i: int, k: int) -> int:
+        """What an argument can be: the step refuses an input, init and tune what is derived."""
+        return NUMBER if self.arguments[i][1] == "param->" else FINITE
+
+    def _function(self) -> ca.Function:
+        """Equations with one argument and one result per signal, so that nothing is copied."""
+        block = self.block
+        groups = [block.symbols(role) for role in ("state", "input", "param")]
+        n, y = block.expr(groups[0], groups[1], groups[2])
+        results = [dense_value(block, s, n[k]) for k, s in block.states.items()]
+        results += [dense_value(block, s, y[k]) for k, s in block.outputs.items()]
+        arguments = [v for g in groups for v in g.values()]
+        return ca.Function(f"{block._c_name()}_step", arguments, results, {"cse": True})
+
+    def _local_names(self) -> dict[tuple[int, int], str]:
+        """Names of results inside the equations; an output carries its own."""
+        names: dict[tuple[int, int], str] = {}
+        taken: set[str] = set()
+        outputs_first = sorted(
+            range(len(self.results)), key=lambda i: self.results[i][1] != "now->"
+        )
+        for i in outputs_first:
+            m, pointer = self.results[i]
+            for k in range(m.size):
+                local = m.c + ("_next" if pointer == "next->" else "")
+                local += "" if m.scalar else f"_{k}"
+                if local in LOCAL or re.fullmatch(r"[abckrt]\d+", local) or local in taken:
+                    continue
+                taken.add(local)
+                names[i, k] = local
+        return names
+
+    @cached_property
+    def start(self) -> Writer:
+        """Derived parameters, then start values, as functions of the free parameters.
+
+        What is a plain number has the result 0 here; it is written as a constant instead.
+        """
+        block, lay = self.block, self.layout
+        symbols = {m.name: ca.SX.sym("p", *matrix(m.signal)) for m in lay.params}
+        known: dict[str, Any] = dict(block.derive(symbols))
+        rest = {n: s.value for n, s in block.states.items()}
+        while rest:
+            ready = [
+                n for n, value in rest.items()
+                if not isinstance(value, str) or self._siblings(n, value, known) is not None
+            ]  # fmt: skip
+            if not ready:
+                n, value = next(iter(rest.items()))
+                raise BadInput(f"{block.name}.{n}: start value {value!r} cannot be computed")
+            for n in ready:
+                value = rest.pop(n)
+                if isinstance(value, str):
+                    local = self._siblings(n, value, known)
+                    known[n] = evaluate(value, local or {}, f"{block.name}.{n}")
+                else:
+                    known[n] = ca.DM(constant(block.states[n], value))
+        results = []
+        for m in (*lay.derived, *lay.states):
+            value = known[m.name] if m.signal.derived else 0.0
+            results.append(dense_value(block, m.signal, ca.SX(value)))
+        f = ca.Function("start", list(symbols.values()), results, {"cse": True})
+        return Writer(f, lambda i, k: lay.params[i].at("param->", k)).run()
+
+    def _siblings(
+        self, name: str, expression: str, known: Mapping[str, Any]
+    ) -> dict[str, Any] | None:
+        """Values that an expression of ``name`` uses, if all are known."""
+        full = {k: self.block._sibling(name, k) for k in names_in(expression)}
+        return {k: known[f] for k, f in full.items()} if set(full.values()) <= set(known) else None
+
+    def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[str]:
+        """Statements that compute derived parameters or start values from expressions."""
+        at = dict(self.start.results)
+        texts: list[str] = []
+        for i, m in enumerate(members, start=first):
+            if not m.signal.derived:
+                continue
+            values = [self.start.result(at[i, k]) for k in range(m.size)]
+            if m.size > 2 and len(set(values)) == 1:
+                texts.append(f"fill({pointer}{m.c}, {m.size}, {values[0]});")
+            else:
+                texts += [f"{m.at(pointer, k)} = {v};" for k, v in enumerate(values)]
+        needed = set(re.findall(r"\ba\d+\b", " ".join(texts)))
+        lines: list[str] = []
+        for line in reversed(self.start.lines):
+            name = re.match(r"const \w+ (\w+) =", line)
+            if name and name[1] in needed:
+                lines.append(line)
+                needed |= set(re.findall(r"\ba\d+\b", line))
+        return [*reversed(lines), *texts]
+
+    def part_docs(self) -> Iterator[tuple[str, Block]]:
+        """Path and block of each part that has a text."""
+        for path, leaf in self.block.leaves():
+            if leaf is not self.block and leaf.doc:
+                yield path, leaf
+
+
+def _tightest(m: Member, what: str, given: list[Any]) -> Any:
+    """The end of a range that holds where there are several, of which some are expressions."""
+    tightest = given[0]
+    for v in given[1:]:
+        other = v > tightest if what in ("lo", "noise") else v < tightest
+        tightest = ca.if_else(other, v, tightest)
+    # parameters in their ranges may still turn the range round
+    if what == "lo" and math.isfinite(m.signal.hi):
+        tightest = ca.fmin(tightest, m.signal.hi)
+    if what == "hi" and math.isfinite(m.signal.lo):
+        tightest = ca.fmax(tightest, m.signal.lo)
+    return tightest
+
+
+def _element(value: Any, k: int) -> Any:
+    """Element of a number, an array or a symbol; one number stands for all."""
+    if isinstance(value, ca.SX):
+        return value[k] if value.numel() > 1 else value
+    flat = np.asarray(value, dtype=float).ravel(order="F")
+    return flat[k] if flat.size > 1 else flat[0]
+
+
+def _literal(value: float, real: str) -> str:
+    return number(float(round_to_real(value, real)))
+
+
+def first_sentence(doc: str) -> str:
+    """First paragraph of a text, on one line."""
+    return " ".join(doc.strip().partition("\n\n")[0].split())

@@ -1,0 +1,289 @@
+"""A step function for each rate of a controller, beside the one step.
+
+Parts that run every few ticks stand between others in the order of the wires. So a tick is a row of
+groups: the parts of one rate, then those of the next. Each group is a function. Called in their
+order they do what the step does, to the bit, with the same guards. The first one looks at the
+inputs, the last one takes or refuses the tick.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.parts import POINTERS
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.statements import declaration_lines, define, if_
+from slipctl.errors import BadInput
+
+
+class Group(NamedTuple):
+    """Parts of one rate that run one behind the other.
+
+    Attributes:
+        name: of their step, without that of the module, ``step_5ms``.
+        ticks: from one run to the next.
+        calls: of the parts.
+    """
+
+    name: str
+    ticks: int
+    calls: tuple[str, ...]
+
+
+def groups(plan: Plan) -> tuple[Group, ...]:
+    """Groups of a tick, in order; the last one has the rate of the step, if only to end the tick.
+
+    Raises:
+        BadInput: all parts have one rate, or the controller is not written by parts.
+    """
+    made = plan.equations
+    if not made.functions or plan.block.split:
+        raise BadInput(
+            f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
+        )
+    rates = [made.ticks.get(line, 1) for line in made.lines]
+    if set(rates) <= {1}:
+        raise BadInput(f"--rates: all of {plan.block.name} runs in every tick; leave it out")
+    waits = _waits(made.lines, made.functions)
+    orders = [_order(rates, waits, first) for first in dict.fromkeys(rates)]
+    rows = [_rows(order, rates) for order in orders if order]
+    rows = [row if row[-1][0] == 1 else [*row, (1, [])] for row in rows]
+    best = min(rows, key=len)
+    found: list[Group] = []
+    for ticks, places in best:
+        name = f"step_{_rate(plan, ticks)}"
+        before = sum(g.ticks == ticks for g in found)
+        name += f"_{before + 1}" if before else ""
+        found.append(Group(name, ticks, tuple(made.lines[k] for k in places)))
+    return tuple(found)
+
+
+def _rate(plan: Plan, ticks: int) -> str:
+    """``5ms``, ``200us``, or ``every_5`` where no period is known."""
+    if not plan.period:
+        return f"every_{ticks}"
+    for unit, size in (("ms", 1e-3), ("us", 1e-6)):
+        many = ticks * plan.period / size
+        if round(many) and math.isclose(many, round(many), rel_tol=1e-9):
+            return f"{round(many)}{unit}"
+    return f"every_{ticks}"
+
+
+def _waits(calls: Sequence[str], texts: Mapping[str, str]) -> list[set[int]]:
+    """Earlier calls that each call has to wait for: those that write what it reads, or reverse.
+
+    A member of ``now`` or ``next`` is written where it first appears, where it stands to the left
+    of ``=``, and where it is passed on whole.
+    """
+    bodies = [_with_called(call, texts) for call in calls]
+    members = [set(re.findall(r"\b(?:now|next)->\w+", b)) for b in bodies]
+    waits: list[set[int]] = []
+    seen: set[str] = set()
+    writes: list[set[str]] = []
+    for k, body in enumerate(bodies):
+        writes.append({m for m in members[k] if m not in seen or _written(m, body)})
+        seen |= members[k]
+        waits.append({
+            j for j in range(k)
+            if writes[j] & members[k] or members[j] & writes[k]
+        })  # fmt: skip
+    return waits
+
+
+def _with_called(call: str, texts: Mapping[str, str]) -> str:
+    """A call with the text of what it calls, and of what that calls."""
+    found, left = [call], re.findall(r"\b(\w+)\(", call)
+    known: set[str] = set()
+    while left:
+        name = left.pop()
+        if name in texts and name not in known:
+            known.add(name)
+            body = texts[name].partition("{")[2]
+            found.append(body)
+            left += re.findall(r"\b(\w+)\(", body)
+    return "\n".join(found)
+
+
+def _written(member: str, body: str) -> bool:
+    """Whether a text may write a member: it assigns to it, or passes the array."""
+    m = re.escape(member)
+    element = r"(?:\[[^\]]*\])?"
+    return re.search(rf"{m}{element} = |[(&,] ?{m}(?=[,)])|&{m}", body) is not None
+
+
+def _order(rates: Sequence[int], waits: Sequence[set[int]], first: int) -> list[int]:
+    """Calls in an order that keeps what waits for what, with few changes of the rate."""
+    order: list[int] = []
+    rate, done = first, set[int]()
+    while len(order) < len(rates):
+        ready = [k for k in range(len(rates)) if k not in done and waits[k] <= done]
+        now = [k for k in ready if rates[k] == rate]
+        if not now:
+            if not order:
+                return []  # nothing of this rate can come first
+            rate = rates[ready[0]]
+            continue
+        order.append(now[0])
+        done.add(now[0])
+    return order
+
+
+def _rows(order: Sequence[int], rates: Sequence[int]) -> list[tuple[int, list[int]]]:
+    rows: list[tuple[int, list[int]]] = []
+    for k in order:
+        if not rows or rows[-1][0] != rates[k]:
+            rows.append((rates[k], []))
+        rows[-1][1].append(k)
+    return rows
+
+
+# ---- text ---------------------------------------------------------------------------------------
+
+
+def prototypes(plan: Plan) -> dict[str, str]:
+    """Declarations of the steps of the groups, by their short names."""
+    n = plan.name
+    return {
+        g.name: declaration_lines("int", f"{n}_{g.name}", f"const {n}_in *in", f"const {n}_param *param",
+                        f"{n}_state *state", f"{n}_out *out")
+        for g in groups(plan)
+    }  # fmt: skip
+
+
+def rate_docs(plan: Plan) -> dict[str, str]:
+    """What the header says of each."""
+    row = groups(plan)
+    listed = ", ".join(f"{plan.name}_{g.name}" for g in row)
+    found = {}
+    for k, g in enumerate(row):
+        when = "every tick" if g.ticks == 1 else f"every {g.ticks}th tick"
+        parts = ", ".join(re.findall(r"^(\w+)\(", "\n".join(g.calls), re.M)) or "no part"
+        found[g.name] = (
+            f"A piece of the tick: {parts}; for {when}. Together, in the order {listed}, they do"
+            f" what {plan.name}_step does, to the bit. What is left out the next of them does."
+        )
+        if k == len(row) - 1:
+            found[g.name] += " This one ends the tick: status and outputs are those of step."
+        else:
+            found[g.name] += " Outputs are left alone; the status is what is known so far."
+    return found
+
+
+def tick_struct(plan: Plan) -> list[str]:
+    """Members of the state for a tick in hand."""
+    n = plan.name
+    return [
+        f"    struct {n}_tick {{",
+        f"        {n}_out now; /* outputs so far */",
+        "        double done; /* groups of parts that are done, 0 where no tick is in hand */",
+        "        double status; /* what the inputs gave */",
+        "    } tick; /* a tick in hand, between the steps of its rates */",
+    ]
+
+
+def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: Sequence[str]) -> str:
+    """Functions of the groups, and the step, which is the last of them at the begin of a tick.
+
+    Args:
+        plan: the module.
+        looked: statements that look at the inputs, ``status`` among them.
+        rest: statements that take or refuse the tick, with ``used``, ``status`` and ``now``.
+        hold: statements that give the outputs of a tick that is refused.
+    """
+    n, big = plan.name, plan.layout.big
+    row = groups(plan)
+    made = [_go_on(plan, row, looked)]
+    texts = prototypes(plan)
+    for k, g in enumerate(row[:-1], start=1):
+        body = ["(void)param; /* those in force are used */", "(void)out;",
+                f"return (int)go_on(in, state, {number(float(k))});"]  # fmt: skip
+        made.append(define(texts[g.name], body))
+    nothing = "start_outputs(out);" if plan.layout.outputs else "out->unused = 0.0;"
+    end = [
+        "(void)param; /* those in force are used */",
+        f"const {n}_param *const used = &state->in_force;",
+        f"{n}_out now;",
+        f"unsigned int status = go_on(in, state, {number(float(len(row)))});",
+        if_([f"(status & (unsigned int){big}_NO_INIT) != 0U"], nothing, "return (int)status;"),
+        "state->tick.done = 0.0;",
+        if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;"),
+        "now = state->tick.now;",
+        *rest,
+    ]
+    made.append(define(texts[row[-1].name], end))
+    return "\n\n".join([*_groups(plan, row), *made])
+
+
+def step(plan: Plan) -> list[str]:
+    """Body of the one step: the last function, as nothing of the tick is done."""
+    return [
+        "state->tick.done = 0.0;",
+        f"return {plan.name}_{groups(plan)[-1].name}(in, param, state, out);",
+    ]
+
+
+def _used(g: Group) -> list[str]:
+    """Structs that the parts of a group take."""
+    text = " ".join(g.calls)
+    return [p for p in POINTERS if re.search(rf"(?<!->)\b{p}\b", text)]
+
+
+def _groups(plan: Plan, row: Sequence[Group]) -> list[str]:
+    """A static function for each group that has parts."""
+    found = []
+    for g in row:
+        if g.calls:
+            what = comment("Parts that run " + (
+                "in every tick." if g.ticks == 1 else f"every {g.ticks}th tick."))  # fmt: skip
+            given = [plan.types[p] for p in _used(g)]
+            signature = declaration_lines("static void", f"parts_of_{g.name}", *given)
+            body = "\n".join(f"    {call}" for call in g.calls)
+            found.append(f"{what}\n{signature}\n{{\n{body}\n}}")
+    return found
+
+
+def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
+    n, big = plan.name, plan.layout.big
+    place = {"in": "seen" if plan.layout.inputs else "in", "param": "used",
+             "derived": "&state->derived", "state": "&state->kept", "next": "&state->next",
+             "now": "&state->tick.now", "work": "&state->work"}  # fmt: skip
+    calls = []
+    for k, g in enumerate(row):
+        if g.calls:
+            call = f"parts_of_{g.name}({', '.join(place[p] for p in _used(g))});"
+            conditions = [f"state->tick.done < {number(k + 1.0)}"]
+            if k:
+                conditions = [f"({conditions[0]}) && (groups > {number(float(k))})"]
+            calls.append(if_(conditions, call))
+    used = {p for g in row for p in _used(g)}
+    struct = {
+        "in": [f"const {n}_in *const seen = &state->guard.last;"] * bool(plan.layout.inputs),
+        "param": [f"const {n}_param *const used = &state->in_force;"],
+    }
+    begin = [*looked, "state->tick.status = (double)status;", "state->tick.done = 0.0;",
+             "state->next = state->kept;"]  # fmt: skip
+    lines = [
+        *(line for p, declared in struct.items() if p in used for line in declared),
+        *["(void)in;"] * (not plan.layout.inputs and "in" not in used),
+        "unsigned int status;",
+        if_([f"!(state->guard.mark == {number(guard.MARK)})"],
+            f"return (unsigned int){big}_NO_INIT | (unsigned int){big}_REFUSED;"),
+        if_(["!((state->tick.done >= 1.0) && (state->tick.done < groups))"], *begin),
+        "status = (unsigned int)(int)state->tick.status;",
+        if_([f"(status & (unsigned int){big}_REFUSED) == 0U"], *calls),
+        "state->tick.done = groups;",
+        "return status;",
+    ]  # fmt: skip
+    what = comment(
+        "Go on with the tick in hand until so many groups of parts are done. Begin one if there"
+        " is none or it has come as far already. Gives what is known of its status."
+    )
+    signature = declaration_lines("static unsigned int", "go_on", f"const {n}_in *in", f"{n}_state *state",
+                        "double groups")  # fmt: skip
+    return f"{what}\n" + define(signature, lines)

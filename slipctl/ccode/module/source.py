@@ -1,0 +1,435 @@
+"""The source of a C module: equations, checks, init, tune and step."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import casadi as ca
+
+from slipctl.ccode.module import guard, rates, tick_counter
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.guard_functions import (
+    catch_up,
+    check_inputs,
+    check_inputs_call,
+    finite,
+    limit_outputs,
+    limit_outputs_call,
+    part_off,
+    part_off_call,
+    range_condition,
+    recover,
+    with_results,
+)
+from slipctl.ccode.module.header import head, identifier_free, prototype, prototypes
+from slipctl.ccode.module.kernel import Kernel, definitions
+from slipctl.ccode.module.layout import Member, own_name
+from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.small import checks
+from slipctl.ccode.passes.part_structs import nest_states
+from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.passes.split_step import equations_call, in_place, prepare, take_state
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.shapes import constant
+from slipctl.ccode.tree.statements import break_lines, conjunction, define, if_, short
+from slipctl.ccode.tree.structure import assign
+from slipctl.ccode.tree.vectors import initialiser_lines
+
+
+def sources(plan: Plan) -> dict[str, str]:
+    """Text of the source by file: its parts, if it has such, and the module around them."""
+    *headers, file = plan.files
+    n, parts = plan.name, "\n\n".join(plan.equations.functions.values())
+    made = (
+        _equations, _default, _param_ok, _tune, _start, limit_outputs, _start_outputs, _init,
+        check_inputs, finite, part_off, recover, catch_up, _hold, prepare, _step,
+    )  # fmt: skip
+    texts_of = [make(plan) for make in made]
+    texts_of += [tick_counter.functions(plan, _hold_call(plan))] * plan.counter
+    functions = "\n\n".join(text for text in texts_of if text)
+    small = checks(parts)
+    included = "".join(f'#include "{h}"\n' for h in headers)
+    before = [
+        head(plan, file),
+        f"{included}\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>",
+        "#if defined(__FAST_MATH__) \\\n"
+        "    || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))\n"
+        "#error compile without -ffast-math and -ffinite-math-only: NaN must be seen\n#endif",
+    ]
+    if plan.equations.copied:
+        before.append(
+            comment(
+                "Functions casadi_... are copied from the templates of CasADi"
+                f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
+            )
+        )
+    of_ranges = {*plan.start.helpers, *plan.bound_helpers}
+    if parts:
+        of_ranges -= plan.equations.helpers
+        shared = definitions([plan.equations], plan.real)
+        before.append(definitions([Kernel(helpers=frozenset(of_ranges))]))
+    else:
+        before.append(
+            definitions([plan.equations, Kernel(helpers=frozenset(of_ranges))], plan.real)
+        )
+    before.append(
+        checks(functions, small).replace("MEMORY_", number(guard.memory(plan.period, plan.stale)))
+    )
+    texts = {file: [*before, functions]}
+    if parts:
+        mark = f"{plan.layout.big}_PARTS_H"
+        told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
+        texts = {
+            headers[-1]: [
+                head(plan, headers[-1]), comment(told),
+                f'#ifndef {mark}\n#define {mark}\n\n#include "{n}.h"\n\n#include <math.h>\n'
+                "#include <stdbool.h>",
+                shared, small, parts, f"#endif /* {mark} */",
+            ]
+        } | texts  # fmt: skip
+    whole = _BETWEEN.join(_file(rows) for rows in texts.values())
+    whole = in_precision(whole, plan.real, plan.block.name)
+    whole = break_lines(short(nest_states(plan.layout, whole, plan.equations.functions)))
+    return dict(zip(texts, whole.split(_BETWEEN), strict=True))
+
+
+_BETWEEN = "/* ---- the next file ---- */\n"
+
+
+def _file(pieces: Iterable[str]) -> str:
+    """Text of a file of these pieces, with the header that defines NULL if it needs it."""
+    text = "\n\n".join(p.strip("\n") for p in pieces if p.strip()) + "\n"
+    if not re.search(r"\bNULL\b", text):
+        return text
+    return text.replace("#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1)
+
+
+# ---- equations ----------------------------------------------------------------------------------
+
+
+def _equations(plan: Plan) -> str:
+    n, made = plan.name, plan.equations
+    lines = _call_lines(plan) if made.entry else _own_lines(plan)
+    text = "\n".join(lines)
+    given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
+    given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
+    voids = [f"    (void){a};" for a in given if identifier_free(text, a)]
+    arguments = [plan.types[a] for a in given]
+    result = "static int" if plan.can_fail else "static void"
+    signature = prototype(plan, result, "equations", *arguments)
+    told = "The parts, in the order of the wires" if made.functions else "Equations"
+    what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
+    whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
+    return "" if plan.rates else whole
+
+
+def _own_lines(plan: Plan) -> list[str]:
+    """Statements of the equations; a part's text stands before its first output."""
+    made = plan.equations
+    places, lines = _memory(plan) if made.calls else ({}, [])
+    lines += ["    int failed = 0;"] * made.calls
+    part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
+    docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
+    for line in made.lines:
+        named = re.match(r"const \w+ (\w+) =", line)
+        part = part_of.get(named[1], "") if named else ""
+        if part in docs:
+            lines.append(comment(f"{part}: {docs.pop(part)}", "    "))
+        for placeholder, place in places.items():
+            line = line.replace(placeholder, place)
+        lines.append(f"    {line}")
+    if made.functions:
+        return lines
+    lines += [""] * bool(lines)
+    for i, (m, pointer) in enumerate(plan.results):
+        texts = [made.results[i, k] for k in range(m.size)]
+        lines += [f"    {line}" for line in assign(f"{pointer}{m.c}", texts, not m.scalar)]
+    return in_place(plan, lines) + ["    return failed;"] * made.calls
+
+
+def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
+    """Where CasADi's functions work: text for each placeholder, and declarations."""
+    sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
+    lines = [f"    const double *arg[{max(sz_arg, 1)}];", f"    double *res[{max(sz_res, 1)}];"]
+    places = {}
+    for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
+        place = "NULL" if not size else f"work->{name}" if plan.work_in_state else name
+        places[f"WORK_{name.upper()}_"] = place
+        if place == name:
+            lines.append(f"    {kind} {name}[{size}];")
+    return places, lines
+
+
+def _call_lines(plan: Plan) -> list[str]:
+    """Leave it all to CasADi's function: pass it the struct members."""
+    places, lines = _memory(plan)
+    lines += [f"    arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
+    lines += [f"    res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
+    call = f"{plan.equations.entry}(arg, res, {places['WORK_IW_']}, {places['WORK_W_']}, 0)"
+    return [*lines, f"    return {call};"]
+
+
+# ---- parameters and start -----------------------------------------------------------------------
+
+
+def _default(plan: Plan) -> str:
+    if not plan.layout.params:
+        return define(prototypes(plan)["default"], ["param->unused = 0.0;"])
+    given = [(m, m.signal.value) for m in plan.layout.params]
+    declared = "\n".join(
+        initialiser_lines(f"static const {plan.name}_param defaults", _values(given))
+    )
+    return f"{declared}\n\n" + define(prototypes(plan)["default"], ["*param = defaults;"])
+
+
+def _values(values: Iterable[tuple[Member, Any]]) -> list[str]:
+    """Members of a constant struct with their values; those that are left out are 0."""
+    texts = []
+    for m, value in values:
+        given = ", ".join(number(float(v)) for v in constant(m.signal, value).ravel(order="F"))
+        texts += f".{m.c} = {given if m.scalar else f'{{{given}}}'}".split(", ")
+    return texts
+
+
+def _constant(m: Member, pointer: str, value: Any) -> list[str]:
+    """Statements that give a member a constant value."""
+    flat = constant(m.signal, value).ravel(order="F")
+    if m.scalar:
+        return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
+    if m.size > 2 and (flat == flat[0]).all():
+        return [f"fill({pointer}{m.c}, {m.size}, {number(float(flat[0]))});"]
+    return [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat)]
+
+
+def _param_ok(plan: Plan) -> str:
+    checks = [range_condition(plan, m, "p->") for m in plan.layout.params]
+    checks += [f"rising(p->{m.c}, {m.size})" for m in plan.layout.params if m.signal.rising]
+    void = [] if checks else ["(void)p;"]
+    return define(
+        f"static bool param_ok(const {plan.name}_param *p)",
+        [*void, f"return {conjunction(checks, 'return ') or 'true'};"],
+    )
+
+
+def _tune(plan: Plan) -> str:
+    n, big, derived = plan.name, plan.layout.big, plan.layout.derived
+    lines = [f"struct {n}_derived now;"] * bool(derived)
+    lines.append(if_(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
+    if derived:
+        lines += plan.start_lines(derived, 0, "now.")
+        good = conjunction([range_condition(plan, m, "now.") for m in derived])
+        lines += [if_([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
+    lines += ["state->in_force = *param;", f"return {big}_OK;"]
+    return define(prototypes(plan)["tune"], lines)
+
+
+def _start(plan: Plan) -> str:
+    """Function that puts a part of the state to its start, or all of it; whether that can be."""
+    n = plan.name
+    if not plan.layout.states:
+        return ""
+    lines: list[str] = []
+    for k, (path, members) in enumerate(plan.parts.items(), start=1):
+        body = _begun(plan, members)
+        if len(plan.parts) == 1:  # whichever part is meant, it is this one
+            lines += body
+            break
+        made = if_([f"all || (part == {k})"], *body)
+        lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
+    if len(plan.parts) > 1:
+        lines.insert(0, "const bool all = part == 0;")
+    text = "\n".join(lines)
+    void = ["(void)param;"] * identifier_free(text, "param")
+    void += ["(void)part;"] * identifier_free(text, "part")
+    told = "Put a part of the state to its start, by the order of the parts; 0 is all."
+    computed = [range_condition(plan, m, "state->") for m in plan.layout.states if m.signal.derived]
+    if computed:
+        told += " Whether what is computed of it is in its range."
+        lines.append(f"return {conjunction(computed, 'return ')};")
+    signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
+                          plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
+    return f"{comment(told)}\n" + define(signature, [*void, *lines])
+
+
+def _begun(plan: Plan, members: Sequence[Member]) -> list[str]:
+    """Statements that put the states of a part to their start: its struct, then its arrays."""
+    firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
+    made = [
+        (m, plan.start_lines((m,), firsts[m.c], "state->") if m.signal.derived
+         else _constant(m, "state->", m.signal.value))
+        for m in members
+    ]  # fmt: skip
+    struct = plan.layout.places[members[0].c].rpartition(".")[0]
+    zero = next((m for m in members if m.scalar), None)
+    if not struct or zero is None or len(members) == 1:
+        made.sort(key=lambda row: row[0].signal.derived)
+        return _distinct([line for _, lines in made for line in lines])
+    before, given, behind = list[str](), list[str](), list[str]()
+    for m, lines in made:
+        values = [v for line in lines if (v := line.partition(f"state->{m.c}")[2])]
+        before += [line for line in lines if line.startswith("const ")]
+        if lines[-1].startswith("fill("):
+            behind += [lines[-1]] * (not lines[-1].endswith(" 0.0);"))
+        elif any(not v.endswith(" = 0.0;") for v in values):
+            text = ", ".join(v.partition(" = ")[2].removesuffix(";") for v in values)
+            given.append(f".{own_name(m)} = {text if m.scalar else f'{{{text}}}'}")
+    given = given or [f".{own_name(zero)} = 0.0"]  # what is left out is 0; C wants one
+    whole = initialiser_lines(f"state->{struct} = (struct {plan.name}_kept_{struct})", given, "")
+    return [*_distinct(before), *whole, *behind]
+
+
+def _distinct(lines: list[str]) -> list[str]:
+    """Lines without those that are there already."""
+    return list(dict.fromkeys(lines))
+
+
+def _init(plan: Plan) -> str:
+    n, big, lay = plan.name, plan.layout.big, plan.layout
+    computed = any(m.signal.derived for m in lay.states)
+    ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
+    untouched = [*[ages] * bool(plan.n_in), f".mark = {number(guard.MARK)}"]
+    lines = [f"int status = {n}_tune(param, state);"]
+    start = "start(&state->in_force, &state->kept, 0)"
+    if lay.params or computed:  # without any, none is refused
+        good = f"status == {big}_OK"
+        if computed:
+            lines += [f"bool good = ({good});", if_(["good"], f"good = {start};")]
+        elif lay.states:
+            lines.append(f"{start};")
+        defaults = [f"(void){n}_tune(&defaults, state);"]
+        if not lay.params:
+            defaults = [
+                f"{n}_param safe;",
+                f"{n}_default(&safe);",
+                f"(void){n}_tune(&safe, state);",
+            ]
+        lines.append(if_(
+            ["!good" if computed else good.replace("==", "!=")], *defaults,
+            *[f"{'(void)' * computed}{start};"] * bool(lay.states),
+            *[f"status = {big}_BAD_PARAM;"] * computed,
+        ))  # fmt: skip
+    elif lay.states:
+        lines.append(f"{start};")
+    lines += initialiser_lines(
+        f"state->guard = (struct {n}_guard)", ", ".join(untouched).split(", "), ""
+    )
+    lines += ["state->tick.done = 0.0;"] * plan.rates
+    lines += ["state->counter.begun = 0U;", "state->counter.last = 0U;"] * plan.counter
+    if lay.outputs:
+        lines.append("start_outputs(&state->held);")
+    if plan.follows(lay.outputs):
+        lines.append(f"(void){limit_outputs_call(plan, '&state->held')};")
+    lines.append("return status;")
+    return define(prototypes(plan)["init"], lines)
+
+
+def _start_outputs(plan: Plan) -> str:
+    """Function that gives the outputs before the first good step."""
+    if not plan.layout.outputs:
+        return ""
+    flat = {m.c: constant(m.signal, plan.before(m)).ravel(order="F") for m in plan.layout.outputs}
+    others = [m for m in plan.layout.outputs if flat[m.c].any()]
+    first = plan.layout.outputs[0]
+    given = [(m, plan.before(m)) for m in others or [first]]
+    lines = initialiser_lines(f"*out = ({plan.name}_out)", _values(given), "")
+    what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
+    return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
+
+
+# ---- step ---------------------------------------------------------------------------------------
+
+
+def _hold(plan: Plan) -> str:
+    """Function that gives the outputs of a step that is refused, where some have a safe value."""
+    n, safe = plan.name, plan.safe
+    if not _has_hold(plan):
+        return ""
+    lines = ["*out = state->held;"]
+    for m in plan.layout.outputs:
+        if m.c in safe:
+            lines += _constant(m, "out->", safe[m.c])
+    if plan.follows(plan.layout.outputs):  # parameters may have changed since
+        lines.append(f"(void){limit_outputs_call(plan, 'out')};")
+    what = comment(
+        "Outputs of a step that is refused: the safe value, or that of the last good step."
+    )
+    return f"{what}\n" + define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
+
+
+def _hold_call(plan: Plan) -> str:
+    """Statement that gives the outputs of a step that is refused."""
+    return "hold(state, out);" if _has_hold(plan) else "*out = state->held;"
+
+
+def _has_hold(plan: Plan) -> bool:
+    """Whether the outputs of a refused step are more than a copy of those held."""
+    return bool(plan.safe) or plan.follows(plan.layout.outputs)
+
+
+def _step(plan: Plan) -> str:
+    n, big, lay = plan.name, plan.layout.big, plan.layout
+    hold = [_hold_call(plan)]
+    hold += ["state->guard.missed += 1.0;"] * bool(plan.counters)
+    has_next = bool(lay.states)
+    following = "state->next" if plan.next_in_state else "next"
+    seen = "&state->guard.last" if lay.inputs else "in"
+    first = check_inputs_call(plan, "used") if lay.inputs else "0U"
+    lines = ["(void)param; /* those in force are used */", f"{n}_out now;"]
+    lines.append(f"const {n}_param *const used = &state->in_force;")
+    if has_next and not plan.next_in_state:
+        lines.append(f"struct {n}_kept next;")
+    nothing = ["start_outputs(out);"] if lay.outputs else ["out->unused = 0.0;"]
+    lines.append(
+        if_([f"!(state->guard.mark == {number(guard.MARK)})"], *nothing,
+            f"return (int){big}_NO_INIT | (int){big}_REFUSED;")
+    )  # fmt: skip
+    lines.append(f"unsigned int status = {first};")
+    if lay.inputs:
+        lines.append(
+            if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;")
+        )
+    if plan.equations.ticks:  # what does not run in this tick keeps its state
+        lines.append(f"{following} = state->kept;")
+    passed = [f"&{following}"] * has_next + ["&now"]
+    if plan.block.split:
+        before = plan.state_named(plan.block.split.prepared).c
+        lines.append(f"const bool whole = !(state->kept.{before} > 0.0); /* nothing is prepared */")
+    call = equations_call(plan, seen)
+    ranged = any(plan.ranged(m) for m in lay.states)
+    off = part_off_call(plan, f"&{following}") if ranged else ""
+    lines.append(f"const int failed = {call};" if plan.can_fail else f"{call};")
+    before_it, lines = lines, []
+    bad = ["(failed != 0)"] * plan.can_fail
+    if ranged:
+        lines.append(f"const int off = {'(failed != 0) ? 0 : ' * plan.can_fail}{off};")
+        bad.append("(off != 0)")
+    if plan.untested:
+        bad.append(f"!result_finite({', '.join(with_results(plan, passed))})")
+    if plan.ahead:
+        bad.append(f"(whole && !ahead_finite(&{following}))")
+    if bad:
+        again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
+        why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
+        lines.append(if_([" || ".join(bad)], why, *again, *hold, "return (int)status;"))
+    if plan.ahead:
+        lines.append(if_(["whole"], *take_state(plan, plan.ahead)))
+    rest = [m for m in lay.states if m not in plan.ahead]
+    lines += [*take_state(plan, rest), "state->guard.refused = 0.0;"]
+    if plan.counters:
+        moved = "catch_up(&state->kept, state->guard.missed);"
+        lines.append(if_(["state->guard.missed > 0.0"], moved, "state->guard.missed = 0.0;"))
+    if any(plan.ranged(m) for m in lay.outputs):
+        lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
+    lines += ["state->held = now;", "*out = now;", "return (int)status;"]
+    texts = prototypes(plan)
+    if plan.rates:
+        looked = [f"status = {first};".replace("used", "&state->in_force")]
+        more = rates.functions(plan, looked, lines, hold)
+        return f"{more}\n\n{define(texts['step'], rates.step(plan))}"
+    lines = before_it + lines
+    if not plan.block.split:
+        return define(texts["step"], lines)
+    whole = define(texts["step"], [f"return {n}_feedback(in, param, state, out);"])
+    return f"{define(texts['feedback'], lines)}\n\n{whole}"

@@ -1,0 +1,79 @@
+"""A step that is told which tick it is for, so that a call which comes twice or late is seen."""
+
+from __future__ import annotations
+
+from slipctl.ccode.module import guard
+from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.statements import declaration_lines, define, if_
+
+
+def prototype(plan: Plan) -> str:
+    """Declaration of the function."""
+    n = plan.name
+    return declaration_lines("int", f"{n}_step_counted", f"const {n}_in *in", f"const {n}_param *param",
+                   f"{n}_state *state", f"{n}_out *out", "unsigned int tick")  # fmt: skip
+
+
+def counter_doc(plan: Plan) -> str:
+    """What the header says of it."""
+    n, big = plan.name, plan.layout.big
+    return (
+        f"{n}_step for a tick of this number, which counts up by one from call to call and goes on"
+        f" at 0 behind its largest. {big}_TIMING besides if it is not the one after the last. The"
+        f" same number again is a call that came twice: {big}_REFUSED too, and nothing changes."
+        " With any other the step is made, and inputs count as that much older."
+    )
+
+
+def members() -> list[str]:
+    """What the state has for it."""
+    return [
+        "    struct {",
+        "        unsigned int last; /* number of the last tick */",
+        "        unsigned int begun; /* 0 before the first one */",
+        "    } counter;",
+    ]
+
+
+def functions(plan: Plan, hold: str) -> str:
+    """Definitions.
+
+    Args:
+        plan: the module.
+        hold: statement that gives the outputs of a step that is refused.
+    """
+    n, big = plan.name, plan.layout.big
+    refused = f"return (int){big}_TIMING | (int){big}_REFUSED;"
+    late = [f"status = (unsigned int){big}_TIMING;"]
+    remembers = bool(plan.n_in) or bool(plan.counters)
+    late += ["missed(&state->guard, (double)(since - 1U));"] * remembers
+    after = [
+        "const unsigned int since = tick - state->counter.last; /* wraps as the counter does */",
+        "if (since == 0U) {", f"    {hold}", f"    {refused}", "}",
+        "if (since != 1U) {", *(f"    {line}" for line in late), "}",
+    ]  # fmt: skip
+    step = f"{n}_step(in, param, state, out)"
+    lines = [
+        "unsigned int status = 0U;",
+        if_([f"!(state->guard.mark == {number(guard.MARK)})"], f"return {step};"),
+        "if (state->counter.begun != 0U) {", *(f"    {line}" for line in after), "}",
+        "state->counter.last = tick;", "state->counter.begun = 1U;",
+        f"return (int)(status | (unsigned int){step});",
+    ]  # fmt: skip
+    made = [define(prototype(plan), lines)]
+    if remembers:
+        aged = if_(
+            ["guard->age[k] >= 0.0"], "guard->age[k] = floor(guard->age[k]) + ticks;"
+        ).replace("\n", "\n    ")
+        older = [
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{", f"    {aged}", "}", "guard->fresh = 0.0;",
+        ]  # fmt: skip
+        body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
+        what = comment("So many ticks went by without a call: inputs are that much older.")
+        signature = declaration_lines(
+            "static void", "missed", f"struct {n}_guard *guard", "double ticks"
+        )
+        made.insert(0, f"{what}\n" + define(signature, body))
+    return "\n\n".join(made)

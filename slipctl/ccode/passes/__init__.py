@@ -1,0 +1,1 @@
+"""Does it make statements of C into others that do the same?"""

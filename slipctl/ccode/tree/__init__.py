@@ -1,0 +1,1 @@
+"""Does it turn a CasADi Function into expressions and statements of C?"""

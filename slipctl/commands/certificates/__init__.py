@@ -1,0 +1,1 @@
+"""Is it a command that proves something, or checks a proof?"""

@@ -1,0 +1,95 @@
+"""``slipctl show``: equations, signals, units, sources of a block; contents of a study."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from typing import Any
+
+from slipctl.errors import BadInput
+from slipctl.run import store
+from slipctl.study import resolve
+from slipctl.study.files import trip_files
+
+
+def answer(options: argparse.Namespace, command: str) -> int:
+    """Print what the name stands for."""
+    name = options.name
+    whole = not resolve.is_written(name) and (
+        name in resolve.studies()
+        or (name.endswith(".py") and ":" not in name)
+        or trip_files.is_trip(name)
+    )
+    if options.json and (options.latex or options.graph or options.against):
+        raise BadInput("--json says all; leave out --latex, --graph and --against")
+    if whole and not (options.latex or options.graph or options.against):
+        print(store.json_text(_study_data(name)).rstrip() if options.json else _study_text(name))
+        return 0
+    if whole:
+        study = resolve.load_study(name)
+        loops = resolve.loop_names(study)
+        raise BadInput(f"{name} is a study; write which loop: " + ", ".join(
+            f"{name}:{loop}" for loop in loops))  # fmt: skip
+    from slipctl.draw import show
+
+    block = resolve.load_block(name)
+    if options.json:
+        from slipctl.draw.block_data import block_dict
+
+        print(store.json_text(block_dict(block)).rstrip())
+        return 0
+    if options.against:
+        print(show.difference(block, resolve.load_block(options.against)).rstrip())
+        return 0
+    if options.latex:
+        print(show.latex(block).rstrip())
+    if options.graph:
+        print(show.graph(block).rstrip())
+    if not (options.latex or options.graph):
+        print(show.text(block).rstrip())
+    return 0
+
+
+def _study_data(name: str) -> dict[str, Any]:
+    study = resolve.load_study(name)
+    return {
+        "name": study.name, "title": study.title, "source": study.source, "doc": study.doc,
+        "scenarios": [
+            {"name": c.scenario.name, "duration_s": c.scenario.duration, "seed": c.scenario.seed,
+             "doc": c.scenario.doc, "loops": list(c.loops)}
+            for c in resolve.build_cases(study)
+        ],
+        "models": list(study.models),
+        "experiments": {k: e.title for k, e in study.experiments.items()},
+        "claims": [{"id": c.id, "claim": c.claim, "source": c.source} for c in study.claims],
+        "figures": {k: f.caption for k, f in study.figures.items()},
+    }  # fmt: skip
+
+
+def _study_text(name: str) -> str:
+    study = resolve.load_study(name)
+    cases = resolve.build_cases(study)
+    rows = [f"{study.name}: {study.title}", f"  {study.source}", "", *_wrapped(study.doc, "  ", 96)]
+    rows += ["", "scenarios and loops"]
+    for case in cases:
+        s = case.scenario
+        rows.append(f"  {s.name:<20} {s.duration:g} s, seed {s.seed}: {', '.join(case.loops)}")
+        rows += _wrapped(s.doc, " " * 23, 96) if s.doc else []
+    models = {k: getattr(m, "name", getattr(m, "__name__", "")) for k, m in study.models.items()}
+    for title, pairs in (
+        ("models that --swap replaces", list(models.items())),
+        ("experiments", [(k, e.title) for k, e in study.experiments.items()]),
+        ("claims", [(c.id, f"{c.claim} ({c.source})") for c in study.claims]),
+        ("figures", [(k, f.caption) for k, f in study.figures.items()]),
+    ):  # fmt: skip
+        if pairs:
+            wide = max(len(key) for key, _ in pairs)
+            rows += ["", title, *(f"  {key:<{wide}}  {text}" for key, text in pairs)]
+    loop = next(iter(cases[0].loops))
+    rows += ["", f"See slipctl show {name}:{loop}, slipctl run {name}"]
+    return "\n".join(rows)
+
+
+def _wrapped(text: str, indent: str, width: int) -> list[str]:
+    return textwrap.wrap(" ".join(text.split()), width, initial_indent=indent,
+                         subsequent_indent=indent)  # fmt: skip

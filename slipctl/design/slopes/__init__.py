@@ -1,0 +1,1 @@
+"""Does it need the slopes of a run by its numbers?"""

@@ -1,0 +1,1 @@
+"""Does it draw how blocks are wired?"""

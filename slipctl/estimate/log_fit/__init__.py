@@ -1,0 +1,1 @@
+"""Does it fit a flow to a log over time?"""

@@ -1,0 +1,1 @@
+"""Is it something that a predictive controller may be asked for, and checks it?"""

@@ -1,0 +1,1 @@
+"""Does it read a recorded log, or send one through a block?"""

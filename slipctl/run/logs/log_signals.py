@@ -1,0 +1,245 @@
+"""Columns of a log as signals of a block: names, units, and arithmetic with its numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.signals import Signal
+from slipctl.block.text.expression import read
+from slipctl.block.units import unit_walk
+from slipctl.block.units.unit_algebra import factor, parse_quantity, refuse_count, si_text, unit
+from slipctl.errors import BadInput
+from slipctl.run.logs.recorded_log import Recording
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the values of a signal come from: a column, its unit, and arithmetic behind it.
+
+    Attributes:
+        column, scale: what is read first, and what makes its unit the one wanted.
+        tail: arithmetic with ``numbers`` of the block and with further columns.
+        others: scales of these columns.
+    """
+
+    column: str
+    scale: float
+    tail: str
+    numbers: Mapping[str, float]
+    others: Mapping[str, float] = field(default_factory=dict)
+
+    def values(self, log: Recording) -> np.ndarray:
+        """Values at the samples, NaN where nothing was measured."""
+        x = log.channel(self.column) * self.scale
+        if not self.tail:
+            return x
+        tree = read("u__" + self.tail)
+        symbols = {n: ca.SX.sym(n) for n in tree.names}
+        f = ca.Function("f", list(symbols.values()), [ca.SX(tree.value(symbols))])
+        rows = {n: log.held(n) * scale for n, scale in self.others.items()} | {"u__": x}
+        given = [rows[n].reshape(1, -1) if n in rows else self.numbers[n] for n in symbols]
+        return np.array(f(*given).full()).ravel()
+
+    def at(self, log: Recording, ticks: np.ndarray, rule: str, keep: np.ndarray) -> np.ndarray:
+        """Values at ticks, NaN where the log says nothing."""
+        x = self.values(log)
+        good = np.isfinite(x)
+        if not good.any():
+            return np.full(ticks.size, np.nan)
+        return np.where(keep, resample_at(log.time[good], x[good], ticks, rule), np.nan)
+
+
+def good_samples(
+    block: Block, log: Recording, name: str, source: Source, values: Mapping[str, np.ndarray],
+    notes: list[str],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Times and values of the samples that an input may take, and lines on the others.
+
+    Args:
+        block: with the parameters ``values``, which its ranges follow.
+        log: the log.
+        name: of the input.
+        source: of its values.
+        values: of all parameters.
+        notes: a line is added for what is held.
+
+    Raises:
+        BadInput: a vector, or no good sample.
+    """
+    x = source.values(log)
+    signal = block.inputs[name]
+    if signal.shape:
+        raise BadInput(f"{name} has shape {signal.shape}; a column gives one number")
+    missing = ~np.isfinite(x)
+    empty = missing & log.rows(source.column)
+    lows, highs, *_ = block.ends(signal, values)
+    lo, hi = (max(map(float, lows), default=-np.inf), min(map(float, highs), default=np.inf))
+    off = ~missing & ((x < lo) | (x > hi))
+    if empty.any():
+        longest = _longest(log.time, empty)
+        notes.append(f"{source.column}: {int(empty.sum())} empty cells, the last value held,"
+                     f" for {longest:.3g} s at most")  # fmt: skip
+    if off.any():
+        notes.append(f"{name}: {int(off.sum())} samples off {lo:g} .. {hi:g} {signal.unit}, the"
+                     " last good value held")  # fmt: skip
+    good = ~missing & ~off
+    if not good.any():
+        raise BadInput(f"{log.source}: {source.column} has no sample that {name} may take")
+    return log.time[good], x[good]
+
+
+def _longest(time: np.ndarray, empty: np.ndarray) -> float:
+    """Longest stretch in s for which nothing was measured."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], empty, [False]]).astype(int)))
+    spans = zip(edges[::2], edges[1::2], strict=True)
+    last = len(time) - 1
+    return max(float(time[min(b, last)] - time[max(a - 1, 0)]) for a, b in spans)
+
+
+def resample_at(t: np.ndarray, x: np.ndarray, ticks: np.ndarray, rule: str) -> np.ndarray:
+    """Values at ticks: the last sample before, or a straight line between two."""
+    if rule == "linear":
+        return np.interp(ticks, t, x)
+    return x[np.maximum(np.searchsorted(t, ticks + 1e-9, side="right") - 1, 0)]
+
+
+def apply_settings(
+    block: Block, settings: Mapping[str, str]
+) -> tuple[Block, dict[str, float], list[str]]:
+    """Block with what is set, constants of inputs, and what is wrong."""
+    numbers: dict[str, float] = {}
+    constants: dict[str, float] = {}
+    faults: list[str] = []
+    for name, text in settings.items():
+        try:
+            full = block.find(name, "input", "param", "state")
+            signal = block.inputs.get(full) or block.declared(full)
+            value = parse_quantity(text, signal.unit, name)
+            signal.check(name, value)
+            (constants if full in block.inputs else numbers)[full] = value
+        except BadInput as error:
+            faults.append(f"--set {error}")
+    return (block.with_params(**numbers) if numbers else block), constants, faults
+
+
+def of_inputs(
+    block: Block, log: Recording, mapping: Mapping[str, str], constants: Mapping[str, float],
+    faults: list[str],
+) -> dict[str, Source]:  # fmt: skip
+    """Source of each input that a column gives."""
+    found: dict[str, Source] = {}
+    for name, text in mapping.items():
+        try:
+            full = block.find(name, "input")
+            found[full] = source_of(block, log, block.inputs[full], text)
+        except BadInput as error:
+            faults.append(f"--map {name}: {error}")
+    for n, s in block.inputs.items():
+        if n in found or n in constants:
+            continue
+        short = n.rpartition(".")[2]
+        same = next((c for c in (n, short) if c in log.texts), None)
+        if same is not None and not any(f.startswith(f"--map {short}:") for f in faults):
+            try:
+                found[n] = source_of(block, log, s, same)
+                log.notes.append(f"{n} is read from the column of its name")
+                continue
+            except BadInput as error:
+                faults.append(f"the column {same}: {error}")
+        elif s.value is not None and not s.noise:
+            shown = np.asarray(s.value, dtype=float).ravel()[0]
+            log.notes.append(f"{n} is not mapped; {shown:g} {s.unit} as it is declared")
+        elif s.value is None and not s.noise and not any(f"--map {short}" in f for f in faults):
+            faults.append(
+                f"{block.name}.{n} [{s.unit}] is not fed; write --map {n}=COLUMN, or"
+                f" --set {n}=VALUE; {log.source} has {', '.join(log.names[:12])}"
+            )
+    return found
+
+
+def of_results(
+    block: Block, log: Recording, beside: Mapping[str, str], faults: list[str]
+) -> dict[str, Source]:
+    """Source of what each output or state is compared with."""
+    found = {}
+    for name, text in beside.items():
+        try:
+            full = block.find(name, "output", "state")
+            signal = {**block.states, **block.outputs}[full]
+            found[full] = source_of(block, log, signal, text)
+        except BadInput as error:
+            faults.append(f"--beside {name}: {error}")
+    return found
+
+
+def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source:
+    """Read ``COLUMN``, ``COLUMN[unit]`` and arithmetic behind it, for a signal."""
+    text = text.strip()
+    hits = [c for c in log.texts if text == c or (text.startswith(c) and not _wordy(text[len(c)]))]
+    if not hits:
+        name = re.split(r"\s*[\[*/+-]", text)[0]
+        log.find(name)
+        hits = [log.find(name)]
+        text = hits[0] + text[len(name) :]
+    column = max(hits, key=len)
+    rest = text[len(column) :].strip()
+    given = re.match(r"\[([^\]]*)\]\s*", rest)
+    told = given[1] if given else log.units[column]
+    tail = rest[given.end() :] if given else rest
+    if not told and not tail:
+        log.notes.append(f"{column} has no unit in the head; read in {signal.unit}")
+        return Source(column, 1.0, "", {})
+    if not tail:
+        if unit(told).dims != unit(signal.unit).dims:
+            radius = next((n for n in block.params if n.rpartition(".")[2] == "r"), "r")
+            raise BadInput(
+                f"{column} is in {told}, {signal.name} in {signal.unit}, another dimension; turn it"
+                f" round, '{column}[{told}] / {radius}' say"
+            )
+        scale = factor(told, signal.unit)
+        if scale != 1.0:
+            log.notes.append(f"{column} converted from {told} to {signal.unit}")
+        return Source(column, scale, "", {})
+    refuse_count(told or "1")
+    si = si_text(told or "1")
+    said = dict(log.units)  # the unit of a further column may stand behind it too
+    for c in log.texts:
+        inside = re.search(rf"\b{re.escape(c)}\s*\[([^\]]*)\]", tail)
+        if inside:
+            said[c], tail = inside[1], tail.replace(inside[0], c)
+    tree = read("u__" + tail)
+    numbers, others, units = {}, {}, {"u__": si}
+    for n in tree.names:
+        if n == "u__":
+            continue
+        if n in log.texts:
+            refuse_count(said[n] or "1")
+            units[n] = si_text(said[n] or "1")
+            others[n] = factor(said[n] or "1", units[n])
+            continue
+        if n in block.beside:
+            known = block.beside[n]
+            if known.value is None:
+                raise BadInput(f"{text} needs {n}, {known.doc} [{known.unit}]; --set {n}=VALUE")
+            numbers[n], units[n] = float(known.value), known.unit
+            continue
+        full = block.find(n, "param")
+        numbers[n], units[n] = float(block.param_values()[full]), block.params[full].unit
+    symbols = {n: ca.SX.sym(n) for n in tree.names}
+    value = ca.SX(tree.value(symbols))
+    wrong = unit_walk.check({signal.name: value}, units, {signal.name: signal.unit})
+    if wrong:
+        why = wrong[0].partition(": ")[2].replace("u__", column)
+        raise BadInput(f"{text}: {why}")
+    log.notes.append(f"{signal.name} = {text}" + (f" ({told} to {si})" if told != si else ""))
+    return Source(column, factor(told or "1", si), tail, numbers, others)
+
+
+def _wordy(letter: str) -> bool:
+    return letter.isalnum() or letter == "_"

@@ -1,0 +1,205 @@
+"""A sweep as its folder has it: its runs, as columns and as one labelled Dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slipctl.errors import BadInput
+from slipctl.run.metrics import METRICS
+from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.sweep_plan import Axis, Plan
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def open_sweep(folder: str | Path) -> Sweep:
+    """Open a sweep that was run, or is running.
+
+    Args:
+        folder: its folder.
+
+    Raises:
+        BadInput: there is none.
+    """
+    found = sweep_store.find(Path(folder))
+    try:
+        about, units = found.about(), found.units()
+        axes = tuple(Axis(*a) for a in about["vary"])
+        plan = Plan(axes, int(about["samples"]), int(about["seed"]), str(about["design"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
+    finally:
+        found.close()
+    return Sweep(Path(folder), about, plan, units)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep as its store has it.
+
+    Attributes:
+        folder: where it is.
+        about: what it is: loop, scenario, what varies, seed, versions.
+        plan: its axes, and the numbers of each run.
+        units: unit and row names by metric.
+    """
+
+    folder: Path
+    about: Mapping[str, Any]
+    plan: Plan
+    units: Mapping[str, tuple[str, tuple[str, ...]]]
+
+    @cached_property
+    def runs(self) -> Sequence[tuple[int, Mapping[str, float], Mapping[str, Any], str]]:
+        """Number, numbers, metrics and failure of each run that ended, read when first asked for.
+
+        Raises:
+            BadInput: the store is damaged or gone.
+        """
+        found = sweep_store.find(self.folder)
+        try:
+            return list(found.runs())
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
+        finally:
+            found.close()
+
+    def _repr_html_(self) -> str:
+        return str(import_module("slipctl.study.notebook").html(self))
+
+    @property
+    def failed(self) -> dict[int, str]:
+        """Why runs failed, by their number."""
+        return {run: why for run, _, _, why in self.runs if why}
+
+    @property
+    def missing(self) -> int:
+        """Runs that have not ended yet."""
+        return self.plan.size - sum(run < self.plan.size for run, *_ in self.runs)
+
+    def column(self, metric: str, row: int | None = None) -> np.ndarray:
+        """Values of a metric in order of the runs that ended, NaN where there is none."""
+        found = [m.get(metric) for _, _, m, _ in self.runs]
+        if row is not None:
+            found = [v[row] if isinstance(v, list) and row < len(v) else None for v in found]
+        return np.array([np.nan if v is None else v for v in found], dtype=float)
+
+    def rows(self, metric: str) -> int | None:
+        """Numbers that a metric has, or None where it has one."""
+        found = [m[metric] for _, _, m, _ in self.runs if isinstance(m.get(metric), list)]
+        return max(map(len, found), default=None) if found else None
+
+    def dataset(self) -> xarray.Dataset:
+        """All numbers and metrics as one labelled Dataset.
+
+        Its dimensions are the axes of the grid, and ``sample`` where something is drawn; a run
+        that is missing or failed is NaN.
+        """
+        import xarray
+
+        plan = self.plan
+        dims, shape = self._dims()
+        places = [plan.place(run)[: len(dims)] for run, *_ in self.runs]
+        inside = [k for k, (run, *_) in enumerate(self.runs) if run < plan.size]
+        index = tuple(np.array([places[k] for k in inside], dtype=int).reshape(-1, len(dims)).T)
+
+        def spread(values: np.ndarray) -> np.ndarray:
+            found = np.full(shape, np.nan)
+            found[index] = values[inside]
+            return found
+
+        variables: dict[str, Any] = {}
+        for a in plan.drawn:
+            drawn = np.array([numbers[a.name] for _, numbers, _, _ in self.runs], dtype=float)
+            variables[a.name] = (dims, spread(drawn), {"units": a.unit})
+        for name, (unit, rows) in self.units.items():
+            many = self.rows(name)
+            attrs = {"units": unit, "long_name": METRICS[name][1] if name in METRICS else name}
+            if many is None:
+                variables[name] = (dims, spread(self.column(name)), attrs)
+                continue
+            each = [spread(self.column(name, k)) for k in range(many)]
+            label = f"{name}_row"
+            variables[name] = ([*dims, label], np.stack(each, axis=-1), attrs)
+            names = rows if len(rows) == many else [str(k) for k in range(many)]
+            variables[label] = (label, list(names))
+        coords: dict[str, Any] = {
+            a.name: (a.name, np.linspace(a.lo, a.hi, int(a.points or 1)), {"units": a.unit})
+            for a in plan.grid
+        }
+        coords |= {n: variables.pop(n) for n in list(variables) if n.endswith("_row")}
+        coords |= {a.name: variables.pop(a.name) for a in plan.drawn}
+        about: dict[str, Any] = {
+            k: v if isinstance(v, (str, int, float)) else json.dumps(v)
+            for k, v in self.about.items()
+        }
+        return xarray.Dataset(variables, coords=coords, attrs=about)
+
+    def log(self, run: int) -> xarray.Dataset:
+        """Signals over time that a run kept.
+
+        Raises:
+            BadInput: the sweep keeps none, or the run has not ended.
+        """
+        import xarray
+
+        found = sweep_store.find(self.folder)
+        try:
+            arrays = found.log(run)
+        finally:
+            found.close()
+        if not arrays:
+            kept = self.about.get("logs")
+            why = f"run {run} has not ended" if kept else "it was made without --log"
+            raise BadInput(f"{self.folder} keeps no log of run {run}: {why}")
+        units = self.about.get("log_units", {})
+        time = np.arange(len(next(iter(arrays.values())))) * float(self.about["period_s"])
+        variables = {n: ("time", v, {"units": units.get(n, "1")}) for n, v in arrays.items()}
+        return xarray.Dataset(variables, coords={"time": ("time", time, {"units": "s"})})
+
+    def _dims(self) -> tuple[list[str], tuple[int, ...]]:
+        """Dimensions of what each run has one of, and how long they are."""
+        plan = self.plan
+        names = [*(a.name for a in plan.grid), *(["sample"] if plan.drawn else [])]
+        return names, (*plan.shape, *([plan.repeats] if plan.drawn else []))
+
+    def save(self, file: str | Path) -> None:
+        """Write :meth:`dataset` and all logs, whole or not at all.
+
+        A file ``.nc`` is netCDF. A folder ``.zarr`` is Zarr, and each chunk a batch of runs; it
+        needs the extra ``zarr``. Logs have ``time`` as their last dimension; where a run ended
+        earlier than another there is NaN. They are written batch by batch, never held whole.
+
+        Raises:
+            BadInput: the extra is missing, or the place cannot be written.
+        """
+        from slipctl.run.sweep import sweep_export
+
+        sweep_export.save(self, Path(file))
+
+    def logs(self, runs: Iterable[int]) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Run and its signals over time, of those of these runs that kept some."""
+        found = sweep_store.find(self.folder)
+        try:
+            for run in runs:
+                if arrays := found.log(run):
+                    yield run, arrays
+        finally:
+            found.close()
+
+    def longest(self) -> int:
+        """Ticks of the longest log."""
+        found = sweep_store.find(self.folder)
+        try:
+            return found.longest()
+        finally:
+            found.close()

@@ -1,0 +1,1 @@
+"""Does it say why the numbers of a run may be doubted?"""

@@ -1,0 +1,1 @@
+"""Does it write the report of a study: its page, its style, its texts?"""

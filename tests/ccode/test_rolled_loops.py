@@ -1,0 +1,205 @@
+"""Straight lines that repeat become loops in C, with the same bits; what looks alike does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from module_text import of_folder
+
+from slipctl import BadInput, Input, Output, Param, State, make_block
+from slipctl.ccode import codegen
+from slipctl.ccode.compile import compilers
+from slipctl.ccode.passes.loop_fusion import fuse_loops
+from slipctl.ccode.passes.rolled_loops import roll_lines
+
+TAPS, POINTS = 100, 32
+
+try:
+    compilers.compilers()
+    HAS_COMPILER = True
+except BadInput:
+    HAS_COMPILER = False
+
+
+def _body(x: Any, u: Any, p: Any) -> Any:
+    """A filter of many taps, a grid on which the largest value is looked for, shifted memory."""
+    window = ca.vertcat(u["u"], x["window"][:-1])
+    y = ca.SX(0)
+    for k in range(TAPS):
+        y = y + p["taps"][k] * window[k]
+    place, value = ca.SX(0), ca.SX(-1e9)
+    for k in range(POINTS):
+        at = k * p["width"] / POINTS
+        height = ca.sin(at * u["u"]) * ca.exp(-at)
+        better = height > value
+        place, value = ca.if_else(better, at, place), ca.if_else(better, height, value)
+    return {"window": window}, {"y": y, "place": place, "value": value}
+
+
+def repeating() -> Any:
+    return make_block(
+        "repeating", "step", _body, doc="Filter and grid.",
+        states=[State("1", 0.0, shape=(TAPS,), lo=-10, hi=10).named("window")],
+        inputs=[Input("1", lo=-10, hi=10).named("u")],
+        params=[Param("1", np.hanning(TAPS), shape=(TAPS,), lo=0, hi=1).named("taps"),
+                Param("1", 2.0, lo=0.1, hi=10).named("width")],
+        outputs=[Output("1").named("y"), Output("1").named("place"), Output("1").named("value")],
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
+def test_filter_and_grid_are_loops_with_the_same_bits(tmp_path: Path) -> None:
+    report = codegen.export(repeating(), tmp_path, check=True)
+    assert report.passed, str(report)
+    assert report.data["largest_relative"] == 0  # the same operations in the same order
+    assert sum(report.data["reading"]["lines"].values()) < 500  # written out they are above 700
+
+
+def test_a_loop_has_what_the_lines_had() -> None:
+    """Lines and their loop, both run by Python on the same numbers."""
+    lines = ["const double s0 = x[0] * x[1];"]
+    for k in range(9):
+        lines.append(f"const double p{k} = x[{k}] * x[{k + 1}] + {k + 1}.0;")
+        lines.append(f"const double s{k + 1} = s{k} - p{k} * {2 * k + 3}.0;")
+    lines += [f"y[{3 * k + 1}] = p{k} * s9;" for k in range(9)]
+    short = roll_lines(lines, set())
+    assert len(short) < len(lines) / 2
+    rng = np.random.default_rng(7)
+    x = rng.normal(size=12)
+    assert _run(lines, x) == _run(short, x)
+
+
+def test_what_does_not_go_up_evenly_stays_as_it_is() -> None:
+    lines = [f"y[{k}] = x[{k * k}] * 2.0;" for k in range(12)]
+    assert roll_lines(lines, set()) == lines
+    assert roll_lines([f"y[{k}] = x[{k}];" for k in range(12)], {"i"})[0] == "y[0] = x[0];"
+
+
+def _run(lines: list[str], x: np.ndarray) -> list[float]:
+    """Run the few forms of C that stand here, as Python."""
+    text, indent = [], ""
+    for line in lines:
+        bare = line.strip().rstrip(";")
+        if bare == "}":
+            indent = ""
+        elif bare.startswith("for ("):
+            count = int(bare.partition("i < ")[2].partition(";")[0])
+            text.append(f"for i in range({count}):")
+            indent = "    "
+        elif "=" not in bare:
+            name, _, size = bare.removeprefix("double ").partition("[")
+            text.append(f"{name} = [0.0] * {size.rstrip(']') or 1}")
+        else:
+            for word in ("const ", "double "):
+                bare = bare.removeprefix(word)
+            text.append(indent + bare.replace("(double)i", "float(i)"))
+    y = [0.0] * 40
+    exec("\n".join(text), {"x": x, "y": y})
+    return y
+
+
+def test_a_model_may_call_its_numbers_as_counted_locals_are_called(tmp_path):
+    """Burckhardt's law has a0, a1, a2; locals without a name are counted a1, a2, ... too."""
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        a1 = ca.sin(u["u"]) * p["r1"]
+        a2 = ca.exp(a1) * ca.sin(a1 + p["k1"])
+        return {"a3": a1 + a2}, {"y": ca.exp(a2) * ca.sin(a2) * x["a3"]}
+
+    block = make_block(
+        "counted", "step", body, period=1e-3,
+        states=[State("1", 0.5, lo=-1e3, hi=1e3).named("a3")],
+        inputs=[Input("1", lo=-10, hi=10).named("u")],
+        params=[Param("1", 2.0, lo=0, hi=5).named("r1"), Param("1", 0.1, lo=0, hi=1).named("k1")],
+        outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    assert codegen.export(block, tmp_path / "c", check=HAS_COMPILER).passed
+
+
+def test_the_first_and_the_last_step_are_in_the_loop() -> None:
+    """The first reads an element or 1 * step, what all need is before; the last is a result."""
+    lines = ["const double s_2 = x[0] * (lo + step);", "const double twice = 2.0 * lo;"]
+    lines += ["const double y_2 = s_2 + twice;"]
+    for k in range(3, 8):
+        lines.append(f"const double s_{k} = y_{k - 1} * (lo + {k - 1}.0 * step);")
+        lines.append(f"const double y_{k} = s_{k} + twice;")
+    lines += ["const double s_8 = y_7 * (lo + 7.0 * step);", "*y = s_8 + twice;"]
+    assert roll_lines(lines, {"x", "lo", "step", "y"}) == [
+        "const double twice = 2.0 * lo;", "double y_now = x[0];",
+        "for (int i = 1; i < 8; ++i) {", "    const double s = y_now * (lo + (double)i * step);",
+        "    y_now = s + twice;", "}", "*y = y_now;",
+    ]  # fmt: skip
+
+
+def test_a_result_that_is_in_no_loop_stays_as_it_was() -> None:
+    lines = [f"const double s{k} = x[{k * k}] + {k}.0 * u;" for k in range(5)]
+    lines.append("*y = s4 + 9.0 * u;")
+    assert roll_lines(lines, {"y"}) == lines
+
+
+FILLED = ["double a[4];", "for (int i = 0; i < 4; ++i) {", "    a[i] = x[i] * 2.0;", "}"]
+
+
+def test_loops_over_the_same_elements_are_one_and_need_no_array() -> None:
+    lines = [*FILLED, "const double u = v + 1.0;", "double s = v;"]
+    lines += ["for (int i = 0; i < 4; ++i) {", "    s = s + a[i];", "}", "*y = s * u;"]
+    assert fuse_loops(lines) == [
+        "double s = v;", "for (int i = 0; i < 4; ++i) {", "    const double a = x[i] * 2.0;",
+        "    s = s + a;", "}", "const double u = v + 1.0;", "*y = s * u;",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("between", "body", "after"),
+    [
+        ("double s = a[3];", "    s = s + a[i];", "*y = s;"),  # begins with what the first gave
+        ("double s = v;", "    s = s + a[3 - i];", "*y = s;"),  # reads what is not there yet
+        ("double s = v;", "    s = s + a[i + 1];", "*y = s;"),
+        ("x[0] = a[2];", "    b[i] = x[i] + a[i];", ""),  # reads what is written between
+        ("b[1] = v;", "    b[i] = a[i];", ""),  # writes what is written between
+        ("double s = v;", "    x[i] = a[i];", ""),  # writes what the first reads
+    ],
+)
+def test_loops_of_which_one_needs_the_other_stay_two(between: str, body: str, after: str) -> None:
+    lines = [*FILLED, between, "for (int i = 0; i < 4; ++i) {", body, "}", *[after] * bool(after)]
+    assert fuse_loops(lines) == lines
+
+
+def test_an_array_that_is_read_later_stays_one() -> None:
+    lines = [*FILLED, "*y = a[2];"]
+    assert fuse_loops(lines) == lines
+
+
+@pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
+def test_sums_over_a_window_and_slopes_at_a_corner_have_the_bits_of_python(tmp_path: Path) -> None:
+    """A mask, a sum and squares; and the slope of a clipped value, on its corner too."""
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        inside = ca.vertcat(*[k >= 5 - u["n"] for k in range(5)])
+        mean = ca.dot(inside, x["window"]) / u["n"]
+        spread = ca.dot(inside, (x["window"] - mean) ** 2) / u["n"]
+        clipped = ca.fmax(ca.fmin(u["u"], 1.0), -1.0)
+        slope = ca.jacobian(clipped**2, u["u"])
+        window = ca.vertcat(x["window"][1:], u["u"])
+        return {"window": window}, {"mean": mean, "spread": spread, "slope": slope}
+
+    block = make_block(
+        "windowed", "step", body, period=1e-3,
+        states=[State("1", 0.0, shape=(5,), lo=-10, hi=10).named("window")],
+        inputs=[Input("1", lo=-10, hi=10).named("u"), Input("1", lo=1, hi=5).named("n")],
+        outputs=[Output("1", lo=-1e9, hi=1e9).named(n) for n in ("mean", "spread", "slope")],
+    )  # fmt: skip
+    rng = np.random.default_rng(4)
+    u = rng.choice([-2.0, -1.0, -0.5, 0.0, 1.0, 1.5, 0.1], size=400)
+    inputs = {"u": u, "n": rng.integers(1, 6, size=400).astype(float)}
+    report = codegen.export(block, tmp_path / "c", inputs=inputs, check=True)
+    assert report.passed, str(report)
+    assert report.data["largest_relative"] == 0
+    text = of_folder(tmp_path / "c", "windowed")
+    assert text.count("slope_of_lesser(") == 3  # what it is, and twice
+    assert "for (int i = 1; i < 5; ++i)" in text
+    assert "sum_" not in text  # all are called by their mask
