@@ -16,6 +16,7 @@ from typing import Any
 from made import made
 
 import slipctl
+from slipctl.study import resolve
 
 PAGE = Path(__file__).parent / "api.md"
 
@@ -43,7 +44,10 @@ def page() -> str:
     for title, package in (("Bounds", "slipctl.certify"), ("Models", "slipctl.models")):
         home = importlib.import_module(package)
         parts.append(f"## {title}\n\n{first_line(home)}\n")
-        for stem in sorted(m.name for m in pkgutil.iter_modules(home.__path__)):
+        stems = (m.name for m in pkgutil.iter_modules(home.__path__))
+        if title == "Models":
+            stems = (*resolve.model_files(), "vehicle")
+        for stem in sorted(s for s in stems if not s.startswith("_")):
             found = importlib.import_module(f"{package}.{stem}")
             parts.append(f"### {package}.{stem}\n\n{prose(inspect.getdoc(found) or '')}\n")
             parts += [entry(k, v, 4) for k, v in own(found)]

@@ -2,7 +2,8 @@
 
 A box is a folder (room) of the engine, ``models`` or ``studies``, with the question it answers; it
 stands on the floor that the table of docs/architecture.md gives it. An arc goes down to what a room
-imports, thick where it does so on ten or fifty lines. Imports inside functions count too.
+imports, thick where it does so on ten or fifty lines. Imports inside functions count too, and
+modules that are looked up by a string.
 """
 
 from __future__ import annotations
@@ -59,9 +60,13 @@ def imports() -> Counter[tuple[str, str]]:
 
 
 def imported(tree: ast.Module) -> Iterator[str]:
-    """Modules of slipctl that an import line names; what ``slipctl`` exports, by its room."""
+    """Modules of slipctl that a line imports or looks up; what ``slipctl`` exports, by its room."""
     where = exported()
     for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (a.name for a in node.names if a.name.startswith("slipctl."))
+        elif isinstance(node, ast.Call) and (name := looked_up(node)):
+            yield name
         if not isinstance(node, ast.ImportFrom) or not node.module:
             continue
         if node.module == "slipctl":
@@ -72,8 +77,30 @@ def imported(tree: ast.Module) -> Iterator[str]:
             yield node.module
 
 
+LOOK_UPS = ("import_module", "__import__", "_import")
+
+
+def looked_up(call: ast.Call) -> str:
+    """Module of slipctl that a call looks up by a string; of an f-string what is fixed of it."""
+    function = call.func.attr if isinstance(call.func, ast.Attribute) else ast.unparse(call.func)
+    if not call.args or not function.endswith(LOOK_UPS):  # under another name too
+        return ""
+    text: ast.AST = call.args[0]
+    if isinstance(text, ast.JoinedStr):
+        text = text.values[0]
+    name = str(text.value) if isinstance(text, ast.Constant) else ""
+    return name.rstrip(".") if name.startswith("slipctl.") and name != "slipctl." else ""
+
+
+SHOWN = "slipctl.study.notebook"
+"""What a cell of a notebook shows: every object looks it up there, and it knows them all."""
+
+
 def circles() -> list[list[str]]:
-    """Modules that import each other, over others too; imports for types alone left out."""
+    """Modules that import or look up each other, over others too; those for types alone left out.
+
+    The look-up of :data:`SHOWN` is left out: it is told in docs/architecture.md.
+    """
     paths = {}
     for path in sorted((ROOT / "slipctl").rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
@@ -93,6 +120,11 @@ def named(path: Path) -> set[str]:
         for node in nodes.pop():
             if isinstance(node, ast.ImportFrom) and node.module:
                 found |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+            elif isinstance(node, ast.Import):
+                found |= {a.name for a in node.names}
+            elif isinstance(node, ast.Call) and (name := looked_up(node)) and name != SHOWN:
+                found.add(name)
+                nodes.append(list(ast.iter_child_nodes(node)))
             elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
                 nodes.append(list(ast.iter_child_nodes(node)))
     return found

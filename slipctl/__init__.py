@@ -9,6 +9,8 @@ from importlib import import_module
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
+from slipctl import old_names
+
 __version__ = "0.1.0"
 
 _WHERE = {

@@ -9,6 +9,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
 from numbers import Integral, Number, Real
 from typing import Any, TypeVar
@@ -332,3 +333,19 @@ def _told(kind: Any) -> str:
     if kind is Any:
         return "anything"
     return getattr(origin or kind, "__name__", str(kind))
+
+
+def split_options(where: str, options: Mapping[str, Any], *kinds: type) -> list[Any]:
+    """Options by name, as the dataclasses that they are fields of, one of each kind.
+
+    Raises:
+        BadInput: an option that no kind has.
+    """
+    names = [f.name for kind in kinds for f in fields(kind)]
+    for name in options:
+        if name not in names:
+            raise BadInput(f"{where} has no option {name}{nearest(name, names)}")
+    return [
+        kind(**{f.name: options[f.name] for f in fields(kind) if f.name in options})
+        for kind in kinds
+    ]

@@ -13,6 +13,14 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 
+from slipctl.errors import BadInput
+from slipctl.registry import check_one_tree
+
+try:
+    check_one_tree()
+except BadInput as two_trees:
+    pytest.exit(str(two_trees), 4)
+
 from slipctl import Block, Rail, Scenario, Section, connect, sampled
 from slipctl.models.brakes import brake
 from slipctl.models.huang_2020 import subway_braking as subway

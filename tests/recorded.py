@@ -57,16 +57,18 @@ def rest(s: Signal) -> str:
 
 def of_block(b: Block) -> str:
     """What is declared of a block as a whole."""
+    law, made = b.law_data, b.composition
     found = {
         "period": b.period, "told": bool(b.doc), "units": b.units if b.units != "checked" else "",
         "conditions": " ".join(f"{n}({said(list(v.values()))})" for n, v in b.conditions.items()),
-        "closed form": b.closed_form is not None, "coordinates": " ".join(b.coordinates),
-        "readings": " ".join(b.readings), "expects": " ".join(map(str, b.expects)),
-        "follows": bool(b.follows), "leaves out": bool(b.leaves_out),
+        "closed form": law.closed_form is not None, "coordinates": " ".join(law.coordinates),
+        "readings": " ".join(law.readings), "expects": " ".join(map(str, law.expects)),
+        "follows": bool(law.follows), "leaves out": bool(law.leaves_out),
         "beside": " ".join(f"{n}({said(s.value)} {said(s.lo)} {said(s.hi)})"
-                           for n, s in b.beside.items()),
-        "transparent": bool(b.transparent), "guarded": b.guard is not None,
-        "solves": bool(b.solves), "split": b.split is not None, "by structure": b.by_structure,
+                           for n, s in law.beside.items()),
+        "transparent": bool(b.transparent), "guarded": made.guard is not None,
+        "solves": bool(made.solves), "split": made.split is not None,
+        "by structure": made.by_structure,
     }  # fmt: skip
     return ", ".join(n if v is True else f"{n} {said(v)}" for n, v in found.items()
                      if v is not None and v is not False and v != "")  # fmt: skip

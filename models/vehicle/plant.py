@@ -4,8 +4,8 @@
     J omega_i' = T_i - T_b,i sign(omega_i) - r_i F_i
     F_i = mu(v_s,i) N_i,   v_s,i = r_i omega_i - v
 
-The wheels' step is in models/wheel_rail/axles.py. Between the parts torque and slip are those of a braked
-wheel; a driven one is seen in the mirror, see models/common_form.py.
+The wheels' step is in models/wheel_rail/axles.py. Between the parts torque and slip are those of a
+braked wheel; a driven one is seen in the mirror, see models/common_form.py.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def on_train(adhesion: Block) -> Block:
         outputs=[Output("1", "adhesion coefficient", positive="traction").named("mu")],
         conditions=source.conditions, sx=source.sx, choices=source.choices,
         doc=f"{source.doc}\n\nOdd in the creep, traction positive.",
-        measured_to=source.measured_to, meant_to=source.meant_to,
+        measured_to=source.law_data.measured_to, meant_to=source.law_data.meant_to,
     )  # fmt: skip
 
 

@@ -6,15 +6,15 @@ F_b >= 0 slows (``"braking"``).
     x' = v,   M v' = sum_i F_mu,i - F_d                                     (1)(2)
     J omega_i' = T_i - r F_mu,i - B_t omega_i                               (3), divided by r
     F_d = (6.796 + 0.062 V + 0.00143 V^2) M/1000 + M g slope, V in km/h     (4), gradient added
-    F_mu,i = mu(v_s,i, v) W g                                               (5), models/wheel_rail/contact.py
+    F_mu,i = mu(v_s,i, v) W g                                           (5), wheel_rail/contact.py
     F_b = z K phi_k R_m/r,   K = (pi/4) d_z^2 p gamma_z eta_z               (9)(10), z pads added
     p / u = 1/(1 + T_p s),   u = PI(p_ref - p)                              (11)
     traction: F_contr/10 on each driven axle; braking: F_contr/32 on each   (12)-(14)
     F(v) = min(302 kN, 5.5 MW/v)                                            (33)
 
 One motor and one axle are pages of their own; :func:`plant` puts the train together. The wheels'
-step is in models/wheel_rail/axles.py, the motor with its currents in models/motors.py. What is wrong in
-print is told in docs/errata.md. Valid for v >= 0; F_d for 0 <= v <= 90 m/s.
+step is in models/wheel_rail/axles.py, the motor with its currents in models/motors.py. What is
+wrong in print is told in docs/errata.md. Valid for v >= 0; F_d for 0 <= v <= 90 m/s.
 """
 
 from collections.abc import Sequence

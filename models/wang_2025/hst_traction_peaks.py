@@ -29,7 +29,8 @@ def with_own_peaks(block: Block, creep_law: Block) -> Block:
     Raises:
         BadInput: when the curves are swapped for those of a law with other parameters.
     """
-    rebuild, free = block._rebuild, [n for n, s in creep_law.params.items() if not s.derived]
+    rebuild = block.composition.rebuild
+    free = [n for n, s in creep_law.params.items() if not s.derived]
     assert rebuild is not None
 
     def numbers(of: Block, part: str) -> dict[str, np.ndarray]:
@@ -41,8 +42,7 @@ def with_own_peaks(block: Block, creep_law: Block) -> Block:
         new = rebuild(parts, *shares)
         now, there = (numbers(new, part) for part in ("axle.curves.", "peaks."))
         if _equal(now, curves) or not _equal(there, table):
-            new._rebuild = again
-            return new
+            return new.with_rebuild(again)
         if now.keys() != curves.keys():
             raise BadInput(
                 f"{block.name}: its table of peaks is of {creep_law.name}; make the controller"
@@ -57,8 +57,7 @@ def with_own_peaks(block: Block, creep_law: Block) -> Block:
         own = own.with_conditions(**rails)
         return with_own_peaks(rebuild(parts | {"peaks": peaks(own)}, *shares), own)
 
-    block._rebuild = again
-    return block
+    return block.with_rebuild(again)
 
 
 def _equal(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:

@@ -7,11 +7,11 @@ Signs: the creep v_s = v_w - v is the rim's speed minus the train's, so traction
     mu_vf = mu_0 [(1 - A) exp(-B |v_s|) + A]                                    (7)
     s_x   = v_s/max(|v|, v_min)                                                 (8)
 
-Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in v_s. Valid
-from standstill on: the floor v_min is added here, because (8) divides by zero there. What is wrong
-in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed. Friction falls to
-A mu_0 and no further, so a locked wheel brakes. The law was held against a measured curve up to a
-creep of 2.5 m/s (models/data/eurosprinter_creep_curve.csv).
+Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rail/hertz.py). Odd in
+v_s. Valid from standstill on: the floor v_min is added here, because (8) divides by zero there.
+What is wrong in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
+Friction falls to A mu_0 and no further, so a locked wheel brakes. The law was held against a
+measured curve up to a creep of 2.5 m/s (eurosprinter_creep_curve.csv).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from casadi import atan, exp, fabs, fmax, pi
 from slipctl import BadInput, Block, Input, Output, Param, argmax, argmax_table, law, make_block
 from slipctl.analysis.optimum import Peak
 from slipctl.errors import nearest
-from slipctl.estimate.tables import read_table
 from slipctl.models.wheel_rail.hertz import E_STEEL, NU_STEEL, c11, ellipse
+from slipctl.tables.table import read_table
 
 log = logging.getLogger("slipctl")
 
@@ -216,9 +216,7 @@ def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
 
     return make_block(
         "polach", "law", body, inputs=polach.inputs.values(), params=polach.params.values(),
-        outputs=polach.outputs.values(), conditions=surfaces, readings=polach.readings,
-        expects=polach.expects, follows=polach.follows, beside=polach.beside,
-        leaves_out=polach.leaves_out, measured_to=polach.measured_to, meant_to=polach.meant_to,
+        outputs=polach.outputs.values(), conditions=surfaces, law_data=polach.law_data,
         choices={} if form == "consistent" else {"form": form}, doc=polach.doc,
     )  # fmt: skip
 
@@ -238,11 +236,11 @@ def read_surfaces(path: str | Path) -> dict[str, dict[str, float]]:
             f" {', '.join(wanted)}"
         )
     found: dict[str, dict[str, float]] = {}
-    for line, (name, *cells) in table.rows:
+    numbers = [table.numbers(n) for n in PARAMETERS]
+    for line, name, *values in zip(table.lines, table.cells["surface"], *numbers, strict=True):
         if not name.isidentifier() or name in found:
             raise BadInput(f"{path}, line {line}: {name!r} is no name, or the second of its kind")
-        numbers = [table.number(line, cell) for cell in cells]
-        found[name] = dict(zip(PARAMETERS, numbers, strict=True))
+        found[name] = dict(zip(PARAMETERS, map(float, values), strict=True))
         _check_surface(f"{path}, line {line}", found[name])
     return found
 

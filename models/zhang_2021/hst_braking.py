@@ -111,7 +111,7 @@ def adhesion(locked: bool = False, speed: bool = False) -> Block:
         coordinates=("log(a0)", "log(a1)", "log(a2)"),
         choices={"locked": locked, "speed": speed},
         measured_to=0,
-        meant_to=1.0 if locked else burckhardt.meant_to,
+        meant_to=1.0 if locked else burckhardt.law_data.meant_to,
     )
     if not speed:
 
@@ -159,8 +159,8 @@ def grip(law_of_adhesion: Block) -> Block:
         f"{source.name}_grip", "law", body, inputs=source.inputs.values(),
         params=source.params.values(),
         outputs=[Output("1", "adhesion, braking positive", positive="braking").named("grip")],
-        conditions=source.conditions, closed_form=source.closed_form,
-        coordinates=source.coordinates, sx=source.sx, choices=source.choices,
+        conditions=source.conditions, closed_form=source.law_data.closed_form,
+        coordinates=source.law_data.coordinates, sx=source.sx, choices=source.choices,
         doc=f"{source.doc}\n\nSign turned: positive when braking.",
     )  # fmt: skip
 

@@ -391,7 +391,7 @@ def mean_adhesion_law(adhesion: Block) -> Block:
         f"{adhesion.name}_mean", "law", body,
         inputs=[lam, Input("1", "mean square deviation of the slip").named("lam_var")],
         params=adhesion.params.values(), outputs=[adhesion.outputs["mu"]],
-        coordinates=adhesion.coordinates, closed_form=adhesion.closed_form,
+        coordinates=adhesion.law_data.coordinates, closed_form=adhesion.law_data.closed_form,
         doc=f"Mean of {adhesion.name} over a window, to second order in the spread of the slip.",
     )  # fmt: skip
 

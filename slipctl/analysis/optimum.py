@@ -101,13 +101,13 @@ def argmax(
 
     if proven:
         return _proven(where, value, slope, p, lo, hi)
-    if closed_form and law.closed_form is not None:
+    if closed_form and law.law_data.closed_form is not None:
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
         told = {
             s.name: ca.DM(params[s.name]) if s.shape else float(params[s.name])
             for s in left_open(law, [over]) if s.name in params
         }  # fmt: skip
-        place = float(law.closed_form(**told))
+        place = float(law.law_data.closed_form(**told))
         slopes = _slopes_at(slope, p)
         bracket = _bracket(slopes, place, lo, hi) if lo < place < hi else None
         if bracket is not None:
@@ -294,9 +294,9 @@ def argmax_block(
     slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
     x = law.inputs[over]
 
-    if closed_form and law.closed_form is None:
+    if closed_form and law.law_data.closed_form is None:
         raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
-    form = law.closed_form if closed_form else None
+    form = law.law_data.closed_form if closed_form else None
 
     def results(place: Any, at: Any) -> Exprs:
         return {"best": place} | ({"value": value_of(place, at)} if value else {})

@@ -10,7 +10,9 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, as_block, symbol_maker
+from slipctl.block.block import Block, Exprs, as_block
+from slipctl.block.fields import Composition
+from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import (
     Share,
     Sharing,
@@ -163,9 +165,10 @@ def connect(
             )
     doc = f"Connection of {', '.join(blocks)}."
     return Block(
-        name, kind, body, signals, period=period, doc=doc, sx=sx, parts=blocks, rebuild=rebuild,
-        wires=wires, conditions=conditions, prefixed=True,
-        sharing=sharing, by_structure=True,
+        name, kind, body, signals, period=period, doc=doc, sx=sx, conditions=conditions,
+        composition=Composition(
+            dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing, by_structure=True
+        ),
     )  # fmt: skip
 
 

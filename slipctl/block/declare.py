@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from slipctl.block.block import Block, Exprs
+from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, check_positive, nearest
 
@@ -53,7 +53,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
             return dict(result[0]), dict(result[1])
 
         doc = inspect.getdoc(function) or ""
-        return Block(name, kind, body, declared, doc=doc, **rest)
+        return block_from(name, kind, body, declared, doc=doc, **rest)
 
     return make
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from slipctl.block.block import Block
@@ -25,19 +26,19 @@ def slip_input(law: Block) -> str | None:
 def reach_text(law: Block) -> str:
     """What a law says of its reach, as a line; empty where it says nothing."""
     name = slip_input(law)
-    if name is None or (law.measured_to is None and law.meant_to is None):
+    if name is None or (law.law_data.measured_to is None and law.law_data.meant_to is None):
         return ""
     unit = "" if law.inputs[name].unit == "1" else f" {law.inputs[name].unit}"
-    if law.measured_to is None:
+    if law.law_data.measured_to is None:
         measured = "not said up to which slip it was measured"
     else:
-        upto = f"measured up to |{name}| = {law.measured_to:g}{unit}"
-        measured = upto if law.measured_to else "not measured"
-    if law.meant_to is None:
+        upto = f"measured up to |{name}| = {law.law_data.measured_to:g}{unit}"
+        measured = upto if law.law_data.measured_to else "not measured"
+    if law.law_data.meant_to is None:
         return f"{measured}; not said up to which slip it is meant"
-    if math.isinf(law.meant_to):
+    if math.isinf(law.law_data.meant_to):
         return f"{measured}; meant up to a locked wheel"
-    return f"{measured}; meant up to |{name}| = {law.meant_to:g}{unit}"
+    return f"{measured}; meant up to |{name}| = {law.law_data.meant_to:g}{unit}"
 
 
 def with_reach(law: Block, given: dict[str, Any]) -> Block:
@@ -54,7 +55,7 @@ def with_reach(law: Block, given: dict[str, Any]) -> Block:
     name = slip_input(law)
     if given and name is None:
         raise BadInput(f"{law.name} has no slip among its inputs, so it has no {min(given)}")
-    found: dict[str, float | None] = {k: getattr(law, k) for k in KEYS}
+    found: dict[str, float | None] = {k: getattr(law.law_data, k) for k in KEYS}
     for key, text in given.items():
         if key == "meant_to" and text == LOCKED:
             found[key] = math.inf
@@ -63,6 +64,5 @@ def with_reach(law: Block, given: dict[str, Any]) -> Block:
         if not (math.isfinite(value) and value >= 0):
             raise BadInput(f"{key} = {text!r} is no slip; write one from 0 on, or {LOCKED!r}")
         found[key] = value
-    block = law._copy(law.signals)
-    block.measured_to, block.meant_to = found["measured_to"], found["meant_to"]
-    return block
+    data = replace(law.law_data, measured_to=found["measured_to"], meant_to=found["meant_to"])
+    return law._copy(law.signals, law_data=data)

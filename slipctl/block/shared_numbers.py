@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.block.order import solve_order
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
@@ -543,27 +544,20 @@ def _lifted(
 
 def _in_order(name: str, shares: Mapping[str, Share]) -> list[str]:
     """Names of the shares, each after those that it is computed from."""
-    order: list[str] = []
-    waiting = dict(shares)
-    while waiting:
-        ready = [
-            k
-            for k, share in waiting.items()
-            if share.signal is not None
-            and set(names_in(share.signal.value) if share.signal.derived else ()) <= set(order)
-        ]
-        if not ready:
-            key, share = next(iter(waiting.items()))
-            assert share.signal is not None
-            missing = [n for n in names_in(share.signal.value) if n not in order]
-            raise BadInput(
-                f"{name}: share {key!r} = {share.signal.value!r} uses {missing[0]!r}"
-                f"{nearest(missing[0], [k for k in shares if k != key])}"
-            )
-        for k in ready:
-            order.append(k)
-            del waiting[k]
-    return order
+
+    def needs(_: str, share: Share) -> list[str]:
+        assert share.signal is not None
+        return names_in(share.signal.value) if share.signal.derived else []
+
+    def stuck(key: str, share: Share, done: Mapping[str, Any]) -> BadInput:
+        assert share.signal is not None
+        missing = next(n for n in names_in(share.signal.value) if n not in done)
+        return BadInput(
+            f"{name}: share {key!r} = {share.signal.value!r} uses {missing!r}"
+            f"{nearest(missing, [k for k in shares if k != key])}"
+        )
+
+    return list(solve_order(shares, {}, needs, lambda *_: None, stuck))
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -8,7 +8,7 @@ block itself. What the folder holds is told in docs/c_interface.md.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -38,9 +38,10 @@ from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.source import sources
 from slipctl.ccode.passes.precision import round_to_real
 from slipctl.ccode.report import Report as Report
+from slipctl.ccode.request import Checks, Content
 from slipctl.ccode.ship import a2l, autosar, bus, fmu, manual, sections, xcp
 from slipctl.ccode.ship.readable import readable
-from slipctl.errors import BadInput, check_positive
+from slipctl.errors import BadInput, check_positive, split_options
 from slipctl.run.numbers import check_guards
 
 LIMIT = expected_outputs.LIMIT
@@ -80,7 +81,7 @@ def c_module(
         BadInput: a flow; a name that is no C identifier or clashes; a parameter without value; an
             operation that cannot be generated; a foreign file in the way.
     """
-    return _produce(block, folder, name, period=period, real=real).module
+    return _produce(block, folder, name, period=period, content=Content(real)).module
 
 
 def check(
@@ -107,16 +108,16 @@ def check(
     Returns:
         Content of ``report.json``: ``signals`` has the largest ``absolute`` and ``relative``
         difference per output and state, ``passed`` whether all stay within their ``limit``:
-        1e-12 of the largest value in double. For float see :mod:`slipctl.ccode.check.vectors.expected_outputs`.
+        1e-12 of the largest value in double. For float see
+        :mod:`slipctl.ccode.check.vectors.expected_outputs`.
 
     Raises:
         BadInput: as :func:`c_module`; no compiler; inputs that do not fit.
         RunFailed: a compiler refuses, or the block itself gives NaN on these inputs.
     """
     return _produce(
-        block, folder, name, inputs=inputs, params=params, replay=True, period=period,
-        real=real, target=target,
-    ).data  # fmt: skip
+        block, folder, name, inputs, params, period, Content(real), Checks(True, target)
+    ).data
 
 
 def export(
@@ -124,25 +125,9 @@ def export(
     out: Path | str,
     name: str | None = None,
     inputs: Mapping[str, Any] | None = None,
-    check: bool = False,
     params: Mapping[str, Any] | None = None,
     period: float | None = None,
-    real: str = "double",
-    target: str = "host",
-    misra: bool = False,
-    fmus: bool = False,
-    platforms: Sequence[str] | None = None,
-    fuzz_seconds: int = 0,
-    clock: float | None = None,
-    prove: bool = False,
-    scaled: Sequence[str] = (),
-    const_section: str | None = None,
-    calibration_section: str | None = None,
-    with_xcp: bool = False,
-    with_autosar: bool = False,
-    rates: bool = False,
-    counter: bool = False,
-    search_seconds: int = 0,
+    **options: Any,
 ) -> Report:
     """Write the C of a block, and compare it with the block if asked.
 
@@ -151,48 +136,20 @@ def export(
         out: folder to write.
         name: prefix of functions and files.
         inputs: logged inputs of a run (see :func:`logged_inputs`); without them, made-up ones.
-        check: compile, replay, compare.
         params: parameters of the run.
         period: tick in s for the comments.
-        real: type of every number in C, ``"double"`` or ``"float"``.
-        target: also compile it for this processor, ``"cortex-m4"`` or ``"cortex-m7"``, or for
-            several, ``"cortex-m4,cortex-m7"``: bytes, stack, what of double is linked. With
-            ``check`` the same replay on a board of QEMU, with the instructions of a step counted.
-        misra: count the findings of cppcheck and of its MISRA C:2012 addon.
-        fuzz_seconds: feed libFuzzer's bytes to it for so long, with sanitizers.
-        clock: frequency of the processor in Hz, by which ``load`` is told of each target; a step
-            that takes longer than a tick fails. Without it no load is told.
-        prove: let Frama-C's Eva prove that nothing goes wrong at run time, and that every state
-            and output stays in its range, for any inputs and any number of ticks.
-        fmus: also write FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
-        platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
-            compiler is installed for.
-        scaled: inputs and outputs that a bus has as integers, ``"v=uint16:0.01m/s"``: type,
-            resolution and, if it is not 0, offset. Two files more translate them.
-        const_section: section for the linker that the tables of the module lie in.
-        calibration_section: section for an instance of the parameters, in two files more.
-        with_xcp: write an XCP slave, and a program for the emulated board that has it.
-        with_autosar: write a software component of AUTOSAR Classic around the module.
-        rates: write a step function for each rate of its parts, beside the one step.
-        counter: write a step that is told the number of its tick too, and sees calls that come
-            twice or late.
-        search_seconds: look so long for inputs that reach what the test does not, and go on with
-            them behind the run (:mod:`slipctl.ccode.check.vectors.search`).
+        **options: fields of :class:`slipctl.ccode.request.Content`, what the folder holds, and of
+            :class:`slipctl.ccode.request.Checks`, what is checked.
 
     Returns:
         What was written; printable.
 
     Raises:
-        BadInput, RunFailed: as :func:`check`.
+        BadInput, RunFailed: as :func:`check`; an option that there is not.
     """
     return _produce(
-        block, out, name, inputs=inputs, params=params, replay=check, period=period,
-        real=real, target=target, misra=misra, fmus=fmus,
-        platforms=platforms, fuzz_seconds=fuzz_seconds, clock=clock, prove=prove, scaled=scaled,
-        places=(const_section, calibration_section), with_xcp=with_xcp,
-        with_autosar=with_autosar, rates=rates, counter=counter,
-        search_seconds=search_seconds,
-    )  # fmt: skip
+        block, out, name, inputs, params, period, *split_options("C", options, Content, Checks)
+    )
 
 
 # ---- making -------------------------------------------------------------------------------------
@@ -202,50 +159,23 @@ def _produce(
     block: Block,
     folder: Path | str,
     name: str | None,
-    *,
     inputs: Mapping[str, Any] | None = None,
     params: Mapping[str, Any] | None = None,
-    replay: bool = False,
     period: float | None = None,
-    real: str = "double",
-    target: str = "host",
-    misra: bool = False,
-    fmus: bool = False,
-    platforms: Sequence[str] | None = None,
-    fuzz_seconds: int = 0,
-    clock: float | None = None,
-    prove: bool = False,
-    scaled: Sequence[str] = (),
-    places: tuple[str | None, str | None] = (None, None),
-    with_xcp: bool = False,
-    with_autosar: bool = False,
-    rates: bool = False,
-    counter: bool = False,
-    search_seconds: int = 0,
+    content: Content = Content(),
+    checks: Checks = Checks(),
 ) -> Report:
     if not isinstance(folder, (Path, str)):
         raise BadInput(f"C: the folder to write is {folder!r}; write its path, such as 'out'")
-    folder = Path(folder)
-    boards = [t for t in dict.fromkeys(target.split(",")) if t != "host"]
-    for t in boards:
-        targets.tool(t)
-        if replay:
-            targets.emulator(t)
-    if misra:
-        analysis.tool()
-    if fuzz_seconds:
-        fuzz.tool()
-    if prove:
-        module_proof.tool()
-    if platforms is not None and not fmus:
-        raise BadInput("platforms are those of FMUs; ask for these too (--fmu)")
-    built_for = chosen(platforms) if fmus else []
+    folder, real, replay, boards = Path(folder), content.real, checks.check, checks.boards
+    checks.need_tools()
+    built_for = chosen(content.platforms) if content.fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
-    plan = Plan(block, name, period, real, rates, counter)
+    plan = Plan(block, name, period, real, content.rates, content.counter, content.byte_order)
     check_guards(block)
-    made = texts(plan, scaled, *places, with_xcp, with_autosar)
-    archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if fmus]
+    made = texts(plan, content)
+    archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if content.fmus]
     names = [*made, *archives, "vectors.txt", READABLE, folders.MANIFEST]
     folders.check_folder(folder, names)
     used = cc.compilers() if replay else ()
@@ -269,8 +199,8 @@ def _produce(
         )  # all are replayed, few are written
         run = expected_run(plan, rows, used_params)
     found: dict[str, Any] | None = None
-    if search_seconds:
-        run, found = search.gone_on(plan, made, run, used_params, search_seconds, KEPT)
+    if checks.search_seconds:
+        run, found = search.gone_on(plan, made, run, used_params, checks.search_seconds, KEPT)
     rows = run.rows
     if replay and not len(rows):
         raise BadInput(
@@ -284,11 +214,11 @@ def _produce(
         trials = _trials(plan, made, rows, used_params, hurry=not (replay or found))
     first, tried = expected_outputs.first_ticks(run, trials, KEPT)
     first = expected_outputs.with_limits(plan, first, used_params, tried)
-    content = folders.digest("".join(made[f] for f in plan.files))[:16]
-    made = {n: text.replace(CONTENT, content) for n, text in made.items()}
-    made["vectors.txt"] = back_to_back.vectors(plan, content, values, first)
+    digest = folders.digest("".join(made[f] for f in plan.files))[:16]
+    made = {n: text.replace(CONTENT, digest) for n, text in made.items()}
+    made["vectors.txt"] = back_to_back.vectors(plan, digest, values, first)
     ticks = len(rows) if replay else len(first.rows)
-    data = _facts(plan, content, made, values, ticks) | {"made_up": width}
+    data = _facts(plan, digest, made, values, ticks) | {"made_up": width}
     data |= {"search": found} if found else {}
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]
@@ -298,18 +228,18 @@ def _produce(
             data |= compare(plan, made, used, run, dict(params or {}))
         data["targets"] = [f.result() for f in on_boards]
     for t in data["targets"]:
-        if clock is not None and "instructions" in t:
+        if checks.clock is not None and "instructions" in t:
             count = t["instructions"]
-            t["load"] = load.load(count["mean"], count["most"], plan.period, clock)
-    if misra:
+            t["load"] = load.load(count["mean"], count["most"], plan.period, checks.clock)
+    if checks.misra:
         data["analysis"] = analysis.cppcheck_findings(plan, made)
-    if fuzz_seconds:
-        data["fuzz"] = fuzz.run_fuzzer(plan, made, fuzz_seconds)
-    if prove:
+    if checks.fuzz_seconds:
+        data["fuzz"] = fuzz.run_fuzzer(plan, made, checks.fuzz_seconds)
+    if checks.prove:
         data["proof"] = module_proof.run_eva(plan, made)
     written: dict[str, str | bytes] = {**made, READABLE: readable(data, plan.layout)}
-    if fmus:
-        written |= fmu.fmus(plan, made, content, built_for)
+    if content.fmus:
+        written |= fmu.fmus(plan, made, digest, built_for)
     data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
     folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
     return Report(folder, data, CModule(folder, plan))
@@ -339,30 +269,23 @@ def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) ->
     return found
 
 
-def texts(
-    plan: Plan,
-    scaled: Sequence[str] = (),
-    const_section: str | None = None,
-    calibration_section: str | None = None,
-    with_xcp: bool = False,
-    with_autosar: bool = False,
-) -> dict[str, str]:
-    """Text of each file of a module by its name; the content hash is not in them yet.
+def texts(plan: Plan, content: Content = Content()) -> dict[str, str]:
+    """Text of each file of a module by its name; the hash of its content is not in them yet.
 
     Raises:
         BadInput: an integer of ``scaled`` that does not fit, or what names no section.
     """
     n = plan.name
-    module, more = sources(plan), bus.bus_files(plan, scaled)
-    if const_section is not None:
-        sections.check("--const-section", const_section)
-        module = {f: sections.in_section(text, const_section) for f, text in module.items()}
-    if calibration_section is not None:
-        sections.check("--calibration-section", calibration_section)
-        more |= sections.calibration(plan, calibration_section)
-    if with_xcp:
+    module, more = sources(plan), bus.bus_files(plan, content.scaled)
+    if (section := content.const_section) is not None:
+        sections.check("--const-section", section)
+        module = {f: sections.in_section(text, section) for f, text in module.items()}
+    if (section := content.calibration_section) is not None:
+        sections.check("--calibration-section", section)
+        more |= sections.calibration(plan, section)
+    if content.with_xcp:
         more |= xcp.texts(plan)
-    if with_autosar:
+    if content.with_autosar:
         more |= autosar.texts(plan)
     others = [name[:-2] for name in more if name.endswith(".c") and f"{name[:-2]}.h" in more]
     return {

@@ -161,7 +161,8 @@ def _kept_step(n: Numbers, entry: Entries) -> str:
     push, noise = n["T"] * n["W"] / n["k_s"], n.get("noise", Fraction(0)) / n["k_s"]
     far, after = n["k_a"] / n["k_s"], smtlib.sum_term("z", _pulled(n))
     facts = [*smtlib.interval_terms(low, "z", high),
-             *smtlib.interval_terms(-noise, smtlib.sum_term("y", smtlib.times(-1, "z")), noise)]  # fmt: skip
+             *smtlib.interval_terms(
+                 -noise, smtlib.sum_term("y", smtlib.times(-1, "z")), noise)]  # fmt: skip
     claim = smtlib.term("and", *smtlib.interval_terms(low + push, after, high - push),
                         smtlib.term("<", -far, "y"), smtlib.term("<", "y", 1))  # fmt: skip
     return smtlib.problem(("z", "y"), facts, claim)
@@ -196,8 +197,9 @@ def _polygon_step(n: Numbers, entry: Entries) -> list[str]:
                 Fraction(math.ceil(high * digits), digits)]  # fmt: skip
     moved = Fraction(kept["moved"])
     late = noise + dead * moved
-    facts = [smtlib.term("<=", smtlib.sum_term(smtlib.times(a, "z"), smtlib.times(b / scale, "alpha")),
-                         level) for (a, b), level in sides]  # fmt: skip
+    facts = [smtlib.term("<=", smtlib.sum_term(smtlib.times(a, "z"),
+                                               smtlib.times(b / scale, "alpha")), level)
+             for (a, b), level in sides]  # fmt: skip
     facts += smtlib.interval_terms(-late, smtlib.sum_term("y", smtlib.times(-1, "z")), late)
     claims = [smtlib.term("<", -n["k_a"] / n["k_s"], "y"), smtlib.term("<", "y", 1)]
     pulled = _pulled(n)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from importlib import import_module
 from typing import Any
 
+from slipctl import registry
 from slipctl.certify import catalogue, proofs
 from slipctl.certify.entries import DoesNotHold, brief, rational, refuse_unknown
 from slipctl.certify.proofs import FORMAT, KIND
@@ -45,7 +45,7 @@ class Certificate:
     entries: Mapping[str, Any]
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     @property
     def verdict(self) -> str:

@@ -33,10 +33,10 @@ and M is below the larger root, V stays below M, and its upper limit is at most 
 Before the start th and xi rest, so M is at least what |d_z| <= max|p_z| and |d_x| <= start +
 max|p_x| need.
 
-``dither_search`` looks for P and p. ``check_proof`` needs no search: it bounds each of these functions
-with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller (Math. Z.
-86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes divided by
-cos(pi D/N).
+``dither_search`` looks for P and p. ``check_proof`` needs no search: it bounds each of these
+functions with balls at equally spaced nodes, and between them by the theorem of Ehlich and Zeller
+(Math. Z. 86, 1964): a trigonometric sum of degree D is nowhere larger than at the best of N nodes
+divided by cos(pi D/N).
 """
 
 from __future__ import annotations

@@ -79,7 +79,8 @@ IMPLICIT_TWISTING = register(System(
     },
     {
         "ends": Target(lambda n, entry: "|x1| stays below "
-                       f"{number_text(n['L'] * n['T'] ** 2, 'm/s')} at every tick", unless=("band",)),
+                       f"{number_text(n['L'] * n['T'] ** 2, 'm/s')} at every tick",
+                       unless=("band",)),
         "band": Target("|x1| stays below {band} at every tick", ("band",)),
     },
     start="the third tick on, where |x1| <= k2 T^2 at two ticks in a row",

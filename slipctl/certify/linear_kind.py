@@ -60,7 +60,7 @@ def loop_coefficients(lag: float, T: float) -> tuple[float, float, float]:
 
 
 def open_loop(K: float, lag: float, T: float, w: float) -> complex:
-    """Open loop of ``sampled_open_loop`` at the frequency w, without differences of nearly equal numbers."""
+    """``sampled_open_loop`` at the frequency w, without differences of nearly equal numbers."""
     turn = _expm1(w * T)  # z - 1
     if lag == 0:
         return K * T / turn

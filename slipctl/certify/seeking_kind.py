@@ -105,8 +105,8 @@ def _ripples(n: Numbers) -> Sequence[Side]:
 
 
 def _in_time(n: Numbers) -> Sequence[Side]:
-    return [*_climbs(n), Side("gap <= rho time - loss", n["gap"],
-                              sliding_seeker.least_gain(_seeker(n), n["slope"], n["time"]))]  # fmt: skip
+    gain = sliding_seeker.least_gain(_seeker(n), n["slope"], n["time"])
+    return [*_climbs(n), Side("gap <= rho time - loss", n["gap"], gain)]
 
 
 def _sliding_guard(n: Numbers) -> None:

@@ -128,7 +128,8 @@ def claim(n: Numbers, entry: Entries) -> str:
     if not isinstance(found, Mapping) or "bound" not in found:
         return "|x1| stays bounded in the end"
     limit = rational(found["bound"], "evidence.bound")
-    return f"|x1| stays below {number_text(limit, 'm/s')} at every tick{'' if rests(n) else ' in the end'}"
+    late = "" if rests(n) else " in the end"
+    return f"|x1| stays below {number_text(limit, 'm/s')} at every tick{late}"
 
 
 def _find_run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from slipctl import __version__
@@ -40,27 +41,38 @@ def parser() -> Parser:
         p.add_argument("-q", "--quiet", action="store_true", default=default, help="errors only")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
-    def command(name: str, help: str) -> Parser:
-        return commands.add_parser(
+    for name, (help, options) in COMMANDS.items():
+        options(commands.add_parser(
             name, help=help, description=help, parents=[volume], allow_abbrev=False,
             epilog=examples.OF_COMMAND[name], formatter_class=argparse.RawDescriptionHelpFormatter,
-        )  # fmt: skip
+        ))  # fmt: skip
+    return top
 
-    p = command("list", "List studies, models, and the kinds of parts of a vehicle's file.")
+
+# ---- options of each command ---------------------------------------------------------------------
+
+
+def _no_options(p: Parser) -> None:
+    """A command without options."""
+
+
+def _list_options(p: Parser) -> None:
     p.add_argument(
         "word", metavar="TOPIC|WORD", nargs="?",
         help="studies, models or kinds; or a word in their names or meanings",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("show", "Show equations, signals, units, sources and Jacobian of NAME.")
+
+def _show_options(p: Parser) -> None:
     p.add_argument("name", metavar="NAME")
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("new", "Write a file that describes a vehicle, to edit it and run it.")
+
+def _new_options(p: Parser) -> None:
     p.add_argument(
         "kind", metavar="KIND", nargs="?", help="metro: a metro car of 38 t and a patch of leaves"
     )
@@ -71,14 +83,14 @@ def parser() -> Parser:
         help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
     )  # fmt: skip
 
-    command("schema", "Print the JSON schema of the files that describe a vehicle.")
 
-    p = command("copy", "Copy the source of a model to a file of your own, to edit it.")
+def _copy_options(p: Parser) -> None:
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("run", "Run a study: metrics, claims, logs, figures and a report.")
+
+def _run_options(p: Parser) -> None:
     p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
     p.add_argument("study", metavar="STUDY")
     p.add_argument("--out", metavar="DIR", help="folder of the results (out/STUDY)")
@@ -109,7 +121,8 @@ def parser() -> Parser:
     )
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
-    p = command("sweep", "Run a loop with many sets of numbers, on all cores; resume and extend.")
+
+def _sweep_options(p: Parser) -> None:
     p.add_argument(
         "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
     )
@@ -155,7 +168,8 @@ def parser() -> Parser:
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
-    p = command("tune", "Find gains on an ensemble: proved first, then run, then judged.")
+
+def _tune_options(p: Parser) -> None:
     p.add_argument(
         "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
     )
@@ -200,7 +214,8 @@ def parser() -> Parser:
     p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
-    p = command("replay", "Run an estimator or a controller over a recorded log.")
+
+def _replay_options(p: Parser) -> None:
     p.add_argument(
         "log", metavar="LOG.csv", help="a head and a row per sample; or LOG.parquet, LOG.mf4"
     )
@@ -221,7 +236,10 @@ def parser() -> Parser:
         dest="settings", help="inputs without a column, parameters and start values",
     )  # fmt: skip
     p.add_argument(
-        "--time", metavar="COLUMN[UNIT]", help="column of the times (time, t, the first)"
+        "--time", metavar="COLUMN[UNIT]", help="column of the times (the one that is called so)"
+    )
+    p.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
     )
     p.add_argument("--period", metavar="T", help="tick, 10ms (that of the block, else of the log)")
     p.add_argument(
@@ -233,11 +251,13 @@ def parser() -> Parser:
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
-    p = command("compare", "Compare runs and sweeps: what was changed, then their metrics.")
+
+def _compare_options(p: Parser) -> None:
     p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("fit", "Fit a law to a measured curve, or a flow (coasting, brake_step) to logs.")
+
+def _fit_options(p: Parser) -> None:
     p.add_argument(
         "curve", metavar="CURVE.csv", nargs="+",
         help="a head and a row per point; for a flow logs, as of replay",
@@ -257,16 +277,16 @@ def parser() -> Parser:
         dest="starts", help="where the search starts (the law's own values)",
     )  # fmt: skip
     p.add_argument(
-        "--column", metavar="NAME=EXPRESSION", nargs="+", action="extend", default=[],
-        dest="columns", help="how columns give a signal of the law, v_s='slip * v / 100'",
-    )  # fmt: skip
-    p.add_argument(
         "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
     )
     p.add_argument(
-        "--map", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
-        dest="mapped", help="for a flow: column of what was measured and of inputs, v=Speed[km/h]",
+        "--map", "--column", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        dest="mapped",
+        help="column of each signal, v=Speed[km/h]; with arithmetic, v_s='slip * v / 100'",
     )  # fmt: skip
+    p.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
+    )
     p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the times, as of replay")
     p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
     p.add_argument(
@@ -280,7 +300,8 @@ def parser() -> Parser:
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("c", "Write a controller, from sensor to actuator, as C.")
+
+def _c_options(p: Parser) -> None:
     p.add_argument("name", metavar="NAME")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--json", action="store_true", help=AS_JSON)
@@ -338,6 +359,10 @@ def parser() -> Parser:
         help="write an instance of the parameters, too, in this section",
     )  # fmt: skip
     p.add_argument(
+        "--byte-order", choices=("little", "big"), default="little",
+        help="of the processor, for the A2L (little, as ARM and x86)",
+    )  # fmt: skip
+    p.add_argument(
         "--xcp", action="store_true",
         help="write an XCP slave too, and a program for the emulated board that has it",
     )  # fmt: skip
@@ -357,7 +382,8 @@ def parser() -> Parser:
         help="what its files and functions are called; by default the loop or the block",
     )  # fmt: skip
 
-    p = command("pil", "Run a loop with its controller on an emulated processor, tick by tick.")
+
+def _pil_options(p: Parser) -> None:
     p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
     p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
     p.add_argument("--real", choices=("double", "float"), default="double")
@@ -375,7 +401,8 @@ def parser() -> Parser:
     p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
-    p = command("certify", "Say how far gains reach: verdicts, margins and the worst disturbance.")
+
+def _certify_options(p: Parser) -> None:
     p.add_argument(
         "system",
         metavar="SYSTEM|STUDY[:LOOP]",
@@ -402,7 +429,8 @@ def parser() -> Parser:
     )  # fmt: skip
     p.add_argument("--smallest", metavar="NAME", help="how small it may be")
 
-    p = command("check", "Check a certificate again with rational arithmetic alone.")
+
+def _check_options(p: Parser) -> None:
     p.add_argument("file", metavar="FILE")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
@@ -410,8 +438,38 @@ def parser() -> Parser:
         help="run N draws of a statement again, from the study or file that it names",
     )  # fmt: skip
 
-    p = command("docs", "Open the pages of slipctl in a browser; they need no network.")
+
+def _docs_options(p: Parser) -> None:
     p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
     p.add_argument("--where", action="store_true", help="only print the file")
     p.add_argument("--json", action="store_true", help="only print the file, as JSON")
-    return top
+
+
+COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
+    "list": ("List studies, models, and the kinds of parts of a vehicle's file.", _list_options),
+    "show": ("Show equations, signals, units, sources and Jacobian of NAME.", _show_options),
+    "new": ("Write a file that describes a vehicle, to edit it and run it.", _new_options),
+    "schema": ("Print the JSON schema of the files that describe a vehicle.", _no_options),
+    "copy": ("Copy the source of a model to a file of your own, to edit it.", _copy_options),
+    "run": ("Run a study: metrics, claims, logs, figures and a report.", _run_options),
+    "sweep": (
+        "Run a loop with many sets of numbers, on all cores; resume and extend.",
+        _sweep_options,
+    ),
+    "tune": ("Find gains on an ensemble: proved first, then run, then judged.", _tune_options),
+    "replay": ("Run an estimator or a controller over a recorded log.", _replay_options),
+    "compare": ("Compare runs and sweeps: what was changed, then their metrics.", _compare_options),
+    "fit": (
+        "Fit a law to a measured curve, or a flow (coasting, brake_step) to logs.",
+        _fit_options,
+    ),
+    "c": ("Write a controller, from sensor to actuator, as C.", _c_options),
+    "pil": ("Run a loop with its controller on an emulated processor, tick by tick.", _pil_options),
+    "certify": (
+        "Say how far gains reach: verdicts, margins and the worst disturbance.",
+        _certify_options,
+    ),
+    "check": ("Check a certificate again with rational arithmetic alone.", _check_options),
+    "docs": ("Open the pages of slipctl in a browser; they need no network.", _docs_options),
+}
+"""Commands in the order of the help, each with its line there and its options."""

@@ -12,7 +12,7 @@ from slipctl.ccode.check.vectors import search
 from slipctl.ccode.check.vectors.vector_file import read_vectors
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
-from slipctl.study import case_setup, resolve
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -20,28 +20,22 @@ log = logging.getLogger("slipctl")
 def answer(options: argparse.Namespace, command: str) -> int:
     """Write the C, and check it if asked."""
     name, out = options.name, Path(options.out)
-    options.settings = case_setup.open_gain_files(options.settings)
     if not options.out:
         raise BadInput("--out names no folder; write one, or . for this one")
     if options.fuzz is not None and options.fuzz < 1:
         raise BadInput(f"--fuzz {options.fuzz} gives it no time; write seconds, such as 15")
     store.check_folder(out)
-    left, colon, loop_name = name.rpartition(":")
-    if name in resolve.studies():
-        raise resolve.no_loop(name, resolve.load_study(name))
-    if colon and "." in loop_name and not resolve.is_written(name):
-        name, loop_name, options.part = _with_part(name, loop_name, options.part)
-    is_loop = (
-        colon
-        and not resolve.is_written(name)
-        and (not left.endswith(".py") or resolve.has_study(left))
-    )
+    asked = Request.read(name, options.settings)
+    if asked.home:
+        asked.needs_loop()
+    if asked.part and options.part:
+        raise BadInput(f"{name} names a part, and --part {options.part} another; leave one out")
     seconds = search.effort(options.vectors) if options.vectors else None
     vectors = options.vectors if seconds is None else None
     if seconds and build.compiler() is None:
         raise BadInput("--vectors search needs a C compiler; install gcc or clang")
-    block = None if is_loop else resolve.load_block(name)
-    if block is not None and options.settings:
+    block = None if asked.loop else asked.block
+    if block is not None and asked.settings:
         raise BadInput(f"{name} is no loop and has no --set; write its numbers into the file")
     if block is not None and options.part:
         raise BadInput(f"{name} is no loop and has no --part {options.part}; leave it out")
@@ -62,19 +56,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "const_section": options.const_section, "calibration_section": options.calibration_section,
         "with_xcp": options.xcp, "with_autosar": options.autosar,
         "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
+        "byte_order": options.byte_order,
     }  # fmt: skip
     if block is not None:
         inputs = read_vectors(vectors, block) if vectors else None
         report = codegen.export(block, out, options.module, inputs, **wanted)
     else:
-        study = resolve.load_study(left)
-        loop, case = case_setup.resolve_loop(study, loop_name, options.settings)
-        part = options.part or study.controller
+        study, (loop, case) = asked.study, asked.chosen
+        part = asked.part or options.part or study.controller
         words = [] if part == study.controller else part.split(".")
         try:
             control = loop[part]
         except BadInput as error:
-            what = "part" if options.part else "controller"
+            what = "part" if asked.part or options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         if vectors:
             inputs = read_vectors(vectors, control)
@@ -85,7 +79,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             inputs, params = codegen.record_part(loop, part, case.scenario, ticks)
         report = codegen.export(
             control, out,
-            options.module or "_".join([study.name, loop_name.partition("@")[0], *words]),
+            options.module or "_".join([study.name, asked.loop, *words]),
             inputs=inputs, params=params, period=loop.period, **wanted,
         )  # fmt: skip
     print(store.text_of(out / "report.json") if options.json else report)
@@ -101,11 +95,3 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0
-
-
-def _with_part(name: str, loop: str, part: str | None) -> tuple[str, str, str]:
-    """``STUDY:LOOP.PART`` as the loop and its part."""
-    if part:
-        raise BadInput(f"{name} names a part, and --part {part} another; leave one out")
-    found, _, path = loop.partition(".")
-    return name.removesuffix(f".{path}"), found, path

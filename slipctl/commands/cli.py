@@ -1,4 +1,4 @@
-"""The command line: each command is a module of its own, named in ``NAMES``.
+"""The command line: each command is a module of its own, named in ``arguments.COMMANDS``.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 finished, whatever the
 verdicts; 1 a run failed; 2 bad input, told in one line; 130 stopped by Ctrl-C or SIGTERM,
@@ -19,8 +19,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 
-from slipctl.commands.arguments import parser
+from slipctl.commands.arguments import COMMANDS, parser
 from slipctl.errors import BadInput, RunFailed
+from slipctl.registry import check_one_tree
 from slipctl.run import interrupts
 
 log = logging.getLogger("slipctl")
@@ -29,13 +30,12 @@ RARELY = (100_000, 50, 100)
 """When garbage is collected: most objects of a command live to its end, and looking through them
 at Python's own pace takes a fifth of the time of a run."""
 
-NAMES = (
-    "list", "show", "new", "schema", "copy", "run", "sweep", "tune", "replay", "compare", "fit",
-    "c", "pil", "certify", "check", "docs",
-)  # fmt: skip
-"""Commands in the order of the help."""
-
-ANSWERS = {name: f"slipctl.commands.{name if name != 'list' else 'listing'}" for name in NAMES}
+_PLACES = {
+    "list": "library.contents", "show": "library.show", "new": "library.new",
+    "schema": "library.schema", "copy": "library.copy", "docs": "library.docs",
+    "certify": "certificates.certify", "check": "certificates.check",
+}  # fmt: skip
+ANSWERS = {name: f"slipctl.commands.{_PLACES.get(name, name)}" for name in COMMANDS}
 """Module that answers each command by its ``answer(options, command)``; loaded when asked."""
 
 
@@ -76,6 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interrupts.raise_interrupts():
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
+            check_one_tree()
             _talk(options)
             home = import_module(ANSWERS[options.command])
             code: int = home.answer(options, _written(arguments))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl import __version__
+from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.text.meanings import is_equation
 from slipctl.draw import plots
@@ -33,34 +33,31 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if base.kind == "flow":
         from slipctl.commands import fit_log
 
-        _refuse(options, "columns ordered", "is for a law; map a log by --map NAME=COLUMN")
+        _refuse(options, "ordered", "is for a law, not for a flow and its log")
         said = fit_log.run(options, base, command)
     else:
-        _refuse(options, "mapped time gap between resample delay", "is for a flow and its log; a"
-                f" {base.kind} takes its columns by --column NAME=EXPRESSION")  # fmt: skip
+        _refuse(options, "time gap between resample delay", f"is for a flow and its log, not for a"
+                f" {base.kind}")  # fmt: skip
         if len(options.curve) > 1:
             raise BadInput(f"{base.name} is a {base.kind}; give it one curve")
         said = run(
-            options.curve[0], base, options.law, options.settings, options.starts, options.columns,
-            options.unknown, options.ordered, options.out, command,
+            options.curve[0], base, options.law, options.settings, options.starts, options.mapped,
+            options.unknown, options.ordered, options.out, command, options.decimal or "",
         )  # fmt: skip
     print(store.text_of(Path(options.out) / "fit.json") if options.json else said)
     return 0
 
 
-OPTIONS = {"mapped": "map", "columns": "column"}
-"""What options are called where they are typed, if otherwise."""
-
-
 def _refuse(options: argparse.Namespace, names: str, why: str) -> None:
     for n in names.split():
         if getattr(options, n):
-            raise BadInput(f"--{OPTIONS.get(n, n)} {why}")
+            raise BadInput(f"--{n} {why}")
 
 
 def run(
     curve: str, base: Block, law: str, settings: Sequence[str], starts: Sequence[str],
     columns: Sequence[str], unknown: str | None, ordered: bool, out: str, command: str,
+    decimal: str = "",
 ) -> str:  # fmt: skip
     """Answer of ``slipctl fit`` for a law; writes its files to the folder ``out``.
 
@@ -76,8 +73,9 @@ def run(
         [n.strip() for n in unknown.split(",")] if unknown is not None else None,
         dict(_pair("--start", text) for text in starts),
         at=at,
-        columns=dict(_pair("--column", text) for text in columns),
+        columns=dict(_pair("--map", text) for text in columns),
         ordered=ordered,
+        decimal=decimal,
     )
     for note in found.notes:
         log.warning("%s", note)
@@ -92,7 +90,7 @@ def run(
 
 def find_curve(name: str) -> Path:
     """File of a curve: a path, or the name of one that comes with the models."""
-    shipped = resolve.folder("models") / "data" / name
+    shipped = registry.folder("models") / "data" / name
     return shipped if not Path(name).exists() and shipped.is_file() else Path(name)
 
 
@@ -128,7 +126,7 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
             if n not in found.values and np.size(v) == 1
         },
         "notes": list(found.notes),
-        "left_out": base.leaves_out,
+        "left_out": base.law_data.leaves_out,
         "peaks": [
             {**rest, curve.abscissa: place, curve.output: height}
             for rest, place, height in found.peaks
@@ -150,7 +148,7 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
     else:
         module, _, block = name.rpartition(".")
         module = module or next(m for m, (_, b) in resolve.models().items() if block in b)
-        needed = f"slipctl.models.{module} import {block}"
+        needed = f"{registry.package_name('models')}.{module} import {block}"
         origin = block + ("" if isinstance(_object(module, block), Block) else "()")
     rows = []
     for n, v in found.law.params.items():
@@ -178,9 +176,7 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
 
 
 def _object(module: str, block: str) -> Any:
-    from importlib import import_module
-
-    return getattr(import_module(f"slipctl.models.{module}"), block)
+    return getattr(registry.module("models", module), block)
 
 
 def residuals_text(found: Fitted) -> str:
@@ -247,7 +243,7 @@ def report(found: Fitted, folder: Path) -> str:
     unit = law.outputs[found.curve.output].unit
     tail = "" if unit == "1" else f" {unit}"
     model = folder / MODEL
-    left_out = f"the law leaves out {law.leaves_out}\n" if law.leaves_out else ""
+    left_out = f"the law leaves out {law.law_data.leaves_out}\n" if law.law_data.leaves_out else ""
     known = [["known", "value", "unit", "from"]]
     values = law.param_values()
     for n, origin in found.origin.items():

@@ -8,13 +8,12 @@ import io
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slipctl import __version__
+from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.commands.replay import pairs
@@ -47,25 +46,30 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
     mapped = pairs("--map", options.mapped)
     result, columns = _measured(block, mapped)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
-    records, notes = [], []
+    records, notes, done, rule = [], [], [], options.resample or "hold"
     for file in options.curve:
         known = {n for n in (*block.inputs, *block.states, *block.outputs) if n not in mapped}
-        recording = read_recording(file, options.time or "", gap, [*mapped.values(), *known])
+        recording = read_recording(
+            file, options.time or "", gap, [*mapped.values(), *known], options.decimal or ""
+        )
         if options.between:
             recording = recording.between(*_ends(options.between))
-        result, record = _record(block, recording, result, columns, constants)
+        result, record = _record(block, recording, result, columns, constants, rule)
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
+        done += recording.table.done
     found = fit_over_time(
         block, records, result,
         [n.strip() for n in options.unknown.split(",")] if options.unknown is not None else None,
         start=pairs("--start", options.starts), at=at, delay=options.delay or "",
-        rule=options.resample or "hold",
+        rule=rule,
     )  # fmt: skip
+    for line in done:
+        log.debug("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
         log.warning("%s", line)
     keys = keys_of(options.law)
-    store.write_json(folder / "fit.json", payload(found, options.law, notes, command))
+    store.write_json(folder / "fit.json", payload(found, options.law, [*done, *notes], command))
     store.write_text(folder / "residuals.csv", residuals_text(found))
     if keys:
         store.write_text(folder / KEYS_FILE, keys_text(found, keys))
@@ -77,22 +81,21 @@ def _settled(
     block: Block, settings: Mapping[str, str]
 ) -> tuple[Block, dict[str, str], dict[str, float]]:
     """Block with what stands beside it, known parameters, and inputs that do not vary."""
-    at, constants, beside = {}, {}, dict(block.beside)
+    at, constants, beside = {}, {}, dict(block.law_data.beside)
     for n, text in settings.items():
-        if n in block.beside:
-            s = block.beside[n]
+        if n in block.law_data.beside:
+            s = block.law_data.beside[n]
             number = parse_quantity(text, s.unit, f"{block.name}.{n}")
             beside[n] = replace(s, value=float(s.check(f"{block.name}.{n}", number)))
         if n in block.inputs:
             s = block.inputs[n]
             value = parse_quantity(text, s.unit, f"{block.name}.{n}")
             constants[n] = float(s.check(f"{block.name}.{n}", value))
-        elif n not in block.beside:
+        elif n not in block.law_data.beside:
             at[n] = text
     known = {n: quantity(block, n, text) for n, text in at.items()}
     new = block.with_params(**known) if known else block
-    new = new._copy(new.signals)
-    new.beside = beside
+    new = new._copy(new.signals, law_data=replace(new.law_data, beside=beside))
     return new, at, constants
 
 
@@ -120,11 +123,11 @@ def _ends(text: str) -> tuple[float, float]:
 
 def _record(
     block: Block, recording: Recording, result: str, columns: Mapping[str, str],
-    constants: Mapping[str, float],
+    constants: Mapping[str, float], rule: str,
 ) -> tuple[str, Record]:  # fmt: skip
     """What was measured by name, and the log as the flow sees it."""
     if not result:
-        names = [n for n in (*block.outputs, *block.states) if n in recording.texts]
+        names = [n for n in (*block.outputs, *block.states) if n in recording.columns]
         if len(names) != 1:
             first = next(iter(block.states), "")
             many = " or ".join(dict.fromkeys((first, *block.outputs)))
@@ -143,8 +146,8 @@ def _record(
     every |= {n: np.full(recording.time.size, float(s.value)) for n, s in block.inputs.items()
               if n not in inputs and n not in every}  # fmt: skip
     for n, source in inputs.items():
-        t, x = good_samples(block, recording, n, source, values, recording.notes)
-        every[n] = resample_at(t, x, recording.time, "hold")
+        t, x = good_samples(block, recording, n, source, values, rule, recording.notes)
+        every[n] = resample_at(t, x, recording.time, rule)
     y = _values(recording, measured[result])
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
@@ -155,9 +158,8 @@ def _record(
 def _values(recording: Recording, source: Source) -> np.ndarray:
     """Samples of what was measured, NaN where nothing was."""
     y = source.values(recording)
-    empty = int((~np.isfinite(y) & recording.rows(source.column)).sum())
-    if empty:
-        recording.notes.append(f"{source.column}: {empty} empty cells left out")
+    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
+                        for column, empty in source.empty(recording).items()]  # fmt: skip
     return y
 
 
@@ -167,7 +169,7 @@ def keys_of(law: str) -> dict[str, str]:
     homes = [m for m, (_, blocks) in resolve.models().items() if name in blocks]
     if len(homes) != 1 or module not in ("", homes[0]):
         return {}
-    found = getattr(import_module(f"slipctl.models.{homes[0]}"), "KEYS", {})
+    found = getattr(registry.module("models", homes[0]), "KEYS", {})
     return dict(found.get(name, {}))
 
 

@@ -19,9 +19,9 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of, read_recording
 from slipctl.run.logs.replay import Replayed, replay
-from slipctl.study import resolve
 from slipctl.study.report.report_page import STYLE, figure, table
 from slipctl.study.report.texts import number, wrap_table
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -41,13 +41,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
     mapping, beside = pairs("--map", options.mapped), pairs("--beside", options.beside)
     names = {m for n in block.inputs for m in (n, n.rpartition(".")[2]) if n not in mapping}
     recording = read_recording(
-        options.log, options.time or "", gap, [*mapping.values(), *beside.values(), *names]
+        options.log,
+        options.time or "",
+        gap,
+        [*mapping.values(), *beside.values(), *names],
+        options.decimal or "",
     )
     found = replay(
         block, recording, mapping, settings=pairs("--set", options.settings), beside=beside,
         period=period, rule=options.resample,
         compile=not options.no_compile,
     )  # fmt: skip
+    for line in found.done:
+        log.debug("%s", line)
     for note in found.notes:
         log.warning("%s", note)
     rows = statistics(found)
@@ -56,7 +62,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     }
     store.write_json(out / "replay.json", {
         "log": options.log, "block": options.block, "slipctl_version": __version__,
-        "command": command, "notes": found.notes, "gaps_s": found.gaps,
+        "command": command, "read": found.done, "notes": found.notes, "gaps_s": found.gaps,
         "statistics": [dict(zip(HEAD, r, strict=True)) for r in rows],
     })  # fmt: skip
     store.write_text(out / "replay.csv", csv_of(columns(found)))
@@ -75,18 +81,11 @@ def load_part(name: str) -> Block:
     Raises:
         BadInput: no such block, or a whole loop.
     """
-    left, colon, right = name.rpartition(":")
-    if (
-        resolve.is_written(name)
-        or not colon
-        or (left.endswith(".py") and not resolve.has_study(left))
-    ):
-        return resolve.load_block(name)
-    block = resolve.load_block(name)
-    if "." not in right:
-        parts = ", ".join(f"{name}.{n}" for n in block.parts)
+    asked = Request.read(name)
+    if asked.loop and not asked.part:
+        parts = ", ".join(f"{name}.{n}" for n in asked.block.parts)
         raise BadInput(f"{name} is a whole loop; write which part of it: {parts}")
-    return block
+    return asked.block
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
@@ -178,7 +177,7 @@ def page(
 ) -> str:  # fmt: skip
     """The report as one HTML file."""
     title = f"{found.block.name} over {Path(options.log).name}"
-    notes = "".join(f"<li>{escape(n)}</li>" for n in found.notes) or "<li>nothing</li>"
+    done = "".join(f"<li>{escape(n)}</li>" for n in (*found.done, *found.notes))
     gaps = table(
         ("gap from [s]", "to [s]"), [(number(a), number(b)) for a, b in found.gaps], (0, 1)
     )
@@ -195,7 +194,7 @@ def page(
 <p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
 <h2>Figures</h2>{pictures}
 <h2>Residuals and innovations</h2>{compared}
-<h2>What was put in order</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
+<h2>How the log was read</h2><ul>{done}</ul>{gaps if found.gaps else ""}
 <h2>Provenance</h2><pre>{escape(command)}
 slipctl {__version__}</pre>
 <script>{live.script()}</script>

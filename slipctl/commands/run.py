@@ -20,15 +20,17 @@ from pathlib import Path
 from typing import Any
 
 from slipctl.commands.progress import Progress
+from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
 from slipctl.run.results import Results
-from slipctl.study import case_setup, claim_scope, execution, resolve
+from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
 from slipctl.study.declaration import Verdict
 from slipctl.study.failure_log import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
 from slipctl.study.report.texts import changes, claim_table, doubts, left_to_full, metric_table
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -37,11 +39,13 @@ STOPPED = "stopped before its end; what had not finished is missing here"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Run, write and print."""
-    study = resolve.load_study(options.study)
+    asked = Request.read(options.study, options.settings, options.swaps, quick=options.quick)
+    if asked.loop:
+        raise BadInput(f"run takes a study; write slipctl run {asked.home} --loop {asked.loop}")
+    study = asked.study
     out = Path(options.out or Path("out") / study.name)
     store.check_folder(out)
-    options.settings = case_setup.open_gain_files(options.settings)
-    case_setup.read_swaps(study, options.swaps)  # their files belong to the key
+    options.settings, models = list(asked.settings), asked.models  # files of swaps: in the key
     key = key_of(study, quick=options.quick, settings=options.settings, swaps=options.swaps)
     keep = Keep(out, key)
     chosen = bool(options.loops or options.scenarios)
@@ -50,9 +54,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
     )
     plain = None if options.full or options.scenarios else {} if chosen else keep.logs()
     left: list[str] = []
-    cases, models = case_setup.prepare(
-        study, quick=options.quick, settings=options.settings, swaps=options.swaps,
-        loops=options.loops, scenarios=options.scenarios, plain=plain, left=left,
+    cases, _ = case_setup.prepare(
+        study, settings=asked.settings, loops=options.loops, scenarios=options.scenarios,
+        plain=plain, left=left, built=(asked.cases, models),
     )  # fmt: skip
     changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]

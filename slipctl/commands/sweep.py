@@ -18,9 +18,9 @@ from slipctl.run.results import Case
 from slipctl.run.sweep import sweep_export
 from slipctl.run.sweep.ensemble import World
 from slipctl.run.sweep.sweep_runs import Sweep, sweep
-from slipctl.study import case_setup, resolve
 from slipctl.study.declaration import Study
 from slipctl.study.report.texts import number, wrap_table
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -36,8 +36,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("say what to run: slipctl sweep STUDY:LOOP --vary P=lo:hi:n --out DIR")
     if not options.out:
         raise BadInput("--out names no folder; write one")
-    options.settings = case_setup.open_gain_files(options.settings)
-    study, case, loop = _case(options)
+    asked = Request.read(options.name, options.settings, options.swaps).needs_loop()
+    study, case, loop = asked.study, asked.case, asked.loop
     world = None if options.varied else _world(study, case, loop, options)
     progress = Progress(1, sys.stderr, options.quiet)
     try:
@@ -46,8 +46,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
             samples=options.samples, seed=options.seed, design=options.design,
             signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
             compile=not options.no_compile, progress=lambda share: progress("sweep", share),
-            about={"loop": f"{study.name}:{loop}", "set": options.settings,
-                   "swapped": options.swaps, "command": command}, world=world,
+            about={"loop": f"{study.name}:{loop}", "set": list(asked.settings),
+                   "swapped": list(asked.swaps), "command": command}, world=world,
             scheduler=options.scheduler or "", mixed=options.mixed,
         )  # fmt: skip
     finally:
@@ -66,23 +66,6 @@ def answer(options: argparse.Namespace, command: str) -> int:
         run, why = next(iter(failed.items()))
         log.error("%d of %d runs failed; run %d: %s", len(failed), len(found.runs), run, why)
     return 1 if failed else 0
-
-
-def _case(options: argparse.Namespace) -> tuple[Study, Case, str]:
-    """Study, case and loop that a name stands for, with what was set and swapped."""
-    left, colon, right = options.name.rpartition(":")
-    if not colon:
-        if options.name in resolve.studies() or options.name.endswith((".py", ".toml")):
-            raise resolve.no_loop(options.name, resolve.load_study(options.name))
-        resolve.load_block(options.name)  # says what it is not
-        raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
-    study = resolve.load_study(left)
-    loop, _, scenario = right.partition("@")
-    scenario = scenario or resolve.find_loop(study, right)[1].scenario.name
-    cases, _ = case_setup.prepare(
-        study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
-    )
-    return study, cases[0], loop
 
 
 def _world(study: Study, case: Case, loop: str, options: argparse.Namespace) -> World:

@@ -12,10 +12,8 @@ from slipctl.design.tune import Stopped, Tuned, tune
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
-from slipctl.run.results import Case
 from slipctl.run.sweep.ensemble import Ensemble, load_ensemble
-from slipctl.study import case_setup, resolve
-from slipctl.study.declaration import Study
+from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
 
@@ -30,9 +28,9 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise BadInput("--out names no folder; write one")
     out = Path(options.out)
     store.check_folder(out)
-    options.settings = case_setup.open_gain_files(options.settings)
-    study, case, loop, ensemble = _case(options)
-    name = f"{options.name.rpartition(':')[0]}:{loop}@{case.scenario.name}"
+    asked, ensemble = _world_of(options)
+    study, case, loop = asked.study, asked.case, asked.loop
+    name = f"{asked.home}:{loop}@{case.scenario.name}"
     try:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
@@ -42,8 +40,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
             tell=log.info,
-            about={"loop": name, "set": options.settings,
-                   "swapped": options.swaps, "command": command},
+            about={"loop": name, "set": list(asked.settings),
+                   "swapped": list(asked.swaps), "command": command},
         )  # fmt: skip
     except Stopped as stopped:
         write_gains(stopped.best, out, command)
@@ -53,7 +51,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     write_gains(found, out, command)
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:
-        said = gain_files.certificate_of(found, command, options.settings, options.swaps)
+        said = gain_files.certificate_of(found, command, asked.settings, asked.swaps)
         store.write_text(out / "certificate.json", store.json_text(said))
     if found.front:
         store.write_json(out / "front.json", gain_files.front_of(found, command))
@@ -74,31 +72,20 @@ def write_gains(found: Tuned, out: Path, command: str) -> None:
     store.write_text(out / "gains.toml", gain_files.gains_text(found, command))
 
 
-def _case(options: argparse.Namespace) -> tuple[Study, Case, str, Ensemble]:
-    """Study, case, loop and ensemble that a name stands for, with what was set and swapped."""
-    left, colon, right = options.name.rpartition(":")
-    if not colon:
-        if options.name in resolve.studies() or options.name.endswith((".py", ".toml")):
-            raise resolve.no_loop(options.name, resolve.load_study(options.name))
-        resolve.load_block(options.name)  # says what it is not
-        raise BadInput(f"{options.name} is no loop; write STUDY:LOOP")
+def _world_of(options: argparse.Namespace) -> tuple[Request, Ensemble]:
+    """Loop to tune, in the scenario whose ensemble is meant, and that ensemble."""
+    asked = Request.read(options.name, options.settings, options.swaps).needs_loop()
     given = load_ensemble(options.ensemble) if options.ensemble else None
-    study = resolve.load_study(left)
-    loop, _, scenario = right.partition("@")
-    if not scenario:
-        cases = resolve.build_cases(study)
-        having = [c.scenario.name for c in cases if loop in c.loops]
-        declared = [s for s in study.ensembles if s in having]
-        if not having:
-            resolve.pick_loop(study, cases, right)  # says what there is
-        scenario = (declared or having)[0]
-    ensemble = given or study.ensembles.get(scenario)
+    if not asked.scenario:
+        having = [c.scenario.name for c in asked.cases if asked.loop in c.loops]
+        if having:
+            declared = [s for s in asked.study.ensembles if s in having]
+            asked = asked.at(asked.loop, (declared or having)[0])
+    scenario = asked.scenario or asked.declared[1].scenario.name  # says what there is
+    ensemble = given or asked.study.ensembles.get(scenario)
     if ensemble is None:
         raise BadInput(
-            f"{study.name} declares no ensemble for {loop} in scenario {scenario}; write one in a"
-            " file, --ensemble FILE.toml, see slipctl docs tune"
+            f"{asked.study.name} declares no ensemble for {asked.loop} in scenario {scenario};"
+            " write one in a file, --ensemble FILE.toml, see slipctl docs tune"
         )
-    cases, _ = case_setup.prepare(
-        study, settings=options.settings, swaps=options.swaps, loops=[loop], scenarios=[scenario]
-    )
-    return study, cases[0], loop, ensemble
+    return asked, ensemble

@@ -218,8 +218,8 @@ def _equations(leaf: Block) -> list[str]:
 def _text_rows(leaf: Block) -> list[str]:
     """Equations of a block without parts as aligned lines."""
     g = page(leaf)
-    if g is None and leaf.solves is not None:
-        lines, blocks = leaf.solves
+    if g is None and leaf.composition.solves is not None:
+        lines, blocks = leaf.composition.solves
         told = _columns(lines)
         for name, block in blocks.items():
             told += ["", f"{name}: {_first_line(block)}", *_indent(_equations(block))]

@@ -7,24 +7,23 @@ import inspect
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
-from slipctl.estimate.heads import python_name
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
     output_function,
     unknown_parameters,
 )
-from slipctl.estimate.tables import read_table
+from slipctl.tables.table import read_table
 
 Numbers = Mapping[str, Any]
 
@@ -69,7 +68,7 @@ class Fitted:
     peaks: tuple[tuple[dict[str, float], float, float], ...] = ()
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     @property
     def max_error(self) -> float:
@@ -101,6 +100,7 @@ def fit(
     columns: Mapping[str, str] | None = None,
     measured: str | None = None,
     ordered: bool = False,
+    decimal: str = "",
 ) -> Fitted:
     """Fit parameters of a law to a measured curve by least squares.
 
@@ -121,8 +121,9 @@ def fit(
         columns: expression of the columns for a signal of the law, ``{"v_s": "slip * v / 100"}``;
             otherwise a column of the signal's name is taken, or the law's own ``readings``.
         measured: output that was measured; may be left out if there is only one.
-        ordered: keep the order that the law expects of its parameters (``law.expects``). Where
-            the free fit breaks it, the two parameters are equal.
+        ordered: keep the order that the law expects of its parameters
+            (``law.law_data.expects``). Where the free fit breaks it, the two parameters are equal.
+        decimal: decimal mark of the file, where its numbers can be read in two ways.
 
     Raises:
         BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
@@ -132,7 +133,7 @@ def fit(
     if unknown is None and law.conditions:
         unknown = [n for n in law.params if any(n in c for c in law.conditions.values())]
     unknown = unknown_parameters(law, unknown)
-    table = data if isinstance(data, Mapping) else read_table(data)
+    table = data if isinstance(data, Mapping) else read_table(data, decimal)
     source = "data" if isinstance(data, Mapping) else str(data)
     known = {n: quantity(law, n, v) for n, v in (at or {}).items()}
     known |= parameters_of_columns(law, source, table, known)
@@ -155,8 +156,8 @@ def fit(
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
         law = law.with_params(**{n: quantity(law, n, v)})
-    expressions = {n: python_name(e) for n, e in (columns or {}).items()}
-    curve, said = points(law, source, table, known, expressions, output, unknown)
+    curve, said = points(law, source, table, known, columns or {}, output, unknown)
+    said = [*(f"{source}: {n}" for n in getattr(table, "notes", ())), *said]
     free = _solve(law, curve, unknown)
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:
@@ -165,7 +166,7 @@ def fit(
             law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
         )
     found = _judged(law, curve, unknown, tied, *free)
-    of = {*followed, *(inspect.signature(law.follows).parameters if followed else ())}  # type: ignore[arg-type]
+    of = {*followed, *(inspect.signature(law.law_data.follows).parameters if followed else ())}  # type: ignore[arg-type]
     notes = (*said, *notes, *_untold(found.law, curve, origin, of))
     return replace(found, origin=origin, notes=notes, peaks=_peaks(found.law, curve))
 
@@ -190,22 +191,23 @@ def _following(
         BadInput: some of those that follow are told and others not, or both they and what they
             follow from, or those of the file belong to another load.
     """
-    if law.follows is None:
+    data = law.law_data
+    if data.follows is None:
         return {}, ()
-    own = {n: float(s.value) for n, s in {**law.params, **law.beside}.items() if np.size(s.value)
+    own = {n: float(s.value) for n, s in {**law.params, **data.beside}.items() if np.size(s.value)
            and isinstance(s.value, int | float | np.floating)}  # fmt: skip
     every = {**told, **known}
-    names = list(inspect.signature(law.follows).parameters)
-    found = dict(law.follows(**{n: every.get(n, own.get(n)) for n in names}))
+    names = list(inspect.signature(data.follows).parameters)
+    found = dict(data.follows(**{n: every.get(n, own.get(n)) for n in names}))
     words = ", ".join(found)
-    ways = f"give {words}, or {' and '.join(n for n in names if n in law.beside and n[0] == 'R')}"
+    ways = f"give {words}, or {' and '.join(n for n in names if n in data.beside and n[0] == 'R')}"
     here = [n for n in found if n in every]
     changed = [n for n in names if n in given and n in told and given[n] != told[n]]
     if here and len(here) < len(found):
         lost = ", ".join(n for n in found if n not in here)
         raise BadInput(f"{source}: {', '.join(here)} known without {lost}; {ways}")
     if here:
-        both = [n for n in names if n in law.beside and n in every]
+        both = [n for n in names if n in law.law_data.beside and n in every]
         if both:
             raise BadInput(f"{source}: {words} and {', '.join(both)} are both given; leave out one")
         if changed and not any(n in given for n in found):
@@ -216,7 +218,7 @@ def _following(
         return {}, ()
     if not any(n in every and every[n] != own.get(n) for n in names):
         return {}, ()
-    signals = {**law.params, **law.beside}
+    signals = {**law.params, **law.law_data.beside}
     of = ", ".join(
         f"{n} = {every.get(n, own.get(n)):.5g} {signals[n].unit}".removesuffix(" 1")
         + ("" if n in every else " (the law's own)")
@@ -239,7 +241,7 @@ def _origins(
         elif n in told:
             found[n] = f"comment of {Path(source).name}"
         elif n in followed:
-            found[n] = "follows by " + ("Hertz and Kalker" if law.beside else "the law")
+            found[n] = "follows by " + ("Hertz and Kalker" if law.law_data.beside else "the law")
         elif n in law.params and s.derived:
             found[n] = f"= {s.value}"
         elif n in law.params:
@@ -248,7 +250,7 @@ def _origins(
 
 
 def _unit_of(law: Block, name: str) -> str:
-    return {**law.beside, **law.inputs, **law.params}[name].unit
+    return {**law.law_data.beside, **law.inputs, **law.params}[name].unit
 
 
 def _untold(

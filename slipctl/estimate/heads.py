@@ -55,7 +55,7 @@ def read_heads(
     """
     found: dict[str, str] = {}
     notes: list[str] = []
-    used = {n for n in heads if n in {**law.params, **law.beside}}
+    used = {n for n in heads if n in {**law.params, **law.law_data.beside}}
     bare: dict[str, str] = {}
     for n, s in signals.items():
         if n not in columns and n in heads:
@@ -63,7 +63,7 @@ def read_heads(
             if not heads[n]:
                 bare[n] = s.unit
             continue
-        expression = columns.get(n) or ("" if n in known else law.readings.get(n, ""))
+        expression = columns.get(n) or ("" if n in known else law.law_data.readings.get(n, ""))
         mine = [c for c in names_in(expression) if c in heads] if expression else []
         used.update(mine)
         mine = [c for c in mine if n in columns or c not in {**law.inputs, **law.params}]
@@ -80,7 +80,7 @@ def read_heads(
             elif dimension_equal(heads[c], s.unit):
                 expression = c
                 notes.append(f"{source}: {c} is in {heads[c]}, so it is {n} itself, not read as"
-                             f" {law.readings[n]}")  # fmt: skip
+                             f" {law.law_data.readings[n]}")  # fmt: skip
             else:
                 raise BadInput(
                     f"{source}: the column {c} is in {heads[c]}, the law reads {n} as {expression}"
@@ -105,7 +105,7 @@ def _own_expression(law: Block, source: str, s: Signal, expression: str, heads: 
 
     Its numbers may carry units (``omega * 0.625 - v``); then a line tells that they have to.
     """
-    given = {n: x.unit for n, x in {**law.inputs, **law.params, **law.beside}.items()}
+    given = {n: x.unit for n, x in {**law.inputs, **law.params, **law.law_data.beside}.items()}
     given |= {c: _plain(law, u) for c, u in heads.items() if u}
     names = names_in(expression)
     if any(n not in given for n in names):

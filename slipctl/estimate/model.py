@@ -53,9 +53,9 @@ class Model:
     ) -> Model:
         """Check what the user asked for and build the functions."""
         measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
-        told = {n for c in law.coordinates for n in names_in(c)}
+        told = {n for c in law.law_data.coordinates for n in names_in(c)}
         if coordinates is None and not plain and told == set(unknown):
-            coordinates = law.coordinates
+            coordinates = law.law_data.coordinates
         if coordinates is None:
             coordinates = [n if plain or law.params[n].lo < 0 else f"log({n})" for n in unknown]
         values = {n: law.params[n].value for n in unknown}

@@ -40,7 +40,8 @@ come with the last tick, to the bit those of a fit in one; ``changed`` comes wit
 
 With ``echo`` the noise of a sample comes back with the opposite sign in the next, and sigma is that
 of one of the two. Residuals and regressors are then innovations
-(:mod:`slipctl.estimate.noise_weights`), in which a shift grows: it leaves 1, 1 + echo, ... of itself.
+(:mod:`slipctl.estimate.noise_weights`), in which a shift grows: it leaves 1, 1 + echo, ... of
+itself.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
 from slipctl.predict import description
-from slipctl.predict.options.arguments import Limit
+from slipctl.predict.options.arguments import Limit, Solver
 from slipctl.predict.options.offset import SHARE
 from slipctl.predict.options.scenarios import TOGETHER
 from slipctl.predict.qp.active_set import ActiveSet
@@ -45,13 +45,12 @@ class Controller:
     def __init__(
         self, where: str, problem: Horizon, controls: list[str],
         limits: dict[str, tuple[Limit, Limit]], rate: dict[str, float], softs: dict[str, Soft],
-        weights: dict[str, float], tied: list[bool], iterations: int, most: tuple[int, int, bool],
-        solver: str, ahead: tuple[str, ...] = (), damping: float = 0.0, split: bool = False,
-        search: bool = False,
+        weights: dict[str, float], tied: list[bool], wanted: Solver, ahead: tuple[str, ...] = (),
     ) -> None:  # fmt: skip
-        self.ahead, self.damping, self.split = ahead, damping, split
+        solver = wanted.solver
+        self.ahead, self.damping, self.split = ahead, float(wanted.damping), bool(wanted.split)
         self.h, self.limits, self.rate, self.softs = problem, limits, rate, softs
-        self.weights, self.iterations, self.solver = weights, iterations, solver
+        self.weights, self.iterations, self.solver = weights, int(wanted.iterations), solver
         self.short = dict(zip(controls, problem.decided, strict=True))
         self.once, self.stage, layout, self.step = stage_functions(where, problem)
         self.end, last = problem.end()
@@ -59,10 +58,11 @@ class Controller:
         if self.curved:
             layout, last = self.curved.stage, self.curved.end
         self.layout, self.last = layout, last
+        most = int(wanted.passes), int(wanted.steps), bool(wanted.deadline)
         layouts = (problem, layout, last, tied, bool(rate), *most)
         self.tied = tied
         self.qp = Sparse(solver, *layouts) if solver in QUADRATIC else ActiveSet(*layouts)
-        self.search = Search(problem, self.step) if search else None
+        self.search = Search(problem, self.step) if wanted.search else None
         self.whole = None
         if solver in ("ipopt", "fatrop"):
             self.whole = nonlinear(where, problem, solver, tied, bool(rate))

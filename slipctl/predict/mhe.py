@@ -262,7 +262,8 @@ class _Estimator:
         return description.estimator(
             f"{problem.block.name} over {w.period:g} s",
             [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
-            w.samples, description.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
+            w.samples,
+            description.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
     def shared(self, p: Exprs) -> tuple[Any, Any]:

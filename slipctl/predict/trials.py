@@ -58,9 +58,9 @@ class Driver:
         Raises:
             BadInput: the block is not in two parts.
         """
-        if self.block.split is None:
+        if self.block.composition.split is None:
             raise BadInput(f"{self.block.name} prepares nothing; make it with split=True")
-        only = list(self.block.states).index(self.block.split.only)
+        only = list(self.block.states).index(self.block.composition.split.only)
         self.x[sum(s.size for s in list(self.block.states.values())[:only])] = 1.0
         self(*inputs)
 

@@ -7,8 +7,8 @@ Over M samples, x_0 that of the oldest, with w = noise of the motion per tick ov
 
 a and P = L L' are the arrival: what the samples before the window tell. e is the control of one
 more stage in front, which starts from nothing, so the window is an optimal control problem of M
-stages and goes to :mod:`slipctl.predict.qp.active_set`. Samples that have not come yet do not move the
-state.
+stages and goes to :mod:`slipctl.predict.qp.active_set`. Samples that have not come yet do not move
+the state.
 
 When the window moves on, the oldest sample goes into the arrival by a step of a Kalman filter with
 the exact Jacobians at the estimate (Rao, Rawlings, Mayne 2003). In a linear problem without limits

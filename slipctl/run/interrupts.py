@@ -1,7 +1,8 @@
 """Stop when a person asks for it: Ctrl-C or SIGTERM, at once but never within a file.
 
 An interrupt is raised as ``KeyboardInterrupt``. A library may swallow it (CasADi clears what is
-raised in a property that it reads), so it is raised again until somebody says :func:`note_interrupt`.
+raised in a property that it reads), so it is raised again until somebody says
+:func:`note_interrupt`.
 """
 
 from __future__ import annotations

@@ -70,8 +70,8 @@ class Template:
             for part, names in self.guarded:
                 known = {**values, **block.start()}
                 own = {n: known[full] for n, full in names.items() if full in known}
-                assert part.guard is not None
-                part.guard(own)
+                assert part.composition.guard is not None
+                part.composition.guard(own)
         except BadInput:
             return None
         return block, values
@@ -180,7 +180,7 @@ def check_guards(loop: Block) -> None:
             own = {n: at[f"{where}.{n}" if where else n] for n in part.params
                    if (f"{where}.{n}" if where else n) in at}  # fmt: skip
             try:
-                part.guard(own)  # type: ignore[misc]
+                part.composition.guard(own)  # type: ignore[misc]
             except BadInput as error:
                 raise BadInput(f"{where or part.name}: {error}") from None
 
@@ -193,7 +193,7 @@ def _guarded(
     The names are None where they are not told: below a block that gives a number to one of several
     parts.
     """
-    if block.guard is not None:
+    if block.composition.guard is not None:
         yield block, path, names
     for head, part in block.parts.items():
         inner: dict[str, str] | None = None
@@ -201,6 +201,6 @@ def _guarded(
             inner = {}
             for s in (*part.params.values(), *part.states.values()):
                 full = block.sharing.name(f"{head}.{s.name}") if block.prefixed else s.name
-                if full in names and full not in block.own:
+                if full in names and full not in block.composition.own:
                     inner[s.name] = names[full]
         yield from _guarded(part, f"{path}/{head}", inner)

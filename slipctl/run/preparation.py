@@ -20,7 +20,7 @@ from slipctl.run.rail import Rail, Scenario
 from slipctl.run.scenario_inputs import feeds, loop_at_start, pieces, rail_values
 from slipctl.run.warnings.doubts import doubt_signals, warnings_of_log
 from slipctl.run.warnings.first_guesses import warnings_of_starts
-from slipctl.run.wheel_warnings import wheel_warnings
+from slipctl.run.warnings.wheels import wheel_warnings
 
 if TYPE_CHECKING:
     import xarray

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from slipctl import registry
 from slipctl.errors import BadInput, check_kinds, check_number, check_whole
 
 Feed = float | Sequence[Any] | Callable[[np.ndarray], np.ndarray]
@@ -97,7 +97,7 @@ class Rail:
                 )
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     @property
     def starts(self) -> np.ndarray:
@@ -190,7 +190,7 @@ class Scenario:
         check_kinds("Scenario", Scenario, vars(self))
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some fields replaced."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl import registry
 from slipctl.errors import BadInput, check_kinds, nearest
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Loops(Mapping[str, "Block"]):
         self._made: dict[str, Block] = {}
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     def __getitem__(self, name: str) -> Block:
         if name not in self._made:

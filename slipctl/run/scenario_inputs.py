@@ -11,7 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.block import Block, symbol_maker
+from slipctl.block.block import Block
+from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import targets
 from slipctl.block.signals import Signal, evaluate, names_in, real_array
 from slipctl.block.transforms.replication import with_derived

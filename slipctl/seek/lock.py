@@ -154,7 +154,8 @@ def locking_seek(
         ],
         inputs=[Input(value, "measured value").named("y")],
         params=[
-            Param(quotient_unit(place, "s"), float(k), "rate of the place", lo=1e-12, hi=1e12).named("k"),
+            Param(quotient_unit(place, "s"), float(k), "rate of the place", lo=1e-12,
+                  hi=1e12).named("k"),
             Param(quotient_unit(value, "s"), float(rho), "rate of the target", lo=1e-12,
                   hi=1e12).named("rho"),
             Param(value, float(beta), "width of a cell", lo=1e-12, hi=1e12).named("beta"),

@@ -23,14 +23,7 @@ from slipctl.run.warnings.first_guesses import warnings_of_starts
 from slipctl.study.declaration import Study
 from slipctl.study.failures import blame
 from slipctl.study.files import equation_files
-from slipctl.study.resolve import (
-    find_block,
-    find_loop,
-    is_written,
-    load_block,
-    load_file,
-    load_written,
-)
+from slipctl.study.resolve import find_block, is_written, load_block, load_file, load_written
 
 log = logging.getLogger("slipctl")
 
@@ -133,6 +126,7 @@ def prepare(
     scenarios: Sequence[str] = (),
     plain: Mapping[str, Sequence[str]] | None = None,
     left: list[str] | None = None,
+    built: tuple[Sequence[Case], Mapping[str, Any]] | None = None,
 ) -> tuple[list[Case], Mapping[str, Any]]:
     """Build the cases of a study as asked for, and check each of them by a run of one tick.
 
@@ -144,6 +138,7 @@ def prepare(
         loops, scenarios: the only ones to keep; none given keeps all.
         plain: keep the scenarios of a plain run only, and these loops of these other scenarios.
         left: gets the names of the scenarios that ``plain`` leaves out.
+        built: cases and models with the swaps done, where they are built already.
 
     Returns:
         The cases, and the models they are made of.
@@ -151,13 +146,13 @@ def prepare(
     Raises:
         BadInput: anything that a person can put right; nothing was computed yet.
     """
-    models = read_swaps(study, swaps)
+    models = read_swaps(study, swaps) if built is None else built[1]
     read = [Setting.read(text) for text in settings]
     for k, setting in enumerate(read):
         if any((s.loop, s.name) == (setting.loop, setting.name) for s in read[:k]):
             raise BadInput(f"--set names {setting.name} twice; write it once")
     try:
-        cases = list(study.cases(models, quick))
+        cases = list(study.cases(models, quick) if built is None else built[0])
         cases = _select(study, cases, loops, scenarios)
         if plain is not None:
             named = [c.scenario.name for c in cases]
@@ -180,16 +175,6 @@ def prepare(
     except Exception as error:
         blame(error)
     return cases, models
-
-
-def resolve_loop(study: Study, name: str, settings: Sequence[str] = ()) -> tuple[Block, Case]:
-    """``LOOP`` or ``LOOP@SCENARIO`` of a study and its case, with what was set."""
-    if not settings:
-        return find_loop(study, name)
-    loop, _, scenario = name.partition("@")
-    scenario = scenario or find_loop(study, name)[1].scenario.name
-    cases, _ = prepare(study, settings=settings, loops=[loop], scenarios=[scenario])
-    return cases[0].loops[loop], cases[0]
 
 
 def warnings_of_run(

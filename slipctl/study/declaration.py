@@ -28,10 +28,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from slipctl import registry
 from slipctl.errors import BadInput, check_kinds, nearest
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Case, LeftToFull, NotRun, Results, Table
@@ -380,7 +380,7 @@ class Study:
             seen.add(c.id)
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
 
 NEEDS_FULL, NOT_RUN, CHANGED = "needs --full", "was not run", "was changed"

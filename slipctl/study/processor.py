@@ -26,8 +26,9 @@ from slipctl.run import store
 from slipctl.run.metrics import Run, measure, rail_changes
 from slipctl.run.results import Case
 from slipctl.run.simulation import simulate
-from slipctl.study import execution, resolve
+from slipctl.study import execution
 from slipctl.study.declaration import Study
+from slipctl.study.request import Request
 
 TRAJECTORY = 1e-9
 """Largest difference from Python in double, relative to the largest value of a signal."""
@@ -120,11 +121,8 @@ def compare(
         RunFailed: the board does not answer.
     """
     hertz = load.clock(clock)
-    study_name, colon, loop_name = name.rpartition(":")
-    study = resolve.load_study(study_name if colon else name)
-    if not colon:
-        raise resolve.no_loop(name, study)
-    loop, case = resolve.find_loop(study, loop_name)
+    asked = Request.read(name).needs_loop()
+    study, (loop, case) = asked.study, asked.chosen
     part = study.controller
     if seconds is not None:
         if not seconds >= (loop.period or 0.0):

@@ -6,7 +6,6 @@ What there is, is read from the source files without importing them.
 from __future__ import annotations
 
 import ast
-import importlib
 import importlib.util
 import inspect
 import re
@@ -18,6 +17,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
+from slipctl import registry
 from slipctl.block.portable import FILE
 from slipctl.errors import BadInput, nearest
 from slipctl.study.failures import blame, short
@@ -29,21 +29,20 @@ if TYPE_CHECKING:
     from slipctl.study.declaration import Study
 
 
-def folder(package: str) -> Path:
-    """Folder of ``slipctl.models`` or ``slipctl.studies``, wherever it is installed."""
-    spec = importlib.util.find_spec(f"slipctl.{package}")
-    if spec is None or not spec.submodule_search_locations:
-        raise BadInput(f"slipctl.{package} is not installed; install slipctl again")
-    return Path(next(iter(spec.submodule_search_locations)))
-
-
 def _sources(package: str) -> Iterator[tuple[str, Path, ast.Module]]:
-    inside = "*/study.py" if package == "studies" else "*.py"
-    for path in sorted(folder(package).glob(inside)):
-        name = path.parent.name if package == "studies" else path.stem
-        if name.startswith("_"):
-            continue
-        yield name, path, _parsed(path, path.stat().st_mtime_ns)
+    if package == "studies":
+        found = {path.parent.name: path for path in registry.folder(package).glob("*/study.py")}
+    else:
+        found = model_files()
+    for name in sorted(n for n in found if not n.startswith("_")):
+        yield name, found[name], _parsed(found[name], found[name].stat().st_mtime_ns)
+
+
+def model_files() -> dict[str, Path]:
+    """File of each model by its name, whatever folder of ``models`` it is in."""
+    here = registry.folder("models")
+    papers = [path for path in here.glob("*/*.py") if path.parent.name != "vehicle"]
+    return {path.stem: path for path in (*here.glob("*.py"), *papers)}
 
 
 @lru_cache(maxsize=256)  # of a file as it is: many studies and models are looked up in a run
@@ -150,9 +149,9 @@ def load_file(path: str) -> ModuleType:
     return module
 
 
-def _import(name: str) -> ModuleType:
+def _import(package: str, name: str) -> ModuleType:
     try:
-        return importlib.import_module(name)
+        return registry.module(package, name)
     except Exception as error:
         blame(error)
 
@@ -175,7 +174,7 @@ def load_study(name: str) -> Study:
         known = studies()
         if name not in known:
             raise BadInput(f"there is no study {name!r}{_meant(name, known, 'slipctl list')}")
-        module = _import(f"slipctl.studies.{name}")
+        module = _import("studies", name)
     study = getattr(module, "study", None)
     if not isinstance(study, Study):
         raise BadInput(f"{name} has no study; it must end in: study = Study(...)")
@@ -247,10 +246,10 @@ def load_block(name: str) -> Block:
         module, _, block = name.rpartition(".")
         if module not in known:
             raise BadInput(f"there is no model file {module!r}{nearest(module, known)}")
-        return find_block(_import(f"slipctl.models.{module}"), block, module)
+        return find_block(_import("models", module), block, module)
     hits = [module for module, (_, blocks) in known.items() if name in blocks]
     if len(hits) == 1:
-        return find_block(_import(f"slipctl.models.{hits[0]}"), name, hits[0])
+        return find_block(_import("models", hits[0]), name, hits[0])
     if hits:
         raise BadInput(f"{name!r} could be {' or '.join(f'{m}.{name}' for m in hits)}; write which")
     if name in known:
@@ -371,6 +370,7 @@ def model_source(name: str) -> tuple[str, str, str]:
     if module not in known or block not in (*known[module][1], "block"):
         names = [*known, *(b for _, blocks in known.values() for b in blocks)]
         raise BadInput(f"there is no model {name!r}{_meant(name, names, 'slipctl list')}")
-    text = (folder("models") / f"{module}.py").read_text(encoding="utf-8")
-    text = re.sub(r"(?m)^(\s*from )\.(?=\w)", r"\1slipctl.models.", text)
-    return module, block, re.sub(r"(?m)^(\s*from )\.(?= import)", r"\1slipctl.models", text)
+    home = registry.package_name("models")
+    text = model_files()[module].read_text(encoding="utf-8")
+    text = re.sub(r"(?m)^(\s*from )\.(?=\w)", rf"\1{home}.", text)
+    return module, block, re.sub(r"(?m)^(\s*from )\.(?= import)", rf"\1{home}", text)

@@ -257,7 +257,7 @@ def measured(names: Sequence[str], pairs: int, against: str | None) -> dict[str,
                     c_module(block, folder, real=real)
                 else:
                     found[f"{name}, {real}"] = on_boards(block, rows, real, folder)
-                for k in (0, 1, 2) if block.split else (0,):
+                for k in (0, 1, 2) if block.composition.split else (0,):
                     word = f" prepared {k}" if k else ""
                     programs[f"{name}{word}, {real}"] = built(
                         folder, block.name, real, rows, folder / f"built_{k}", k

@@ -9,12 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl import Block, Context, Experiment, Fitted, Results, Table, fit
+from slipctl import Block, Context, Experiment, Fitted, Results, Table, fit, registry
 from slipctl.draw import plots
 from slipctl.models.wang_2025.hst_traction_peaks import peaks
 from slipctl.models.wheel_rail import contact
 from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
-from slipctl.study import resolve
 
 SPEEDS = (1.0, 5.0, 20.0, 40.0, 69.0)
 """Train speeds of the table and of the figures, in m/s."""
@@ -111,7 +110,7 @@ def fits() -> tuple[Fitted, Fitted]:
 
 def reference() -> Any:
     """File of the reference curve."""
-    return resolve.folder("models") / "data" / "eurosprinter_creep_curve.csv"
+    return registry.folder("models") / "data" / "eurosprinter_creep_curve.csv"
 
 
 def meaning(free: Fitted, ordered: Fitted) -> str:

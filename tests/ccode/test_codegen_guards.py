@@ -742,8 +742,8 @@ def test_limits_of_the_first_ticks_are_theirs() -> None:
     jumps = np.array([(np.arange(20) >= k).astype(float) for k in (15, 16, 17)])
     both = np.stack([jumps, jumps], axis=2)  # output and state
     calm = np.zeros(20, dtype=int)
-    run = expected_outputs.Expected(np.zeros((20, 0)), jumps[0][:, None], jumps[0][:, None], calm, {},
-                            frozenset())  # fmt: skip
+    run = expected_outputs.Expected(np.zeros((20, 0)), jumps[0][:, None], jumps[0][:, None], calm,
+                                    {}, frozenset())  # fmt: skip
     tried = float_error.Trials(both[1:], np.array([calm, calm]))
     whole = expected_outputs.with_limits(plan, run, {}, tried)
     assert (whole.envelope, whole.limits["y"]) == ({"y"}, expected_outputs.ENVELOPE)

@@ -38,6 +38,7 @@ from slipctl.ccode.check.comparison import trial_rows
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.request import Content
 from slipctl.ccode.ship.fmu import fmus
 
 TABLE = Path(__file__).parent / "written_text.csv"
@@ -93,7 +94,7 @@ def module(what: str) -> Iterator[list[str]]:
     name, planned, more = ASKED[what]
     plan = Plan(block(name), **planned)
     whole = more or planned or what in FOLDERS
-    for file, text in codegen.texts(plan, **more).items():
+    for file, text in codegen.texts(plan, Content(**more)).items():
         if whole or plan.name in file:
             yield row(what, file, text, own=file in plan.files[1:])
 
@@ -123,9 +124,11 @@ def checked(what: str) -> Iterator[list[str]]:
     plan = Plan(block(name), **planned)
     text = of_plan(plan)
     made = {
-        "harness.c": module_proof.harness(plan), "options": " ".join(module_proof._options(plan, text)),
+        "harness.c": module_proof.harness(plan),
+        "options": " ".join(module_proof._options(plan, text)),
         "written out": module_proof.written_out(text), "any": module_proof.any_results(plan, text),
-        "claims": str(module_proof._claims(module_proof.harness(plan))), "fuzz.c": fuzz.harness(plan),
+        "claims": str(module_proof._claims(module_proof.harness(plan))),
+        "fuzz.c": fuzz.harness(plan),
         "binding": CModule(Path("."), plan).binding, "inexact": str(float_error.inexact(text)),
         "rows": vectors(trial_rows(plan)), "narrow": vectors(trial_rows(plan, 1e-2)),
     }  # fmt: skip

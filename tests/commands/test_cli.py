@@ -714,7 +714,7 @@ def test_help_takes_at_most_twelve_empty_starts() -> None:
     assert fastest("-m", "slipctl.commands.cli", "--help") <= 12 * fastest("-c", "pass")
 
 
-DRAWING = ("plots", "looks", "regions", "layout", "saving", "strokes", "live")
+DRAWING = ("plots", "looks", "regions", "layout", "figure_files", "strokes", "live")
 
 
 def test_only_what_draws_imports_matplotlib() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from slipctl import BadInput, Block, probe
+from slipctl import BadInput, Block, probe, registry
 from slipctl.models import best_slip, sensors
 from slipctl.models.cheng_2022 import freight_resistance
 from slipctl.models.huang_2020 import subway_braking
@@ -19,7 +19,6 @@ from slipctl.models.wheel_rail import contact_reference
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.wheel_rail.contact import polach
 from slipctl.models.zhang_2021.hst_braking_reference import adhesion_meter
-from slipctl.study import resolve
 from slipctl.study.files import trip_files
 
 
@@ -159,7 +158,7 @@ def test_a_swarm_flies_as_long_as_is_told():
 
 
 def test_draws_of_the_rail_are_heard_and_others_named(tmp_path: Path):
-    folder = resolve.folder("models") / "vehicle" / "files"
+    folder = registry.folder("models") / "vehicle" / "files"
     text = (folder / "metro.toml").read_text(encoding="utf-8")
     text = text.replace("0.8:1.2 of plant.train.adh.c", "0.8:1.2 of rail.leaves.c, act.lag")
     path = tmp_path / "metro.toml"

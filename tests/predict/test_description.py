@@ -58,7 +58,10 @@ def test_the_problem_is_told_with_its_parts():
     assert "interior point" not in text.split("Signals")[0].split("solver  ")[1]
     assert "matrices and loops" not in text
     assert (
-        make(solver="ipopt").with_params(u_hi=7.0).solves[0][-1][1].startswith("ipopt, to the end")
+        make(solver="ipopt")
+        .with_params(u_hi=7.0)
+        .composition.solves[0][-1][1]
+        .startswith("ipopt, to the end")
     )
 
 

@@ -43,7 +43,7 @@ def rows(what: str) -> Iterator[list[str]]:
         return
     block = PROGRAMS[what]()
     yield from ([what, *r] for r in signals(block))
-    for k, row in enumerate(block.solves):
+    for k, row in enumerate(block.composition.solves):
         text = " ".join(str(row).split())
         yield [what, f"told {k}", "text", f"{zlib.crc32(text.encode()):08x}", *[""] * 7]
     for k, outputs in enumerate(ticks(block)):
@@ -60,7 +60,7 @@ def ticks(block: Block) -> Iterator[np.ndarray]:
     given |= {n: -2.5 for n in ("F_low",) if n in given}
     for k in range(TICKS):
         given |= {n: 0.1 * k for n in ("x", "age_x", "age_v") if n in given}
-        if block.split is not None and k:
+        if block.composition.split is not None and k:
             tick.prepare(*given.values())
         yield tick(*given.values())
 

@@ -174,7 +174,8 @@ def function(
     """A Function that knows what is inside it, as long as it lives.
 
     Args:
-        found: (name, expression), as :func:`collect_locals` gives it; those of other symbols are left out.
+        found: (name, expression), as :func:`collect_locals` gives it; those of other symbols
+            are left out.
         name, arguments, results, inputs, outputs: of the Function.
     """
     names, twice = (list(inputs), list(outputs)), {"allow_duplicate_io_names": True}

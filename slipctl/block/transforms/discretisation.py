@@ -10,7 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.block import Block, Exprs, as_block, make_block, symbol_maker
+from slipctl.block.block import Block, Exprs, as_block, make_block
+from slipctl.block.fields import Composition
+from slipctl.block.functions import symbol_maker
 from slipctl.block.signals import Bound, Input, Output, State
 from slipctl.certify.steps import METHODS, largest_step
 from slipctl.errors import BadInput, check_positive, check_whole, nearest
@@ -87,9 +89,8 @@ def sampled(
         block.name, "step", body, block.signals, period=h, sx=block.sx and not loop,
         doc=f"{block.doc}\n\nSampled: {method}, {h:g} s in {substeps} substeps.",
         choices=block.choices | {"method": method, "h": h, "substeps": substeps},
-        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, sharing=block.sharing.through(), by_structure=True,
-        guard=guard if check else None,
+        conditions=block.conditions,
+        composition=Composition.around(block, rebuild, guard=guard if check else None),
     )  # fmt: skip
 
 
@@ -302,8 +303,7 @@ def every(block: Block, n: int, offset: int = 0) -> Block:
         [*states, *block.inputs.values(), *block.params.values(), *block.outputs.values()],
         period=None if block.period is None else block.period / n, sx=False,
         doc=f"{block.doc}\n\nRuns every {n} ticks.", choices=block.choices | {"every": n},
-        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, sharing=block.sharing.through(), by_structure=True,
+        conditions=block.conditions, composition=Composition.around(block, rebuild),
     )  # fmt: skip
 
 
@@ -382,9 +382,8 @@ def gated(block: Block, by: str = "on") -> Block:
         [*block.states.values(), *block.inputs.values(), gate, *block.params.values(), *outputs],
         period=block.period, sx=False,
         doc=f"{block.doc}\n\nRuns while {by} is 1, and begins anew each time.",
-        choices=block.choices | {"gated by": by}, parts={block.name: block}, rebuild=rebuild,
-        conditions=block.conditions, transparent=True, sharing=block.sharing.through(),
-        by_structure=True,
+        choices=block.choices | {"gated by": by}, conditions=block.conditions,
+        composition=Composition.around(block, rebuild),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block
+from slipctl.block.fields import Composition
 from slipctl.block.signals import State
 from slipctl.block.units.unit_algebra import dimension_equal
 from slipctl.errors import BadInput, check_positive
@@ -47,7 +48,9 @@ def over_distance(plant: Block, speed: str = "v", least: float = 0.1) -> Block:
     clock = State("s", 0.0, "time since the start").named("clock")
     return Block(
         block.name, "flow", body, [*block.signals, clock], doc=f"{block.doc}\n\nOver distance.",
-        sx=block.sx, choices=block.choices, parts={block.name: block}, transparent=True,
-        rebuild=lambda parts: over_distance(parts[block.name], speed, least), own=("clock",),
-        conditions=block.conditions, sharing=block.sharing.through(), by_structure=True,
+        sx=block.sx, choices=block.choices, conditions=block.conditions,
+        composition=Composition.around(
+            block, lambda parts: over_distance(parts[block.name], speed, least),
+            own=frozenset({"clock"}),
+        ),
     )  # fmt: skip

@@ -55,10 +55,12 @@ def ranged(
     for s in made.signals:
         if s.bounds:
             made.ends(s, params)
-    rebuild = block._rebuild
-    if rebuild is not None:  # made again of other parts it has the same ranges
-        made._rebuild = lambda *parts: ranged(rebuild(*parts), *outputs, table=table, **signals)
-    return made
+    rebuild = block.composition.rebuild
+    if rebuild is None:
+        return made
+    return made.with_rebuild(  # made again of other parts it has the same ranges
+        lambda *parts: ranged(rebuild(*parts), *outputs, table=table, **signals)
+    )
 
 
 def _declared(there: Signal, s: Signal) -> Signal:

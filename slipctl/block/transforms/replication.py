@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
+from slipctl.block.fields import Composition
 from slipctl.block.signals import Signal, names_in
 from slipctl.errors import BadInput, check_whole, nearest
 
@@ -82,8 +83,8 @@ def replicate(
     return Block(
         block.name, block.kind, body, signals, period=block.period, sx=False,
         doc=f"{block.doc}\n\n{n} copies.", choices=block.choices | {"copies": n},
-        parts={block.name: block}, rebuild=rebuild, conditions=block.conditions,
-        transparent=True, own=own, sharing=block.sharing.through(), by_structure=True,
+        conditions=block.conditions,
+        composition=Composition.around(block, rebuild, own=frozenset(own)),
     )  # fmt: skip
 
 

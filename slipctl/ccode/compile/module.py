@@ -186,7 +186,7 @@ class CModule:
         Raises:
             BadInput: the block is not in two parts.
         """
-        if self.block.split is None:
+        if self.block.composition.split is None:
             raise BadInput(f"{self.name} prepares nothing; make its block with split=True")
         self._in[:] = self._row(dict.fromkeys(self.block.inputs, 0.0) | inputs)
         self.status = int(self._call("prepare", self._in, self._param, self._state))

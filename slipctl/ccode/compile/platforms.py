@@ -75,7 +75,8 @@ def platforms(names: Sequence[str] | None = None) -> list[Platform]:
             how = (
                 f"install MinGW-w64, whose gcc is {MINGW} (Debian: gcc-mingw-w64-x86-64)"
                 if name == "win64"
-                else f"it is built on such a machine only, and this one is {this_platform() or 'another'}"
+                else "it is built on such a machine only, and this one is "
+                f"{this_platform() or 'another'}"
             )
             raise BadInput(f"no compiler for {name}: {how}")
         found.append(Platform(name, compiler, *_KNOWN[name]))

@@ -251,7 +251,7 @@ def prototypes(plan: Plan) -> dict[str, str]:
         "tune": ("int", param, state),
         "step": ("int", f"const {n}_in *in", param, state, f"{n}_out *out"),
     }
-    if plan.block.split:
+    if plan.block.composition.split:
         arguments["prepare"] = arguments["step"][:-1]
         arguments["feedback"] = arguments["step"]
     texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
@@ -280,7 +280,7 @@ def _prototypes(plan: Plan) -> str:
             + " Else the step was made, with the last good value of an input that was bad."
         ),
     }
-    if plan.block.split:
+    if plan.block.composition.split:
         read = ", ".join(m.c for m in plan.early) or "nothing"
         told["prepare"] = (
             f"What can be done of the next tick before its inputs are there: of in it reads {read}."

@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.signals import evaluate, names_in
 from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.module.layout import LOCAL, Layout, Member, layout
@@ -46,6 +45,7 @@ class Plan:
         real: type of a number in C, double or float.
         rates: whether there is a step function for each rate too.
         counter: whether there is a step that is told the number of its tick too.
+        byte_order: of the processor, little or big, which only the A2L tells.
 
     Raises:
         BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
@@ -60,7 +60,11 @@ class Plan:
         real: str = "double",
         rates: bool = False,
         counter: bool = False,
+        byte_order: str = "little",
     ) -> None:
+        if byte_order not in ("little", "big"):
+            raise BadInput(f"there is no byte order {byte_order!r}; write little or big")
+        self.byte_order = byte_order
         self.real, self.rates, self.counter = check_real(real), rates, counter
         if block.kind == "flow":
             raise BadInput(
@@ -72,7 +76,7 @@ class Plan:
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
         try:
-            if block.split:  # only CasADi's text leaves what is prepared where it lies
+            if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
             self.equations: Kernel = self._by_parts()
         except Unsupported:  # a table, say
@@ -179,13 +183,13 @@ class Plan:
     @property
     def early(self) -> list[Member]:
         """Inputs that ``prepare`` reads."""
-        names = self.block.split.inputs if self.block.split else ()
+        names = self.block.composition.split.inputs if self.block.composition.split else ()
         return [m for m in self.layout.inputs if m.name in names]
 
     @property
     def ahead(self) -> list[Member]:
         """States that ``prepare`` makes and the rest of the tick leaves as they are."""
-        names = self.block.split.ahead if self.block.split else ()
+        names = self.block.composition.split.ahead if self.block.composition.split else ()
         return [m for m in self.layout.states if m.name in names]
 
     def state_named(self, name: str) -> Member:
@@ -394,36 +398,17 @@ class Plan:
         """
         block, lay = self.block, self.layout
         symbols = {m.name: ca.SX.sym("p", *matrix(m.signal)) for m in lay.params}
-        known: dict[str, Any] = dict(block.derive(symbols))
-        rest = {n: s.value for n, s in block.states.items()}
-        while rest:
-            ready = [
-                n for n, value in rest.items()
-                if not isinstance(value, str) or self._siblings(n, value, known) is not None
-            ]  # fmt: skip
-            if not ready:
-                n, value = next(iter(rest.items()))
-                raise BadInput(f"{block.name}.{n}: start value {value!r} cannot be computed")
-            for n in ready:
-                value = rest.pop(n)
-                if isinstance(value, str):
-                    local = self._siblings(n, value, known)
-                    known[n] = evaluate(value, local or {}, f"{block.name}.{n}")
-                else:
-                    known[n] = ca.DM(constant(block.states[n], value))
+        waiting = {n: s.value for n, s in block.states.items() if isinstance(s.value, str)}
+        numbers = {
+            n: ca.DM(constant(s, s.value)) for n, s in block.states.items() if n not in waiting
+        }
+        known = block._solved(waiting, {**block.derive(symbols), **numbers}, start=True)
         results = []
         for m in (*lay.derived, *lay.states):
             value = known[m.name] if m.signal.derived else 0.0
             results.append(dense_value(block, m.signal, ca.SX(value)))
         f = ca.Function("start", list(symbols.values()), results, {"cse": True})
         return Writer(f, lambda i, k: lay.params[i].at("param->", k)).run()
-
-    def _siblings(
-        self, name: str, expression: str, known: Mapping[str, Any]
-    ) -> dict[str, Any] | None:
-        """Values that an expression of ``name`` uses, if all are known."""
-        full = {k: self.block._sibling(name, k) for k in names_in(expression)}
-        return {k: known[f] for k, f in full.items()} if set(full.values()) <= set(known) else None
 
     def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[str]:
         """Statements that compute derived parameters or start values from expressions."""

@@ -43,7 +43,7 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         BadInput: all parts have one rate, or the controller is not written by parts.
     """
     made = plan.equations
-    if not made.functions or plan.block.split:
+    if not made.functions or plan.block.composition.split:
         raise BadInput(
             f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
         )
@@ -150,8 +150,8 @@ def prototypes(plan: Plan) -> dict[str, str]:
     """Declarations of the steps of the groups, by their short names."""
     n = plan.name
     return {
-        g.name: declaration_lines("int", f"{n}_{g.name}", f"const {n}_in *in", f"const {n}_param *param",
-                        f"{n}_state *state", f"{n}_out *out")
+        g.name: declaration_lines("int", f"{n}_{g.name}", f"const {n}_in *in",
+                                  f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out")
         for g in groups(plan)
     }  # fmt: skip
 
@@ -284,6 +284,6 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
         "Go on with the tick in hand until so many groups of parts are done. Begin one if there"
         " is none or it has come as far already. Gives what is known of its status."
     )
-    signature = declaration_lines("static unsigned int", "go_on", f"const {n}_in *in", f"{n}_state *state",
-                        "double groups")  # fmt: skip
+    signature = declaration_lines("static unsigned int", "go_on", f"const {n}_in *in",
+                                  f"{n}_state *state", "double groups")  # fmt: skip
     return f"{what}\n" + define(signature, lines)

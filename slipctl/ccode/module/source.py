@@ -393,8 +393,8 @@ def _step(plan: Plan) -> str:
     if plan.equations.ticks:  # what does not run in this tick keeps its state
         lines.append(f"{following} = state->kept;")
     passed = [f"&{following}"] * has_next + ["&now"]
-    if plan.block.split:
-        before = plan.state_named(plan.block.split.prepared).c
+    if plan.block.composition.split:
+        before = plan.state_named(plan.block.composition.split.prepared).c
         lines.append(f"const bool whole = !(state->kept.{before} > 0.0); /* nothing is prepared */")
     call = equations_call(plan, seen)
     ranged = any(plan.ranged(m) for m in lay.states)
@@ -429,7 +429,7 @@ def _step(plan: Plan) -> str:
         more = rates.functions(plan, looked, lines, hold)
         return f"{more}\n\n{define(texts['step'], rates.step(plan))}"
     lines = before_it + lines
-    if not plan.block.split:
+    if not plan.block.composition.split:
         return define(texts["step"], lines)
     whole = define(texts["step"], [f"return {n}_feedback(in, param, state, out);"])
     return f"{define(texts['feedback'], lines)}\n\n{whole}"

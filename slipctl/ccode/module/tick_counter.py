@@ -12,8 +12,9 @@ from slipctl.ccode.tree.statements import declaration_lines, define, if_
 def prototype(plan: Plan) -> str:
     """Declaration of the function."""
     n = plan.name
-    return declaration_lines("int", f"{n}_step_counted", f"const {n}_in *in", f"const {n}_param *param",
-                   f"{n}_state *state", f"{n}_out *out", "unsigned int tick")  # fmt: skip
+    return declaration_lines("int", f"{n}_step_counted", f"const {n}_in *in",
+                             f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out",
+                             "unsigned int tick")  # fmt: skip
 
 
 def counter_doc(plan: Plan) -> str:

@@ -39,7 +39,7 @@ def equations_call(plan: Plan, seen: str) -> str:
 
 def due(plan: Plan) -> str:
     """Condition that the equations prepare, not only go on from what is prepared."""
-    split = plan.block.split
+    split = plan.block.composition.split
     assert split is not None
     only, prepared = (plan.state_named(n).c for n in (split.only, split.prepared))
     return f"(state->{only} > 0.0) || !(state->{prepared} > 0.0)"
@@ -59,10 +59,10 @@ def take_state(plan: Plan, members: Sequence[Member]) -> list[str]:
 
 def prepare(plan: Plan) -> str:
     """Function that makes the first part of a tick, where it may be made in two."""
-    if plan.block.split is None:
+    if plan.block.composition.split is None:
         return ""
     n, big = plan.name, plan.layout.big
-    only = plan.state_named(plan.block.split.only).c
+    only = plan.state_named(plan.block.composition.split.only).c
     following = "state->next" if plan.next_in_state else "next"
     ends, good = early_good(plan)
     refused = f"(int){big}_REFUSED"

@@ -120,7 +120,8 @@ def _starts(plan: Plan) -> tuple[str, str]:
             result = evaluate(value, {k: symbols[n] for k, n in used.items()}, m.name)
             names = list(dict.fromkeys(used.values()))
             f = ca.Function("start", [symbols[n] for n in names],
-                            [dense_value(block, m.signal, ca.SX(result))], {"cse": True})  # fmt: skip
+                            [dense_value(block, m.signal, ca.SX(result))],
+                            {"cse": True})  # fmt: skip
             writer = _written(f, [places[n] for n in names])
             text += _if_not_given(first[m.name], m, writer)
             helpers |= set(writer.helpers)

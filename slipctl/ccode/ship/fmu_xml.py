@@ -299,8 +299,8 @@ def page(plan: Plan) -> str:
     )
     return (
         f"<!DOCTYPE html>\n<meta charset='utf-8'><title>{plan.name}</title>\n<h1>{plan.name}</h1>\n"
-        f"<p>{escape(ascii_text(plan.block.doc))}</p>\n<p>A binary for another platform is built from"
-        " the C files in sources, which need nothing but the C library: <code>cc -std=c99 -O2"
+        f"<p>{escape(ascii_text(plan.block.doc))}</p>\n<p>A binary for another platform is built"
+        " from the C files in sources, which need nothing but the C library: <code>cc -std=c99 -O2"
         f" -ffp-contract=off -fPIC -shared sources/*.c -o {plan.name}.so -lm</code></p>\n"
         "<table>\n<tr><th>variable</th><th>unit</th>"
         f"<th>causality</th><th>meaning</th></tr>\n{rows}</table>\n"

@@ -20,6 +20,7 @@ from slipctl.run import store
 from slipctl.run.numbers import check_guards
 from slipctl.study import case_setup
 from slipctl.study.declaration import Gains, Study
+from slipctl.study.request import Request
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
@@ -129,17 +130,12 @@ def answers(
     Raises:
         BadInput: the study declares none, or a loop that it does not have.
     """
-    from slipctl.study import resolve
-
     if not study.gains:
         why = "".join(f"; {n}: {text}" for n, text in study.uncertified.items())
         raise BadInput(f"{study.name} declares no gains to certify{why}; see slipctl certify")
-    found, cases = [], [] if settings else resolve.build_cases(study)
+    found, asked = [], Request.of(study, "", settings)
     for gains in study.gains if of is None else of:
-        if settings:
-            loop, _ = case_setup.resolve_loop(study, gains.loop, settings)
-        else:
-            loop, _ = resolve.pick_loop(study, cases, gains.loop)
+        loop, _ = asked.at(gains.loop).chosen
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         report = systems.report(catalogue.system(gains.system), numbers)

@@ -21,8 +21,9 @@ from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
 from slipctl.run.numbers import check_guards
-from slipctl.study import case_setup, resolve
+from slipctl.study import resolve
 from slipctl.study.declaration import Gains, Study
+from slipctl.study.request import Request
 
 if TYPE_CHECKING:
     from slipctl.design.maps import Axis
@@ -77,7 +78,7 @@ def is_loop(name: str) -> bool:
 def one(name: str, settings: Sequence[str] = ()) -> tuple[Gains, Block]:
     """Gains of ``STUDY:LOOP`` or ``STUDY:GAINS`` and their loop, where that is one certificate.
 
-    The loop has what was set, as :func:`slipctl.study.case_setup.resolve_loop` gives it.
+    The loop has what was set, as :class:`slipctl.study.request.Request` gives it.
 
     Raises:
         BadInput: it has several.
@@ -88,7 +89,7 @@ def one(name: str, settings: Sequence[str] = ()) -> tuple[Gains, Block]:
         gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
         if len(gains) != 1:
             raise BadInput(f"{name} has several certificates; write which: {known}")
-    loop = case_setup.resolve_loop(study, gains[0].loop, settings)[0]
+    loop = Request.of(study, gains[0].loop, settings).chosen[0]
     check_guards(loop)
     return gains[0], loop
 
@@ -148,7 +149,7 @@ def _measured(
         raise BadInput(f"--metric runs a loop, and {options.system} is a system; map STUDY:LOOP")
     gains, _ = one(options.system)
     study, _ = find(options.system)
-    loop, case = case_setup.resolve_loop(study, gains.loop, options.settings)
+    loop, case = Request.of(study, gains.loop, options.settings).chosen
     at = places(loop, study.controller, [a.name for a in axes], given)
     return Measured(loop, case.scenario, study.signals, case.known), options.metric, at
 

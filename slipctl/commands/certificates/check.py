@@ -38,22 +38,18 @@ def rerun(file: str, many: int) -> str:
     from slipctl.design.gain_search import FIRST_PROOF
     from slipctl.design.goals import read_objective, single
     from slipctl.run.sweep.ensemble import World, read_ensemble
-    from slipctl.study import case_setup, resolve
+    from slipctl.study.request import Request
 
     payload = safe_json.read(Path(file))
     said: Mapping[str, Any] | None = payload.get("statistical")
     if said is None:
         raise BadInput(f"{file} holds no statement of draws; slipctl tune ... --prove writes one")
-    left, colon, right = str(payload.get("loop")).rpartition(":")
-    loop, at, scenario = right.partition("@")
-    if not colon or not at:
+    asked = Request.read(
+        str(payload.get("loop")), _texts(file, said, "set"), _texts(file, said, "swapped")
+    )
+    if not (asked.loop and asked.scenario):
         raise BadInput(f"{file}: loop is {payload.get('loop')!r}; it must be STUDY:LOOP@SCENARIO")
-    study = resolve.load_study(left)
-    cases, _ = case_setup.prepare(
-        study, settings=_texts(file, said, "set"), swaps=_texts(file, said, "swapped"),
-        loops=[loop], scenarios=[scenario],
-    )  # fmt: skip
-    case, gains = cases[0], _gains(file, payload)
+    study, case, loop, gains = asked.study, asked.case, asked.loop, _gains(file, payload)
     ensemble = read_ensemble(file, said["ensemble"])
     world = World(
         case.loops[loop], case.scenario, ensemble, signals=study.signals, known=case.known,

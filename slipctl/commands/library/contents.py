@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 from dataclasses import MISSING, fields
 from typing import Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
+from slipctl.study.files import trip_files
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -52,7 +52,6 @@ def kinds() -> list[Row]:
     """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys."""
     from slipctl.study.files import declared_parts
 
-    parts = importlib.import_module("slipctl.models.vehicle.parts")
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()
 
@@ -81,7 +80,7 @@ def kinds() -> list[Row]:
                 if cls.__name__ in ("Vehicle", "Sensors"):
                     of(cls, f"{where}.")
 
-    of(parts.Trip, "")
+    of(trip_files.vehicle_files().roots[0], "")
     return rows
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from slipctl.errors import BadInput
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[2]
 PLACES = (PACKAGE.parent / "out" / "docs", PACKAGE / "pages")
 """Where the pages are: built in a clone, and shipped in a wheel."""
 

@@ -6,9 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
+from slipctl import registry
 from slipctl.errors import BadInput, nearest
 from slipctl.run import store
-from slipctl.study import resolve
 from slipctl.study.files import loop_files, trip_files
 
 SCHEMA = "slipctl.schema.json"
@@ -17,7 +17,7 @@ SCHEMA = "slipctl.schema.json"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Write the file and its schema, and say what to type next."""
-    folder = resolve.folder("models") / "vehicle" / "files"
+    folder = registry.folder("models") / "vehicle" / "files"
     known = {p.stem: p for p in sorted(folder.glob("*.toml"))}
     kind, file = options.kind, options.file
     if options.source:

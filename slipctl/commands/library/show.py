@@ -8,38 +8,31 @@ from typing import Any
 
 from slipctl.errors import BadInput
 from slipctl.run import store
-from slipctl.study import resolve
-from slipctl.study.files import trip_files
+from slipctl.study.request import Request
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the name stands for."""
     name = options.name
-    whole = not resolve.is_written(name) and (
-        name in resolve.studies()
-        or (name.endswith(".py") and ":" not in name)
-        or trip_files.is_trip(name)
-    )
+    asked = Request.read(name)
+    whole = asked.home and not asked.loop
     if options.json and (options.latex or options.graph or options.against):
         raise BadInput("--json says all; leave out --latex, --graph and --against")
     if whole and not (options.latex or options.graph or options.against):
-        print(store.json_text(_study_data(name)).rstrip() if options.json else _study_text(name))
+        print(store.json_text(_study_data(asked)).rstrip() if options.json else _study_text(asked))
         return 0
     if whole:
-        study = resolve.load_study(name)
-        loops = resolve.loop_names(study)
-        raise BadInput(f"{name} is a study; write which loop: " + ", ".join(
-            f"{name}:{loop}" for loop in loops))  # fmt: skip
+        asked.needs_loop()
     from slipctl.draw import show
 
-    block = resolve.load_block(name)
+    block = asked.block
     if options.json:
         from slipctl.draw.block_data import block_dict
 
         print(store.json_text(block_dict(block)).rstrip())
         return 0
     if options.against:
-        print(show.difference(block, resolve.load_block(options.against)).rstrip())
+        print(show.difference(block, Request.read(options.against).block).rstrip())
         return 0
     if options.latex:
         print(show.latex(block).rstrip())
@@ -50,14 +43,14 @@ def answer(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _study_data(name: str) -> dict[str, Any]:
-    study = resolve.load_study(name)
+def _study_data(asked: Request) -> dict[str, Any]:
+    study = asked.study
     return {
         "name": study.name, "title": study.title, "source": study.source, "doc": study.doc,
         "scenarios": [
             {"name": c.scenario.name, "duration_s": c.scenario.duration, "seed": c.scenario.seed,
              "doc": c.scenario.doc, "loops": list(c.loops)}
-            for c in resolve.build_cases(study)
+            for c in asked.cases
         ],
         "models": list(study.models),
         "experiments": {k: e.title for k, e in study.experiments.items()},
@@ -66,9 +59,8 @@ def _study_data(name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _study_text(name: str) -> str:
-    study = resolve.load_study(name)
-    cases = resolve.build_cases(study)
+def _study_text(asked: Request) -> str:
+    study, cases, name = asked.study, asked.cases, asked.name
     rows = [f"{study.name}: {study.title}", f"  {study.source}", "", *_wrapped(study.doc, "  ", 96)]
     rows += ["", "scenarios and loops"]
     for case in cases:

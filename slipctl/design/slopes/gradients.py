@@ -35,7 +35,7 @@ JUMPS = {
     for n, said in (("SIGN", "a sign"), ("FLOOR", "a quantiser"), ("CEIL", "a quantiser"),
                     ("EQ", "an equality"), ("NE", "an equality"))
 }  # fmt: skip
-"""Operations that jump wherever they change; comparisons may be kinks, and :func:`slope_error` tells."""
+"""Operations that jump where they change; comparisons may be kinks: :func:`slope_error` tells."""
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 """Steps of the central differences that guard a slope, as shares of each number."""
@@ -128,7 +128,7 @@ class Slopes:
         self._given = by_numbers(self.loop, self.names)
         prepared = world.measured.prepared
         whole = prepared.whole({})
-        if any(b.solves is not None for _, b in self.loop.leaves()):
+        if any(b.composition.solves is not None for _, b in self.loop.leaves()):
             for path, b in self.loop.leaves():
                 self._refuse_jump_of(path, b)
             self._back = Backward(whole.f, True, prepared.compile)
@@ -199,7 +199,7 @@ class Slopes:
 
     def _refuse_jump_of(self, path: str, part: Block) -> None:
         """Refuse a part beside one that solves a problem, if any of its operations may jump."""
-        for op, said in JUMPS.items() if part.solves is None else ():
+        for op, said in JUMPS.items() if part.composition.solves is None else ():
             if _has(part, op):
                 raise BadInput(f"{said} in it may change along the run ({path})")
 

@@ -68,7 +68,7 @@ def fit_over_time(
         raise BadInput(f"there is no rule {rule!r}{nearest(rule, ('hold', 'linear'))}")
     free = free_state(flow, measured)
     if unknown is None:
-        unknown = flow.coordinates or [
+        unknown = flow.law_data.coordinates or [
             n for n, s in flow.params.items() if not s.derived and s.value is not None
         ]
         unknown = [n for n in unknown if n not in (at or {})]
@@ -97,7 +97,13 @@ def fit_over_time(
                        " a gap; give a log without one")  # fmt: skip
     begin = {n: float(v) for n, v in flow.start().items()}
     rolled = Rolled(flow, measured, unknown, free, delay, rule, begin)
-    return Search(rolled, pieces, records, set(told)).found()
+    try:
+        return Search(rolled, pieces, records, set(told)).found()
+    except np.linalg.LinAlgError:
+        raise BadInput(
+            f"{records[0].source}: {flow.name} is not finite over it; look at the units of time and"
+            f" {measured}, or give another start, --start NAME=VALUE"
+        ) from None
 
 
 def _records(

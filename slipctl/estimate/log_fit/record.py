@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
+from slipctl import registry
 from slipctl.block.block import Block
 
 DEAD = "dead_time"
@@ -104,7 +104,7 @@ class FittedOverTime:
         return "s" if name == DEAD else self.flow.params[name].unit
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
 
 def origin(sources: Sequence[str]) -> str:

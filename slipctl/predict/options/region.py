@@ -1,8 +1,8 @@
 """Where the regulator's law alone brings a plant to rest within its limits: a proved ellipsoid.
 
-The law v = v_s - K (x - x_s) of :mod:`slipctl.predict.options.terminal` has, on the nonlinear plant, a rest
-x_f. With P = L'L and w = L (x - x_f), V = |w|^2 and a step is w+ = F(w), F(0) = 0. Three things
-make the ball |w|^2 <= level a region of attraction:
+The law v = v_s - K (x - x_s) of :mod:`slipctl.predict.options.terminal` has, on the nonlinear
+plant, a rest x_f. With P = L'L and w = L (x - x_f), V = |w|^2 and a step is w+ = F(w), F(0) = 0.
+Three things make the ball |w|^2 <= level a region of attraction:
 
 * Limits hold in it. Of a row that is linear in w, c + a'w <= 0, the largest radius is -c/|a|.
   Others are enclosed.

@@ -23,6 +23,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.fields import Composition
 from slipctl.block.signals import Input, Output, Signal
 from slipctl.errors import BadInput, check_positive
 
@@ -159,5 +160,5 @@ def _columns(
     ]
     return Block(
         block.name, block.kind, body, signals, doc=block.doc, sx=block.sx,
-        parts={block.name: block}, transparent=True, sharing=block.sharing.through(),
+        composition=Composition.around(block, None, by_structure=False),
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Quadratic programs of an optimal control problem by an interior point and Riccati's recursion.
 
-Where the statuses of :mod:`slipctl.predict.qp.active_set` come back to where they were, and where rows
-are hard. Every limit is a row r(y) = e + R y <= 0 of a stage, y = (z, v), with the cost
+Where the statuses of :mod:`slipctl.predict.qp.active_set` come back to where they were, and where
+rows are hard. Every limit is a row r(y) = e + R y <= 0 of a stage, y = (z, v), with the cost
 
     firm (bounds, rates):  none, kept always
     soft:                  1/2 max(0, r)^2

@@ -90,7 +90,8 @@ class Horizon:
         factors: of each scenario; none where the plant is one.
         shared: stages after which each scenario has controls of its own; 0 where it has none.
         prices: outputs that are summed as they are.
-        exact: whether Hessians are exact ones, made convex (:mod:`slipctl.predict.stages.exact_hessian`).
+        exact: whether Hessians are exact ones, made convex
+            (:mod:`slipctl.predict.stages.exact_hessian`).
     """
 
     flow: Block

@@ -10,6 +10,7 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs
 from slipctl.block.connection import connect
+from slipctl.block.fields import Composition
 from slipctl.block.signals import Signal
 from slipctl.block.units.unit_algebra import dimension_equal
 from slipctl.errors import BadInput
@@ -28,9 +29,10 @@ def with_inputs(
 
     return Block(
         plant.name, "flow", body, [*plant.signals, *inputs], doc=plant.doc, sx=plant.sx,
-        choices=plant.choices, parts={plant.name: plant}, conditions=plant.conditions,
-        rebuild=lambda parts: with_inputs(parts[plant.name], inputs, change),
-        transparent=True, sharing=plant.sharing.through(), by_structure=True,
+        choices=plant.choices, conditions=plant.conditions,
+        composition=Composition.around(
+            plant, lambda parts: with_inputs(parts[plant.name], inputs, change)
+        ),
     )  # fmt: skip
 
 

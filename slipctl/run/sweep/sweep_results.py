@@ -6,12 +6,12 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl import registry
 from slipctl.errors import BadInput
 from slipctl.run.metrics import METRICS
 from slipctl.run.sweep import sweep_store
@@ -74,7 +74,7 @@ class Sweep:
             found.close()
 
     def _repr_html_(self) -> str:
-        return str(import_module("slipctl.study.notebook").html(self))
+        return registry.view(self, "html")
 
     @property
     def failed(self) -> dict[int, str]:

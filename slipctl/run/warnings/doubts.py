@@ -11,7 +11,7 @@ from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
-from slipctl.run.wheel_warnings import longest_span, watched_wheels
+from slipctl.run.warnings.wheels import longest_span, watched_wheels
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""

@@ -13,7 +13,7 @@ import numpy as np
 from slipctl.block.shared_numbers import targets
 from slipctl.errors import BadInput
 from slipctl.run.scenario_inputs import loop_at_start
-from slipctl.study import resolve
+from slipctl.study.request import Request
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -39,14 +39,13 @@ def loop_file_text(name: str, file: str) -> str:
     Raises:
         BadInput: no such loop; a study of a file.
     """
-    left, colon, right = name.rpartition(":")
-    if not colon:
-        raise resolve.no_loop(name, resolve.load_study(name))
-    if left.endswith(".toml"):
-        raise BadInput(f"{left} is such a file already; copy it, and leave the other loops out")
-    study = resolve.load_study(left)
-    loop, case = resolve.find_loop(study, right)
-    short, scenario = right.partition("@")[0], case.scenario
+    asked = Request.read(name).needs_loop()
+    if asked.home.endswith(".toml"):
+        raise BadInput(
+            f"{asked.home} is such a file already; copy it, and leave the other loops out"
+        )
+    study, (loop, case) = asked.study, asked.declared
+    short, scenario = asked.loop, case.scenario
     loops = {short: loop}
     if BOUND in case.loops and short != BOUND:
         loops[BOUND] = case.loops[BOUND]
@@ -69,7 +68,7 @@ def loop_file_text(name: str, file: str) -> str:
         "",
         "[vehicle]",
         'kind = "study"                           # its equations and wires',
-        f"study = {_text(left)}",
+        f"study = {_text(asked.home)}",
         f"scenario = {_text(scenario.name)}",
         "",
         *_rail(loop, scenario),

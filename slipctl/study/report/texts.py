@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import BETTER, METRICS, NEEDS, Metric
 from slipctl.run.results import Results
-from slipctl.run.wheel_warnings import FIRST
+from slipctl.run.warnings.wheels import FIRST
 from slipctl.study.case_setup import warnings_before_run
 from slipctl.study.declaration import (
     CHANGED,

@@ -9,7 +9,6 @@ import pytest
 
 from slipctl import BadInput, prepare
 from slipctl.block.reach import reach_text, with_reach
-from slipctl.models.exponential_tail import exponential_tail, peak_slip
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import (
     Constant,
@@ -23,6 +22,7 @@ from slipctl.models.vehicle import (
     Vehicle,
     case,
 )
+from slipctl.models.wheel_rail.exponential_tail import exponential_tail, peak_slip
 from slipctl.study.resolve import load_block
 
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=16.7)
@@ -122,5 +122,5 @@ def test_a_law_says_how_far_it_reaches(tmp_path: Path):
     for key, value in (("meant_to", "far"), ("measured_to", "-1 m/s"), ("measured_to", "2 kg")):
         with pytest.raises(BadInput, match=key):
             with_reach(double_exponential, {key: value})
-    assert with_reach(double_exponential, {"meant_to": "locked"}).meant_to == math.inf
-    assert double_exponential.meant_to == 4.0
+    assert with_reach(double_exponential, {"meant_to": "locked"}).law_data.meant_to == math.inf
+    assert double_exponential.law_data.meant_to == 4.0

@@ -2,14 +2,14 @@
 
     mu = c (exp(-a v_s) - exp(-b v_s)) + s (1 - exp(-b v_s)),   0 < a < b
 
-The first term is the law of Huang 2020, eq (4), see models/huang_2020/subway_braking.py. It goes to zero at
-large slip, so that a locked wheel would not brake at all. The second one is added here: it goes to
-s, what sliding steel keeps. The peak is at v_s* = ln(b (c + s)/(a c))/(b - a), the only one.
+The first term is the law of Huang 2020, eq (4), see models/huang_2020/subway_braking.py. It goes to
+zero at large slip, so that a locked wheel would not brake at all. The second one is added here: it
+goes to s, what sliding steel keeps. The one peak is at v_s* = ln(b (c + s)/(a c))/(b - a).
 
 Where the numbers are from. a and b are of Table 1 of that paper. On dry rail s is a third of the
-peak, as much as Polach's law has at large slip with A = 0.36 (Wang 2025, Table 3; see
-models/wheel_rail/contact.py). So four locked wheels slow a vehicle on level dry rail by s g = 0.98 m/s^2. The
-other conditions are guesses with a peak near that of Table 1. No number was measured.
+peak, as much as Polach's law has at large slip with A = 0.36 (Wang 2025, Table 3). So four locked
+wheels slow a vehicle on level dry rail by s g = 0.98 m/s^2. The other conditions are guesses with a
+peak near that of Table 1. No number was measured.
 """
 
 import math

@@ -90,7 +90,7 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
                 f" faster than the vehicle at {time[k]:.4g} s; neither slip control nor its motor"
                 " holds it"
             )
-        limit = law.meant_to
+        limit = law.law_data.meant_to
         if limit is None or not np.isfinite(limit):
             continue
         size = np.abs(slip)

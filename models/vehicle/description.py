@@ -1,0 +1,82 @@
+"""What slipctl reads of a file that describes a vehicle, registered in ``pyproject.toml``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from slipctl.errors import BadInput, Faults
+from slipctl.models.vehicle import control, of_study, study
+from slipctl.models.vehicle.of_study import StudyTrip
+from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.trip import rail_law
+from slipctl.study.declaration import Study
+
+Fault = tuple[tuple[str | int, ...], str]
+"""Keys down to where it stands, and what is wrong there."""
+
+
+class VehicleFiles:
+    """A vehicle of one's own, or loops of a study with other numbers."""
+
+    roots = (Trip, StudyTrip)
+
+    def root(self, content: Mapping[str, Any]) -> type:
+        """Part that a file's content is read as."""
+        vehicle = content.get("vehicle")
+        return self.roots[isinstance(vehicle, Mapping) and vehicle.get("kind") == "study"]
+
+    def faults(self, part: Trip | StudyTrip) -> list[Fault]:
+        """What is wrong in a file that is declared right: numbers that only the blocks know."""
+        if isinstance(part, Trip):
+            return _faults_of_laws(part)
+        try:
+            return of_study.Reading(part).check()
+        except BadInput as error:
+            return [(("vehicle",), str(error))]
+
+    def study(self, part: Trip | StudyTrip, name: str, doc: str) -> Study:
+        """Study of a file."""
+        if isinstance(part, Trip):
+            return study.study(part, name, doc)
+        return of_study.study(part, name, doc)
+
+
+VEHICLE_FILES = VehicleFiles()
+
+
+def _faults_of_laws(trip: Trip) -> list[Fault]:
+    """What is wrong with laws, conditions and gains, which the blocks themselves know."""
+    faults: list[Fault] = []
+
+    def tried(keys: tuple[str | int, ...], check: Any) -> None:
+        try:
+            check()
+        except BadInput as error:
+            lines = error.lines if isinstance(error, Faults) else (str(error),)
+            faults.extend(_placed(keys, line) for line in lines)
+
+    tried(("rail",), lambda: rail_law(trip))
+    if hasattr(trip.reference, "noise"):
+        tried(("reference",), lambda: control.law_and_guess(trip.reference))
+    if faults:
+        return faults
+    for name, part in trip.controllers.items():
+        if hasattr(part, "gains"):
+            tried(
+                ("controllers", name),
+                lambda part=part: control.slip_law(trip, part, control.wheel(trip)),
+            )
+    return faults
+
+
+def _placed(keys: tuple[str | int, ...], line: str) -> Fault:
+    """A fault where its line says, below these keys."""
+    found = re.match(r"((?:rail|start|gains)(?:\.\w+)*):? (.+)", line)
+    if not found:
+        return keys, line
+    path, rest = found[1].split("."), found[2]
+    inner = tuple(int(k) if k.isdigit() else k for k in path)
+    inner = inner[1:] if path[0] == "gains" or keys[:1] == ("rail",) else inner
+    return (*keys, *inner), rest
