@@ -11,7 +11,7 @@ Q is the load of one wheel, a and b the semi-axes of its patch (models/wheel_rai
 v_s. Valid from standstill on: the floor v_min is added here, because (8) divides by zero there.
 What is wrong in print is told in docs/errata.md; ``creep_law(form="printed-6")`` is as printed.
 Friction falls to A mu_0 and no further, so a locked wheel brakes. The law was held against a
-measured curve up to a creep of 2.5 m/s (eurosprinter_creep_curve.csv).
+measured curve up to a creep of 2.5 m/s, that of the Eurosprinter in models/data.
 """
 
 from __future__ import annotations

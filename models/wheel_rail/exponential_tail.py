@@ -2,7 +2,7 @@
 
     mu = c (exp(-a v_s) - exp(-b v_s)) + s (1 - exp(-b v_s)),   0 < a < b
 
-The first term is the law of Huang 2020, eq (4), see models/huang_2020/subway_braking.py. It goes to
+The first term is the law of Huang 2020, eq (4), ``double_exponential``. It goes to
 zero at large slip, so that a locked wheel would not brake at all. The second one is added here: it
 goes to s, what sliding steel keeps. The one peak is at v_s* = ln(b (c + s)/(a c))/(b - a).
 
