@@ -136,7 +136,7 @@ def slip_from_speeds(driven: bool) -> Block:
     """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
 
     Args:
-        driven: the wheel is seen in the mirror, in which its slip is its creep.
+        driven: whether the wheel is driven; its slip is its creep then.
     """
     turn = -1 if driven else 1
 

@@ -516,7 +516,7 @@ class Limits(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class SlipLaw(Part):
-    """A slip law of the papers, with its own gains."""
+    """A slip law of the papers by its name, with its own gains; ``slipctl list kinds`` has them."""
 
     kind: Literal[SLIP_LAWS] = text_field("pid", "which law")  # type: ignore[valid-type]
     lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)

@@ -36,7 +36,10 @@ def _speeds(results: Any) -> Any:
 def _slip(results: Any) -> Any:
     from slipctl.draw import plots
 
-    return plots.traces(results, "base", signals=("slip", "torque", "position"))
+    braking = not results.study.signals.mirrored
+    named = {"slip": "slip speed", "torque": f"{'brake' if braking else 'drive'} torque",
+             "position": "distance"}  # fmt: skip
+    return plots.traces(results, "base", signals=("slip", "torque", "position"), labels=named)
 
 
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
@@ -72,7 +75,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=gains(trip), uncertified=reasons_without_certificate(trip),
         figures={
-            "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
-            "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),
+            "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
+            "slip": Figure("Slip and torque of one axle, and the distance", _slip),
         },
     )  # fmt: skip

@@ -18,6 +18,8 @@ from slipctl.ccode.compile import compilers, platforms
 from slipctl.models import brakes
 from slipctl.models.huang_2020 import subway_braking
 
+pytestmark = pytest.mark.second
+
 fmpy = pytest.importorskip("fmpy")
 validate_fmu = pytest.importorskip("fmpy.validation").validate_fmu
 if compilers.first_compiler() is None:
@@ -209,8 +211,8 @@ def test_plant_and_controller_split_between_two_fmus(
 
 
 def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Block, Any]) -> None:
-    """What ``python -m slipctl.studies.fmus`` does with every controller and plant."""
-    from slipctl.studies.bench.fmus import opened_by_fmpy
+    """What ``python -m bench.fmus`` does with every controller and plant."""
+    from bench.fmus import opened_by_fmpy
 
     loop, _ = subway
     scenario = three_rails(1.5).but(start={"plant.wheel.v": 11.0}, params={"plant.m": 9000.0})
@@ -220,7 +222,7 @@ def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Bloc
 
 
 def test_a_difference_from_python_is_found(subway: tuple[Block, Any]) -> None:
-    from slipctl.studies.bench import fmus
+    from bench import fmus
 
     wanted = {"T": np.array([1.0, 2.0]), "status": np.array([0, 8])}
     result = np.array([(0.0, 0), (1.0, 0), (2.5, 0)], [("T", float), ("status", int)])

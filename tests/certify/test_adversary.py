@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from adversary import common
 
+pytestmark = pytest.mark.second
+
 ADVERSARIES = common.adversaries()
 
 

@@ -4,8 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl.predict.qp.active_set import Found
-from slipctl.studies.bench.programs import (
+from bench.programs import (
     MORE,
     RIGHT,
     STRUCTURES,
@@ -14,6 +13,7 @@ from slipctl.studies.bench.programs import (
     problem,
     reference,
 )
+from slipctl.predict.qp.active_set import Found
 
 
 @pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)

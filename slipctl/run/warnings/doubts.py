@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,25 @@ def warnings_of_log(loop: Block, scenario: Scenario, log: Values) -> list[str]:
         loop, scenario: the run.
         log: ``time`` and the signals of :func:`doubt_signals`, by name, a row per tick.
     """
-    return [*_stays_off(loop, scenario, log), *_limited(loop, log)]
+    return [*(e.numbers for e in estimates_off(loop, scenario, log)), *_limited(loop, log)]
+
+
+@dataclass(frozen=True)
+class EstimateOff:
+    """An estimate that was off by more than its own deviations for long.
+
+    Attributes:
+        what: is estimated, in words: "adhesion curve". axle: from 1 on; 0 where there is one.
+        start, stop: of the stretch, in s. to_end: whether the run ends in it.
+        numbers: all of it with its numbers, a line.
+    """
+
+    what: str
+    axle: int
+    start: float
+    stop: float
+    to_end: bool
+    numbers: str
 
 
 def warnings_of_loop(loop: Block, scenario: Scenario) -> list[str]:
@@ -98,7 +117,12 @@ def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
             yield n, s, {k: str(v) for k, v in names.items()}
 
 
-def _stays_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
+def estimates_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[EstimateOff]:
+    """Estimates that were off by more than three of their own deviations for more than a second.
+
+    Args:
+        loop, scenario, log: as of :func:`warnings_of_log`.
+    """
     time = np.asarray(log["time"])
     if time.size < 2:
         return
@@ -114,15 +138,15 @@ def _stays_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
             for k, v in names.items()
         }
         found = [_span(loop, n, s, k, values, log, sure, tick) for k in range(len(s.truth))]
-        length, text = max(found)
+        length, off = max(found, key=lambda f: f[0])
         if length * tick > LONG:
-            yield text
+            yield off
 
 
 def _span(
     loop: Block, n: str, s: Signal, k: int, values: Values, log: Values, sure: np.ndarray,
     tick: float,
-) -> tuple[int, str]:  # fmt: skip
+) -> tuple[int, EstimateOff]:  # fmt: skip
     """Rows for which one element of an estimate is too far off at a stretch, and what to say."""
     text, time = s.truth[k], log["time"]
     truth = np.asarray(evaluate(text, values, n), dtype=float)
@@ -139,11 +163,25 @@ def _span(
     where = f" of axle {axle + 1}" if len(spans) > 1 else ""
     unit = "" if s.unit == "1" else f" {s.unit}"
     last = max(b - 1, 0)
-    return b - a, (
+    numbers = (
         f"{what}{where} is off by more than {AWAY:g} of its own deviations from"
         f" {time[a]:.4g} s to {time[last]:.4g} s: at the end {one[last, axle]:.4g}{unit}, not"
         f" {truth[last, axle]:.4g}{unit}, with a deviation of {sure[last, axle]:.2g}{unit}"
     )
+    return b - a, EstimateOff(
+        _estimated(loop, s, text, n), (axle + 1) * (len(spans) > 1), float(time[a]),
+        float(time[last]), b == len(time), numbers,
+    )  # fmt: skip
+
+
+def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
+    """What is estimated, in words."""
+    if len(s.truth) > 1 or not text.isidentifier():
+        return "adhesion curve"  # coordinates of a law that is fitted
+    own = {n.rpartition(".")[0] for n in loop.states if loop.states[n].truth}
+    truth = meant_signal(loop, text, own)
+    doc = loop.declared(truth).doc.partition(",")[0] if truth else ""
+    return doc or text
 
 
 def _columns(values: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # --jobs says how many cores are taken
 sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[3]))
 
 from adversary import common
 
@@ -32,8 +33,8 @@ def block(name: str, n: int, seed: int) -> common.Tally:
 
 def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
     """Write the outcome of a system into a file of evidence, beside those of the others."""
+    from bench import speed
     from slipctl.run import store
-    from slipctl.studies.bench import speed
 
     numbers: dict[str, Any] = {}
     if out.exists():
