@@ -208,9 +208,10 @@ def _resistance(trip: Trip, v: float, mass: float, a: float) -> Range:
     part, gradient = trip.vehicle.resistance, trip.rail.gradient
     slopes = [s.gradient for s in gradient] if isinstance(gradient, tuple) else [gradient or 0.0]
     steepest = max((abs(s) for s in slopes), default=0.0)
-    force = part.a + part.b * v + part.c * v * v
+    a_R, b_R, c_R = part.of(trip.vehicle.total)
+    force = a_R + b_R * v + c_R * v * v
     steady = force / mass + trip.vehicle.gravity * steepest
-    return steady, (part.b + 2 * part.c * v) / mass * (a + steady)
+    return steady, (b_R + 2 * c_R * v) / mass * (a + steady)
 
 
 # ---- from a law to a system ----------------------------------------------------------------------

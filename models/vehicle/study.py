@@ -22,7 +22,8 @@ LOG = (
     "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.omega", "plant.train.mu",
     "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
-    "ctl.curve.mu", "speed.y", "speed.v_m", "wheel.y", "wheel.omega_m",
+    "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
+    "radius.known", "wheel.y", "wheel.omega_m",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
@@ -36,7 +37,10 @@ def _speeds(results: Any) -> Any:
 def _slip(results: Any) -> Any:
     from slipctl.draw import plots
 
-    return plots.traces(results, "base", signals=("slip", "torque", "position"))
+    braking = not results.study.signals.mirrored
+    named = {"slip": "slip speed", "torque": f"{'brake' if braking else 'drive'} torque",
+             "position": "distance"}  # fmt: skip
+    return plots.traces(results, "base", signals=("slip", "torque", "position"), labels=named)
 
 
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
@@ -73,7 +77,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
         uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
         figures={
-            "speeds": Figure("Speed of the vehicle, and of the rim that slips most", _speeds),
-            "slip": Figure("Slip and torque of the worst axle, and the distance", _slip),
+            "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
+            "slip": Figure("Slip and torque of one axle, and the distance", _slip),
         },
     )  # fmt: skip

@@ -124,8 +124,10 @@ def _run_options(p: Parser) -> None:
 
 def _sweep_options(p: Parser) -> None:
     p.add_argument(
-        "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
-    )
+        "name", metavar="STUDY:LOOP", nargs="?",
+        help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP; STUDY or FILE.toml alone takes all loops on"
+        " the same draws",
+    )  # fmt: skip
     p.add_argument(
         "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
         help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
@@ -253,7 +255,12 @@ def _replay_options(p: Parser) -> None:
 
 
 def _compare_options(p: Parser) -> None:
-    p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
+    p.add_argument(
+        "folders",
+        metavar="DIR",
+        nargs="+",
+        help="folder of a run, of a sweep, or of several sweeps",
+    )
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 

@@ -350,6 +350,8 @@ class Study:
         ensembles: what ``slipctl tune`` draws, by scenario; the first that has the loop is taken.
         limits: largest accepted value of a metric, in its own unit; a run above one is marked.
         uncertified: why a loop has no gains to certify, by its name.
+        short: the answer in a few sentences, as "In short" of its page has it.
+        headline: id of the claim that it stands or falls with.
     """
 
     name: str
@@ -369,6 +371,8 @@ class Study:
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     uncertified: Mapping[str, str] = field(default_factory=dict)
+    short: str = ""
+    headline: str = ""
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))
@@ -380,6 +384,8 @@ class Study:
             if c.id in seen:
                 raise BadInput(f"study {self.name} has two claims {c.id!r}")
             seen.add(c.id)
+        if self.headline and self.headline not in seen:
+            raise BadInput(f"study {self.name} has no claim {self.headline!r}")
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

@@ -187,7 +187,7 @@ def _other(shape: str, firsts: Mapping[str, int]) -> int:
     return next(apart, next(iter(firsts.values())))
 
 
-def decided(
+def marks_of_column(
     column: Column, told: str, elsewhere: Collection[str], parted_by: str
 ) -> tuple[str, str] | None:
     """The reading of a column, None where it stays open.

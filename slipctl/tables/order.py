@@ -145,7 +145,7 @@ def _lines(
     return notes
 
 
-def unwrapped(t: np.ndarray, period: float) -> tuple[np.ndarray, list[int]]:
+def continuous_clock(t: np.ndarray, period: float) -> tuple[np.ndarray, list[int]]:
     """Times of a clock that begins anew after a period (midnight), and the rows where it did.
 
     Only a step that is short once the period is added is one; other steps back stay.

@@ -109,7 +109,7 @@ class Table:
         reading = None
         if column.wrong is None and column.clash is None:
             marks = self._decimals(name) if column.open else set()
-            reading = numerals.decided(column, self.decimal, marks, self.mark)
+            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark)
         where = f"{self.path}: {name}"
         if reading is None:
             raise numerals.refuse(

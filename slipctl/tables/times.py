@@ -19,7 +19,7 @@ from slipctl.tables.heads import (
     words,
 )
 from slipctl.tables.numerals import is_empty, is_number
-from slipctl.tables.order import unwrapped
+from slipctl.tables.order import continuous_clock
 from slipctl.tables.table import Table
 
 SLOW, FAST = 10.0, 1e-5
@@ -76,7 +76,7 @@ def seconds_of_table(table: Table, wanted: str = "") -> tuple[np.ndarray, list[s
     found, period = clock.seconds_of(texts, table.lines, f"{where}: {table.line}")
     first = next((f for f in found if f is not None), 0)
     t = np.array([np.nan if f is None else float(f - first) for f in found])
-    t, again = unwrapped(t, period)
+    t, again = continuous_clock(t, period)
     for k in again:
         what = "midnight" if period == 86400 else "the full hour"
         table.notes.append(f"{name}: the clock passes {what} in {table.line} {table.lines[k]}")

@@ -244,7 +244,7 @@ def certify_study(
                                   subsequent_indent="    ")  # fmt: skip
         if a.costs:
             told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=_share))
-            rows += textwrap.wrap(f"left of the bound with half of a range: {told_}", 96,
+            rows += textwrap.wrap(f"half of a range leaves of the bound: {told_}", 96,
                                   initial_indent="  ", subsequent_indent="    ")  # fmt: skip
     if of is None:
         rows += [line for n, why in study.uncertified.items()
