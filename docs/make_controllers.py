@@ -13,9 +13,11 @@ from typing import Any
 
 from made import made
 
+sys.path.append(str(Path(__file__).parents[1]))  # bench is not installed
+
+from bench.c_targets import allowed, guards_take, passed
+from bench.predictive import Goal, judged
 from slipctl.ccode.ship.readable import table
-from slipctl.studies.bench.c_targets import allowed, guards_take, passed
-from slipctl.studies.bench.predictive import Goal, judged
 from slipctl.study.processor import METRIC
 
 HERE = Path(__file__).parent
@@ -26,7 +28,7 @@ HEAD = """\
 
 Made from [the evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
 when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
-`python -m slipctl.studies.c_targets` measures it again.
+`python -m bench.c_targets` measures it again.
 """
 
 HOLDS = """\
@@ -81,7 +83,7 @@ counted in this evidence.
 GOALS_HEAD = """\
 What was wanted of them. Times are CPU time on the machine of the evidence, the least of the
 repeats; ratios are of programs that ran in turn.
-`python -m slipctl.studies.bench.predictive --against 3fc3fbf` measures it again.
+`python -m bench.predictive --against 3fc3fbf` measures it again.
 """
 
 IN_LOOP = """\

@@ -1,4 +1,4 @@
-"""Write docs/commands.md and docs/metrics.md: ``python docs/make_reference.py [--check]``."""
+"""Write the pages of commands, metrics and keys: ``python docs/make_reference.py [--check]``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def metrics() -> str:
 
     units = _units()
     rows = []
-    for name, (_, text) in METRICS.items():
+    for name, text in ((n, d.meaning) for n, d in METRICS.items()):
         unit = " or ".join(units.get(name, [])) or "see the run"
         meaning = text.replace("|", r"\|")
         rows.append(f"| `{name}` | {unit} | {meaning} |")
@@ -51,6 +51,44 @@ def metrics() -> str:
         " Units are those that the studies have.\n\n| metric | unit | meaning |\n|---|---|---|\n"
     )
     return head + "\n".join(rows) + "\n"
+
+
+KEYS_HEAD = """# All keys of a vehicle's file
+
+Made from the declaration by `python docs/make_reference.py`; `slipctl list kinds` prints the
+same, and `slipctl schema` gives it to an editor. How the tables work together is told in
+[your own vehicle](own_vehicle.md). A number that has a unit is written with one, any of its kind:
+`"60 ms"`. Gains of the laws stand as they are on the metro car of `slipctl new metro`.
+"""
+
+
+def file_keys() -> str:
+    """Each table of a vehicle's file with its keys: meaning, unit, default, range."""
+    from slipctl.commands.library.contents import kinds
+    from slipctl.models.vehicle.parts import Trip
+    from slipctl.study.files.declared_parts import keys_of
+
+    top = {"name": "", "doc": "What stands at the top of the file.",
+           "keys": [vars(k) for k in keys_of(Trip) if k.default != "as below"]}  # fmt: skip
+    parts = [KEYS_HEAD]
+    for row in (top, *kinds()):
+        table, _, kind = row["name"].rpartition(".") if _of_a_kind(row) else (row["name"], "", "")
+        head = f"`[{table}]`" + (f', `kind = "{kind}"`' if kind else "") if row["name"] else "Top"
+        parts.append(f"## {head}\n\n{row['doc'].replace('``', '`')}\n")
+        keys = [*row["keys"], *row.get("gains", ())]
+        if keys:
+            columns = ("meaning", "unit", "default", "range")
+            lines = [f"| `{k['name']}` | {' | '.join(k[c] for c in columns)} |" for k in keys]
+            top_ = ["| key | meaning | unit | default | range |", "|---|---|---|---|---|"]
+            parts.append("\n".join([*top_, *lines]) + "\n")
+    return "\n".join(parts)
+
+
+def _of_a_kind(row: dict[str, Any]) -> bool:
+    """Whether the last part of a row's name is a kind, not a table."""
+    plain = ("", "vehicle", "rail", "rail.sections", "rail.gradient", "sensors", "control",
+             "limits", "ensemble", "certify")  # fmt: skip
+    return row["name"] not in plain
 
 
 def _units() -> dict[str, list[str]]:
@@ -71,4 +109,8 @@ def _units() -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    sys.exit(made(DOCS / "commands.md", commands()) | made(DOCS / "metrics.md", metrics()))
+    sys.exit(
+        made(DOCS / "commands.md", commands())
+        | made(DOCS / "metrics.md", metrics())
+        | made(DOCS / "file_keys.md", file_keys())
+    )

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import Metric
-from slipctl.study.report.texts import equal_settling, left_out, number, times
+from slipctl.study.report.texts import alike, left_out, number, times
 
 DOCS = Path(__file__).resolve().parent
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
@@ -72,7 +72,7 @@ def metrics(results: Path, words: list[str]) -> str:
         loop: {n: Metric(m["value"], m["unit"], tuple(m.get("rows", ()))) for n, m in f.items()}
         for loop, f in loops.items()
     }
-    still = {n: equal_settling(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
+    still = {n: alike(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
              for n in names}  # fmt: skip
     rails = {n: " / ".join(r for k, r in enumerate(m[n].rows) if k not in still[n])
              for m in every.values() for n in names if n in m}  # fmt: skip

@@ -1,6 +1,6 @@
 """The table of wrong samples in c_interface.md: ``python docs/make_wrong_samples.py [--check]``.
 
-Its rows are those of evidence/wrong_samples.json, which ``python -m slipctl.studies.bench.faults``
+Its rows are those of evidence/wrong_samples.json, which ``python -m bench.faults``
 measures.
 """
 

@@ -35,6 +35,7 @@ from slipctl import (
     sampled,
     speed_to_ratio,
 )
+from slipctl.block.signals import Signal
 from slipctl.models.cheng_2022 import freight_traction_control as cheng
 from slipctl.models.huang_2020 import subway_braking_control as huang
 from slipctl.models.ranges import of_those
@@ -428,6 +429,40 @@ def torque_of(
 ):  # fmt: skip
     """T = (J/r) F/M."""
     return J / r * F / m
+
+
+MEANINGS = {
+    "pid": "PI on the slip ratio; its gains follow from the wanted bandwidth K (Zhang 2021).",
+    "smc": "Sliding mode by a reaching law; its constant part chatters (Huang 2020).",
+    "sta": "Super-twisting: the root of the slip error and an integral of its sign; the torque is"
+    " continuous (Huang 2020).",
+    "efc": "Feedback linearisation: it cancels the adhesion force, and the slip error decays with K"
+    " (Zhang 2021).",
+    "eppfc": "Prescribed performance: the slip error stays in a funnel that narrows (Zhang 2021).",
+    "eppfc_barrier": "Prescribed performance by a barrier in place of the printed transformation"
+    " (Zhang 2021).",
+    "barrier": "Robust barrier law: the slip does not exceed the best slip by more than k_s"
+    " (Cheng 2022).",
+    "hosm": "Higher-order sliding mode with compensation of a torque at its limit (Wang 2025).",
+}
+"""What each law does, in a sentence, by its name in :func:`laws`."""
+
+SAMPLE = Wheel(
+    J=110.0, r=0.42, W=9500.0, m=9500.0, g=9.81, T_max=8000.0, tau=0.06, v_best=1.2, v=50 / 3
+)
+"""Wheel of the metro car that ``slipctl new`` writes."""
+
+
+def gains_of_law(name: str) -> list[Signal]:
+    """Gains that a file may set of a law, with the values that they have on :data:`SAMPLE`.
+
+    The numbers of the wheel itself come from the vehicle and are left out.
+
+    Raises:
+        KeyError: no such law.
+    """
+    block = laws()[name](SAMPLE)
+    return [s for n, s in block.params.items() if "." in n and not s.derived]
 
 
 def laws(driven: bool = False, tick: float = T_S) -> dict[str, Callable[[Wheel], Block]]:

@@ -80,7 +80,10 @@ def check_one_tree() -> None:
     Raises:
         BadInput: a package of models or studies is not from where slipctl is.
     """
-    engine = Path(__file__).resolve().parent
+    import slipctl
+
+    # not of this file: one that a tree lacks comes from the other, installed one
+    engine = Path(str(slipctl.__file__)).resolve().parent
     for package in entries(PACKAGES):
         there = folder(package).resolve()
         if there not in (engine / package, engine.parent / package):

@@ -7,7 +7,9 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; tests run beside each other
 
 import gc
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -27,6 +29,7 @@ from slipctl.models.huang_2020 import subway_braking as subway
 from slipctl.models.huang_2020 import subway_braking_control as control
 from slipctl.run import build
 
+sys.path.append(str(Path(__file__).parents[1]))  # bench, which is not installed
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25, database=None)
 settings.register_profile("hunt", deadline=None, max_examples=2000, database=None)
 gc.set_threshold(50_000, 20, 20)  # as in a command: a fifth of the CPU time of some tests otherwise

@@ -62,7 +62,7 @@ def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
     share = len(vehicle.worked)
     lag = act.lag if hasattr(act, "lag") else (act.fill + act.vent) / 2
     return Wheel(
-        J=vehicle.wheel_inertia, r=vehicle.wheel_radius, W=vehicle.total / vehicle.axles,
+        J=vehicle.wheel_inertia, r=trip.one_radius, W=vehicle.total / vehicle.axles,
         m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=lag,
         v_best=typical_slip(reference or trip.reference, vehicle.speed), v=max(vehicle.speed, 1.0),
     )  # fmt: skip
@@ -136,7 +136,7 @@ def slip_from_speeds(driven: bool) -> Block:
     """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
 
     Args:
-        driven: the wheel is seen in the mirror, in which its slip is its creep.
+        driven: whether the wheel is driven; its slip is its creep then.
     """
     turn = -1 if driven else 1
 
@@ -209,15 +209,17 @@ def watch(always: bool) -> Block:
         T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
         wake=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
+        least=Param("m/s", 0.3, "slip below which it does not, as noise is", ADDED, lo=0, hi=20),
         rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
         v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):
         """On from the first large slip until the demand has been the smaller torque for a while."""
         fast = v >= v_off
-        slips = v_s > wake * v_best
+        large = fmax(wake * v_best, least)
+        slips = v_s > large
         on = if_else(fast, 1 if always else fmax(ruling, slips), 0)
-        calm = logic_and(logic_and(on > 0.5, T_wanted >= T_demand), v_s <= wake * v_best)
+        calm = logic_and(logic_and(on > 0.5, T_wanted >= T_demand), v_s <= large)
         waited = if_else(calm, idle + T, 0)
         stay = on if always else if_else(waited >= rest, 0, on)
         return dict(ruling=stay, idle=waited), dict(on=on)
@@ -324,7 +326,7 @@ def axle_control(trip: Trip, part: Controller) -> Block:
         "fall": form.fall,
         "law": law_block if gated_inside else gated(law_block),
         "watch": watch(always).with_params(
-            wake=settings.wake, rest=settings.rest, v_off=settings.off
+            wake=settings.wake, least=settings.least, rest=settings.rest, v_off=settings.off
         ),
         "apply": applied.with_params(
             lead=getattr(part, "lead", 1.0), v_off=settings.off, low=settings.low

@@ -6,7 +6,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, Faults
+from slipctl.models import common_form
 from slipctl.models.vehicle import control, of_study, study
 from slipctl.models.vehicle.of_study import StudyTrip
 from slipctl.models.vehicle.parts import Trip
@@ -35,6 +37,16 @@ class VehicleFiles:
             return of_study.Reading(part).check()
         except BadInput as error:
             return [(("vehicle",), str(error))]
+
+    def law_of_kind(self, kind: str) -> tuple[str, list[Signal]] | None:
+        """What a slip law does, in a sentence, and the gains that a file may set; None for others.
+
+        Args:
+            kind: of a controller.
+        """
+        if kind not in common_form.MEANINGS:
+            return None
+        return common_form.MEANINGS[kind], common_form.gains_of_law(kind)
 
     def study(self, part: Trip | StudyTrip, name: str, doc: str) -> Study:
         """Study of a file."""

@@ -349,7 +349,7 @@ def study(trip: StudyTrip, name: str = "trip", source: str = "a loop of a study"
     where = reading.case.scenario.name
     return replace(
         base, name=name, title=trip.title, source=f"{source}; {base.source}", cases=cases,
-        experiments={}, claims=(), plain=(where,),
+        experiments={}, claims=(), short="", headline="", plain=(where,),
         figures={"traces": Figure("Speed, slip and torque, where the loops log them", _figure)},
         gains=[replace(g, loop=by_loop[g.loop]) for g in base.gains if g.loop in by_loop],
         ensembles={k: e for k, e in base.ensembles.items() if k == where},

@@ -35,6 +35,8 @@ class LawData:
         follows: gives parameters that follow from others when it is fitted.
         beside: signals that stand beside it for a fit, and not in its equations.
         leaves_out: what it leaves out, in words.
+        measured_to: largest slip at which it was measured, 0 where never; None where not told.
+        meant_to: largest slip at which it is meant to hold, infinity for a locked wheel.
     """
 
     closed_form: Callable[..., Any] | None = None
@@ -44,6 +46,8 @@ class LawData:
     follows: Callable[..., Mapping[str, float]] | None = None
     beside: Mapping[str, Signal] = field(default_factory=dict)
     leaves_out: str = ""
+    measured_to: float | None = None
+    meant_to: float | None = None
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,7 @@ def _produce(
     built_for = chosen(content.platforms) if content.fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
-    plan = Plan(block, name, period, real, content.rates, content.counter)
+    plan = Plan(block, name, period, real, content.rates, content.counter, content.byte_order)
     check_guards(block)
     made = texts(plan, content)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if content.fmus]

@@ -27,6 +27,7 @@ class Content:
         with_xcp: an XCP slave, and a program for the emulated board that has it.
         with_autosar: a software component of AUTOSAR Classic around the module.
         fmus: FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
+        byte_order: of the processor, ``"little"`` or ``"big"``, for the description in A2L.
         platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
             compiler is installed for.
     """
@@ -41,6 +42,7 @@ class Content:
     with_autosar: bool = False
     fmus: bool = False
     platforms: Sequence[str] | None = None
+    byte_order: str = "little"
 
     def __post_init__(self) -> None:
         if self.platforms is not None and not self.fmus:

@@ -124,8 +124,10 @@ def _run_options(p: Parser) -> None:
 
 def _sweep_options(p: Parser) -> None:
     p.add_argument(
-        "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
-    )
+        "name", metavar="STUDY:LOOP", nargs="?",
+        help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP; STUDY or FILE.toml alone takes all loops on"
+        " the same draws",
+    )  # fmt: skip
     p.add_argument(
         "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
         help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
@@ -236,7 +238,10 @@ def _replay_options(p: Parser) -> None:
         dest="settings", help="inputs without a column, parameters and start values",
     )  # fmt: skip
     p.add_argument(
-        "--time", metavar="COLUMN[UNIT]", help="column of the times (time, t, the first)"
+        "--time", metavar="COLUMN[UNIT]", help="column of the times (the one that is called so)"
+    )
+    p.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
     )
     p.add_argument("--period", metavar="T", help="tick, 10ms (that of the block, else of the log)")
     p.add_argument(
@@ -250,7 +255,12 @@ def _replay_options(p: Parser) -> None:
 
 
 def _compare_options(p: Parser) -> None:
-    p.add_argument("folders", metavar="DIR", nargs="+", help="folder of a run or of a sweep")
+    p.add_argument(
+        "folders",
+        metavar="DIR",
+        nargs="+",
+        help="folder of a run, of a sweep, or of several sweeps",
+    )
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
@@ -274,16 +284,16 @@ def _fit_options(p: Parser) -> None:
         dest="starts", help="where the search starts (the law's own values)",
     )  # fmt: skip
     p.add_argument(
-        "--column", metavar="NAME=EXPRESSION", nargs="+", action="extend", default=[],
-        dest="columns", help="how columns give a signal of the law, v_s='slip * v / 100'",
-    )  # fmt: skip
-    p.add_argument(
         "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
     )
     p.add_argument(
-        "--map", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
-        dest="mapped", help="for a flow: column of what was measured and of inputs, v=Speed[km/h]",
+        "--map", "--column", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
+        dest="mapped",
+        help="column of each signal, v=Speed[km/h]; with arithmetic, v_s='slip * v / 100'",
     )  # fmt: skip
+    p.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
+    )
     p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the times, as of replay")
     p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
     p.add_argument(
@@ -354,6 +364,10 @@ def _c_options(p: Parser) -> None:
     p.add_argument(
         "--calibration-section", metavar="SECTION",
         help="write an instance of the parameters, too, in this section",
+    )  # fmt: skip
+    p.add_argument(
+        "--byte-order", choices=("little", "big"), default="little",
+        help="of the processor, for the A2L (little, as ARM and x86)",
     )  # fmt: skip
     p.add_argument(
         "--xcp", action="store_true",

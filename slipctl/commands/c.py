@@ -56,6 +56,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "const_section": options.const_section, "calibration_section": options.calibration_section,
         "with_xcp": options.xcp, "with_autosar": options.autosar,
         "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
+        "byte_order": options.byte_order,
     }  # fmt: skip
     if block is not None:
         inputs = read_vectors(vectors, block) if vectors else None

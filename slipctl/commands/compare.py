@@ -13,9 +13,11 @@ import numpy as np
 
 from slipctl.errors import BadInput
 from slipctl.run import store
+from slipctl.run.metrics import METRICS
 from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import open_sweep
-from slipctl.study.report.texts import number, wrap_table
+from slipctl.study.report.texts import number, number_or_never, wrap_table
 
 TOLD = ("study", "quick", "seed", "slipctl_version", "casadi_version", "numpy_version")
 """What a run says of itself that is compared, beside its parameters."""
@@ -43,6 +45,7 @@ class Side:
         metrics: values of each metric by ``scenario/loop``: one of a run, many of a sweep.
         units: unit by metric.
         state: what a run is that did not come to its end.
+        draws: of a sweep, what each run was made with: its number, its numbers, its ensemble.
     """
 
     name: str
@@ -51,19 +54,30 @@ class Side:
     metrics: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     state: str = ""
+    draws: list[str] = field(default_factory=list)
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Print what was changed, then the metrics beside each other."""
-    if len(options.folders) < 2:
+    names = [n for given in options.folders for n in _inside(given)]
+    if len(names) < 2:
         raise BadInput("compare takes two folders or more; write slipctl compare A B")
-    sides = [read(name) for name in options.folders]
+    sides = [read(name) for name in names]
     changed, tables = changes(sides), metric_rows(sides)
     if options.json:
         print(store.json_text({"format": store.FORMAT, "changed": changed, "metrics": tables}))
         return 0
     print(text(sides, changed, tables))
     return 0
+
+
+def _inside(name: str) -> list[str]:
+    """The sweeps in a folder of several loops, else the folder itself."""
+    folder = Path(name)
+    if (folder / sweep_store.FILE).is_file() or (folder / "metrics.json").is_file():
+        return [name]
+    found = sorted(folder.glob(f"*/{sweep_store.FILE}"), key=lambda p: p.stat().st_ctime_ns)
+    return [str(p.parent) for p in found] or [name]
 
 
 def read(name: str) -> Side:
@@ -103,7 +117,8 @@ def _put(
         named = len(labels) == len(values)
         label = labels[k] if named else str(k + 1)
         name = f"{metric}, {label}" if isinstance(value, list) and len(values) > 1 else metric
-        rows[name] = np.array([np.nan if v is None else float(v)])
+        worst = METRICS[metric].worst if metric in METRICS and METRICS[metric].event else np.nan
+        rows[name] = np.array([worst if v is None else float(v)])
         side.units[name] = unit
 
 
@@ -115,14 +130,10 @@ def _sweep(name: str) -> Side:
         about[f"--vary {axis.name}"] = f"{axis.lo:g} .. {axis.hi:g} {axis.unit}{points}"
     side = Side(name, about, state=f"{found.missing} runs are missing" if found.missing else "")
     rows: dict[str, np.ndarray] = {}
-    for metric, (unit, labels) in found.units.items():
-        many = found.rows(metric)
-        for k in range(many or 1):
-            named = many is not None and len(labels) == many
-            label = labels[k] if named else str(k + 1)
-            row = f"{metric}, {label}" if many is not None and many > 1 else metric
-            rows[row] = found.column(metric, None if many is None else k)
-            side.units[row] = unit
+    for metric, unit, values in found.labelled():
+        rows[metric], side.units[metric] = values, unit
+    ensemble, seed = found.about.get("ensemble"), found.about.get("seed")
+    side.draws = [json.dumps([k, n, ensemble, seed], sort_keys=True) for k, n, *_ in found.runs]
     loop = str(found.about.get("loop", "loop")).rpartition(":")[2]
     side.metrics[f"{found.about['scenario']}/{loop}"] = rows
     return side
@@ -177,20 +188,58 @@ def _names(sides: Sequence[Side], keys: Sequence[str]) -> list[str]:
 
 
 def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, Any]:
-    """A metric of each side: its median and spread, and how far it is from the first."""
-    values = [s.metrics[k].get(metric, np.empty(0)) for s, k in zip(sides, keys, strict=True)]
-    values = [v[np.isfinite(v)] for v in values]
-    middle = [float(np.median(v)) if v.size else None for v in values]
-    spread = [np.quantile(v, (0.05, 0.95)).tolist() if v.size > 1 else None for v in values]
-    first = middle[0]
-    apart = [None if m is None or first is None else m - first for m in middle[1:]]
-    beyond = [
-        bool(m is not None and first is not None and _apart(spread[0], spread[k], first, m))
-        for k, m in enumerate(middle[1:], start=1)
+    """A metric of each side: its median and spread, and how far it is from the first.
+
+    Where both ran on the same draws, the difference is the median of those of the single runs.
+    """
+    every = [s.metrics[k].get(metric, np.empty(0)) for s, k in zip(sides, keys, strict=True)]
+    values = [v[~np.isnan(v)] for v in every]
+    shares = [quantiles(v, (0.05, 0.5, 0.95)) if v.size else None for v in values]
+    middle = [None if q is None else q[1] for q in shares]
+    spread = [
+        [q[0], q[2]] if q and v.size > 1 else None for q, v in zip(shares, values, strict=True)
     ]
+    first = middle[0]
+    apart: list[float | None] = []
+    paired: list[list[float] | None] = []
+    beyond: list[bool] = []
+    for k, m in enumerate(middle[1:], start=1):
+        each = _paired(sides[0], every[0], sides[k], every[k])
+        if each is not None:
+            low, mid, high = quantiles(each, (0.05, 0.5, 0.95))
+            apart.append(mid)
+            paired.append([low, high])
+            beyond.append(bool(low > 0 or high < 0))
+            continue
+        paired.append(None)
+        if m is None or first is None or (m == first and np.isinf(m)):
+            apart.append(None)
+            beyond.append(False)
+            continue
+        apart.append(_minus(m, first))
+        beyond.append(_apart(spread[0], spread[k], first, m))
     unit = next((s.units[metric] for s in sides if metric in s.units), "1")
     return {"metric": metric, "unit": unit, "values": middle, "spread": spread,
-            "difference": apart, "beyond_spread": beyond}  # fmt: skip
+            "never": [int(np.isinf(v).sum()) for v in values], "difference": apart,
+            "paired": paired, "beyond_spread": beyond}  # fmt: skip
+
+
+def _minus(a: Any, b: Any) -> float:
+    """Difference; 0 between two that never came."""
+    return 0.0 if a == b else float(a) - float(b)
+
+
+def _paired(one: Side, a: np.ndarray, other: Side, b: np.ndarray) -> np.ndarray | None:
+    """Differences of the runs that both made on the same draws, other minus one; None if none is.
+
+    A run that never came against one that did is infinitely far; two that never came do not differ.
+    """
+    if len(one.draws) != a.size or len(other.draws) != b.size or not a.size:
+        return None
+    at = {d: k for k, d in enumerate(one.draws)}
+    pairs = [(a[at[d]], b[k]) for k, d in enumerate(other.draws) if d in at]
+    found = [_minus(y, x) for x, y in pairs if not (np.isnan(x) or np.isnan(y))]
+    return np.array(found) if found else None
 
 
 def _apart(a: Any, b: Any, first: float, other: float) -> bool:
@@ -214,23 +263,74 @@ def text(
     parts.append(_table(rows) if changed else "nothing but metrics differs")
     if len(changed) > LISTED:
         parts[-1] += f"\n{len(changed) - LISTED} more; --json has all"
-    swept = any(r["spread"] != [None] * len(sides) for t in tables.values() for r in t)
+    return "\n\n".join([*parts, *metric_tables(letters, tables)])
+
+
+def metric_tables(
+    names: Sequence[str], tables: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> list[str]:
+    """Tables of metrics, and what their cells mean; differences of many sides have their own.
+
+    Args:
+        names: of the sides. tables: of :func:`metric_rows`.
+    """
+    parts = []
+    every = [r for t in tables.values() for r in t]
+    swept = any(s is not None for r in every for s in r["spread"])
+    paired = any(p is not None for r in every for p in r["paired"])
+    apart = [f"{x} - {names[0]}" for x in names[1:]]
     for title, metrics in tables.items():
-        rows = [[title, "unit", *letters, *(f"{x} - {letters[0]}" for x in letters[1:])]]
-        for r in metrics:
-            cells = [
-                number(v) + (f" ({number(s[0])} .. {number(s[1])})" if s else "")
-                for v, s in zip(r["values"], r["spread"], strict=True)
-            ]
-            apart = [
-                ("+" if d is not None and d > 0 else "") + number(d) + (" *" if swept and b else "")
-                for d, b in zip(r["difference"], r["beyond_spread"], strict=True)
-            ]
-            rows.append([r["metric"], r["unit"], *cells, *apart])
+        if len(names) == 2:
+            rows = [[title, "unit", *names, *apart]]
+            rows += [[r["metric"], r["unit"], *_cells(r), *_apart_cells(r, swept)] for r in metrics]
+            parts.append(_table(rows))
+            continue
+        rows = [[title, "unit", *names]]
+        parts.append(_table(rows + [[r["metric"], r["unit"], *_cells(r)] for r in metrics]))
+        rows = [["difference", "unit", *apart]]
+        rows += [[r["metric"], r["unit"], *_apart_cells(r, swept)] for r in metrics
+                 if any(d for d in r["difference"])]  # fmt: skip
         parts.append(_table(rows))
     if swept:
-        parts.append("median (5 % .. 95 %); * the two spreads do not overlap")
-    return "\n\n".join(parts)
+        parts.append("median (5 % .. 95 %); " + (
+            "differences are of runs on the same draws, * where 95 % of them have one sign"
+            if paired else "* the two spreads do not overlap"
+        ))  # fmt: skip
+    if any(n for r in every for n in r["never"]):
+        parts[-1] += "\nnever: runs that did not reach it, or broke off, count as the worst"
+    return parts
+
+
+def tells_apart(row: Mapping[str, Any]) -> bool:
+    """Whether a row of :func:`metric_rows` says that the sides differ."""
+    return len({number(v) for v in row["values"]}) > 1 or any(d for d in row["difference"])
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    """Median, spread and how many never came, of each side."""
+    found = []
+    for v, s, never in zip(row["values"], row["spread"], row["never"], strict=True):
+        text = number_or_never(v)
+        text += f" ({number_or_never(s[0])} .. {number_or_never(s[1])})" if s else ""
+        found.append(text + (f", {never} never" if never and s else ""))
+    return found
+
+
+def _apart_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
+    """Difference of each further side from the first, with its spread where runs are paired."""
+    found = []
+    each = zip(row["difference"], row["paired"], row["beyond_spread"], strict=True)
+    for d, pair, beyond in each:
+        text = _signed(d)
+        text += f" ({_signed(pair[0])} .. {_signed(pair[1])})" if pair else ""
+        found.append(text + (" *" if swept and beyond else ""))
+    return found
+
+
+def _signed(value: float | None) -> str:
+    if value is not None and np.isinf(value):
+        return "+inf" if value > 0 else "-inf"
+    return ("+" if value is not None and value > 0 else "") + number(value)
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

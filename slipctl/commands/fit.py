@@ -33,34 +33,31 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if base.kind == "flow":
         from slipctl.commands import fit_log
 
-        _refuse(options, "columns ordered", "is for a law; map a log by --map NAME=COLUMN")
+        _refuse(options, "ordered", "is for a law, not for a flow and its log")
         said = fit_log.run(options, base, command)
     else:
-        _refuse(options, "mapped time gap between resample delay", "is for a flow and its log; a"
-                f" {base.kind} takes its columns by --column NAME=EXPRESSION")  # fmt: skip
+        _refuse(options, "time gap between resample delay", f"is for a flow and its log, not for a"
+                f" {base.kind}")  # fmt: skip
         if len(options.curve) > 1:
             raise BadInput(f"{base.name} is a {base.kind}; give it one curve")
         said = run(
-            options.curve[0], base, options.law, options.settings, options.starts, options.columns,
-            options.unknown, options.ordered, options.out, command,
+            options.curve[0], base, options.law, options.settings, options.starts, options.mapped,
+            options.unknown, options.ordered, options.out, command, options.decimal or "",
         )  # fmt: skip
     print(store.text_of(Path(options.out) / "fit.json") if options.json else said)
     return 0
 
 
-OPTIONS = {"mapped": "map", "columns": "column"}
-"""What options are called where they are typed, if otherwise."""
-
-
 def _refuse(options: argparse.Namespace, names: str, why: str) -> None:
     for n in names.split():
         if getattr(options, n):
-            raise BadInput(f"--{OPTIONS.get(n, n)} {why}")
+            raise BadInput(f"--{n} {why}")
 
 
 def run(
     curve: str, base: Block, law: str, settings: Sequence[str], starts: Sequence[str],
     columns: Sequence[str], unknown: str | None, ordered: bool, out: str, command: str,
+    decimal: str = "",
 ) -> str:  # fmt: skip
     """Answer of ``slipctl fit`` for a law; writes its files to the folder ``out``.
 
@@ -76,8 +73,9 @@ def run(
         [n.strip() for n in unknown.split(",")] if unknown is not None else None,
         dict(_pair("--start", text) for text in starts),
         at=at,
-        columns=dict(_pair("--column", text) for text in columns),
+        columns=dict(_pair("--map", text) for text in columns),
         ordered=ordered,
+        decimal=decimal,
     )
     for note in found.notes:
         log.warning("%s", note)

@@ -46,25 +46,30 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
     mapped = pairs("--map", options.mapped)
     result, columns = _measured(block, mapped)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
-    records, notes = [], []
+    records, notes, done, rule = [], [], [], options.resample or "hold"
     for file in options.curve:
         known = {n for n in (*block.inputs, *block.states, *block.outputs) if n not in mapped}
-        recording = read_recording(file, options.time or "", gap, [*mapped.values(), *known])
+        recording = read_recording(
+            file, options.time or "", gap, [*mapped.values(), *known], options.decimal or ""
+        )
         if options.between:
             recording = recording.between(*_ends(options.between))
-        result, record = _record(block, recording, result, columns, constants)
+        result, record = _record(block, recording, result, columns, constants, rule)
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
+        done += recording.table.done
     found = fit_over_time(
         block, records, result,
         [n.strip() for n in options.unknown.split(",")] if options.unknown is not None else None,
         start=pairs("--start", options.starts), at=at, delay=options.delay or "",
-        rule=options.resample or "hold",
+        rule=rule,
     )  # fmt: skip
+    for line in done:
+        log.debug("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
         log.warning("%s", line)
     keys = keys_of(options.law)
-    store.write_json(folder / "fit.json", payload(found, options.law, notes, command))
+    store.write_json(folder / "fit.json", payload(found, options.law, [*done, *notes], command))
     store.write_text(folder / "residuals.csv", residuals_text(found))
     if keys:
         store.write_text(folder / KEYS_FILE, keys_text(found, keys))
@@ -118,11 +123,11 @@ def _ends(text: str) -> tuple[float, float]:
 
 def _record(
     block: Block, recording: Recording, result: str, columns: Mapping[str, str],
-    constants: Mapping[str, float],
+    constants: Mapping[str, float], rule: str,
 ) -> tuple[str, Record]:  # fmt: skip
     """What was measured by name, and the log as the flow sees it."""
     if not result:
-        names = [n for n in (*block.outputs, *block.states) if n in recording.texts]
+        names = [n for n in (*block.outputs, *block.states) if n in recording.columns]
         if len(names) != 1:
             first = next(iter(block.states), "")
             many = " or ".join(dict.fromkeys((first, *block.outputs)))
@@ -141,8 +146,8 @@ def _record(
     every |= {n: np.full(recording.time.size, float(s.value)) for n, s in block.inputs.items()
               if n not in inputs and n not in every}  # fmt: skip
     for n, source in inputs.items():
-        t, x = good_samples(block, recording, n, source, values, recording.notes)
-        every[n] = resample_at(t, x, recording.time, "hold")
+        t, x = good_samples(block, recording, n, source, values, rule, recording.notes)
+        every[n] = resample_at(t, x, recording.time, rule)
     y = _values(recording, measured[result])
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
@@ -153,9 +158,8 @@ def _record(
 def _values(recording: Recording, source: Source) -> np.ndarray:
     """Samples of what was measured, NaN where nothing was."""
     y = source.values(recording)
-    empty = int((~np.isfinite(y) & recording.rows(source.column)).sum())
-    if empty:
-        recording.notes.append(f"{source.column}: {empty} empty cells left out")
+    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
+                        for column, empty in source.empty(recording).items()]  # fmt: skip
     return y
 
 

@@ -41,13 +41,19 @@ def answer(options: argparse.Namespace, command: str) -> int:
     mapping, beside = pairs("--map", options.mapped), pairs("--beside", options.beside)
     names = {m for n in block.inputs for m in (n, n.rpartition(".")[2]) if n not in mapping}
     recording = read_recording(
-        options.log, options.time or "", gap, [*mapping.values(), *beside.values(), *names]
+        options.log,
+        options.time or "",
+        gap,
+        [*mapping.values(), *beside.values(), *names],
+        options.decimal or "",
     )
     found = replay(
         block, recording, mapping, settings=pairs("--set", options.settings), beside=beside,
         period=period, rule=options.resample,
         compile=not options.no_compile,
     )  # fmt: skip
+    for line in found.done:
+        log.debug("%s", line)
     for note in found.notes:
         log.warning("%s", note)
     rows = statistics(found)
@@ -56,7 +62,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     }
     store.write_json(out / "replay.json", {
         "log": options.log, "block": options.block, "slipctl_version": __version__,
-        "command": command, "notes": found.notes, "gaps_s": found.gaps,
+        "command": command, "read": found.done, "notes": found.notes, "gaps_s": found.gaps,
         "statistics": [dict(zip(HEAD, r, strict=True)) for r in rows],
     })  # fmt: skip
     store.write_text(out / "replay.csv", csv_of(columns(found)))
@@ -171,7 +177,7 @@ def page(
 ) -> str:  # fmt: skip
     """The report as one HTML file."""
     title = f"{found.block.name} over {Path(options.log).name}"
-    notes = "".join(f"<li>{escape(n)}</li>" for n in found.notes) or "<li>nothing</li>"
+    done = "".join(f"<li>{escape(n)}</li>" for n in (*found.done, *found.notes))
     gaps = table(
         ("gap from [s]", "to [s]"), [(number(a), number(b)) for a, b in found.gaps], (0, 1)
     )
@@ -188,7 +194,7 @@ def page(
 <p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
 <h2>Figures</h2>{pictures}
 <h2>Residuals and innovations</h2>{compared}
-<h2>What was put in order</h2><ul>{notes}</ul>{gaps if found.gaps else ""}
+<h2>How the log was read</h2><ul>{done}</ul>{gaps if found.gaps else ""}
 <h2>Provenance</h2><pre>{escape(command)}
 slipctl {__version__}</pre>
 <script>{live.script()}</script>

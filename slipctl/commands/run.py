@@ -15,6 +15,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,12 @@ from slipctl.run import interrupts, store
 from slipctl.run.results import Results
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
-from slipctl.study.declaration import Verdict
+from slipctl.study.declaration import Verdict, judge
 from slipctl.study.failure_log import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
-from slipctl.study.report.texts import changes, claim_table, doubts, left_to_full, metric_table
+from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
+from slipctl.study.report.texts import changes, claim_line, claim_table, left_to_full, metric_table
 from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
@@ -87,8 +89,8 @@ class _Run:
         self.keep.clear(wanted)
         self._metrics("running, or ended before its end")
         judged = cache(self._claims)  # once, while figures are drawn
+        self._tell(self._question())
         try:
-            sections = results_folder.early_sections(results, self.cores, execution.load_logs)
             execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
@@ -97,12 +99,11 @@ class _Run:
             )  # fmt: skip
             self._found_tables()
             self.progress.end()
+            self._tell(self._answers())
             self._metrics()
             self._save(
                 "report.html",
-                lambda: results_folder.save_pages(
-                    results, judged, out, self.command, self.cores, sections
-                ),
+                lambda: results_folder.save_pages(results, judged, out, self.command, self.cores),
             )
             verdicts = judged()
         except KeyboardInterrupt:
@@ -112,12 +113,42 @@ class _Run:
         if self.options.json:
             print(self._json())
         else:
-            print(self._summary(verdicts))
+            self._tell(self._summary(verdicts))
         for where, why in results.failed.items():
             log.error("%s failed: %s", where, why)
         if "report.html" not in results.failed and not self.options.json:
-            print(f"\n{out / 'report.html'}")
+            print(out / "report.html")
         return 1 if results.failed else 0
+
+    def _tell(self, text: str) -> None:
+        """Print for a person, at once."""
+        if text and not self.options.json:
+            self.progress.end()
+            print(text, end="\n\n", flush=True)
+
+    def _question(self) -> str:
+        """What is asked and, of a study, what its answer is: before anything has run."""
+        results, study = self.results, self.results.study
+        quick = " (quick)" if results.quick else ""
+        parts = [f"{study.name}: {study.title}{quick}", changes(results)]
+        if study.short:
+            parts += ["", _filled(study.doc), "", _filled(study.short)]
+        return "\n".join(p for k, p in enumerate(parts) if p or k > 1)
+
+    def _answers(self) -> str:
+        """The claim that a study stands or falls with; of a vehicle, a line for each controller."""
+        results, study = self.results, self.results.study
+        if study.headline:
+            options = self.options
+            changed = claim_scope.changes(results, options.settings, options.swaps, self.models)
+            claim = next(c for c in study.claims if c.id == study.headline)
+            with suppress(Exception):  # the table of claims says why its answer breaks
+                return _filled(claim_line(judge(claim, results, changed)))
+            return ""
+        if study.claims:
+            return ""
+        blocks = [answer_lines(results, s) for s in results.metrics]
+        return "\n".join(_filled(line, "  ") for lines in blocks for line in lines.values())
 
     def _found_tables(self) -> None:
         """Take what an earlier run has found in experiments that this one leaves out."""
@@ -174,25 +205,43 @@ class _Run:
             for name in ("metrics", "claims")
             if (out / f"{name}.json").is_file()
         }
-        found["warnings"] = [{"text": t, "runs": where} for t, where in doubts(self.results)]
+        found["warnings"] = [
+            {"text": t, "runs": where} for t, where in warnings_of_runs(self.results)
+        ]
+        found["remarks"] = [
+            {"text": r.text, "run": f"{r.scenario}/{r.loop}", "numbers": list(r.numbers)}
+            for r in estimator_remarks(self.results)
+        ]
         return json.dumps(found | {"folder": str(out)}, indent=1, ensure_ascii=False)
 
     def _summary(self, verdicts: Sequence[Verdict]) -> str:
-        """Claims and metrics as text tables."""
-        results = self.results
-        width = (
-            shutil.get_terminal_size((132, 50)).columns
-            if sys.stdout and sys.stdout.isatty()
-            else 132
-        )
-        quick = " (quick)" if results.quick else ""
-        title = f"{results.study.name}: {results.study.title}{quick}"
-        parts = ["\n".join(filter(None, [title, changes(results)]))]
-        told = [f"warning: {line} ({where})" for line, where in doubts(results)]
-        if told:
-            parts.append("\n".join(textwrap.fill(t, width, subsequent_indent="  ") for t in told))
+        """Warnings, then claims and metrics as text tables, then what is to be doubted."""
+        results, width = self.results, _width()
+        told = [f"warning: {line} ({where})" for line, where in warnings_of_runs(results)]
+        parts = ["\n".join(_filled(t, "  ") for t in told)] if told else []
         if verdicts:
             parts.append(claim_table(verdicts, width))
         parts += [metric_table(results, scenario, width) for scenario in results.metrics]
-        parts += filter(None, [left_to_full(results)])
+        parts += filter(None, [self._remarks(), left_to_full(results)])
         return "\n\n".join(parts)
+
+    def _remarks(self) -> str:
+        """Doubts about estimators, a sentence for each controller; with ``-v`` their numbers."""
+        lines = []
+        for r in estimator_remarks(self.results):
+            if r.held:  # others are among the warnings
+                lines.append(_filled(f"{r.scenario}/{r.loop}: {r.text}", "  "))
+            if self.options.verbose:
+                lines += [_filled(f"  {n}", "    ") for n in r.numbers]
+        return "\n".join(lines)
+
+
+def _width() -> int:
+    """Characters in a line of the terminal."""
+    watched = sys.stdout and sys.stdout.isatty()
+    return shutil.get_terminal_size((132, 50)).columns if watched else 132
+
+
+def _filled(text: str, indent: str = "") -> str:
+    return textwrap.fill(" ".join(text.split()) if not text.startswith(" ") else text,
+                         _width(), subsequent_indent=indent)  # fmt: skip

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 from pathlib import Path
 
+from slipctl.commands.progress import Progress
 from slipctl.design import gain_files, page
 from slipctl.design.promises import promises_of_loop
 from slipctl.design.tune import Stopped, Tuned, tune
@@ -31,6 +33,12 @@ def answer(options: argparse.Namespace, command: str) -> int:
     asked, ensemble = _world_of(options)
     study, case, loop = asked.study, asked.case, asked.loop
     name = f"{asked.home}:{loop}@{case.scenario.name}"
+    progress = Progress(4 if options.prove else 3, sys.stderr, options.quiet)
+
+    def tell(line: str) -> None:
+        progress.end()
+        log.info("%s", line)
+
     try:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
@@ -39,7 +47,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
             samples=options.samples, seed=options.seed, runs=options.runs,
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,
-            tell=log.info,
+            tell=tell, progress=progress,
             about={"loop": name, "set": list(asked.settings),
                    "swapped": list(asked.swaps), "command": command},
         )  # fmt: skip
@@ -48,6 +56,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         raise KeyboardInterrupt(
             f"{out / 'gains.toml'} has the best so far; the same line goes on; {interrupts.KEPT}"
         ) from None
+    finally:
+        progress.end()
     write_gains(found, out, command)
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:

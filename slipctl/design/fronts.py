@@ -104,9 +104,9 @@ class FrontSearch(Search):
             self.best = min(pool.values(), key=lambda c: self._place(c)[0])
 
     def _place(self, c: Candidate) -> tuple[float, tuple[float, ...]]:
-        """How far a candidate misses its limits, and its means; one that fails misses all."""
-        means = tuple(s.mean() for s in c.scores)
-        return c.score.missed(self.limits) if np.isfinite(means).all() else math.inf, means
+        """How far a candidate misses its limits, and its means; a draw that it loses is a miss."""
+        lost = max(s.lost() for s in c.scores)
+        return c.score.missed(self.limits) + lost, tuple(s.mean_reached() for s in c.scores)
 
     def _thinned(self, pool: Sequence[Candidate], many: int) -> list[Candidate]:
         """The best of a pool: by what they miss, then rank by rank, the last rank by crowding."""

@@ -108,7 +108,9 @@ def found_of(found: Tuned, command: str) -> dict[str, Any]:
 
 def _judged(its: Judged) -> dict[str, Any]:
     return {
-        "draws": len(its.tuned.values), "tuned": its.tuned.mean(), "by_hand": its.by_hand.mean(),
+        "draws": len(its.tuned.values),
+        "tuned": its.tuned.mean_reached(), "by_hand": its.by_hand.mean_reached(),
+        "never": {"tuned": its.tuned.lost(), "by_hand": its.by_hand.lost()},
         "difference": its.difference, "standard_error": its.error,
     }  # fmt: skip
 

@@ -215,14 +215,20 @@ class Search:
             raise BadInput(self._unproved())
 
     def _end(self) -> None:
-        """Refuse a best one that misses a limit, or that has no number.
+        """Refuse a best one that misses a limit, or that reaches its objective in no draw.
 
         Raises:
             BadInput: says how close it came.
         """
-        means = [s.mean() for s in self.best.scores]
-        if self.best.score.missed(self.limits) > 0 or not np.isfinite(means).all():
+        nothing = any(s.lost() == len(s.values) for s in self.best.scores)
+        if self.best.score.missed(self.limits) > 0 or nothing:
             raise BadInput(self._unmet())
+        for goal, score in zip(self.objectives, self.best.scores, strict=True):
+            if score.lost():
+                self.tell(
+                    f"{goal.text} is never reached in {score.lost()} of {len(score.values)} draws,"
+                    " with the best numbers too; such a draw counts as worst"
+                )
 
     def _first(self, wanted: int) -> list[Candidate]:
         """First members, spread over the ranges, all proved."""
@@ -278,15 +284,15 @@ class Search:
     def _say(self, generation: int) -> None:
         """Tell the best so far."""
         score = self.best.score
-        self.course.append((self.rolls.done, score.mean(), score.missed(self.limits)))
+        self.course.append((self.rolls.done, score.mean_reached(), score.missed(self.limits)))
         numbers = ", ".join(
             f"{f.short} = {with_unit(self.best.numbers[f.name], f.unit)}" for f in self.frees
         )
         missed = "" if score.missed(self.limits) <= 0 else ", limits not met yet"
-        hand = f"{self.by_hand.score.mean():.6g} by hand"
+        hand = f"{self.by_hand.score.in_words()} by hand"
         self.tell(
             f"generation {generation}: {self.rolls.done} runs, {self.objective.text}"
-            f" {score.mean():.6g} ({hand}){missed}, {numbers}"
+            f" {score.in_words()} ({hand}){missed}, {numbers}"
         )
 
     def _unproved(self) -> str:
@@ -332,14 +338,15 @@ def add(
     score: Score, metrics: Mapping[str, Metric] | None, objective: Objective,
     limits: Sequence[Limit],
 ) -> None:  # fmt: skip
-    """Add what a draw gave; a run that failed is beyond everything."""
-    try:
-        score.values.append(math.inf if metrics is None else objective.value(metrics))
-        score.overs.append(
-            [math.inf if metrics is None else limit.over(metrics) for limit in limits]
-        )
-    except KeyError as missing:
-        raise BadInput(f"a run gives no metric {missing}") from None
+    """Add what a draw gave; a run that broke, or has no such metric, is beyond everything."""
+    if metrics is None or any(m not in metrics for m in objective.metrics):
+        score.values.append(math.inf)
+    else:
+        score.values.append(objective.value(metrics))
+    score.overs.append([
+        limit.over(metrics) if metrics is not None and limit.metric in metrics else math.inf
+        for limit in limits
+    ])  # fmt: skip
 
 
 def is_behind(

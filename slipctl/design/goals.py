@@ -217,15 +217,38 @@ class Score:
         )
 
     def mean(self, draws: int | None = None) -> float:
-        """Mean of the objective over the first draws."""
+        """Mean of the objective over the first draws; infinite where one has none."""
         return float(np.mean(self.values[:draws]))
+
+    def lost(self, draws: int | None = None) -> int:
+        """Draws of the first ones in which the objective was never reached, or the run broke."""
+        return int(np.isinf(self.values[:draws]).sum())
+
+    def mean_reached(self) -> float:
+        """Mean over the draws that reach the objective; infinite where none does."""
+        reached = [v for v in self.values if math.isfinite(v)]
+        return float(np.mean(reached)) if reached else math.inf
+
+    def in_words(self) -> str:
+        """Mean for a reader, and in how many draws the objective is not reached."""
+        lost = self.lost()
+        never = f", never in {lost} of {len(self.values)} draws" if lost else ""
+        return f"{self.mean_reached():.6g}{never}" if lost < len(self.values) else "never reached"
 
 
 def paired_difference(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
-    """Mean difference of values on the same draws, and its standard error."""
-    d = np.asarray(one, dtype=float) - np.asarray(other, dtype=float)
-    if not np.isfinite(d).all():
-        lost = np.isinf(one).sum() - np.isinf(other).sum()
-        return (math.inf if lost > 0 else -math.inf if lost < 0 else math.nan), math.inf
+    """Mean difference of values on the same draws, and its standard error.
+
+    Who loses more draws is infinitely far behind. Where both lose as many, the draws count that
+    both reach.
+    """
+    a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    lost = int(np.isinf(a).sum()) - int(np.isinf(b).sum())
+    if lost:
+        return math.copysign(math.inf, lost), math.inf
+    both = np.isfinite(a) & np.isfinite(b)
+    d = a[both] - b[both]
+    if not d.size:
+        return math.nan, math.inf
     error = float(np.std(d, ddof=1) / math.sqrt(d.size)) if d.size > 1 else math.inf
     return float(d.mean()), error

@@ -95,7 +95,9 @@ def judge(search: Search, draws: int) -> Judged:
 
 
 def slices(search: Search) -> list[Slice]:
-    """Each objective along each number."""
+    """Each objective along each number; none where the tuned numbers lose a draw."""
+    if any(score.lost() for score in search.best.scores):
+        return []
     draws = min(DRAWS, search.samples)
     asked: list[tuple[int, Candidate | None]] = []
     for k, free in enumerate(search.frees):
@@ -113,6 +115,11 @@ def slices(search: Search) -> list[Slice]:
             answer = _answer(means[-2], means[-1], at)
             found.append(Slice(goal.text, free, values, means[:-2], at, lo, hi, answer))
     return found
+
+
+def runs_of_slices(search: Search) -> int:
+    """Most runs that :func:`slices` makes."""
+    return len(search.frees) * (POINTS + 2) * min(DRAWS, search.samples)
 
 
 def _answer(down: float, up: float, at: float) -> float:

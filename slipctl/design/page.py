@@ -13,11 +13,11 @@ from slipctl import __version__
 from slipctl.certify.promise import CERTIFIED
 from slipctl.design import statement
 from slipctl.design.gain_search import TRAINING
-from slipctl.design.judgement import CLOSE, Slice
+from slipctl.design.judgement import CLOSE, Judged, Slice
 from slipctl.design.tune import Tuned
-from slipctl.draw import plots
+from slipctl.draw import distributions, plots
 from slipctl.study.report.report_page import STYLE, image, table
-from slipctl.study.report.texts import number, with_unit, wrap_table
+from slipctl.study.report.texts import number, number_or_never, with_unit, wrap_table
 
 Rows = list[list[str]]
 
@@ -63,7 +63,7 @@ def front_rows(found: Tuned, most: int = MOST) -> Rows:
                  if c is other]  # fmt: skip
         if k in at or marks:
             rows.append([" and ".join(marks), *(number(c.numbers[f.name]) for f in found.frees),
-                         *(number(s.mean(), 6) for s in c.scores)])  # fmt: skip
+                         *(number_or_never(s.mean(), 6) for s in c.scores)])  # fmt: skip
     return rows
 
 
@@ -76,9 +76,12 @@ def judged_rows(found: Tuned) -> Rows:
         "least": np.min, "median": np.median, "largest": np.max, "mean": np.mean
     }  # fmt: skip
     for goal, its in zip(found.search.objectives, judged.each, strict=True):
+        both = (its.by_hand, its.tuned)
         for what, of in spread.items():
-            rows.append([f"{what} {goal.text}", *(
-                number(float(of(s.values)), 6) for s in (its.by_hand, its.tuned))])  # fmt: skip
+            cells = [number_or_never(float(of(s.values)), 6) for s in both]
+            rows.append([f"{what} {goal.text}", *cells])
+        if any(s.lost() for s in both):
+            rows.append([f"draws that never reach {goal.text}", *(str(s.lost()) for s in both)])
     many = len(judged.tuned.values)
     for limit, kept, before in judged.kept(found.search.limits):
         rows.append([f"draws with {limit.text}", f"{before} of {many}", f"{kept} of {many}"])
@@ -105,11 +108,21 @@ def differences(found: Tuned) -> list[str]:
     lines = []
     for goal, its in zip(found.search.objectives, judged.each, strict=True):
         mean, error = its.difference, its.error
+        lost, before = its.tuned.lost(), its.by_hand.lost()
+        many = len(its.tuned.values)
+        if lost or before:
+            lines.append(
+                f"{goal.text} is never reached in {lost} of {many} held-out draws tuned, in"
+                f" {before} by hand"
+            )
+        if not math.isfinite(mean):
+            continue
         sure = "more than" if abs(mean) > 2 * error else "within"
         which = f"{goal.text}, " if judged.more else ""
         lines.append(
             f"{which}tuned minus by hand, the same {len(its.tuned.values)} held-out draws:"
             f" {mean:+.4g} +- {error:.2g} (standard error), {sure} twice the error"
+            + (", of the draws that both reach" if lost or before else "")
         )
     return lines
 
@@ -162,14 +175,14 @@ def pictures(found: Tuned) -> dict[str, plots.Figure]:
                 f" keeps {100 * CLOSE:g} % is shaded. Where nothing is drawn a certificate or a"
                 " limit fails."
             ] = _sliced(along, what)
-    if found.judged and search.best is not search.by_hand:
-        for what, its in zip(named, found.judged.each, strict=True):
-            d = np.sort(np.subtract(its.tuned.values, its.by_hand.values))
-            share = (np.arange(d.size) + 0.5) / d.size * 100
-            shown[f"Tuned minus by hand, {what[0]}, each held-out draw, in order."] = plots.lines(
-                {"difference": (share, d)}, ("share of the draws", "%"),
-                (f"difference of {what[0]}", what[1]), legend=False,
-            )  # fmt: skip
+    if found.judged:
+        for goal, what, its in zip(search.objectives, named, found.judged.each, strict=True):
+            caption = (
+                f"{what[0]} on the held-out draws: each dot is a draw, the box the middle half"
+            )
+            if search.best is not search.by_hand:
+                caption += "; below, tuned minus by hand, draw by draw, in order"
+            shown[f"{caption}."] = _judged_picture(found, goal.terms, what, its)
     return shown
 
 
@@ -193,6 +206,27 @@ def front_picture(found: Tuned) -> plots.Figure:
     return fig
 
 
+def _judged_picture(
+    found: Tuned, terms: Sequence[tuple[float, str]], what: tuple[str, str], its: Judged
+) -> plots.Figure:
+    """Spread of an objective on the held-out draws beside its limit, and paired differences."""
+    search = found.search
+    moved = search.best is not search.by_hand
+    fig, axes = plots.panels(2 if moved else 1, 1, height=2.6)
+    groups = {"by hand": its.by_hand.values, "tuned": its.tuned.values} if moved else {
+        "by hand": its.by_hand.values}  # fmt: skip
+    limits = [x for x in search.limits if [m for _, m in terms] == [x.metric] and terms[0][0] == 1]
+    limit = (limits[0].text, limits[0].value) if limits else None
+    plots.spread(groups, what, axis=axes[0, 0], limit=limit)
+    if moved:
+        a, b = np.array(its.tuned.values), np.array(its.by_hand.values)
+        both = np.isinf(a) & np.isinf(b)
+        d = np.where(both, 0.0, a) - np.where(both, 0.0, b)
+        y = (f"difference of {what[0]}", what[1])
+        distributions.differences({"tuned": list(d)}, "by hand", y, axis=axes[1, 0])
+    return fig
+
+
 def _course(found: Tuned, what: tuple[str, str]) -> plots.Figure:
     search = found.search
     runs = [r for r, *_ in search.course]
@@ -200,8 +234,8 @@ def _course(found: Tuned, what: tuple[str, str]) -> plots.Figure:
     curves: dict[str, tuple[Any, Any]] = {
         "best so far": (runs, [m if missed <= 0 else math.nan for _, m, missed in search.course])
     }
-    if math.isfinite(search.by_hand.score.mean()):
-        curves["by hand"] = ([runs[0], runs[-1]], [search.by_hand.score.mean()] * 2)
+    if math.isfinite(search.by_hand.score.mean_reached()):
+        curves["by hand"] = ([runs[0], runs[-1]], [search.by_hand.score.mean_reached()] * 2)
     plots.lines(curves, ("runs", "1"), what, axis=axes[0, 0], points=True)
     return fig
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from slipctl.errors import BadInput, RunFailed
@@ -31,10 +31,13 @@ class Rolls:
 
     Attributes:
         done: runs of the search itself, kept ones too.
+        progress: told what goes on, and the share of its runs that have ended.
     """
 
     def __init__(self, world: World, jobs: int = 1, store: Store | None = None) -> None:
         self.world, self.jobs, self.store, self.done = world, jobs, store, 0
+        self.progress: Callable[[str, float], None] = lambda stage, share: None
+        self._stage, self._ended, self._runs = "", 0, 1
         self._draws: dict[tuple[int, int], Draw] = {}
         self._kept: dict[int, Mapping[str, Metric] | None] = {}
         if store is not None:
@@ -43,6 +46,21 @@ class Rolls:
                 made = {n: Metric(v, *units[n]) for n, v in metrics.items()}
                 self._kept[run] = None if failed else made
 
+    def begin(self, stage: str, runs: int) -> None:
+        """Say what the next runs are for, and how many there are at most."""
+        self._stage, self._ended, self._runs = stage, 0, max(runs, 1)
+        self._advance(0)
+
+    def _advance(self, runs: int) -> None:
+        self._ended += runs
+        if self._stage:
+            self.progress(self._stage, min(self._ended / self._runs, 0.999))
+
+    def end(self) -> None:
+        """Say that what was begun has ended."""
+        if self._stage:
+            self.progress(self._stage, 1.0)
+
     def all(self, stream: int, asked: Sequence[Asked]) -> list[Mapping[str, Metric] | None]:
         """Metrics of each, None where the run failed; in their order, on all cores.
 
@@ -50,6 +68,7 @@ class Rolls:
         """
         keys = [((stream * MANY) + number + 1) * MANY + k for number, _, k in asked]
         missing = {key: a for key, a in zip(keys, asked, strict=True) if key not in self._kept}
+        self._advance(len(keys) - len(missing))
         if missing:
             self._run(stream, missing)
         if stream == 0:
@@ -109,3 +128,4 @@ class Rolls:
             with interrupts.hold_interrupts():
                 self.store.add([e for e, _ in found])
         self._kept |= {e.run: metrics for e, metrics in found}
+        self._advance(len(found))

@@ -113,6 +113,7 @@ def _attempt(search: Search, attempt: int) -> dict[str, Any]:
     world, goal = search.rolls.world, search.objective
     draws = binomial.draws_needed(1 - SHARE, level(attempt))
     asked = [(search.best.number, search.best.numbers, k) for k in range(draws)]
+    search.rolls.begin(f"statement on {draws} fresh draws", draws)
     metrics = search.rolls.all(FIRST_PROOF + attempt - 1, asked)
     values = [math.inf if m is None else goal.value(m) for m in metrics]
     unit = next((goal.unit(m) for m in metrics if m), "1")

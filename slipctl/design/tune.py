@@ -23,7 +23,7 @@ from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
 from slipctl.design.rolls import FILE, Rolls
 from slipctl.design.slopes.polish import Polished, polish
-from slipctl.errors import BadInput, check_whole
+from slipctl.errors import BadInput, RunFailed, check_whole
 from slipctl.run import interrupts, machine
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known
@@ -107,6 +107,7 @@ def tune(
     jobs: int | None = None,
     compile: bool = True,
     tell: Callable[[str], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
     about: Mapping[str, Any] | None = None,
 ) -> Tuned:
     """Find numbers of a loop that make an objective small on an ensemble.
@@ -136,6 +137,7 @@ def tune(
         jobs: runs at once; by default one for each core. The result is the same.
         compile: compile the loop when a C compiler is there.
         tell: told a line from time to time.
+        progress: told what goes on (search, judgement, statement) and the share that has ended.
         about: what else kept runs have to agree in.
 
     Returns:
@@ -159,7 +161,7 @@ def tune(
         (tell or str)(note)
     _apart(frees, world)
     numbers = {f.name: f.now for f in frees}
-    there = world.metrics(numbers, world.draw(TRAINING, 0))
+    there = _metrics_of_first(world, numbers, samples)
     goals, limits, proved = goals_of_loop(
         objective, subject_to, there, name, [g.name for g in gains]
     )
@@ -183,6 +185,8 @@ def tune(
     store = sweep_store.begin(Path(out), told, FILE, "search") if out is not None else None
     try:
         rolls = Rolls(world, jobs or machine.cores(), store)
+        rolls.progress = progress or rolls.progress
+        rolls.begin("search", runs)
         kind = Search if len(goals) == 1 else FrontSearch
         search = kind(loop, frees, rolls, goals[0], limits, promises, samples, runs, seed,
                       tell or (lambda text: None), tuple(goals[1:]))  # fmt: skip
@@ -193,9 +197,15 @@ def tune(
             if len(goals) == 1:
                 polished = polish(search)
                 best = search.best
+            rolls.end()
+            rolls.begin(f"{held_out} held-out draws", 2 * held_out)
             judged = judgement.judge(search, held_out)
+            rolls.end()
+            rolls.begin("one number at a time", judgement.runs_of_slices(search))
             along = tuple(judgement.slices(search))
+            rolls.end()
             stated = statement.prove(search) if prove else None
+            rolls.end()
         except KeyboardInterrupt:
             interrupts.note_interrupt()
             raise Stopped(_with(found, search.best, None, ())) from None
@@ -229,6 +239,21 @@ def _with(
         margins,
         stated,
     )
+
+
+def _metrics_of_first(world: World, numbers: Mapping[str, float], samples: int) -> Any:
+    """Metrics of the first draw on which the hand-set numbers run at all.
+
+    Raises:
+        BadInput, RunFailed: they run on none.
+    """
+    for k in range(samples):
+        try:
+            return world.metrics(numbers, world.draw(TRAINING, k))
+        except (BadInput, RunFailed):
+            if k == samples - 1:
+                raise
+    return {}
 
 
 def _apart(frees: Sequence[Free], world: World) -> None:

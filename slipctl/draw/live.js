@@ -23,9 +23,12 @@ const element = (name, kind, text, parent) => {
   made.className = kind; made.textContent = text;
   return parent.appendChild(made);
 };
-const ticks = (lo, hi, many) => {
+const ticks = (lo, hi, many) => {               // three at least, so that there is a scale
   const rough = (hi - lo) / many, ten = 10 ** Math.floor(Math.log10(rough));
-  const step = ten * [1, 2, 5, 10].find(k => k * ten >= rough * 0.999);
+  const steps = [10, 5, 2, 1, 0.5, 0.2].filter(k => k * ten < rough * 4);
+  const held = k => Math.floor(hi / (k * ten) + 1e-9) - Math.ceil(lo / (k * ten) - 1e-9) + 1;
+  const step = ten * ([1, 2, 5, 10].filter(k => k * ten >= rough * 0.999 && held(k) > 2)[0]
+    ?? steps.find(k => held(k) > 2) ?? 0.2);
   const out = [];
   for (let k = Math.ceil(lo / step - 1e-9); k * step <= hi + 1e-9 * step; k++)
     out.push(+(k * step).toPrecision(12));
@@ -65,6 +68,13 @@ const draw = (figure, group) => {
   if (inner < 50) return;
   const X = t => LEFT + (t - group.a) / (group.b - group.a) * inner;
   figure.X = X; figure.inner = inner;
+  const fitted = panel => {                     // range of what is in view
+    let lo = Infinity, hi = -Infinity;
+    for (const c of panel.curves) if (!figure.hidden.has(c.name))
+      for (const [t, l, h] of columns(c, group.a, group.b, inner))
+        if (t >= group.a && t <= group.b && !Number.isNaN(l)) { lo = Math.min(lo, l); hi = Math.max(hi, h); }
+    return [lo, hi];
+  };
   figure.panels.forEach((panel, k) => {
     const last = k === figure.panels.length - 1, high = panel.high, svg = panel.svg;
     svg.setAttribute("height", TOP + high + (last ? BELOW + 16 : BELOW));
@@ -73,10 +83,12 @@ const draw = (figure, group) => {
     let lo = panel.lo, hi = panel.hi;
     const views = panel.curves.map(c => figure.hidden.has(c.name) ? []
       : columns(c, group.a, group.b, inner));
-    if (group.a > group.x0 || group.b < group.x1 || figure.hidden.size) {
-      lo = Infinity; hi = -Infinity;
-      for (const view of views) for (const [t, l, h] of view)
-        if (t >= group.a && t <= group.b && !Number.isNaN(l)) { lo = Math.min(lo, l); hi = Math.max(hi, h); }
+    if (group.a > group.x0 || group.b < group.x1 || figure.hidden.size || figure.moved) {
+      lo = Infinity; hi = -Infinity;            // panels of one quantity have one range
+      for (const p of figure.panels) if (p.label === panel.label) {
+        const [l, h] = fitted(p);
+        lo = Math.min(lo, l); hi = Math.max(hi, h);
+      }
       if (!(lo <= hi)) { lo = panel.lo; hi = panel.hi; }
       const room = 0.06 * (hi - lo) || Math.abs(hi) * 1e-3 || 1;
       lo -= room; hi += room;
@@ -89,7 +101,7 @@ const draw = (figure, group) => {
       if (from > group.a) node("line", { class: "edge", x1: X(l), x2: X(l), y1: TOP, y2: TOP + high }, svg);
       if (name) node("text", { class: "soft", x: (X(l) + X(r)) / 2, y: TOP + 11, "text-anchor": "middle" }, svg).textContent = name;
     }
-    for (const v of ticks(lo, hi, Math.max(3, high / 34))) {
+    for (const v of ticks(lo, hi, Math.max(3, high / 30))) {
       node("line", { class: "grid", x1: LEFT, x2: LEFT + inner, y1: Y(v), y2: Y(v) }, svg);
       node("text", { x: LEFT - 6, y: Y(v) + 4, "text-anchor": "end" }, svg).textContent = shown(v);
     }
@@ -192,6 +204,21 @@ const listen = (svg, figure, group) => {
   });
 };
 
+const everyFigure = [];
+const choose = axle => {                        // one axle for all figures of the page
+  for (const [figure, group] of everyFigure) {
+    if (!figure.select) continue;
+    figure.select.value = String(Math.min(axle, figure.select.length - 1));
+    figure.moved = true;
+    for (const panel of figure.panels) {
+      if (panel.byAxle[axle]) panel.bands = panel.byAxle[axle];
+      panel.head.textContent = panel.name.replace(/axle \d+/, `axle ${axle + 1}`);
+      for (const c of panel.curves) if (c.axles[axle]) Object.assign(c, c.axles[axle]);
+    }
+    draw(figure, group);
+  }
+};
+
 document.querySelectorAll("figure > script[type='application/json']").forEach(script => {
   const data = JSON.parse(script.textContent), at = script.parentElement;
   const [x0, x1] = data.span, key = `${x0}:${x1}`;
@@ -206,11 +233,22 @@ document.querySelectorAll("figure > script[type='application/json']").forEach(sc
   figure.reset = element("button", "reset", "All of the time", bar);
   figure.time = element("span", "at", "", bar);
   figure.reset.addEventListener("click", () => view(group, x0, x1));
+  const most = Math.max(0, ...data.panels.flatMap(p => p.curves.map(c => c.axles.length)));
+  if (most > 1) {
+    const now = /axle (\d+)/.exec(data.panels.map(p => p.label).join());
+    figure.select = document.createElement("select");
+    figure.select.setAttribute("aria-label", "axle");
+    for (let k = 0; k < most; k++) figure.select.add(new Option(`axle ${k + 1}`, k));
+    figure.select.value = String(now ? now[1] - 1 : 0);
+    figure.select.addEventListener("change", () => choose(Number(figure.select.value)));
+    bar.insertBefore(figure.select, bar.firstChild);
+  }
   const order = [...new Set(data.panels.flatMap(p => p.curves.map(c => c.name)))];
   data.panels.forEach(p => {
-    const panel = { lo: p.range[0], hi: p.range[1], bands: p.bands, high: p.high, curves: [] };
+    const panel = { lo: p.range[0], hi: p.range[1], bands: p.bands, byAxle: p.byAxle, high: p.high,
+      label: p.label, name: p.label, curves: [] };
     const head = element("div", "head", "", box);
-    element("span", "what", p.label, head);
+    panel.head = element("span", "what", p.label, head);
     const said = {};
     for (const c of [...p.curves].sort((a, b) => order.indexOf(a.name) - order.indexOf(b.name))) {
       const key = element("button", "key", c.name, head);
@@ -227,7 +265,8 @@ document.querySelectorAll("figure > script[type='application/json']").forEach(sc
       });
     }
     for (const c of p.curves)
-      panel.curves.push({ ...c, x: numbers(c.x, x0, x1), y: numbers(c.y, ...c.ends), said: said[c.name] });
+      panel.curves.push({ ...c, x: numbers(c.x, x0, x1), y: numbers(c.y, ...c.ends), said: said[c.name],
+        axles: c.axles.map(a => ({ pairs: a.pairs, x: numbers(a.x, x0, x1), y: numbers(a.y, ...a.ends) })) });
     panel.svg = node("svg", { tabindex: 0, role: "img", "aria-label": `${p.label} over time` });
     box.appendChild(panel.svg);
     listen(panel.svg, figure, group);
@@ -235,6 +274,7 @@ document.querySelectorAll("figure > script[type='application/json']").forEach(sc
   });
   at.classList.add("on");
   group.figures.push(figure);
+  everyFigure.push([figure, group]);
   let width = box.clientWidth;
   draw(figure, group);
   new ResizeObserver(() => {

@@ -38,10 +38,25 @@ HIDDEN = 0.98
 RANGE = "_range"
 """Label of an area from the smallest to the largest value of a curve."""
 
-PANEL, STRIP = 150, 70
+PANEL, STRIP = 150, 96
 """Height in pixels of a panel, and of one with a difference."""
 
 _EXACT: WeakKeyDictionary[Any, tuple[np.ndarray, np.ndarray]] = WeakKeyDictionary()
+
+
+_AXLES: WeakKeyDictionary[Any, tuple[np.ndarray, np.ndarray]] = WeakKeyDictionary()
+
+_BANDS: WeakKeyDictionary[Any, list[list[tuple[float, float, str, str]]]] = WeakKeyDictionary()
+
+
+def axles(line: Any, t: np.ndarray, every: np.ndarray) -> None:
+    """Say what a line shows of other axles: values, a column for each axle."""
+    _AXLES[line] = (np.asarray(t, dtype=float), np.asarray(every, dtype=float))
+
+
+def bands(axis: Any, each: list[list[tuple[float, float, str, str]]]) -> None:
+    """Say what the bands of a panel are for each axle."""
+    _BANDS[axis] = each
 
 
 def exact(line: Any, t: np.ndarray, y: np.ndarray) -> None:
@@ -59,17 +74,22 @@ class Curve:
     colour: str
     dash: str = ""
     thin: bool = False
+    axles: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass
 class Panel:
-    """A panel: its label, range of values, curves, and bands of the rail (from, to, hue, name)."""
+    """A panel: its label, range of values, curves, and bands of the rail (from, to, hue, name).
+
+    Where axles have their own curves, ``by_axle`` has the bands of each.
+    """
 
     label: str
     range: tuple[float, float]
     curves: list[Curve] = field(default_factory=list)
     bands: list[tuple[float, float, str, str]] = field(default_factory=list)
     high: int = PANEL
+    by_axle: list[list[tuple[float, float, str, str]]] = field(default_factory=list)
 
 
 @dataclass
@@ -132,13 +152,18 @@ def _panel(axis: Axes, span: tuple[float, float]) -> Panel | None:
             t = np.array(span)
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
+        when, every = _AXLES.get(line) or (t, np.zeros((0, 0)))
+        if every.size:
+            inside = (when >= span[0] - 1e-9) & (when <= span[1] + 1e-9)
+            every = every[inside]
         if not len(t) or not np.isfinite(y).any() or (np.diff(t) < 0).any():
             continue
         name, hue = str(line.get_label()), to_hex(line.get_color()).upper()
         panel.curves.append(Curve(
             "reference" if name.startswith("_") else name, t, y, hue, _dashes(line),
-            line.get_linewidth() < 1,
+            line.get_linewidth() < 1, list(every.T) if len(every) == len(t) else [],
         ))  # fmt: skip
+    panel.by_axle = _BANDS.get(axis, [])
     names = [(float(t.xy[0]), t.get_text()) for t in axis.texts if hasattr(t, "xy")]
     for patch in axis.patches:
         if patch.get_zorder() < 0:
@@ -172,18 +197,23 @@ def _differences(panel: Panel, told: list[str]) -> Iterator[Panel]:
             if not seen.any() or np.mean(np.abs(apart[seen]) <= SAME * height) < HIDDEN:
                 continue
             most = float(np.abs(apart[seen]).max())
-            where = panel.label.partition(" [")[0] or "one panel"
+            where, _, rest = panel.label.partition(" [")
+            where, unit = where or "one panel", f" {rest.rstrip(']')}" if rest else ""
             if most == 0:
-                told.append(f"{below.name} and {above.name} are the same in {where}")
+                told.append(f"{where}: {below.name} and {above.name} are the same")
                 break
-            told.append(f"{below.name} lies on {above.name} in {where}: at most {most:.3g} apart")
+            told.append(
+                f"{where}: {below.name} and {above.name} differ by at most {most:.3g}{unit}"
+            )
             room = 1.06 * most
             t, apart = below.t[seen], apart[seen]
             name = f"{below.name} − {above.name}"
+            other = [b - a for b, a in zip(below.axles, above.axles, strict=False)] if same else []
             yield Panel(
-                f"difference, {panel.label}", (-room, room),
-                [Curve(name, t, apart, below.colour)],
+                f"difference of {panel.label}", (-room, room),
+                [Curve(name, t, apart, below.colour, axles=[a[seen] for a in other])],
                 [(a, b, hue, "") for a, b, hue, _ in panel.bands], STRIP,
+                [[(a, b, hue, "") for a, b, hue, _ in of] for of in panel.by_axle],
             )  # fmt: skip
             break  # its difference to one of them is enough
 
@@ -193,7 +223,7 @@ def _differences(panel: Panel, told: list[str]) -> Iterator[Panel]:
 
 def share(figures: Iterable[Live]) -> int:
     """Points that each curve of a page may keep, so that all of them stay within :data:`ALL`."""
-    many = sum(len(p.curves) for f in figures for p in f.panels)
+    many = sum(max(len(c.axles), 1) for f in figures for p in f.panels for c in p.curves)
     return int(np.clip(ALL * 3 / 4 / 4 / max(many, 1), LEAST, POINTS))
 
 
@@ -235,16 +265,23 @@ def text(live: Live, points: int) -> str:
 def _told(panel: Panel, span: tuple[float, float], points: int) -> Mapping[str, Any]:
     curves = []
     for c in panel.curves:
-        t, y, pairs = thin_curve(c.t, c.y, points)
-        seen = y[np.isfinite(y)]
-        ends = (float(seen.min()), float(seen.max()))
         curves.append({
             "name": c.name, "colour": "currentColor" if c.colour == BLACK else c.colour,
-            "dash": c.dash, "thin": c.thin or c.colour == GREY, "pairs": pairs, "ends": ends,
-            "x": _packed(t, *span), "y": _packed(y, *ends),
+            "dash": c.dash, "thin": c.thin or c.colour == GREY,
+            **_packed_curve(c.t, c.y, span, points),
+            "axles": [_packed_curve(c.t, y, span, points) for y in c.axles],
         })  # fmt: skip
     return {"label": panel.label, "range": panel.range, "high": panel.high,
-            "bands": panel.bands, "curves": curves}  # fmt: skip
+            "bands": panel.bands, "byAxle": panel.by_axle, "curves": curves}  # fmt: skip
+
+
+def _packed_curve(
+    t: np.ndarray, y: np.ndarray, span: tuple[float, float], points: int
+) -> dict[str, Any]:
+    t, y, pairs = thin_curve(t, y, points)
+    seen = y[np.isfinite(y)]
+    ends = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 0.0)
+    return {"pairs": pairs, "ends": ends, "x": _packed(t, *span), "y": _packed(y, *ends)}
 
 
 def script() -> str:

@@ -23,6 +23,9 @@ PURPLE, SKY, AMBER, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F"
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
 """Colours that a colour-blind reader tells apart (after Okabe and Ito)."""
 
+MORE = ("#8C564B", "#882255", "#117733", "#332288", "#999933")
+"""Colours for more loops beside each other than the palette has."""
+
 COLOURS = {
     "ideal": BLACK,
     "smc": ORANGE,
@@ -78,13 +81,38 @@ WIDTH, HEIGHT = 7.0, 1.9
 
 def colour(name: str) -> str:
     """Colour of a loop, the same in every study; ``sta_printed`` has that of ``sta``."""
-    stem = re.sub(
-        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
-    )
+    stem = _stem(name)
     for known in (name, stem):
         if known in COLOURS:
             return COLOURS[known]
     return PALETTE[int(hashlib.sha256(stem.encode()).hexdigest(), 16) % len(PALETTE)]
+
+
+def hues_of(names: Sequence[str]) -> dict[str, str]:
+    """Loops have their colour; other names take the palette in order.
+
+    No two loops have one colour, as long as there are enough; ``sta_printed`` has that of ``sta``.
+    """
+    if not any(n in COLOURS or n.partition("_")[0] in COLOURS for n in names):
+        return {n: PALETTE[k % len(PALETTE)] for k, n in enumerate(names)}
+    by_stem: dict[str, str] = {}
+    for fixed in (True, False):  # those of a fixed colour choose first
+        for stem in (_stem(n) for n in names if _fixed(n) is fixed):
+            own = COLOURS.get(stem) if fixed else None
+            left = [c for c in (own, *PALETTE, *MORE) if c and c not in by_stem.values()]
+            by_stem.setdefault(stem, left[0] if left else colour(stem))
+    return {n: by_stem[_stem(n)] for n in names}
+
+
+def _fixed(name: str) -> bool:
+    """Whether a loop has a colour of its own in every study."""
+    return name in COLOURS or _stem(name) in COLOURS
+
+
+def _stem(name: str) -> str:
+    return re.sub(
+        r"_(printed|corrected|robust|real|explicit|implicit|proper_implicit|limited).*$", "", name
+    )
 
 
 def dash(name: str, beside: Sequence[str] = ()) -> Any:

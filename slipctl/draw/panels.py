@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Panel(NamedTuple):
-    """What a panel shows: curves by loop, and the share of the total variation that each has."""
+    """What a panel shows: curves by loop, the share of the total variation that each has, axles."""
 
     first: str
     others: list[str]
@@ -24,6 +25,7 @@ class Panel(NamedTuple):
     rough: dict[str, float]
     text: str
     unit: str
+    axles: dict[str, Any]
 
 
 def make_panel(
@@ -32,8 +34,9 @@ def make_panel(
     logs: Mapping[str, Any],
     wanted: str | Sequence[str],
     span: tuple[float, float] | None,
+    axle: int = 0,
 ) -> Panel:
-    """One of the panels of ``plots.traces``.
+    """One of the panels of ``plots.traces``; of what each axle has its own, that of one axle.
 
     Raises:
         BadInput: no loop logs it.
@@ -48,11 +51,20 @@ def make_panel(
         for loop, name in found.items()
     }
     most = max(varied.values()) or 1.0
-    curves = {loop: samples(logs[loop], name, span) for loop, name in found.items()}
+    curves = {loop: samples(logs[loop], name, span, axle) for loop, name in found.items()}
     loop, name = next(iter(found.items()))
     signal, rough = logs[loop][name], {n: v / most for n, v in varied.items()}
     unit = str(signal.attrs.get("units", "1"))
-    return Panel(first, others, curves, rough, short_meaning(signal, name), unit)
+    every = {loop: each_axle(logs[loop], name, span) for loop, name in found.items()}
+    axles = {loop: a for loop, a in every.items() if a is not None}
+    return Panel(
+        first, others, curves, rough, _said(first, short_meaning(signal, name)), unit, axles
+    )
+
+
+def _said(wanted: str, text: str) -> str:
+    """Meaning of a signal; of one that only says how it was made, its role."""
+    return wanted.replace("_", " ") if text.startswith("signal with") else text
 
 
 def short_meaning(signal: Any, name: str) -> str:
@@ -69,12 +81,61 @@ def logged_name(results: Results, log: Any, wanted: str) -> str | None:
     return None
 
 
-def samples(log: Any, name: str, span: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s and values of a signal, of the worst axle, in the unit in which it is drawn."""
+def samples(
+    log: Any, name: str, span: tuple[float, float] | None, axle: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and values of a signal, in the unit in which it is drawn.
+
+    Args:
+        log: of a run. name: of the signal. span: times in s from and to which.
+        axle: the one that is shown, from 0 on, where each has its own; None shows the worst one.
+    """
     t, y = log["time"].values, np.asarray(log[name].values)
     if y.ndim > 1:
-        y = worst(y.reshape(len(t), -1))
+        y = y.reshape(len(t), -1)
+        y = worst(y) if axle is None else y[:, min(axle, y.shape[1] - 1)]
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
     return t, display_scale(str(log[name].attrs.get("units", "1")))[0] * y
+
+
+def each_axle(log: Any, name: str, span: tuple[float, float] | None) -> np.ndarray | None:
+    """The same of all axles, a column for each; None where there are no several."""
+    many = int(np.prod(log[name].shape[1:], dtype=int))
+    if many < 2:
+        return None
+    return np.stack([samples(log, name, span, k)[1] for k in range(many)], axis=1)
+
+
+def chosen_axle(results: Results, logs: Mapping[str, Any], wanted: Sequence[Any]) -> int | None:
+    """Axle that slips most in these runs, from 0 on; None where no panel has several axles."""
+    firsts = [w if isinstance(w, str) else w[0] for w in wanted]
+    many = [
+        n for log in logs.values() for w in firsts
+        if (n := logged_name(results, log, w)) and np.prod(log[n].shape[1:], dtype=int) > 1
+    ]  # fmt: skip
+    if not many:
+        return None
+    largest: dict[int, float] = {}
+    for log in logs.values():
+        name = logged_name(results, log, "slip") or many[0]
+        if name in log:
+            each = np.abs(np.asarray(log[name].values).reshape(log.sizes["time"], -1)).max(axis=0)
+            for k, v in enumerate(each):
+                largest[k] = max(largest.get(k, 0.0), round(float(v), 9))
+    return max(largest, key=lambda k: (largest[k], -k)) if largest else 0
+
+
+def arrivals(results: Results, log: Any, starts: Sequence[float], axle: int) -> list[float] | None:
+    """Times in s at which an axle gets to places of the rail; None where that is not known."""
+    name = results.study.signals.find("position", log)
+    if name is None:
+        return None
+    place = f"{name.rpartition('.')[0]}.behind"
+    told = json.loads(log.attrs.get("parameters", "{}")).get(place)
+    behind = np.ravel(told["value"]) if told else np.zeros(1)
+    x = np.asarray(log[name].values).reshape(log.sizes["time"], -1)[:, 0]
+    x = x - float(behind[min(axle, behind.size - 1)])
+    reached = [x >= start for start in starts]
+    return [float(log["time"].values[int(np.argmax(r))]) for r in reached if r.any()]

@@ -15,16 +15,17 @@ import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import live
+from slipctl.draw.distributions import limit_line
+from slipctl.draw.distributions import spread as spread
 from slipctl.draw.looks import AMBER as AMBER
 from slipctl.draw.looks import (
     BLACK,
-    COLOURS,
     GREY,
     ORANGE,
-    PALETTE,
     RAILS,
     colour,
     dash,
+    hues_of,
     label,
     line_styles,
     logarithmic,
@@ -34,10 +35,19 @@ from slipctl.draw.looks import (
 )
 from slipctl.draw.looks import BLUE as BLUE
 from slipctl.draw.looks import GREEN as GREEN
+from slipctl.draw.looks import PALETTE as PALETTE
 from slipctl.draw.looks import PURPLE as PURPLE
 from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
-from slipctl.draw.panels import logged_name, make_panel, samples, short_meaning
+from slipctl.draw.panels import (
+    arrivals,
+    chosen_axle,
+    each_axle,
+    logged_name,
+    make_panel,
+    samples,
+    short_meaning,
+)
 from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.run.results import NotRun
 
@@ -62,6 +72,9 @@ def traces(
 ) -> Figure:
     """Logged signals over time, one panel each, the loops in their colours.
 
+    Of what each axle has its own, all panels show one and the same axle, that which slips most; the
+    shading is that of this axle. On a page another one may be chosen.
+
     Args:
         results: what was run.
         scenario: the scenario.
@@ -79,31 +92,36 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    drawn = [make_panel(results, scenario, logs, wanted, span) for wanted in signals]
+    axle = chosen_axle(results, logs, signals)
+    drawn = [make_panel(results, scenario, logs, wanted, span, axle or 0) for wanted in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
     dashes = line_styles([panel.curves for panel in drawn], behind)
     dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
+    hues = hues_of(list(results.data[scenario]))
     with style():
         for axis, panel in zip(axes[:, 0], drawn, strict=True):
             first, others, unit = panel.first, panel.others, panel.unit
             for loop in [n for n in behind if n in panel.curves]:
                 said = (names or {}).get(loop, loop)
                 line = stroke(
-                    axis, panel.curves[loop], color=colour(loop), ls=dashes[loop], label=said,
+                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=said,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
+                if loop in panel.axles:
+                    live.axles(line, panel.curves[loop][0], panel.axles[loop])
                 entries.setdefault(said, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = display_scale(unit)
-            axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)), unit))
+            of = f", axle {axle + 1}" if axle is not None and panel.axles else ""
+            axis.set_ylabel(label((labels or {}).get(first, _wrap(panel.text)) + of, unit))
             if limits and first in limits:
                 axis.set_ylim(*(factor * edge for edge in limits[first]))
         case = next(c for c in results.cases if c.scenario.name == scenario)
         axes[0, 0].set_xlim(*(span or (0.0, _last(results, case))))
         for axis in axes[:, 0]:
-            bands(axis, results, scenario, title=axis is axes[0, 0])
+            bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle)
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
             order = [(names or {}).get(loop, loop) for loop in chosen]
@@ -140,24 +158,34 @@ def _references(
 def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     """Speed of the vehicle and of its rim over time, a panel for each loop.
 
-    The rim of a vehicle with several axles is that of the axle which slips most.
+    The rim of a vehicle with several axles is that of the axle which slips most; the rail is shaded
+    as this axle is on it. All panels have one axis of speeds.
     """
     logs = {loop: results.log(scenario, loop) for loop in loops}
-    fig, axes = panels(len(loops), height=1.5, sharex=True)
-    roles = results.study.signals
+    fig, axes = panels(len(loops), height=1.5, sharex=True, sharey=True)
+    roles, hues = results.study.signals, hues_of(list(results.data[scenario]))
     case = next(c for c in results.cases if c.scenario.name == scenario)
+    axle = chosen_axle(results, logs, ["slip"])
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
             t, v = samples(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
-            s = samples(log, slip, None)[1]
-            s = roles.slip_sign(log) * s
-            rim = v - s if log[slip].attrs.get("units") == "m/s" else v * (1 - s)
-            stroke(axis, (t, rim), color=colour(loop), label=f"rim, {loop}")
+            by_ratio = log[slip].attrs.get("units") != "m/s"
+
+            def rim(s: Any, v: Any = v, by_ratio: bool = by_ratio, log: Any = log) -> Any:
+                s = roles.slip_sign(log) * s
+                return v * (1 - s) if by_ratio else v - s
+
+            s = samples(log, slip, None, axle or 0)[1]
+            line = stroke(axis, (t, rim(s)), color=hues[loop], label=f"rim, {loop}")
+            every = each_axle(log, slip, None)
+            if every is not None:
+                live.axles(line, t, rim(every, v=v[:, None]))
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
-            axis.set_ylabel(label("speed", "m/s"))
+            of = f", axle {axle + 1}" if axle is not None else ""
+            axis.set_ylabel(label(f"speed{of}", "m/s"))
             axis.set_xlim(0.0, _last(results, case))
-            bands(axis, results, scenario, title=axis is axes[0, 0])
+            bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle, loop=loop)
         axes[-1, 0].set_xlabel("time [s]")
         for axis in axes[:, 0]:
             axis.legend()
@@ -200,17 +228,44 @@ def _last(results: Results, case: Case) -> float:
     return max(float(log["time"].values[-1]) for log in logs.values())
 
 
-def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> None:
-    """Shade the rail conditions behind a panel over time and name them above it."""
+def bands(
+    axis: Axes, results: Results, scenario: str, title: bool = True, axle: int | None = None,
+    loop: str = "",
+) -> None:  # fmt: skip
+    """Shade the rail conditions behind a panel over time and name them above it.
+
+    Args:
+        axis, results, scenario: where, of what.
+        title: whether they are named.
+        axle: from 0 on, the one whose rail it is; None is where the vehicle is.
+        loop: whose run it is; the first one where none is given.
+    """
     case = next(c for c in results.cases if c.scenario.name == scenario)
     rail = case.scenario.rail
     if rail is None or len(rail.sections) < 2:
         return
     logs = results.data.get(scenario, {})
-    starts = [0.0, *next(iter(logs.values())).attrs.get("rail_changes_s", [])]
-    ends = [*starts[1:], _last(results, case)]
+    log = logs.get(loop) or next(iter(logs.values()))
+
+    def spans(of: int | None) -> list[tuple[float, float]]:
+        changes = list(log.attrs.get("rail_changes_s", []))
+        if of is not None and rail.by != "time":
+            changes = arrivals(results, log, list(rail.starts[1:]), of) or changes
+        starts = [0.0, *changes]
+        return list(zip(starts, [*starts[1:], _last(results, case)], strict=True))
+
+    many = _axles(results, log) if axle is not None and rail.by != "time" else 0
+    names = [(s.condition or "").replace("_", " ") for s in rail.sections]
+    hues = [RAILS.get((s.condition or "").partition("_")[0], "#FFFFFF") for s in rail.sections]
+    if many:
+        told = names if title else [""] * len(names)
+        live.bands(axis, [
+            [(*ends, hue, name) for ends, hue, name in zip(spans(k), hues, told, strict=False)]
+            for k in range(many)
+        ])  # fmt: skip
+    ends = spans(axle)
     left, right = axis.get_xlim()
-    for section, a, b in zip(rail.sections, starts, ends, strict=False):
+    for section, (a, b) in zip(rail.sections, ends, strict=False):
         a, b = max(a, left), min(b, right)
         if a >= b:
             continue
@@ -224,6 +279,12 @@ def bands(axis: Axes, results: Results, scenario: str, title: bool = True) -> No
                           textcoords="offset points", ha="center", va="bottom",
                           fontsize=8, color="#555555")  # fmt: skip
     axis.set_xlim(left, right)
+
+
+def _axles(results: Results, log: Any) -> int:
+    """Axles of a run, by its slip."""
+    name = results.study.signals.find("slip", log)
+    return int(np.prod(log[name].shape[1:], dtype=int)) if name else 0
 
 
 def lines(
@@ -256,7 +317,7 @@ def lines(
         axis = axes[0, 0]
     assert axis is not None
     with style():
-        hues = _hues(list(curves))
+        hues = hues_of(list(curves))
         long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
                 if len(np.atleast_1d(xs)) > 1}  # fmt: skip
         lines_of: dict[str, Any] = line_styles([long], list(long))
@@ -296,13 +357,6 @@ def _seen(ys: Any, logarithmic: bool) -> np.ndarray:
 def _line(name: str, hues: Mapping[str, str]) -> Any:
     """Solid, but for a loop whose colour occurs twice, and for the bound."""
     return dash(name, list(hues)) if hues[name] == colour(name) else "-"
-
-
-def _hues(names: Sequence[str]) -> dict[str, str]:
-    """Loops have their colour; other names take the palette in order."""
-    if any(n in COLOURS or n.partition("_")[0] in COLOURS for n in names):
-        return {n: colour(n) for n in names}
-    return {n: PALETTE[k % len(PALETTE)] for k, n in enumerate(names)}
 
 
 def laws(
@@ -369,7 +423,7 @@ def bars(
         axis = axes[0, 0]
     assert axis is not None
     members = list(dict.fromkeys(m for group in groups.values() for m in group))
-    hues = _hues(members)
+    hues = hues_of(members)
     width = 0.8 / max(len(members), 1)
     with style():
         for k, member in enumerate(members):
@@ -381,7 +435,7 @@ def bars(
                 hatch = "///" if "_printed" in member else None
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip
-        _limit(axis, limit)
+        limit_line(axis, limit)
         axis.set_xticks(range(len(groups)), names_below(groups))
         axis.grid(visible=False, axis="x")
         if log:
@@ -402,62 +456,6 @@ def _wrap(text: str, width: int = 24) -> str:
         return text
     at = min(spaces, key=lambda k: abs(k - len(text) / 2))
     return f"{text[:at]}\n{text[at + 1 :]}"
-
-
-def spread(
-    groups: Mapping[str, Sequence[float]],
-    y: tuple[str, str],
-    *,
-    axis: Axes | None = None,
-    log: bool = False,
-    title: str = "",
-    limit: tuple[str, float] | None = None,
-) -> Figure:
-    """Spread of many runs: every run a dot, the middle half a box, the median a line.
-
-    Args:
-        groups: values by group; a loop's name has the loop's colour.
-        y: what it is, and its unit.
-        axis: draw here instead of in a new figure.
-        log: logarithmic values.
-        title: above the panel.
-        limit: name and height of a line to compare with.
-    """
-    fig = axis.get_figure() if axis is not None else None
-    if axis is None:
-        fig, axes = panels(height=2.8)
-        axis = axes[0, 0]
-    assert axis is not None
-    hues = _hues(list(groups))
-    with style():
-        for k, (name, values) in enumerate(groups.items()):
-            v = np.array([x for x in values if x is not None and np.isfinite(x)], dtype=float)
-            if not len(v):
-                continue
-            golden = (np.arange(len(v)) * 0.618034) % 1 - 0.5  # spread evenly, always the same
-            axis.plot(k + 0.3 * golden, v, "o", ms=2.5, color=hues[name], alpha=0.45, mew=0)
-            low, middle, high = np.quantile(v, [0.25, 0.5, 0.75])
-            axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
-            axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
-        if log:
-            logarithmic(axis)
-        _limit(axis, limit)
-        axis.set_xticks(range(len(groups)), names_below(groups))
-        axis.set_xlim(-0.6, len(groups) - 0.4)
-        axis.grid(visible=False, axis="x")
-        axis.set_ylabel(label(*y))
-        axis.set_title(title)
-    return fig  # type: ignore[return-value]
-
-
-def _limit(axis: Axes, limit: tuple[str, float] | None) -> None:
-    """Line to compare with, and its name."""
-    if limit is not None:
-        axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
-        axis.annotate(
-            limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
-            textcoords="offset points", ha="right", fontsize=8,
-        )  # fmt: skip
 
 
 # ---- files --------------------------------------------------------------------------------------

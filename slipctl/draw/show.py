@@ -6,16 +6,17 @@ Diagrams are in :mod:`slipctl.draw.diagrams.diagram`; ``graph`` and ``svg`` are 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from slipctl.block.reach import reach_text
 from slipctl.block.shared_numbers import differences, places_of
 from slipctl.block.signals import Signal
 from slipctl.block.text import formula
 from slipctl.block.text.plain_text import Text, cut
+from slipctl.draw import repeats
 from slipctl.draw.diagrams.diagram import graph, svg
 from slipctl.draw.diagrams.levels import inner
 from slipctl.draw.typeset import Latex, letter
@@ -161,6 +162,8 @@ def text(block: Block, jacobian: bool = True) -> str:
             for k, values in block.conditions.items()
         ]
         out += ["Rail conditions", *_indent(_columns(sets)), ""]
+    if reach := reach_text(block):
+        out += ["Reach", *_indent([reach]), ""]
     shared = [(n, ", ".join(places_of(block, n))) for n in block.params if places_of(block, n)]
     if shared:
         shared += [(p, f"differs from {n}") for p, n in differences(block).items()]
@@ -224,7 +227,11 @@ def _text_rows(leaf: Block) -> list[str]:
     if g is None:
         return [f"in matrices and loops, {leaf.f.n_instructions()} operations; see its text"]
     formula.shorten(g)
-    rows = _folded(list(islice(_lines(g, Text(g)), 10 * LINES)))
+    plain = list(islice(_lines(g, Text(g)), 10 * LINES))
+    if (waits := repeats.dead_time(plain)) is not None:
+        left, right, ticks = waits
+        return [f"{left} = {right}, {ticks} ticks before"]
+    rows = repeats.fold_repeats(plain)
     shown = _aligned(rows[:LINES])
     if len(rows) > LINES:
         shown.append(f"... and more, {leaf.f.n_instructions()} operations in all")
@@ -248,45 +255,6 @@ def _jacobian(leaf: Block) -> list[str]:
 def _aligned(rows: list[tuple[str, str]]) -> list[str]:
     wide = max((len(left) for left, _ in rows), default=0)
     return [f"{left:<{wide}} = {cut(right, WIDTH)}" for left, right in rows]
-
-
-def _folded(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Write equations that differ only in an index, one up from row to row, as one."""
-    out: list[tuple[str, str]] = []
-    at = 0
-    while at < len(rows):
-        first = _index(*rows[at])
-        count = 1
-        while first and at + count < len(rows) and _index(*rows[at + count], back=count) == first:
-            count += 1
-        if count < 3:
-            out.append(rows[at])
-            at += 1
-            continue
-        start = int(_INDEX.findall(rows[at][0])[0])
-
-        def general(match: re.Match[str], start: int = start) -> str:
-            shift = int(match[1]) - start
-            return "[i]" if not shift else f"[i{shift:+d}]"
-
-        left, right = (_INDEX.sub(general, side) for side in rows[at])
-        out.append((left, f"{right}   for i = {start} .. {start + count - 1}"))
-        at += count
-    return out
-
-
-_INDEX = re.compile(r"\[(\d+)\]")
-
-
-def _index(left: str, right: str, back: int = 0) -> tuple[str, str] | None:
-    """Both sides with every index ``back`` lower; None if the left side has none."""
-    if not _INDEX.search(left):
-        return None
-
-    def lower(text: str) -> str:
-        return _INDEX.sub(lambda m: f"[{int(m[1]) - back}]", text)
-
-    return lower(left), lower(right)
 
 
 _HEADER = ("", "name", "unit", "value", "range", "sign", "meaning", "source")
@@ -322,9 +290,21 @@ def _value(value: Any) -> str:
         if not isinstance(value, list):
             return _value(value)
     if isinstance(value, list | tuple):
+        every = _flat(value)
+        if len(every) > 1 and len(set(map(str, every))) == 1:
+            return f"{_value(every[0])} each"
+        if any(isinstance(v, list | tuple) for v in value) and len(every) > 9:
+            return f"{len(every)} numbers"
         shown = ", ".join(_value(v) for v in list(value)[:6])
         return f"[{shown}{', ...' if len(value) > 6 else ''}]"
     return getattr(value, "name", None) or str(value)
+
+
+def _flat(value: Any) -> list[Any]:
+    """All numbers of a nested list."""
+    return (
+        [v for part in value for v in _flat(part)] if isinstance(value, list | tuple) else [value]
+    )
 
 
 def _range(s: Signal) -> str:
@@ -376,8 +356,14 @@ def _rows(leaf: Block, jacobian: bool) -> list[str]:
     if g is None:
         return [r"&\text{in matrices and loops; see its text}"]
     formula.shorten(g)
-    some = list(islice(_lines(g, Latex(g)), LINES + 1))
-    rows = [f"{_left(left)} &= {right}" for left, right in some[:LINES]]
+    plain = list(islice(_lines(g, Text(g)), 10 * LINES))
+    some = list(islice(_lines(g, Latex(g)), 10 * LINES))
+    if (waits := repeats.dead_time(plain)) is not None:
+        left, _, ticks = waits
+        return [f"{_left(left)}(k) &= {some[-2][1]}(k - {ticks})"]
+    some = repeats.written_once(plain, some)
+    rows = [f"{_left(left)} &= {right}" if left else rf"&\text{{{right}}}"
+            for left, right in some[:LINES]]  # fmt: skip
     if len(some) > LINES:
         rows.append(rf"&\text{{and more, {leaf.f.n_instructions()} operations in all}}")
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,9 @@ from slipctl.block.signals import evaluate, names_in
 from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.heads import python_name, read_heads
-from slipctl.estimate.tables import Table
+from slipctl.tables.columns import expression_of, identifier_of, unit_of_column
+from slipctl.tables.heads import is_unit
+from slipctl.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -54,16 +56,17 @@ def parameters_of_columns(
     law: Block, source: str, table: Table | Mapping[str, Any], given: Mapping[str, float]
 ) -> dict[str, float]:
     """Parameters that a column gives; refuses one that varies, and a second value of anything."""
-    names, units, values, _ = _columns(table)
-    found = {}
-    for n, u in zip(names, units, strict=True):
+    data, found = Columns(table), {}
+    for n, u in data.units.items():
         signals = {**law.inputs, **law.params, **law.law_data.beside}
         if n not in signals:
             continue
         s = signals[n]
-        if u and not dimension_equal(u, s.unit):
+        if u and not (is_unit(u) and dimension_equal(u, s.unit)):
             continue  # told where the curve is read
-        x = values[n] * (factor(u, s.unit) if u else 1.0)
+        x = data[n][np.isfinite(data[n])] * (factor(u, s.unit) if u else 1.0)
+        if not x.size:
+            continue
         if n in given and not np.allclose(x, given[n], rtol=1e-9):
             raise BadInput(f"{source} has a column {n}, and {n} = {given[n]:g} {s.unit} is given;"
                            " leave out one of them")  # fmt: skip
@@ -97,23 +100,26 @@ def points(
     columns: Mapping[str, str], output: str, unknown: Sequence[str],
 ) -> tuple[Curve, list[str]]:  # fmt: skip
     """Columns of the file, made into inputs and output of the law, and lines on what was made."""
-    names, units, values, lines = _columns(table)
+    data = Columns(table)
     signals = {**law.inputs, output: law.outputs[output]}
     for n in columns:
         if n not in signals:
             raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
-    si = {n: values[n] * (unit(u).scale if u else 1.0) for n, u in zip(names, units, strict=True)}
+    columns, told = _expressions(table, data, signals, columns)
+    names, units = list(data.units), data.units
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
     given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
-    given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known) | si
+    given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known)
     reads, notes = read_heads(
-        law, source, signals, dict(zip(names, units, strict=True)), columns, known,
-        si=not isinstance(table, Table),
-    )  # fmt: skip
-    found, many = {}, len(next(iter(values.values())))
+        law, source, signals, units, columns, known, si=not isinstance(table, Table)
+    )
+    found, many = {}, data.many
+    for n in {k for e in reads.values() for k in names_in(e)} & set(names):
+        given[n] = data[n] * (unit(units[n]).scale if units[n] else 1.0)
     for n, s in signals.items():
         if expression := reads.get(n, ""):
             missing = [k for k in names_in(expression) if k not in given]
+            _check_single(table, missing)
             lost = [k for k in missing if k in unknown]
             if lost:
                 raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
@@ -121,18 +127,30 @@ def points(
                 raise BadInput(_lacking(law, source, n, names, expression, missing))
             result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
             found[n] = np.broadcast_to(result.ravel(), many)
-        elif n in si:
-            u = units[names.index(n)]
+        elif n in units:
+            u = units[n]
             if u and not dimension_equal(u, s.unit):
                 raise BadInput(
                     f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
-                    f" or a column of its own, columns={{{n!r}: '...'}}, --column {n}=EXPRESSION"
+                    f" or a column of its own, columns={{{n!r}: '...'}}, --map {n}=EXPRESSION"
                 )
-            found[n] = values[n] * (factor(u, s.unit) if u else 1.0)
+            found[n] = data[n] * (factor(u, s.unit) if u else 1.0)
         elif n in known or (n != output and s.value is not None):
             found[n] = np.full(many, float(given[n]))
         else:
-            raise BadInput(_lacking(law, source, n, names, law.law_data.readings.get(n, ""), [n]))
+            reading = law.law_data.readings.get(n, "")
+            _check_single(table, [n, *names_in(reading)] if reading else [n])
+            raise BadInput(_lacking(law, source, n, names, reading, [n]))
+    whole = np.isfinite(np.array(list(found.values()))).all(axis=0)
+    if not whole.all():
+        k = int(np.flatnonzero(~whole)[0])
+        told.append(f"{source}: {int((~whole).sum())} rows with an empty cell left out, the first"
+                    f" in line {data.lines[k]}")  # fmt: skip
+        many = int(whole.sum())
+        if not many:
+            raise BadInput(f"{source} has no row in which {', '.join(found)} all have a number")
+    lines = [n for n, w in zip(data.lines, whole, strict=True) if w]
+    found = {n: x[whole] for n, x in found.items()}
     measured = found.pop(output)
     curve = Curve(source, found, measured, output)
     _check_sorted(curve, lines)
@@ -140,25 +158,81 @@ def points(
     if many <= len(unknown):
         raise BadInput(f"{source} has {many} points for {len(unknown)} unknowns; give"
                        f" {len(unknown) + 1} or more, or fewer unknowns")  # fmt: skip
-    return curve, notes
+    return curve, [*told, *(data.with_names(n) for n in notes)]
 
 
-def _columns(
-    table: Table | Mapping[str, Any],
-) -> tuple[list[str], list[str], dict[str, np.ndarray], list[int]]:
-    """Names, units, values and line numbers of the columns."""
-    if isinstance(table, Table):
-        rows = np.array([[table.number(line, c) for c in cells] for line, cells in table.rows])
-        values = {python_name(n): rows[:, k] for k, n in enumerate(table.names)}
-        return list(values), table.units, values, [line for line, _ in table.rows]
-    values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
-    if not values or len({v.size for v in values.values()}) != 1:
-        raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
-    for n, v in values.items():
-        if not np.isfinite(v).all():
-            raise BadInput(f"data: {n} is not finite everywhere")
-    many = next(iter(values.values())).size
-    return list(values), [""] * len(values), values, list(range(1, many + 1))
+class Columns(Mapping[str, np.ndarray]):
+    """Numbers of columns by identifier, each read when it is asked for.
+
+    Attributes:
+        units: by identifier, empty where the head says none.
+        lines: of the rows.
+    """
+
+    def __init__(self, table: Table | Mapping[str, Any]) -> None:
+        self.table = table
+        if isinstance(table, Table):
+            self._names = {python_name(identifier_of(n)): n for n in table.cells}
+            self.units = {i: table.units[n] for i, n in self._names.items()}
+            self.lines = list(table.lines)
+            return
+        values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+        if not values or len({v.size for v in values.values()}) != 1:
+            raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
+        for n, v in values.items():
+            if not np.isfinite(v).all():
+                raise BadInput(f"data: {n} is not finite everywhere")
+        self._values, self.units = values, dict.fromkeys(values, "")
+        self.lines = list(range(1, next(iter(values.values())).size + 1))
+
+    @property
+    def many(self) -> int:
+        """Rows."""
+        return len(self.lines)
+
+    def with_names(self, text: str) -> str:
+        """A line with the names of the file for identifiers that were made of them."""
+        for made, name in self._names.items() if isinstance(self.table, Table) else ():
+            text = text.replace(made, name) if not name.isidentifier() else text
+        return text
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if isinstance(self.table, Table):
+            return self.table.numbers(self._names[name])
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.units)
+
+    def __len__(self) -> int:
+        return len(self.units)
+
+
+def _expressions(
+    table: Table | Mapping[str, Any], data: Columns, signals: Mapping[str, Any],
+    columns: Mapping[str, str],
+) -> tuple[dict[str, str], list[str]]:  # fmt: skip
+    """Expressions with an identifier for each column, whose unit they may tell, and lines on it."""
+    if not isinstance(table, Table):
+        return {n: python_name(e) for n, e in columns.items()}, []
+    found: dict[str, str] = {}
+    notes: list[str] = []
+    for n, text in columns.items():
+        said = expression_of(text, table)
+        found[n] = python_name(said.text)
+        for key, column in said.columns.items():
+            wanted = signals[n].unit if said.plain else ""
+            data.units[python_name(key)] = unit_of_column(
+                table, column, said.told[key], wanted, notes
+            )
+    return found, [f"{table.path}: {line}" for line in notes]
+
+
+def _check_single(table: Table | Mapping[str, Any], names: Iterable[str]) -> None:
+    """Refuse a name that two columns have."""
+    for n in names:
+        if isinstance(table, Table) and n in table.twice:
+            table.find(n)
 
 
 def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
@@ -192,7 +266,7 @@ def _check_sign(law: Block, curve: Curve) -> None:
     if along.positive and along.positive == y.positive and float(sense.sum()) < 0:
         raise BadInput(
             f"{curve.source}: {y.name} is negative where {along.name} is positive; both are"
-            f" positive in {y.positive}, so turn one round, such as --column {y.name}='-COLUMN'"
+            f" positive in {y.positive}, so turn one round, such as --map {y.name}='-COLUMN'"
         )
 
 

@@ -17,14 +17,13 @@ from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
-from slipctl.estimate.heads import python_name
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
     output_function,
     unknown_parameters,
 )
-from slipctl.estimate.tables import read_table
+from slipctl.tables.table import read_table
 
 Numbers = Mapping[str, Any]
 
@@ -101,6 +100,7 @@ def fit(
     columns: Mapping[str, str] | None = None,
     measured: str | None = None,
     ordered: bool = False,
+    decimal: str = "",
 ) -> Fitted:
     """Fit parameters of a law to a measured curve by least squares.
 
@@ -123,6 +123,7 @@ def fit(
         measured: output that was measured; may be left out if there is only one.
         ordered: keep the order that the law expects of its parameters
             (``law.law_data.expects``). Where the free fit breaks it, the two parameters are equal.
+        decimal: decimal mark of the file, where its numbers can be read in two ways.
 
     Raises:
         BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
@@ -132,7 +133,7 @@ def fit(
     if unknown is None and law.conditions:
         unknown = [n for n in law.params if any(n in c for c in law.conditions.values())]
     unknown = unknown_parameters(law, unknown)
-    table = data if isinstance(data, Mapping) else read_table(data)
+    table = data if isinstance(data, Mapping) else read_table(data, decimal)
     source = "data" if isinstance(data, Mapping) else str(data)
     known = {n: quantity(law, n, v) for n, v in (at or {}).items()}
     known |= parameters_of_columns(law, source, table, known)
@@ -155,8 +156,8 @@ def fit(
         if n not in unknown:
             raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
         law = law.with_params(**{n: quantity(law, n, v)})
-    expressions = {n: python_name(e) for n, e in (columns or {}).items()}
-    curve, said = points(law, source, table, known, expressions, output, unknown)
+    curve, said = points(law, source, table, known, columns or {}, output, unknown)
+    said = [*(f"{source}: {n}" for n in getattr(table, "notes", ())), *said]
     free = _solve(law, curve, unknown)
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:

@@ -8,14 +8,16 @@ axle, adhesion takes the mean.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from slipctl.run.roles import Bounded, Names, Signals, first_of
+from slipctl.run.waveform import ripple, rms, settling_time, worst
 
 if TYPE_CHECKING:
     import xarray
@@ -36,6 +38,9 @@ LOCKED = 0.05
 """Share of the vehicle speed below which the rim of a moving wheel counts as locked."""
 
 
+_Computes = TypeVar("_Computes", bound="Callable[[Run], Metric | None]")
+
+
 @dataclass(frozen=True)
 class Metric:
     """A number, or a list of numbers, with its unit; None where an event never came.
@@ -49,6 +54,32 @@ class Metric:
     value: float | int | list[float | None] | None
     unit: str
     rows: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What a metric is.
+
+    Attributes:
+        compute: its number in a run; None where it has no meaning there.
+        meaning: in words.
+        better: its better end, ``"low"`` or ``"high"``; empty where neither is.
+        needs: roles without which it has no meaning.
+        event: whether a run may fail to reach it; a number that is None was never reached.
+        bound: whether it needs the loop ``ideal`` beside it.
+    """
+
+    compute: Callable[[Run], Metric | None]
+    meaning: str
+    better: str = ""
+    needs: tuple[str, ...] = ()
+    event: bool = False
+    bound: bool = False
+
+    @property
+    def worst(self) -> float:
+        """Worst value there is: what a run counts that never reached it; NaN without an end."""
+        return {"low": math.inf, "high": -math.inf}.get(self.better, math.nan)
 
 
 @dataclass
@@ -214,7 +245,7 @@ def rail_changes(log: xarray.Dataset, scenario: Any, signals: Signals) -> list[f
 
 
 def rail_names(scenario: Any, changes: Sequence[float]) -> list[str]:
-    """Name of the rail from the start and from each change on; of equal ones with the time.
+    """Name of the rail from the start and from each change on; of equal ones with time or place.
 
     Empty where the rail has no names, or was not left as often as it changes.
     """
@@ -223,53 +254,50 @@ def rail_names(scenario: Any, changes: Sequence[float]) -> list[str]:
     if len(names) != len(changes) + 1 or not all(names):
         return []
     twice = {n for n in names if names.count(n) > 1}
-    starts = [0.0, *changes]
-    return [f"{n} from {t:.4g} s" if n in twice else n for n, t in zip(names, starts, strict=True)]
-
-
-def settling_time(
-    time: np.ndarray, error: np.ndarray, start: float, stop: float, band: float
-) -> float | None:
-    """Time in s from ``start`` until ``error`` stays in the band up to ``stop``; None if never."""
-    inside = (time >= start - 1e-9) & (time < stop - 1e-9)
-    t, large = time[inside], np.abs(error[inside]) > band
-    if not len(t) or large[-1]:
-        return None
-    last = np.flatnonzero(large)
-    return float(t[last[-1] + 1] - t[0]) if len(last) else 0.0
-
-
-def ripple(values: np.ndarray) -> float:
-    """Peak-to-peak value, of the worst column."""
-    return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
-
-
-def worst(values: np.ndarray) -> np.ndarray:
-    """Of each row the value furthest from zero."""
-    at = np.abs(values).argmax(axis=1)
-    return np.take_along_axis(values, at[:, None], axis=1)[:, 0]
-
-
-def rms(values: np.ndarray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    by_time = scenario.rail is not None and scenario.rail.by == "time"
+    starts = [0.0, *changes] if by_time else [s.start for s in sections]
+    unit = "s" if by_time else "m"
+    return [
+        f"{n} from {t:.4g} {unit}" if n in twice else n for n, t in zip(names, starts, strict=True)
+    ]
 
 
 # ---- the metrics, one function each; None is left out ------------------------------------------
 
+METRICS: dict[str, Definition] = {}
+"""What each metric is, in the order of files and tables."""
 
+
+def _metric(
+    meaning: str, better: str = "", needs: tuple[str, ...] = (), *, event: bool = False,
+    bound: bool = False,
+) -> Callable[[_Computes], _Computes]:  # fmt: skip
+    """Enter a function of a run into :data:`METRICS`, by its name."""
+
+    def entered(compute: _Computes) -> _Computes:
+        name = compute.__name__.removeprefix("_")
+        METRICS[name] = Definition(compute, meaning, better, needs, event, bound)
+        return compute
+
+    return entered
+
+
+@_metric("distance over the run, its last tick by the speed")
 def _distance(run: Run) -> Metric | None:
     return None if run.travelled is None else Metric(float(run.travelled[-1]), "m")
 
 
+@_metric("the same, of the loop `ideal` in this scenario", bound=True)
 def _ideal_distance(run: Run) -> Metric | None:
     return run.ideal.get("distance")
 
 
+@_metric("distance until the speed is below 0.1 m/s", "low", ("speed",), event=True)
 def _stopping_distance(run: Run) -> Metric | None:
-    if run.stop is None or run.travelled is None:
+    v, x = run.get("speed"), run.travelled
+    if v is None or x is None or abs(v[0]) <= STANDSTILL or run.slip_sign < 0:
         return None
-    return Metric(float(run.travelled[run.stop]), "m")
+    return Metric(None if run.stop is None else float(x[run.stop]), "m")
 
 
 def _settling(run: Run, wanted: str) -> Metric | None:
@@ -282,28 +310,49 @@ def _settling(run: Run, wanted: str) -> Metric | None:
     return Metric(found, "s", run.rows)
 
 
+@_metric(
+    "per rail, start included: until the slip stays within 0.05 m/s or 0.01 of the best one, while"
+    " faster than 1 m/s",
+    "low",
+    ("slip", "best_slip"),
+    event=True,
+)
 def _settling_time(run: Run) -> Metric | None:
     return _settling(run, "best_slip")
 
 
+@_metric(
+    "the same about the loop's own reference, which may be off the best slip",
+    "low",
+    ("slip", "reference"),
+    event=True,
+)
 def _tracking_time(run: Run) -> Metric | None:
     return _settling(run, "reference")
 
 
+@_metric("slip minus its reference, whole run", "low")
 def _slip_error_rms(run: Run) -> Metric | None:
     return None if run.slip_error is None else Metric(rms(run.slip_error), run.unit("slip"))
 
 
+@_metric("largest slip", needs=("slip",))
 def _slip_max(run: Run) -> Metric | None:
     slip = run.each("slip")
     return None if slip is None else Metric(float(slip.max()), run.unit("slip"))
 
 
+@_metric("smallest slip", needs=("slip",))
 def _slip_min(run: Run) -> Metric | None:
     slip = run.each("slip")
     return None if slip is None else Metric(float(slip.min()), run.unit("slip"))
 
 
+@_metric(
+    "largest peak-to-peak over the last 0.5 s before each rail change and the end",
+    "low",
+    ("torque",),
+)
 def _torque_ripple(run: Run) -> Metric | None:
     torque = run.each("torque")
     if torque is None:
@@ -312,6 +361,7 @@ def _torque_ripple(run: Run) -> Metric | None:
     return Metric(max(ripple(torque[s]) for s in spans), run.unit("torque"))
 
 
+@_metric("total variation of the delivered torque / duration", "low", ("torque",))
 def _torque_variation(run: Run) -> Metric | None:
     torque = run.each("torque")
     if torque is None:
@@ -320,6 +370,7 @@ def _torque_variation(run: Run) -> Metric | None:
     return Metric(variation / run.duration, f"{run.unit('torque')}/s")
 
 
+@_metric("mean |mu| / mu_max while faster than 1 m/s", "high", ("adhesion", "best_adhesion"))
 def _adhesion_use(run: Run) -> Metric | None:
     mu, best = run.each("adhesion"), run.each("best_adhesion")
     if mu is None or best is None or not run.moving.any():
@@ -327,6 +378,7 @@ def _adhesion_use(run: Run) -> Metric | None:
     return Metric(float(np.mean(np.abs(mu[run.moving]) / np.abs(best[run.moving]))), "1")
 
 
+@_metric("over the 0.5 s after the start and after each rail change", "low")
 def _acceleration_variance(run: Run) -> Metric | None:
     a = run.acceleration
     if a is None:
@@ -336,6 +388,7 @@ def _acceleration_variance(run: Run) -> Metric | None:
     return Metric(found, "m2/s4", run.rows)
 
 
+@_metric("change of the acceleration from tick to tick, rail steps left out", "low")
 def _jerk_rms(run: Run) -> Metric | None:
     a = run.acceleration
     if a is None or len(a) < 2:
@@ -347,41 +400,49 @@ def _jerk_rms(run: Run) -> Metric | None:
     return Metric(rms(jerk[keep]), "m/s3") if keep.any() else None
 
 
+@_metric("how often the error leaves its funnel", "low")
 def _funnel_exits(run: Run) -> Metric | None:
     count = run.exits(run.signals.funnel)
     return None if count is None else Metric(count, "1")
 
 
+@_metric("how often the error leaves its barrier", "low")
 def _barrier_exits(run: Run) -> Metric | None:
     count = run.exits(run.signals.barrier)
     return None if count is None else Metric(count, "1")
 
 
-def _difference(run: Run, role: str, wanted: str) -> np.ndarray | None:
-    a, b = run.get(role), run.get(wanted)
-    return None if a is None or b is None else a - b
+def _off(run: Run, role: str, unit: str, of: Callable[[np.ndarray], float]) -> Metric | None:
+    """A number of how far the signal of a role is from the one that it shall follow."""
+    a, b = run.get(role), run.get(f"wanted_{role}")
+    return None if a is None or b is None else Metric(of(a - b), unit)
 
 
+def _largest(error: np.ndarray) -> float:
+    return float(np.abs(error).max())
+
+
+@_metric("speed minus wanted speed", "low")
 def _speed_error_rms(run: Run) -> Metric | None:
-    e = _difference(run, "speed", "wanted_speed")
-    return None if e is None else Metric(rms(e), "m/s")
+    return _off(run, "speed", "m/s", rms)
 
 
+@_metric("largest of its absolute values", "low")
 def _speed_error_max(run: Run) -> Metric | None:
-    e = _difference(run, "speed", "wanted_speed")
-    return None if e is None else Metric(float(np.abs(e).max()), "m/s")
+    return _off(run, "speed", "m/s", _largest)
 
 
+@_metric("position minus wanted position", "low")
 def _position_error_rms(run: Run) -> Metric | None:
-    e = _difference(run, "position", "wanted_position")
-    return None if e is None else Metric(rms(e), "m")
+    return _off(run, "position", "m", rms)
 
 
+@_metric("largest of its absolute values", "low")
 def _position_error_max(run: Run) -> Metric | None:
-    e = _difference(run, "position", "wanted_position")
-    return None if e is None else Metric(float(np.abs(e).max()), "m")
+    return _off(run, "position", "m", _largest)
 
 
+@_metric("rim slower than 5 % of a vehicle faster than 1 m/s", "low")
 def _lock_time(run: Run) -> Metric | None:
     v, slip = run.each("speed"), run.each("slip")
     if v is None:
@@ -399,6 +460,11 @@ def _lock_time(run: Run) -> Metric | None:
     return Metric(float(np.count_nonzero(locked)) * run.tick, "s")
 
 
+@_metric(
+    "distance beyond that of the bound, the loop `ideal`; in traction short of it",
+    "low",
+    bound=True,
+)
 def _above_ideal(run: Run) -> Metric | None:
     distance, ideal = _distance(run), _ideal_distance(run)
     if distance is None or ideal is None:
@@ -407,85 +473,19 @@ def _above_ideal(run: Run) -> Metric | None:
     return Metric(run.slip_sign * beyond, "m")  # in traction the longer distance is better
 
 
+@_metric("longest time to compute one tick", "low")
 def _step_time(run: Run) -> Metric | None:
     t = run.get("step_time")
     return None if t is None else Metric(float(t.max()), "s")
 
 
-METRICS: dict[str, tuple[Callable[[Run], Metric | None], str]] = {
-    "distance": (_distance, "distance over the run, its last tick by the speed"),
-    "ideal_distance": (_ideal_distance, "the same, of the loop `ideal` in this scenario"),
-    "stopping_distance": (_stopping_distance, "distance until the speed is below 0.1 m/s"),
-    "settling_time": (
-        _settling_time,
-        "per rail, start included: until the slip stays within 0.05 m/s or 0.01 of the best one,"
-        " while faster than 1 m/s; a dash if never",
-    ),
-    "tracking_time": (
-        _tracking_time,
-        "the same about the loop's own reference, which may be off the best slip",
-    ),
-    "slip_error_rms": (_slip_error_rms, "slip minus its reference, whole run"),
-    "slip_max": (_slip_max, "largest slip"),
-    "slip_min": (_slip_min, "smallest slip"),
-    "torque_ripple": (
-        _torque_ripple,
-        "largest peak-to-peak over the last 0.5 s before each rail change and the end",
-    ),
-    "torque_variation": (_torque_variation, "total variation of the delivered torque / duration"),
-    "adhesion_use": (_adhesion_use, "mean |mu| / mu_max while faster than 1 m/s"),
-    "acceleration_variance": (
-        _acceleration_variance,
-        "over the 0.5 s after the start and after each rail change",
-    ),
-    "jerk_rms": (_jerk_rms, "change of the acceleration from tick to tick, rail steps left out"),
-    "funnel_exits": (_funnel_exits, "how often the error leaves its funnel"),
-    "barrier_exits": (_barrier_exits, "how often the error leaves its barrier"),
-    "speed_error_rms": (_speed_error_rms, "speed minus wanted speed"),
-    "speed_error_max": (_speed_error_max, "largest of its absolute values"),
-    "position_error_rms": (_position_error_rms, "position minus wanted position"),
-    "position_error_max": (_position_error_max, "largest of its absolute values"),
-    "lock_time": (_lock_time, "rim slower than 5 % of a vehicle faster than 1 m/s"),
-    "above_ideal": (
-        _above_ideal,
-        "distance beyond that of the bound, the loop `ideal`; in traction short of it",
-    ),
-    "step_time": (_step_time, "longest time to compute one tick"),
-}
-"""Function and definition of each metric, in the order of files and tables."""
-
-
-BETTER = {
-    "stopping_distance": "low", "settling_time": "low", "tracking_time": "low",
-    "slip_error_rms": "low", "torque_ripple": "low", "torque_variation": "low",
-    "adhesion_use": "high", "acceleration_variance": "low", "jerk_rms": "low",
-    "funnel_exits": "low", "barrier_exits": "low", "speed_error_rms": "low",
-    "speed_error_max": "low", "position_error_rms": "low", "position_error_max": "low",
-    "lock_time": "low", "above_ideal": "low", "step_time": "low",
-}  # fmt: skip
-"""Which end of a metric is the better one; the others say nothing of good or bad by themselves."""
-
-
-AGAINST_IDEAL = ("ideal_distance", "above_ideal")
+AGAINST_IDEAL = tuple(name for name, d in METRICS.items() if d.bound)
 """Metrics that need the loop ``ideal``."""
-
-
-NEEDS: dict[str, tuple[str, ...]] = {
-    "stopping_distance": ("speed",),
-    "settling_time": ("slip", "best_slip"),
-    "tracking_time": ("slip", "reference"),
-    "slip_max": ("slip",),
-    "slip_min": ("slip",),
-    "torque_ripple": ("torque",),
-    "torque_variation": ("torque",),
-    "adhesion_use": ("adhesion", "best_adhesion"),
-}
-"""Roles without which a metric has no meaning; only what is told when it is left out."""
 
 
 def measure(run: Run, names: Sequence[str] = tuple(METRICS)) -> dict[str, Metric]:
     """All metrics that have a meaning for the run, or those of these names, in order."""
-    found = ((name, METRICS[name][0](run)) for name in names)
+    found = ((name, METRICS[name].compute(run)) for name in names)
     return {name: metric for name, metric in found if metric is not None}
 
 

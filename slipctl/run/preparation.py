@@ -18,8 +18,9 @@ from slipctl.run import build
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.scenario_inputs import feeds, loop_at_start, pieces, rail_values
-from slipctl.run.warnings.doubts import doubt_signals, warnings_of_log
+from slipctl.run.warnings.doubts import doubt_signals, estimates_off, warnings_of_log
 from slipctl.run.warnings.first_guesses import warnings_of_starts
+from slipctl.run.warnings.wheels import wheel_warnings
 
 if TYPE_CHECKING:
     import xarray
@@ -445,8 +446,11 @@ class Log(Mapping[str, np.ndarray]):
         begin = Log(self.loop, self.scenario, self._time[:1], self._first,
                     log_columns(self.loop, every), self._first)  # fmt: skip
         scenario = self.scenario.but(params={}, start={})
-        late = [] if self.watched is None else warnings_of_log(self.loop, scenario, self.watched)
-        return [*warnings_of_starts(self.loop, scenario, lambda _: begin), *late]
+        starts = warnings_of_starts(self.loop, scenario, lambda _: begin)
+        if self.watched is None:
+            return starts
+        wheels = wheel_warnings(self.loop, scenario, self.watched)
+        return [*wheels, *starts, *warnings_of_log(self.loop, scenario, self.watched)]
 
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""
@@ -485,5 +489,9 @@ class Log(Mapping[str, np.ndarray]):
             provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
         if lines := self.told():
             provenance["told"] = "\n".join(lines)
+        if self.watched is not None:
+            scenario = self.scenario.but(params={}, start={})
+            off = [vars(e) for e in estimates_off(self.loop, scenario, self.watched)]
+            provenance |= {"estimates_off": json.dumps(off)} if off else {}
         coordinate = ("time", self._time, {"units": "s", "long_name": "time"})
         return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)

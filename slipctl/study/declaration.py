@@ -308,6 +308,7 @@ class Gains:
         condition: criterion that the paper itself states for its gains, ``"printed_48"``.
         source: of the gains.
         costs: function of the loop to the share of a bound left with half of a range, by its name.
+        made: function of the loop that makes the system where it is one of this loop alone.
     """
 
     name: str
@@ -318,6 +319,7 @@ class Gains:
     condition: str = ""
     source: str = ""
     costs: Callable[[Block], Mapping[str, float]] | None = None
+    made: Callable[[Block], Any] | None = None
 
     def __post_init__(self) -> None:
         check_kinds("Gains", Gains, vars(self))
@@ -348,7 +350,9 @@ class Study:
         ensembles: what ``slipctl tune`` draws, by scenario; the first that has the loop is taken.
         limits: largest accepted value of a metric, in its own unit; a run above one is marked.
         uncertified: why a loop has no gains to certify, by its name.
-        remarks: what of it has no effect on any run, a line each; each run tells them.
+        short: the answer in a few sentences, as "In short" of its page has it.
+        headline: id of the claim that it stands or falls with.
+        without_effect: what of it has no effect on any run, a line each; each run tells them.
     """
 
     name: str
@@ -368,7 +372,9 @@ class Study:
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     uncertified: Mapping[str, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    short: str = ""
+    headline: str = ""
+    without_effect: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))
@@ -380,6 +386,8 @@ class Study:
             if c.id in seen:
                 raise BadInput(f"study {self.name} has two claims {c.id!r}")
             seen.add(c.id)
+        if self.headline and self.headline not in seen:
+            raise BadInput(f"study {self.name} has no claim {self.headline!r}")
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

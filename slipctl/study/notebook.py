@@ -20,10 +20,11 @@ from slipctl.estimate.curve_fit import Fitted
 from slipctl.estimate.log_fit.record import FittedOverTime
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Loops
+from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import Sweep
 from slipctl.study.declaration import Study
 from slipctl.study.report.report_page import equations, image, table
-from slipctl.study.report.texts import number
+from slipctl.study.report.texts import number, number_or_never
 
 ROWS = 20
 """Rows of a table that a cell shows."""
@@ -164,15 +165,15 @@ def _fitted_over_time(found: FittedOverTime) -> str:
 def _sweep(sweep: Sweep) -> str:
     said = f"{len(sweep.runs)} of {sweep.plan.size} runs, {len(sweep.failed)} failed"
     rows = []
-    for metric, (unit, names) in sweep.units.items():
-        for k, row in enumerate(names) if names else [(None, "")]:
-            values = sweep.column(metric, k)
-            values = values[np.isfinite(values)]
-            if len(values):
-                ends = [number(float(v)) for v in np.quantile(values, [0, 0.5, 1])]
-                rows.append((f"{metric}{', ' if row else ''}{row}", *ends, pretty(unit)))
+    for name, unit, values in sweep.labelled():
+        ends = quantiles(values, [0, 0.5, 1])
+        if not np.isnan(ends[0]):
+            never = int(np.isinf(values).sum())
+            rows.append((name, *map(number_or_never, ends), str(never or ""), pretty(unit)))
+    if sweep.kept:
+        said += f"; {sweep.kept}"
     return _head(sweep.folder.name, said) + _rows(
-        ("metric", "least", "median", "largest", "unit"), rows, (1, 2, 3)
+        ("metric", "least", "median", "largest", "never", "unit"), rows, (1, 2, 3, 4)
     )
 
 

@@ -1,8 +1,8 @@
 """What a person asked for: a study or a file, a loop of it, a part; what was set and swapped.
 
 A command reads its words once into a Request and hands it on. What a word stands for is found when
-it is first needed, and only once: the study, its models with the swaps done, its cases, the case
-of the loop with what was set.
+it is first needed, and only once. That is the study, its models with the swaps done, its cases,
+and the case of the loop with what was set.
 """
 
 from __future__ import annotations

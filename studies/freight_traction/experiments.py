@@ -27,7 +27,7 @@ from slipctl.certify import extremum as bounds
 from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.run import periods
 from slipctl.seek.lock import LOCK, WAIT
-from slipctl.studies.bench.best_possible import against_optimum
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.freight_traction import barrier
 from slipctl.studies.freight_traction.loops import (
     FORMS,

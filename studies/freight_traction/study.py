@@ -274,6 +274,11 @@ study = Study(
     " Sliding Mode Extremum Seeking Algorithm and Barrier Lyapunov Function, JESA 2022",
     doc="Does the improved switch lock the best creep without oscillation, does the swarm find the"
     " running resistance, what disturbance does the barrier law stand, and how much lag?",
+    short="With corrected gains the improved seeker locks on the best creep within four seconds,"
+    " without oscillation. With the printed ones it does not on dry rail. The barrier law"
+    " holds the creep when the rail changes behind some seekers only, and the printed observer"
+    " is not stable.",
+    headline="locks_dry",
     models=MODELS,
     cases=cases,
     check=check,

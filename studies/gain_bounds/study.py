@@ -69,6 +69,10 @@ study = Study(
     source="Huang 2020; Zhang 2021; Wang 2025; Cheng 2022",
     doc="Which gains satisfy the papers' own conditions, which suffice in truth, and what does the"
     " sampled controller need?",
+    short="The gains that Huang 2020 prints fail the paper's own condition, and explicit Euler"
+    " chatters with them at 1 ms. Those of Wang 2025 certify less than what the law itself"
+    " makes through the lag of its motors. Those of Cheng 2022 do not let the seeker slide.",
+    headline="gains_of_000",
     models=MODELS,
     cases=cases,
     signals=Signals(

@@ -16,7 +16,7 @@ from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.zhang_2021 import hst_braking_control as control
 from slipctl.models.zhang_2021.ep_valve import THETA, air_brake
 from slipctl.models.zhang_2021.hst_braking import I_W, G, R, peak_height, plant
-from slipctl.studies.bench.best_possible import against_optimum
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.hst_braking.limits import funnel, locked, order, printed, standstill
 from slipctl.studies.hst_braking.loops import (
     NAMES,

@@ -15,7 +15,6 @@ from slipctl.predict.qp.active_set import ActiveSet
 from slipctl.predict.stages.horizon import Horizon
 from slipctl.predict.stages.linear_stage import stage_functions
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import axle, cost, make
 from slipctl.studies.predictive.estimation import estimation
 from slipctl.studies.predictive.loops import GAINS
 from slipctl.studies.predictive.problems import (
@@ -30,6 +29,7 @@ from slipctl.studies.predictive.problems import (
     slip,
 )  # fmt: skip
 from slipctl.studies.predictive.reference_speed import reference_speed
+from slipctl.studies.predictive.slip_problem import axle, cost, make
 
 FOUR = ("reference", "rates", "hard", "car")
 

@@ -22,7 +22,6 @@ from slipctl import (
 )
 from slipctl.models.ranges import of_those
 from slipctl.run.results import Loops
-from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, make
 from slipctl.studies.predictive.problems import (
     AXLE_H,
     CAR_H,
@@ -31,6 +30,7 @@ from slipctl.studies.predictive.problems import (
     car,
     car_controller,
 )
+from slipctl.studies.predictive.slip_problem import PEAKS, axle, make
 
 GAINS = {"axle": (480.0, 160.0), "car": (3700.0, 9e5)}
 """K_p and K_i of the PI laws in kN m or N m, and that per second: the best nearly."""

@@ -1,6 +1,6 @@
 """Problems of predictive slip control, each a plant in closed loop with a controller.
 
-* ``reference``: the axle of :mod:`slipctl.studies.bench.peers.slip_nmpc`.
+* ``reference``: the axle of :mod:`slipctl.studies.predictive.slip_problem`.
 * ``late``: the same, told of the rail ten ticks late and 15 % high.
 * ``rates``: the same, its command no faster than 20 kN m/s.
 * ``hard``: the same on the first rail, its slip below 0.019 at every stage, which the wanted slip
@@ -20,7 +20,7 @@ from casadi import atan, sin, sqrt
 
 from slipctl import Block, Input, Output, Param, RunFailed, State, flow, law, nmpc, sampled
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import PEAKS, WEIGHTS, axle, cost, make
+from slipctl.studies.predictive.slip_problem import PEAKS, WEIGHTS, axle, cost, make
 
 TRACTION = dict(positive="traction", per="ratio")
 

@@ -14,7 +14,7 @@ from slipctl.studies.predictive.loops import cases
 from slipctl.studies.predictive.problems import HARDEST
 
 OWN = ("one iteration", "three iterations")
-PROBLEM = "the problem of studies/bench/peers/slip_nmpc.py"
+PROBLEM = "the problem of studies/predictive/slip_problem.py"
 OURS = "ours"
 
 
@@ -232,6 +232,10 @@ study = Study(
     source="problems of docs/predictive.md",
     doc="Does the solver find the optimum on ordinary and hard problems, does it tell the truth"
     " about limits, and where is prediction worth its price?",
+    short="Where the torque comes late or may not jump, prediction keeps the slip where PID"
+    " overshoots. Where the wheel follows the torque at once, a good PID does as well. A"
+    " prediction for the wrong rail is worse than either.",
+    headline="pi_axle",
     cases=cases,
     signals=Signals(
         speed="plant.v", slip="plant.s", reference="s_ref", torque=("plant.T", "ctl.T")

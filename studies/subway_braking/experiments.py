@@ -33,7 +33,7 @@ from slipctl.models.huang_2020.subway_braking import (
 from slipctl.models.huang_2020.subway_braking_control import super_twisting as super_twisting_law
 from slipctl.run import build
 from slipctl.run.metrics import settling_time
-from slipctl.studies.bench.best_possible import against_optimum
+from slipctl.studies.best_possible import against_optimum
 from slipctl.studies.subway_braking import estimation
 from slipctl.studies.subway_braking.leaves import leaves
 from slipctl.studies.subway_braking.loops import (

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from slipctl.block.text.intermediates import named_inside, of_symbols, remember_locals
 from slipctl.predict.qp.interior import Interior
-from slipctl.studies.bench.peers.slip_nmpc import make
+from slipctl.studies.predictive.slip_problem import make
 
 
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])

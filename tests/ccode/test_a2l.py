@@ -61,8 +61,9 @@ def test_a_matrix_has_its_columns_first() -> None:
         flags=re.DOTALL,
     )
     found = {n: re.findall(r"MATRIX_DIM ([\d ]+)\n", body) for n, body in blocks}
-    matrix = {"P": ["2 2"], "Q": ["3 2"], "A": ["3 2"]}
-    assert found == {"x": ["3"], "u": ["3"], "z": ["3"], "y": [], "k": []} | matrix
+    matrix = {"P": ["2 2 1"], "Q": ["3 2 1"], "A": ["3 2 1"]}
+    row = ["3 1 1"]
+    assert found == {"x": row, "u": row, "z": row, "y": [], "k": []} | matrix
     assert len(re.findall(r"LAYOUT COLUMN_DIR|FNC_VALUES 1 FLOAT64_IEEE COLUMN_DIR", text)) == 3
 
 
@@ -250,3 +251,18 @@ def test_offsets_are_those_of_the_compiler(name: str, real: str, tmp_path: Path)
     said = subprocess.run([tmp_path / "places"], capture_output=True, text=True, check=True).stdout
     assert [int(k) for k in said.split()] == [int(k) for *_, k in links]
     assert any(m == "guard.refused" for _, m, _ in links)
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_python_tools_read_it(order: str, tmp_path: Path) -> None:
+    """pya2l takes three dimensions only. The byte order is told."""
+    codegen.export(matrices, tmp_path, "m", byte_order=order)
+    text = (tmp_path / "m.a2l").read_text()
+    assert f"BYTE_ORDER {'MSB_LAST' if order == 'little' else 'MSB_FIRST'} " in text
+    sauci = pytest.importorskip("pya2l.parser")
+    if not hasattr(sauci, "A2lParser"):
+        pytest.skip("pya2l is that of pya2ldb here")
+    with sauci.A2lParser() as parser:
+        module = parser.tree_from_a2l(text.encode()).PROJECT.MODULE[0]
+    assert len(module.MEASUREMENT) == text.count("/begin MEASUREMENT")
+    assert len(module.CHARACTERISTIC) == text.count("/begin CHARACTERISTIC")

@@ -18,6 +18,8 @@ from slipctl.ccode.compile import compilers, platforms
 from slipctl.models import brakes
 from slipctl.models.huang_2020 import subway_braking
 
+pytestmark = pytest.mark.second
+
 fmpy = pytest.importorskip("fmpy")
 validate_fmu = pytest.importorskip("fmpy.validation").validate_fmu
 if compilers.first_compiler() is None:
@@ -209,8 +211,8 @@ def test_plant_and_controller_split_between_two_fmus(
 
 
 def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Block, Any]) -> None:
-    """What ``python -m slipctl.studies.fmus`` does with every controller and plant."""
-    from slipctl.studies.bench.fmus import opened_by_fmpy
+    """What ``python -m bench.fmus`` does with every controller and plant."""
+    from bench.fmus import opened_by_fmpy
 
     loop, _ = subway
     scenario = three_rails(1.5).but(start={"plant.wheel.v": 11.0}, params={"plant.m": 9000.0})
@@ -220,7 +222,7 @@ def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Bloc
 
 
 def test_a_difference_from_python_is_found(subway: tuple[Block, Any]) -> None:
-    from slipctl.studies.bench import fmus
+    from bench import fmus
 
     wanted = {"T": np.array([1.0, 2.0]), "status": np.array([0, 8])}
     result = np.array([(0.0, 0), (1.0, 0), (2.5, 0)], [("T", float), ("status", int)])
@@ -233,9 +235,41 @@ def test_a_difference_from_python_is_found(subway: tuple[Block, Any]) -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_step_size_must_be_a_multiple_of_the_period(
-    version: int, lags: Path, tmp_path: Path
-) -> None:
+def test_a_step_of_any_size_holds_the_last_tick(version: int, lags: Path, tmp_path: Path) -> None:
+    """A controller has done the ticks that begin before the end of a step, whatever its size."""
+    f = opened(lags, version, tmp_path).begin()
+    f.set(u=10.0)
+    y, ticks, at = float(lag.start()["y"]), 0, 0
+    for size in (5, 5, 7, 3, 1, 1, 18, 30, 14, 1, 5):  # ms; the tick is 10 ms
+        f.step(size / 1000)
+        at += size
+        while ticks < -(-at // 10):
+            x, out = lag(y=y, u=10.0)
+            y, ticks = x["y"], ticks + 1
+        assert f.get("T", "y") == [out["T"], y]
+    f.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_master_with_any_interval_ends(version: int, tmp_path: Path) -> None:
+    """FMPy, which tries again for ever what is discarded; a plant holds the ticks that are over."""
+    plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4", substeps=10)
+    codegen.export(plant, tmp_path, "plant", fmus=True)
+    name, given = str(tmp_path / f"plant_fmi{version}.fmu"), {"T_cmd": 1500.0}
+
+    def speeds(**more: float) -> tuple[np.ndarray, np.ndarray]:
+        found = fmpy.simulate_fmu(name, start_values=given, output=["wheel.v"], **more)
+        return found["time"], found["wheel.v"]
+
+    _, every = speeds(stop_time=0.022, output_interval=1e-3)
+    for more in ({"stop_time": 0.0205}, {"stop_time": 0.0201, "output_interval": 7e-4}):
+        t, v = speeds(**more)
+        assert t[-1] == pytest.approx(more["stop_time"], abs=8e-4)
+        assert v.tolist() == every[np.floor(t / 1e-3 + 1e-6).astype(int)].tolist()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_step_that_is_none_is_an_error_at_once(version: int, lags: Path, tmp_path: Path) -> None:
     f = opened(lags, version, tmp_path).begin()
     f.set(u=10.0)
     f.step(0.05)  # five ticks
@@ -244,15 +278,15 @@ def test_step_size_must_be_a_multiple_of_the_period(
         (x, out) = lag(y=y, u=10.0)
         y = x["y"]
     assert f.get("T", "y") == [out["T"], y]
-    for size in (0.004, 0.015, 0.0, -0.01, np.nan, np.inf):
+    for size in (0.0, -0.01, np.nan, np.inf):
         if size == 0.0:
             f.step(size)  # allowed, and nothing happens
             continue
-        with pytest.raises(Exception, match=r"fmi\dDoStep failed with status 2 \(discard\)"):
+        with pytest.raises(Exception, match=r"fmi\dDoStep failed with status 3 \(error\)"):
             f.step(size)
     assert f.get("T", "y") == [out["T"], y]
     f.time = 0.5  # not where the last step ended
-    with pytest.raises(Exception, match="discard"):
+    with pytest.raises(Exception, match="error"):
         f.step(0.01)
     f.time = 0.05
     f.step(0.01)

@@ -11,11 +11,14 @@ import pytest
 from controllers import REPRESENTATIVE
 from module_text import changed
 
+from bench.loops import long_run
 from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import endurance, fuzz
+from slipctl.ccode.check import fuzz
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.module.plan import Plan
+
+pytestmark = pytest.mark.second
 
 SECONDS = int(os.environ.get("SLIPCTL_FUZZ_SECONDS", "0"))
 """How long each controller is fuzzed; 0 takes the runs below, the same ones every time."""
@@ -105,12 +108,12 @@ def test_without_clang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_compiler
 def test_drift_is_told_from_noise() -> None:
     plan = Plan(sums)
-    quiet = endurance.run_many_ticks(
+    quiet = long_run.endured(
         plan, codegen.texts(plan), np.zeros((1, 2)), np.array([0.01, 0.0]), {}, 10
     )
     assert quiet["ticks"] == 10
     assert quiet["status"] == {"0": 10}
-    biased = endurance.run_many_ticks(
+    biased = long_run.endured(
         plan,
         codegen.texts(plan),
         np.array([[0.01, 0.0]]),
@@ -118,7 +121,7 @@ def test_drift_is_told_from_noise() -> None:
         {"k": 2.0},
         100_000,
     )
-    assert endurance.growing_signals(biased) == ["state x"]
+    assert long_run.drifting(biased) == ["state x"]
     assert biased["signals"]["state x"]["mean"][-1] == pytest.approx(0.95 * 2000, rel=0.05)
     assert set(biased["status"]) == {"0", "16"}
     noise = biased["signals"]["output z[0]"]
@@ -130,7 +133,7 @@ def test_drift_is_told_from_noise() -> None:
 @pytest.mark.parametrize("name", ["hst_braking", "freight_traction"])
 def test_loops_on_their_own_noise_stay_bounded(name: str) -> None:
     """The closed loop in C for 3e5 ticks; 1e8 in docs/evidence/endurance.json."""
-    from slipctl.studies.bench.endurance import SUBJECTS, run
+    from bench.endurance import SUBJECTS, run
 
     found = run(SUBJECTS[name], 300_000)
     assert found["finite"]

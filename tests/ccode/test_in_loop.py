@@ -35,6 +35,8 @@ from slipctl.ccode.passes.precision import neighbour_float
 from slipctl.commands import cli
 from slipctl.study import processor, resolve
 
+pytestmark = pytest.mark.second
+
 
 @pytest.fixture(scope="module")
 def board() -> None:

@@ -15,6 +15,8 @@ from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.module.plan import Plan
 from slipctl.study import resolve
 
+pytestmark = pytest.mark.second
+
 try:
     module_proof.tool()
     HAS_TOOL = True

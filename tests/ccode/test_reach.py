@@ -10,15 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench import reach
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import coverage, float_error
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.module.plan import Plan
-from slipctl.studies.bench import reach
 from slipctl.study import resolve
 
-pytestmark = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
+pytestmark = [
+    pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here"),
+    pytest.mark.second,
+]
 
 EVIDENCE = Path(__file__).parents[2] / "docs/evidence/reach.json"
 SHIPPED = json.loads(EVIDENCE.read_text(encoding="utf-8"))["numbers"]["reach"]["controllers"]

@@ -17,6 +17,8 @@ from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship.readable import readable
 
+pytestmark = pytest.mark.second
+
 
 @step(period=0.01, y=Output("N", "sum", lo=-9, hi=9), z=Output("m", "other"))
 def adds(s=State("kg", 0.0, "kept", lo=-9, hi=9), u=Input("1", "given", lo=-1, hi=1)):

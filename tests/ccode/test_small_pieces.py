@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.loops import long_run, wrong_samples
 from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check import comparison, endurance, faults, float_error
+from slipctl.ccode.check import comparison, float_error
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module import guard
@@ -84,7 +85,10 @@ def test_a_start_with_refused_parameters_is_one_with_those_of_the_block(tmp_path
 
 def test_the_range_of_an_output_without_ends_is_what_it_swings_over() -> None:
     plan = Plan(adds)
-    assert faults._ranges(plan, {}, np.array([[0.0, 3.0], [1.0, 10.0]])).tolist() == [8.0, 7.0]
+    assert wrong_samples._ranges(plan, {}, np.array([[0.0, 3.0], [1.0, 10.0]])).tolist() == [
+        8.0,
+        7.0,
+    ]
 
 
 def test_whoever_unpacks_an_fmu_can_read_it() -> None:
@@ -139,5 +143,5 @@ def test_a_signal_drifts_where_its_second_half_is_larger_than_parts_two_to_five(
         "lost": of(1, 1, 1, 1, 1, 1, np.nan, 1, 1, 1),
         "below": of(5, 1, 1, 1, 1, 1.4, 1, 1, 1, 1, side=-1),
     }  # fmt: skip
-    assert endurance.growing_signals({"signals": signals}) == ["grows", "lost", "below"]
-    assert endurance.growing_signals({"signals": signals}, share=0.5) == ["lost"]
+    assert long_run.drifting({"signals": signals}) == ["grows", "lost", "below"]
+    assert long_run.drifting({"signals": signals}, share=0.5) == ["lost"]

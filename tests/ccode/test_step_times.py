@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Scenario, connect, sampled, simulate, step_times
-from slipctl.studies.bench.peers.slip_nmpc import axle, make
+from slipctl.studies.predictive.slip_problem import axle, make
 
 pytestmark = pytest.mark.usefixtures("needs_compiler")
 SCENARIO = Scenario("go", 1.2, inputs={"mu_p": 0.2, "s_ref": 0.02})

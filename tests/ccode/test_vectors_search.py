@@ -20,6 +20,8 @@ from slipctl.ccode.module.plan import Plan
 from slipctl.commands import c as command
 from slipctl.commands.cli import main
 
+pytestmark = pytest.mark.second
+
 try:
     compilers.compilers()
 except BadInput:

@@ -10,9 +10,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from bench.faults import controllers
 from slipctl.block.block import Block
 from slipctl.run import build
-from slipctl.studies.bench import faults as bench
+
+pytestmark = pytest.mark.second
 
 HELD, BACK = 2.0, 0.1
 """Times in s at the limit, and until the command has left it."""
@@ -69,7 +71,7 @@ def _rolled(block: Block, rows: dict[str, np.ndarray], command: str) -> np.ndarr
 @pytest.mark.parametrize("name", LAWS)
 def test_no_law_winds_up_behind_any_of_its_limits(name):
     limits, given, (error, at_limit, after), (command, sign) = LAWS[name]
-    _, loop, part, _ = next(bench.controllers([name]))
+    _, loop, part, _ = next(controllers([name]))
     n, more = round(HELD / loop.period), round(1.5 / loop.period)
     for short in limits:
         limit = next(k for k in loop[part].params if k.rpartition(".")[2] == short)

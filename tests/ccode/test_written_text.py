@@ -41,6 +41,8 @@ from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.request import Content
 from slipctl.ccode.ship.fmu import fmus
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "written_text.csv"
 HEAD = ["what", "file", "code", "with comments", "functions"]
 VERSIONS = f"CasADi {ca.CasadiMeta.version()} and NumPy {np.__version__}"

@@ -17,6 +17,8 @@ from slipctl.ccode.compile import compilers, targets
 from slipctl.ccode.compile.files import WARNINGS
 from slipctl.models.huang_2020 import subway_braking_control as control
 
+pytestmark = pytest.mark.second
+
 CC = compilers.first_compiler()
 CONNECT, DISCONNECT, GET_STATUS, SYNCH = 0xFF, 0xFE, 0xFD, 0xFC
 SET_MTA, UPLOAD, SHORT_UPLOAD, DOWNLOAD = 0xF6, 0xF5, 0xF4, 0xF0

@@ -17,8 +17,8 @@ from test_parameters_in_force import gain
 from test_proof import sums
 from test_rates import whole
 from test_reach import full, law
-from test_reading import pushed
-from test_rolling import repeating
+from test_readability import pushed
+from test_rolled_loops import repeating
 
 from slipctl import (
     Block,

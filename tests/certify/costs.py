@@ -21,6 +21,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[2]))
 
 from adversary import common
 
@@ -87,8 +88,8 @@ def main() -> int:
             if max(found["worst"], found["worst_check"]) > LIMIT:
                 print(f"  too long: {found['worst_case']}", flush=True)
     if options.out:
+        from bench import speed
         from slipctl.run import store
-        from slipctl.studies.bench import speed
 
         command = f"python tests/certify/costs.py --cases {options.cases} --seed {options.seed}"
         store.write_json(options.out, kept | {

@@ -17,11 +17,13 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[2]))
+
+from bench import speed
 from slipctl.certify import catalogue, certificate, proofs
 from slipctl.certify.boundary import Farthest, farthest
 from slipctl.certify.systems import exact_numbers
 from slipctl.run import store
-from slipctl.studies.bench import speed
 from slipctl.study.resolve import find_loop, load_study
 
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")

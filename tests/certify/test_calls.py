@@ -8,6 +8,8 @@ from __future__ import annotations
 import pytest
 import recorded_calls
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 ROOM = "slipctl/certify"
 PLACES = sorted({place.split(":")[0] for place in recorded_calls.read(ROOM)})
 

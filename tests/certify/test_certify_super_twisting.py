@@ -477,7 +477,7 @@ def test_quadratic_is_what_the_lmi_says():
     cp = pytest.importorskip("cvxpy")
     if "CLARABEL" not in cp.installed_solvers():
         pytest.skip("clarabel is not installed")
-    from slipctl.studies.bench.peers.twisting_lmi import margin
+    from bench.peers.twisting_lmi import margin
 
     rng, said = np.random.default_rng(8), []
     for _ in range(12):
@@ -496,7 +496,7 @@ def test_map_and_verdict_are_fast_beside_one_lmi():
     pytest.importorskip("cvxpy")
     from time import process_time
 
-    from slipctl.studies.bench.peers.twisting_lmi import GAINS, SIDE, margin
+    from bench.peers.twisting_lmi import GAINS, SIDE, margin
 
     def fastest(call, times):
         seen = []

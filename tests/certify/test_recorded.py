@@ -121,6 +121,7 @@ def drawn(name: str) -> Iterator[dict[str, float]]:
             yield numbers
 
 
+@pytest.mark.table
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_numbers_and_criteria_are_declared_as_in_the_table(name: str) -> None:
     assert told(declared(name)) == json.loads(TABLE.read_text(encoding="utf-8"))[name]["declared"]
@@ -144,6 +145,7 @@ def test_a_proof_with_an_entry_more_or_less_is_refused(name: str) -> None:
             return
 
 
+@pytest.mark.table
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_answers_are_those_of_the_table(name: str) -> None:
     kept = json.loads(TABLE.read_text(encoding="utf-8"))[name]

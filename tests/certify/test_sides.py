@@ -86,6 +86,7 @@ def of(name: str, numbers: dict[str, Fraction]) -> list[Any]:
     return told(text([sides, values, ends, clauses, system.inputs(numbers), system.time(numbers)]))
 
 
+@pytest.mark.table
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_inequalities_are_those_of_the_table(name: str) -> None:
     wanted = json.loads(TABLE.read_text(encoding="utf-8"))[name]

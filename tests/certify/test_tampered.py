@@ -126,6 +126,7 @@ def outcomes(name: str) -> list[str]:
     return found
 
 
+@pytest.mark.table
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_what_an_alteration_does_is_what_it_did(name: str) -> None:
     assert outcomes(name) == json.loads(TABLE.read_text(encoding="utf-8"))[name]

@@ -29,13 +29,13 @@ def run_folder(folder: Path, distance: float, m: float, loop: str = "sta") -> st
 
 
 def test_runs(tmp_path: Path, capsys: Any) -> None:
-    """One parameter differs and is listed, one does not; a metric without a value is a dash."""
+    """One parameter differs and is listed, one does not; a time that never came says so."""
     a, b = run_folder(tmp_path / "a", 80.0, 8e3), run_folder(tmp_path / "b", 82.5, 9e3)
     assert main(["compare", a, b]) == 0
     lines = [" ".join(x.split()) for x in capsys.readouterr().out.splitlines()]
     assert lines.index("sta: car.m kg 8000 9000") < lines.index("distance m 80 82.5 +2.5")
     assert "settling_time, dry s 0.1 0.1 0" in lines
-    assert "settling_time, wet s – – –" in lines
+    assert "settling_time, wet s never never –" in lines
     assert not any("J" in x for x in lines)
     assert main(["compare", a, b, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -47,7 +47,7 @@ def test_runs(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_sweeps(tmp_path: Path, capsys: Any) -> None:
-    """Medians are those of the runs; what overlaps has no star, what lies apart has one."""
+    """Medians are those of the runs, differences those of runs on the same draws."""
     signals = Signals(speed="plant.wheel.v", slip="plant.wheel.v_s")
     found = []
     for name, m in (("a", 8e3), ("b", 16e3)):
@@ -62,9 +62,15 @@ def test_sweeps(tmp_path: Path, capsys: Any) -> None:
         if "," in row["metric"]:
             continue
         a, b = (f.column(row["metric"]) for f in found)
+        if not np.isfinite([a, b]).all():
+            assert row["values"] == [None, None], "JSON has no infinity"
+            assert row["never"] == [5, 5]
+            continue
         assert row["values"] == [float(np.median(a)), float(np.median(b))]
-        lows, highs = (np.quantile((a, b), q, axis=1) for q in (0.05, 0.95))
-        assert row["beyond_spread"] == [bool(highs[0] < lows[1] or highs[1] < lows[0])]
+        low, middle, high = np.quantile(b - a, (0.05, 0.5, 0.95))
+        assert row["difference"] == [pytest.approx(middle)]
+        assert row["paired"] == [pytest.approx([low, high])]
+        assert row["beyond_spread"] == [bool(low > 0 or high < 0)]
 
 
 @pytest.mark.parametrize("names", [["a"], ["a", "nowhere"], ["a", "torn"], ["a", "b"]])

@@ -16,7 +16,7 @@ from slipctl.commands.cli import main
 from slipctl.run import store
 
 ROOT = Path(__file__).parents[2]
-FILES = [p for folder in ("slipctl", "models", "studies")
+FILES = [p for folder in ("slipctl", "models", "studies", "bench")
          for p in sorted((ROOT / folder).rglob("*.py"))]  # fmt: skip
 
 ONLY_POSIX = {
@@ -32,7 +32,7 @@ GUARDED = {
 
 ALLOWED = {
     "slipctl/run/machine.py": {"sched_getaffinity", "/proc/cpuinfo"},
-    "studies/bench/sweeps.py": {"/proc/self/status"},
+    "bench/sweeps.py": {"/proc/self/status"},
     "slipctl/study/jobs.py": {"fork", "setitimer", "ITIMER_REAL", "pthread_sigmask"},
     "slipctl/run/interrupts.py": {"setitimer", "ITIMER_REAL"},
 }
@@ -162,7 +162,7 @@ def test_the_quick_part_of_the_suite_passes_as_on_windows(tmp_path):
     """Without fork, timers and signals of POSIX, and with ``sys.platform`` of Windows."""
     script = tmp_path / "windows.py"
     script.write_text(WINDOWS, encoding="utf-8")
-    quick = ["run/test_rail.py", "estimate/test_fitting.py", "study/test_jobs.py"]
+    quick = ["run/test_rail.py", "estimate/test_curve_fit.py", "study/test_jobs.py"]
     done = subprocess.run(
         [sys.executable, str(script), "-n", "0", "-p", "no:cacheprovider", "-x",
          "-k", "not confidence and not wherever",  # numbers of fits: no system has a say in them

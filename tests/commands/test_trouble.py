@@ -11,8 +11,8 @@ import pytest
 from slipctl import BadInput
 from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.commands.cli import main
-from slipctl.estimate.tables import read_table
 from slipctl.run import interrupts
+from slipctl.tables.table import read_table
 
 LAW = "from slipctl import law, Output, Input\n@law(mu=Output('1'))\ndef g(v=Input('1')):\n    "
 
@@ -113,28 +113,28 @@ def test_a_unit_beyond_every_number_is_refused(written):
         unit("ym^-99")
 
 
-def numbers(file: Path) -> list[float]:
-    table = read_table(file)
-    return [table.number(line, cell) for line, cells in table.rows for cell in cells]
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("v [m/s],mu\n0.1,0.1\n#N/A,0.3\n", "line 3: '#N/A' is no number"),
-        ("v [m/s],mu\n0.1,0.1\n#DIV/0!,0.3\n", "line 3: '#DIV/0!' is no number"),
-        ("v [m/s],mu\n0.1,0.1\n0.2,-1e308\n", "line 3: '-1e308' is beyond what can be squared"),
-        ("v [m/s],mu\n" + "1" * 140_000 + ",0.1\n", "line 2: field larger"),
-        ("v [m/s],mu\n0.1,0.1\n".encode("utf-16-le").decode(), "is no text"),
+        ("v [m/s],mu\n0.1,0.1\n12. Mai,0.3\n", "'12. Mai' in line 3 is no number"),
+        ("v [m/s],mu\n0.1,0.1\n0.2,-1e308\n", "'-1e308' in line 3 is beyond what can be squared"),
+        ("v [m/s],mu\n" + "1" * 140_000 + ",0.1\n", "line 2 has 140004 letters"),
     ],
 )
 def test_a_table_that_a_spreadsheet_spoilt_is_refused(text, said, tmp_path):
-    """A number that is not there is no comment, and no row is left out in silence."""
     file = tmp_path / "curve.csv"
     file.write_text(text)
     with pytest.raises(BadInput) as error:
-        numbers(file)
+        [read_table(file).numbers(n) for n in ("v", "mu")]
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize("error", ["#N/A", "#DIV/0!", "#NV"])
+def test_an_error_of_a_spreadsheet_is_an_empty_cell_and_no_comment(error, tmp_path):
+    file = tmp_path / "curve.csv"
+    file.write_text(f"v [m/s],mu\n0.1,0.1\n{error},0.3\n0.3,0.2\n")
+    assert str(read_table(file).numbers("v").tolist()) == "[0.1, nan, 0.3]"
+    assert read_table(file).numbers("mu").tolist() == [0.1, 0.3, 0.2]
 
 
 def test_a_compiler_that_says_nothing_is_named(tmp_path, monkeypatch):

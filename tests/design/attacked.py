@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "certify"))
+sys.path.append(str(Path(__file__).parents[2]))
 
 from adversary import common, hunt
 
+from bench import speed
 from slipctl.commands.cli import main as slipctl
 from slipctl.run import store
-from slipctl.studies.bench import speed
 
 LINES = (
     "subway_braking:sta@base --free k1=1:60 k2=1:60 --minimise distance",

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+sys.path.append(str(Path(__file__).parents[2]))
+
+from bench import speed
 from slipctl.design.slopes.gradients import AGREES, SMOOTH, Slopes, slope_error
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
 from slipctl.run.sweep.ensemble import Ensemble, World
-from slipctl.studies.bench import speed
 from slipctl.study.resolve import build_cases, load_study
 
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")

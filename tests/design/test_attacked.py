@@ -16,6 +16,8 @@ from adversary import hunt
 from slipctl.certify import proofs
 from slipctl.certify.catalogue import system
 
+pytestmark = pytest.mark.second
+
 TWISTING = {"k1": 20.0, "k2": 10.0, "L": 2.0, "T": 0.001, "band": 0.005}
 FUNNEL = {"K1": 250.0, "T": 0.001, "eta_inf": 0.01, "delta_l": 1.4, "delta_u": 1.4, "W": 0.3,
           "start": 0.5}  # fmt: skip

@@ -26,7 +26,9 @@ from slipctl.design.slopes.gradients import Slopes
 from slipctl.design.tune import tune
 from slipctl.run import build
 from slipctl.run.sweep.ensemble import World
-from slipctl.studies.bench.peers.slip_nmpc import axle, make
+from slipctl.studies.predictive.slip_problem import axle, make
+
+pytestmark = pytest.mark.second
 
 SIGNALS = Signals(speed="plant.v", slip="plant.s", reference="s_ref")
 SCENARIO = Scenario("go", 0.8, inputs={"mu_p": 0.2, "s_ref": 0.02})

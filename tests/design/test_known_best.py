@@ -29,6 +29,8 @@ from slipctl import (
 )
 from slipctl.design.tune import tune
 
+pytestmark = pytest.mark.second
+
 T = 0.05
 
 

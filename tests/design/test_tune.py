@@ -196,6 +196,29 @@ def test_limits_come_before_the_objective() -> None:
 # ---- the search ----------------------------------------------------------------------------------
 
 
+def test_a_draw_that_is_lost_counts_as_worst_and_the_rest_still_decides() -> None:
+    """Fewer lost draws win; where as many are lost, those that both reach decide."""
+    inf = math.inf
+    hand, same, fewer = [10.0, inf, 12.0, 14.0], [9.0, inf, 11.0, 13.0], [20.0, 20.0, 20.0, 20.0]
+    assert paired_difference(same, hand) == (-1.0, 0.0)
+    assert paired_difference(fewer, hand)[0] == -inf
+    assert paired_difference(hand, fewer)[0] == inf
+    assert paired_difference([1.0, inf, 3.0], [inf, 2.0, 4.0])[0] == -1.0, "each lost one"
+    by_hand, better = (
+        Candidate(k, {}, np.zeros(1), Score(v, [[]] * 4)) for k, v in enumerate((hand, same))
+    )
+    assert not is_behind(better, by_hand, (), final=True)
+    assert is_behind(by_hand, better, (), final=True)
+    score = Score([], [])
+    gain_search.add(
+        score, {"stopping_distance": Metric(None, "m")}, read_objective("stopping_distance"), ()
+    )
+    gain_search.add(score, None, read_objective("stopping_distance"), ())
+    assert score.values == [inf, inf]
+    assert score.in_words() == "never reached"
+    assert by_hand.score.in_words() == "12, never in 1 of 4 draws"
+
+
 @given(st.floats(1e-6, 1e6), st.floats(1.001, 1e6), st.lists(st.floats(0, 1), min_size=1))
 def test_the_box_and_its_cube(lo: float, ratio: float, shares: Sequence[float]) -> None:
     """Points of the cube lie in the range and come back; a trial stays in the cube."""

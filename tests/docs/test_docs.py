@@ -28,8 +28,9 @@ RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "concepts.md", "architecture.md", "certify.md", "contact.md", "nmpc.md", "c_interface.md",
     "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
-    "own_law.md", "own_controller.md", "start.md", "python_control.md", "own_figures.md",
-    "notebook.md", "gallery.md", "predictive.md", "theory.md", "trials.md",
+    "own_law.md", "own_controller.md", "own_slide_protection.md", "start.md",
+    "python_control.md", "own_figures.md",
+    "notebook.md", "gallery.md", "predictive.md", "theory.md", "trials.md", "own_proof.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
@@ -48,11 +49,13 @@ def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", PAGES)
 def test_code_of_the_page_runs(name, tmp_path):
     run_page(DOCS / name, tmp_path / "empty")
 
 
+@pytest.mark.second
 def test_python_of_the_readme_runs(tmp_path):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     code = re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
@@ -98,6 +101,7 @@ def wheel_of(folder: Path) -> Path | None:
     return next(folder.glob("*.whl"))
 
 
+@pytest.mark.second
 def test_tutorial_runs(tmp_path, needs_compiler):
     """From a wheel in a fresh environment, which sees the libraries installed here."""
     wheel = wheel_of(tmp_path)
@@ -168,6 +172,18 @@ def test_each_room_imports_only_from_lower_floors():
     assert not upwards
 
 
+def test_nothing_that_is_installed_needs_the_benches():
+    """Nor does a benchmark need a package's line: `bench` is in the clone alone."""
+    files = [
+        p for folder in ("slipctl", "models", "studies") for p in (ROOT / folder).rglob("*.py")
+    ]
+    assert len(files) > 300
+    found = {n.partition(".")[0]: path for path in files for n in rooms().named(path)}
+    assert "bench" not in found, found.get("bench")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert not [p for p in project["tool"]["setuptools"]["packages"] if "bench" in p]
+
+
 def test_no_modules_import_each_other_in_a_circle():
     """Imports inside functions count; those for types alone do not."""
     assert rooms().circles() == []
@@ -193,7 +209,7 @@ def test_no_module_is_long_unless_the_page_says_why():
     """At most 500 lines; docs/architecture.md lists what is longer, with its reason."""
     told = dict(LONG.findall((DOCS / "architecture.md").read_text(encoding="utf-8")))
     found = {}
-    for folder in ("slipctl", "models", "studies"):
+    for folder in ("slipctl", "models", "studies", "bench"):
         for path in (ROOT / folder).rglob("*.py"):
             lines = len(path.read_text(encoding="utf-8").splitlines())
             if lines > 500:
@@ -222,7 +238,7 @@ def test_public_names_stay_where_they_are():
         if stem not in ("all_rails", "gain_bounds", "predictive"):
             assert importlib.util.find_spec(f"slipctl.models.{stem}")
     for bench in ("speed", "c_targets", "endurance", "fmus"):
-        assert importlib.import_module(f"slipctl.studies.{bench}").main
+        assert importlib.import_module(f"bench.{bench}").main
 
 
 def test_help_loads_nothing_heavy():
@@ -264,6 +280,7 @@ def results(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.second
 def test_tables_of_metrics_are_what_the_study_gives(results):
     spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
     maker = importlib.util.module_from_spec(spec)
@@ -329,7 +346,8 @@ def test_names_of_files_and_tests_exist(page):
     text = page.read_text(encoding="utf-8")
     for name in re.findall(r"`(test_\w+)`", text):
         assert name in names_of_tests(), f"{page.name}: {name}"
-    file = r"`((?:slipctl|models|studies|tests|docs)/[\w/]+\.\w+)`(?!:\n\n```)"  # those it writes
+    # but those it writes
+    file = r"`((?:slipctl|models|studies|bench|tests|docs)/[\w/]+\.\w+)`(?!:\n\n```)"
     for name in re.findall(file, text):
         assert (ROOT / name).exists(), f"{page.name}: {name}"
 

@@ -1,4 +1,4 @@
-"""docs/extending.md: the five commits that it prints are made in a copy, and their tests pass."""
+"""docs/extending.md: the seven commits that it prints are made in a copy, and their tests pass."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+pytestmark = pytest.mark.second
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -32,7 +34,10 @@ def extended(tmp_path_factory):
         assert not file.exists(), f"{name} is there already"
         file.write_text(text, encoding="utf-8")
     for diff in re.findall(r"^```diff\n(.*?)^```$", PAGE, re.M | re.S):
-        subprocess.run(["git", "apply", "-p1"], input=diff, cwd=package, text=True, check=True)
+        diff = re.sub(r"^(--- a|\+\+\+ b)/(?=models/)", r"\1/slipctl/", diff, flags=re.M)
+        subprocess.run(
+            ["git", "apply", "-p1", "-C1"], input=diff, cwd=package, text=True, check=True
+        )
     return place
 
 
@@ -49,13 +54,18 @@ def test_what_the_page_adds_passes_the_tests_that_it_prints(extended):
                "--rootdir", str(extended), "tests")  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("passed") == 1
-    assert len(list(extended.rglob("test_*.py"))) == 5
+    assert len(list(extended.rglob("test_*.py"))) == 8
 
 
 def test_the_commands_of_the_page_answer_as_it_prints(extended):
-    blocks = re.findall(r"^```console\n\$ slipctl (.*?)\n(.*?)^```$", PAGE, re.M | re.S)
-    assert len(blocks) == 2
-    for line, expected in blocks:
+    shown = re.findall(r"^```console\n(.*?)^```$", PAGE, re.M | re.S)
+    asked = [
+        one
+        for text in shown
+        for one in re.findall(r"^\$ slipctl (.*)\n((?:[^$].*\n)+)", text, re.M)
+    ]
+    assert len(asked) == 5
+    for line, expected in asked:
         command = f"from slipctl.commands.cli import main; main({line.split()!r})"
         answer = run(extended, "-c", command).stdout
         for told in expected.splitlines():

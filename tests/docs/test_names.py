@@ -147,7 +147,12 @@ def test_what_is_no_model_is_not_found():
 
 def test_engine_and_models_of_two_trees_are_refused(tmp_path):
     """A clone in front of an installed one is told in one line, and no test starts."""
-    for folder in ("slipctl/errors.py", "slipctl/__init__.py", "slipctl/old_names.py"):
+    for folder in (
+        "slipctl/errors.py",
+        "slipctl/__init__.py",
+        "slipctl/old_names.py",
+        "slipctl/registry.py",
+    ):
         (tmp_path / folder).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / folder, tmp_path / folder)
     for folder in ("block", "commands", "run", "study"):

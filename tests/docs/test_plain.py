@@ -83,7 +83,7 @@ def told(file: Path) -> list[str]:
 
 def test_what_a_report_prints_of_models_is_plain():
     """The page of a study prints these docstrings beside the equations."""
-    rooms = ("models", "slipctl", "studies")
+    rooms = ("bench", "models", "slipctl", "studies")
     files = [file for room in rooms for file in sorted((ROOT / room).rglob("*.py"))]
     assert len(files) > 50
     long = [
@@ -124,7 +124,9 @@ def texts(file: Path) -> Iterator[str]:
 def test_what_a_command_or_a_report_prints_is_plain():
     """No sentence of a literal is too long: help, messages, captions, notes, reasons."""
     files = [
-        f for room in ("slipctl", "models", "studies") for f in sorted((ROOT / room).rglob("*.py"))
+        f
+        for room in ("slipctl", "models", "studies", "bench")
+        for f in sorted((ROOT / room).rglob("*.py"))
     ]
     found = [(file, text) for file in files for text in texts(file)]
     assert len(found) > 5000

@@ -8,7 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from slipctl.study import resolve
+
+pytestmark = pytest.mark.second
 
 DOCS = Path(__file__).parents[2] / "docs"
 

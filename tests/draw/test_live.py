@@ -37,14 +37,14 @@ def test_panels_lines_bands_and_differences_are_read_off_a_figure():
     assert np.array_equal(first.curves[0].y, np.sin(T)), "all points, not those of the picture"
     assert first.bands == [(2.0, 4.0, "#e4eef6", "")]
     assert np.allclose(difference.curves[0].y, -1e-3 * np.cos(T))
-    assert found.hidden == ["a lies on b in slip: at most 0.001 apart"]
+    assert found.hidden == ["slip: a and b differ by at most 0.001 m/s"]
     assert len(last.curves[0].t) == len(T)
 
 
 def test_what_is_the_same_is_said_and_needs_no_panel():
     fig = plots.lines({"a": (T, T), "b": (T, T)}, ("time", "s"), ("slip", "m/s"))
     found = live.of_figure(fig)
-    assert (len(found.panels), found.hidden) == (1, ["a and b are the same in slip"])
+    assert (len(found.panels), found.hidden) == (1, ["slip: a and b are the same"])
 
 
 @pytest.mark.parametrize(

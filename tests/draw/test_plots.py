@@ -27,6 +27,10 @@ def test_loops_keep_their_colour() -> None:
     both = ["sta", "sta_printed"]
     assert plots.dash("sta_printed", both) != plots.dash("sta", both)
     assert plots.dash("sta_printed") == plots.dash("sta")
+    many = ["none", "mine", "wsp", "pid", "sta", "super_twisting", "sta_printed", "text"]
+    hues = plots.hues_of(many)
+    assert hues["sta_printed"] == hues["sta"]
+    assert len({hues[n] for n in many}) == len(many) - 1, "no two controllers have one colour"
     assert plots.colour("never_seen") == plots.colour("never_seen") in plots.PALETTE
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from test_curve_fit import line, polach, synthetic
 from test_estimate import burckhardt, plane
 from test_filtering import SHAPE, THREE, car, wheel
-from test_fitting import line, polach, synthetic
+from test_flow_fit import coasted, stepped
 from test_identification import data
-from test_over_time import coasted, stepped
 
 from slipctl import (
     BadInput,

@@ -23,6 +23,8 @@ from estimated_blocks import BLOCKS, RESULTS
 
 from slipctl.block.block import Block
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "recorded.json"
 NEAR = 1e-6
 """Searches of other versions of NumPy and SciPy end this close, as a share."""

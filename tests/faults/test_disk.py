@@ -10,6 +10,8 @@ import pytest
 from slipctl.run import store
 from slipctl.study.files import results_folder
 
+pytestmark = pytest.mark.second
+
 
 def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")

@@ -38,6 +38,8 @@ from slipctl.models.wang_2025 import hst_traction, hst_traction_adhesion, hst_tr
 from slipctl.models.wheel_rail import axles, contact, hertz
 from slipctl.models.zhang_2021 import hst_braking, hst_braking_control
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "made.csv"
 POINT = (0.54, 1.2, 1.0)
 SMALL = axles.Axles((2, 1), (0.0, 3.0), (True, False))

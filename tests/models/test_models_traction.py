@@ -269,7 +269,7 @@ def test_linearly_implicit_steps_do_chatter():
 
 def test_numpy_peer_does_the_same(needs_compiler):
     """What the benchmark times is the same work: speeds of 0.3 s agree to rounding."""
-    from slipctl.studies.bench.peers import train_loop
+    from bench.peers import train_loop
 
     ours = train_loop._rolling(hst.DISTINCT)(300)
     np.testing.assert_allclose(train_loop.Peer().run(300), ours, rtol=1e-12, atol=1e-15)

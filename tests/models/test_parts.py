@@ -26,6 +26,8 @@ from slipctl.models.vehicle.trip import case
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 FOLDER = Path(__file__).parent / "parts"
 
 VEHICLES = {

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.loops.closed_loop import ClosedLoop, Wrong
 from slipctl.ccode import codegen
-from slipctl.ccode.check.closed_loop import ClosedLoop, Wrong
 from slipctl.ccode.check.proof import function_proof, module_proof
 from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.codegen import c_module

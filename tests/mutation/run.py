@@ -5,6 +5,7 @@
 a copy of the tree, the tests of the same room that enter the changed function, the quickest first.
 What is in the file already is not done again, so that a run that was stopped goes on. Tests beyond
 ``--longest`` seconds are not asked: a change that only they would notice counts as one that lives.
+Tables of what was computed once are not asked either, as they notice every change.
 
 ``--again docs/evidence/mutations.json`` asks today's tests about the changes that lived in a run on
 record. Its others count as it found them, and places that are gone are left out and named. Who has
@@ -82,7 +83,7 @@ class Tree:
         said, end = self.root / "said.txt", time.monotonic() + limit
         child = os.fork()
         if not child:
-            self.test(["-n", "0", "-p", "no:cacheprovider", *words], said, more)
+            self.test(["-n", "0", "-p", "no:cacheprovider", "-m", "not table", *words], said, more)
         while not (done := os.waitpid(child, os.WNOHANG))[0]:
             if time.monotonic() > end:
                 os.killpg(child, signal.SIGKILL)

@@ -8,7 +8,7 @@ import slipctl.predict.controller as module
 from slipctl import Input, State, flow, mhe, one
 from slipctl.draw import show
 from slipctl.predict.reference import Sparse
-from slipctl.studies.bench.peers.slip_nmpc import make
+from slipctl.studies.predictive.slip_problem import make
 
 OPTIONS = [
     {},

@@ -12,8 +12,8 @@ from slipctl.draw import show
 from slipctl.predict.stages.exact_hessian import MOST, Curved, convex
 from slipctl.predict.stages.horizon import Horizon, Soft
 from slipctl.predict.stages.linear_stage import stage_functions
-from slipctl.studies.bench.peers.slip_nmpc import axle, cost
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import axle, cost
+from slipctl.studies.predictive.slip_problem import make as slip
 
 
 @flow()

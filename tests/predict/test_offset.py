@@ -8,7 +8,7 @@ from slipctl import BadInput, Input, Output, Param, State, flow, law, nmpc, one,
 from slipctl.ccode import codegen
 from slipctl.draw import show
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import make as slip
 
 
 @flow()

@@ -32,7 +32,8 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.predict import reference
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import (
+from slipctl.studies.predictive import problems as bench
+from slipctl.studies.predictive.slip_problem import (
     PEAKS,
     WEIGHTS,
     axle,
@@ -41,7 +42,6 @@ from slipctl.studies.bench.peers.slip_nmpc import (
     make,
     recorded,
 )
-from slipctl.studies.predictive import problems as bench
 
 
 def test_reference_values_of_the_problem():

@@ -29,6 +29,8 @@ from recorded import HEAD, NEAR, close, said, signals
 from slipctl import Block
 from slipctl.predict.trials import Driver
 
+pytestmark = pytest.mark.table  # left out unless asked for: pytest -m table
+
 TABLE = Path(__file__).parent / "programs.csv"
 LOOSE = 1e-5
 """What an optimum that IPOPT ends at has, and searches that stop within a tolerance."""

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from slipctl.predict.qp.active_set import Found
-from slipctl.studies.bench.programs import (
+from bench.programs import (
     MORE,
     RIGHT,
     STRUCTURES,
@@ -19,6 +18,7 @@ from slipctl.studies.bench.programs import (
     problem,
     reference,
 )
+from slipctl.predict.qp.active_set import Found
 
 
 def optimal(matrices, numbers, plan):

@@ -23,8 +23,8 @@ from slipctl import (
 from slipctl.ccode import codegen
 from slipctl.draw import show
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import axle
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import axle
+from slipctl.studies.predictive.slip_problem import make as slip
 
 H = 0.1
 

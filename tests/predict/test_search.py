@@ -9,8 +9,8 @@ from casadi import atan
 
 from slipctl import BadInput, Input, Output, State, flow, law, nmpc, one
 from slipctl.predict.qp.line_search import STEPS, Search
-from slipctl.studies.bench.peers.slip_nmpc import closed_loop
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import closed_loop
+from slipctl.studies.predictive.slip_problem import make as slip
 
 
 @flow()

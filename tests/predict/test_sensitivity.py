@@ -17,7 +17,7 @@ from slipctl import (
     sampled,
     step,
 )
-from slipctl.studies.bench.peers.slip_nmpc import axle, make
+from slipctl.studies.predictive.slip_problem import axle, make
 
 POINT = dict(v=10.0, q=10.2, T=7.2, xi=0.0, mu_p=0.3, s_ref=0.02)
 NUMBERS = ["mu_p", "s_ref", "T", "plant.J", "weight_e_s", "u_hi"]

@@ -5,7 +5,7 @@ import pytest
 
 from slipctl import BadInput, c_module, sampled
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import PEAKS, axle, make
+from slipctl.studies.predictive.slip_problem import PEAKS, axle, make
 
 UNREAD = np.full(4, np.nan)
 """Measurements that preparing does not read."""

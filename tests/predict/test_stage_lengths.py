@@ -7,8 +7,8 @@ from slipctl import BadInput, Input, Output, State, flow, law, nmpc, one
 from slipctl.draw import show
 from slipctl.predict.stages.stage_lengths import plan_shift
 from slipctl.predict.trials import Driver
-from slipctl.studies.bench.peers.slip_nmpc import closed_loop
-from slipctl.studies.bench.peers.slip_nmpc import make as slip
+from slipctl.studies.predictive.slip_problem import closed_loop
+from slipctl.studies.predictive.slip_problem import make as slip
 
 H = 0.1
 

@@ -26,6 +26,8 @@ from slipctl.run.sweep.sweep_results import Sweep
 from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study.resolve import find_loop, load_study
 
+pytestmark = pytest.mark.second
+
 TOY = Path(__file__).parents[1] / "toy_study.py"
 LOOP = "soft"
 VARY = ["plant.car.m=6t:10t"]

@@ -88,7 +88,8 @@ def test_stopping_distance_ends_at_a_tenth_of_a_metre_per_second() -> None:
     x = np.where(T < 5, 10 * T - T**2, 25.0)
     got = metric("stopping_distance", Signals(speed="v", position="x"), v=v, x=x)
     assert got == pytest.approx(25 - 0.1**2 / 4, abs=1e-9)  # v = 0.1 m/s at 4.95 s
-    assert metric("stopping_distance", Signals(speed="v"), v=20 - T) == "absent"
+    assert metric("stopping_distance", Signals(speed="v"), v=20 - T) is None, "it never stops"
+    assert metric("stopping_distance", Signals(speed="v"), v=0 * T) == "absent", "it stands"
 
 
 # ---- slip ---------------------------------------------------------------------------------------

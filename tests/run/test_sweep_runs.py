@@ -340,7 +340,7 @@ def test_bad_axes(vary: Any, said: str, tmp_path: Path) -> None:
     ("line", "said"),
     [
         ("hst_traction:hosm_limited", "something to vary"),
-        ("subway_braking --vary ctl.law.k1=1:2", "write which loop"),
+        ("subway_braking@nowhere --vary m=1t:2t", "no scenario 'nowhere'"),
         ("subway_braking:star --vary ctl.law.k1=1:2", "did you mean 'sta'"),
         ("subway_braking:sta --vary ctl.law.k1=1:2 --samples 0", "--samples = 0"),
         ("subway_braking:sta --vary ctl.law.k1=1:2 --export x.csv", "ends in .nc"),

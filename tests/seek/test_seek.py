@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.peers.bench_de import bench_de
+from bench.speed import peer_library
 from slipctl import BadInput, Block, Input, Output, Param, differential_evolution, law
 from slipctl.models.huang_2020.subway_braking import TABLE_1, double_exponential, peak_slip
 from slipctl.run import build
 from slipctl.seek import random
 from slipctl.seek.evolution import schedule
 from slipctl.seek.random import FACTORS, MODULI, advance, quick_floor, rounder, uniform, whole_below
-from slipctl.studies.bench.peers.bench_de import bench_de
-from slipctl.studies.bench.speed import peer_library
 
 STATES = [np.arange(1, m) for m in MODULI]
 """Every state of each part of the generator."""

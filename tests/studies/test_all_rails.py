@@ -11,6 +11,8 @@ from slipctl.models.predictive.predictive_speed import body, predictive_speed
 from slipctl.models.zhang_2021.hst_braking_control import feedback_linearisation
 from slipctl.studies.all_rails import loops, runs, tracking
 
+pytestmark = pytest.mark.second
+
 DRY = {"c": 1.0, "a": 0.54, "b": 1.2}
 
 

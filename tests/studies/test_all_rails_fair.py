@@ -17,6 +17,8 @@ from slipctl.run.sweep.ensemble import World
 from slipctl.studies.all_rails import fair
 from slipctl.studies.all_rails.loops import NAMES, VEHICLES, loops, scenario
 
+pytestmark = pytest.mark.second
+
 
 def test_every_law_has_two_free_numbers_in_its_range() -> None:
     """Also predictive control; a range holds the hand-set number, and the declared one holds it."""

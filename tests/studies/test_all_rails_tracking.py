@@ -9,6 +9,8 @@ from slipctl.ccode.check.vectors.run_inputs import logged_params
 from slipctl.models.wheel_rail.contact import patch
 from slipctl.studies.all_rails import tracking
 
+pytestmark = pytest.mark.second
+
 
 @pytest.fixture(scope="module")
 def loop():

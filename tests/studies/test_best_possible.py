@@ -2,16 +2,20 @@
 
 from dataclasses import replace
 
+import pytest
+
 from slipctl import Case, Context
 from slipctl.models.wheel_rail.contact import polach
 from slipctl.models.zhang_2021.ep_valve import THETA, air_brake
 from slipctl.models.zhang_2021.hst_braking import plant
-from slipctl.studies.bench.best_possible import against_optimum, between
+from slipctl.studies.best_possible import against_optimum, between
 from slipctl.studies.freight_traction import experiments
 from slipctl.studies.freight_traction import loops as freight
 from slipctl.studies.hst_braking import loops as hst
 from slipctl.studies.hst_traction import loops as train
 from slipctl.studies.hst_traction import regret as traction_regret
+
+pytestmark = pytest.mark.second
 
 
 def test_hst_braking_lies_between_the_bound_and_every_loop():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from errata import shows
 
+from bench.peers.bench_pso import bench_pso
 from slipctl import identify, misfit_search
 from slipctl.models.cheng_2022.freight_resistance import (
     BOX,
@@ -16,8 +17,9 @@ from slipctl.models.cheng_2022.freight_resistance import (
 )
 from slipctl.models.cheng_2022.freight_traction import resistance
 from slipctl.run import build
-from slipctl.studies.bench.peers.bench_pso import bench_pso
 from slipctl.studies.freight_traction import identification as study
+
+pytestmark = pytest.mark.second
 
 SEEDS = range(1, 101)
 PRINTED = swarm_settings("printed-21")

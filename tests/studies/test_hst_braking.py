@@ -380,7 +380,7 @@ def test_errata_of_filter_and_slope():
 
 
 def test_peer_in_c_gives_the_same_numbers(needs_compiler):
-    from slipctl.studies.bench.peers import hst_loop
+    from bench.peers import hst_loop
 
     assert build.compiler() is not None
     found = hst_loop.bench(pairs=1, simulator=False)

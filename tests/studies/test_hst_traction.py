@@ -26,6 +26,8 @@ from slipctl.studies.hst_traction.loops import (
 )
 from slipctl.studies.hst_traction.study import CLAIMS, FIGURES, study
 
+pytestmark = pytest.mark.second
+
 
 @pytest.mark.parametrize(("kappa", "v_115", "top"), [(0.85, 39.8, 50.8), (0.5, 28.7, 38.3)])
 def test_target_keeps_to_the_tractive_effort(kappa, v_115, top):

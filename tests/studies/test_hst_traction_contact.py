@@ -7,6 +7,8 @@ from slipctl import Context
 from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 from slipctl.studies.hst_traction import contact as study
 
+pytestmark = pytest.mark.second
+
 QUICK = Context(True, {}, [])
 
 

@@ -13,6 +13,8 @@ from one_setting import SETTINGS, STUDIES, cases, compare, loops
 
 from slipctl import BadInput, Scenario, simulate, studies
 
+pytestmark = pytest.mark.second
+
 
 def chosen() -> list[tuple[str, int, str, str, float]]:
     """One setting of each loop, in turn; of a bound without wheels ``m`` for ``r`` and ``J``."""

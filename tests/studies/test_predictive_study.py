@@ -22,6 +22,8 @@ from slipctl.studies.predictive.problems import (
 )  # fmt: skip
 from slipctl.studies.predictive.reference_speed import reference_speed
 
+pytestmark = pytest.mark.second
+
 
 def test_every_row_can_be_answered_without_full():
     """Each experiment that a row may ask for is among those of a plain run."""

@@ -12,6 +12,8 @@ from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.wang_2025 import hst_traction
 from slipctl.models.zhang_2021 import ep_valve, hst_braking
 
+pytestmark = pytest.mark.second
+
 PLANTS = {
     "subway_braking": lambda: subway_braking.plant(brake=brake(lag=True)),
     "hst_braking": lambda: hst_braking.plant(brake=ep_valve.air_brake("lag")),

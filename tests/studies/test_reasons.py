@@ -15,6 +15,8 @@ from slipctl import Results
 from slipctl.study import case_setup, execution, resolve
 from slipctl.study.declaration import judge
 
+pytestmark = pytest.mark.second
+
 ALL = os.environ.get("REASONS") == "all"
 
 CHANGES = {

@@ -77,9 +77,9 @@ def test_a_sweep_shows_how_far_it_is_and_the_range_of_each_metric():
     found = Sweep(Path("out/gains"), {}, SimpleNamespace(size=9), units)
     vars(found)["runs"] = runs  # as if they had been read
     text = found._repr_html_()
-    for word in ("4 of 9 runs, 1 failed", "gains", "10", "11", "12", "settling_time, dry"):
+    for word in ("4 of 9 runs, 1 failed", "gains", "10", "11", "12", "settling_time, dry", "never"):
         assert word in text
-    assert "wet" not in text, "it has no value there"
+    assert 'settling_time, wet</td><td class="n">never' in text, "no run settles there"
 
 
 def test_a_loop_shows_its_parts_and_not_all_of_its_numbers():

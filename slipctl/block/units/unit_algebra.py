@@ -17,6 +17,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NoReturn
 
+from slipctl.block.units.spellings import ONE_IN, REFUSED, SPOKEN
 from slipctl.errors import BadInput, nearest
 
 Dims = tuple[tuple[str, Fraction], ...]
@@ -88,18 +89,6 @@ _SHORT: dict[str, tuple[float, Dims]] = {
 }  # fmt: skip
 """Units that models use every day, so that pint (a third of a second) need not be loaded."""
 
-_REFUSED = {
-    "ton": "ton is the American 2000 lb; write t (1000 kg)",
-    "tons": "tons are the American 2000 lb; write t (1000 kg)",
-    **{
-        k: f"{k} is the {what}, a constant and not a unit"
-        for k, what in {
-            "c": "speed of light", "k": "Boltzmann constant", "e": "elementary charge",
-            "R": "gas constant", "pi": "circle constant",
-        }.items()
-    },
-}  # fmt: skip
-
 _BASE = {
     "meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
     "candela": "cd",
@@ -128,6 +117,9 @@ def unit(text: str) -> Unit:
     """
     if not isinstance(text, str):
         raise BadInput(f"a unit is a text such as 'm/s^2', not {text!r}")
+    text = SPOKEN.get(text.strip(), text)
+    if offset := re.search(r"°\s*[CFRK]\b", text):
+        raise BadInput(f"unit {text!r} has {offset[0]}, a scale with an offset; write K")
     try:
         found = _Reader(text).read()
     except OverflowError:
@@ -260,8 +252,8 @@ class _Reader:
             force, metre = self.named(match[1]), self.named("m")
             both = force * metre
             return Unit(both.scale, both.dims, _add(force.names, metre.names, 1))
-        if name in _REFUSED:
-            self.fail(_REFUSED[name])
+        if name in REFUSED:
+            self.fail(REFUSED[name])
         if name == "°":
             name = "deg"
         scale, dims = _from_pint(name) or self.unknown(name)
@@ -325,6 +317,7 @@ def refuse_count(text: str) -> None:
     Raises:
         BadInput: 1/min, Hz and the like, without rad, deg or rpm.
     """
+    text = SPOKEN.get(text.strip(), text)
     a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
     if a.dims == _dims(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
         raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
@@ -352,6 +345,8 @@ _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.
 def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     """Read ``"8.2t"``, ``"20 km/h"`` or ``"8200"`` as a number in the wanted unit.
 
+    A pure number may be a gradient, ``"1 in 25"``.
+
     Args:
         text: number and unit; a plain number is in the wanted unit already.
         wanted: declared unit, ``"kg"``.
@@ -362,6 +357,8 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     """
     name = f"{where} " if where else ""
     text = str(text).replace("−", "-")
+    if (ratio := ONE_IN.fullmatch(text)) and not unit(wanted).dims:
+        return float(f"{ratio[1]}1") / float(ratio[2]) / unit(wanted).scale
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise BadInput(

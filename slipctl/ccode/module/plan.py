@@ -45,6 +45,7 @@ class Plan:
         real: type of a number in C, double or float.
         rates: whether there is a step function for each rate too.
         counter: whether there is a step that is told the number of its tick too.
+        byte_order: of the processor, little or big, which only the A2L tells.
 
     Raises:
         BadInput: a flow, a name that is no C identifier, names that clash, a parameter without
@@ -59,7 +60,11 @@ class Plan:
         real: str = "double",
         rates: bool = False,
         counter: bool = False,
+        byte_order: str = "little",
     ) -> None:
+        if byte_order not in ("little", "big"):
+            raise BadInput(f"there is no byte order {byte_order!r}; write little or big")
+        self.byte_order = byte_order
         self.real, self.rates, self.counter = check_real(real), rates, counter
         if block.kind == "flow":
             raise BadInput(

@@ -29,6 +29,10 @@ Methods = dict[str | tuple[str, ...], str]
 """Conversion by unit, or by the names of an enumeration."""
 
 
+ORDERS = {"little": "MSB_LAST", "big": "MSB_FIRST"}
+"""Byte orders of processors, as ASAP2 calls them."""
+
+
 def a2l(plan: Plan) -> str:
     """Text of the description."""
     from slipctl import __version__
@@ -79,7 +83,7 @@ def a2l(plan: Plan) -> str:
 /begin HEADER "written by slipctl {__version__}, content {CONTENT}"
 /end HEADER
 /begin MODULE {plan.name}_module ""
-/begin MOD_COMMON "" BYTE_ORDER MSB_LAST ALIGNMENT_FLOAT64_IEEE 8
+/begin MOD_COMMON "" BYTE_ORDER {ORDERS[plan.byte_order]} ALIGNMENT_FLOAT64_IEEE 8
 /end MOD_COMMON
 {body}
 /end MODULE
@@ -145,7 +149,7 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
     for member, many, what, least in counts:
         if many:
             name = f"{n}_state.guard.{member}"
-            dims = f"\n  MATRIX_DIM {many}" if many > 1 else ""
+            dims = _matrix((many,)) if many > 1 else ""
             found[name] = (
                 f"/begin MEASUREMENT {name} {_quoted(what)}\n"
                 f"  {kind} {bare} 0 0 {least} {guard.MANY:.0f}\n"
@@ -215,7 +219,12 @@ def _dims(m: Member, measured: bool = False) -> str:
     # x counts columns, y rows: of COLUMN_DIR y runs first
     shape: Iterable[int] = m.signal.shape[::-1] if len(m.signal.shape) > 1 else (m.size,)
     layout = "\n  LAYOUT COLUMN_DIR" if measured and len(m.signal.shape) > 1 else ""
-    return f"\n  MATRIX_DIM {' '.join(map(str, shape))}{layout}"
+    return f"{_matrix(shape)}{layout}"
+
+
+def _matrix(shape: Iterable[int]) -> str:
+    """Dimensions x, y, z; ASAP2 up to 1.6 has always three, and later ones take them."""
+    return "\n  MATRIX_DIM " + " ".join(map(str, [*shape, 1, 1][:3]))
 
 
 def _link(plan: Plan, struct: str, offset: int) -> str:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import textwrap
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
+from slipctl.study.report.texts import number
+
+if TYPE_CHECKING:
+    from slipctl.block.signals import Signal
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -52,8 +58,21 @@ def kinds() -> list[Row]:
     """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys."""
     from slipctl.study.files import declared_parts
 
+    files = trip_files.vehicle_files()
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()
+
+    def row_of(where: str, kind: str, cls: type) -> Row:
+        needed = [k.name for k in fields(cls) if k.default is MISSING
+                  and k.default_factory is MISSING]  # fmt: skip
+        row: Row = {
+            "name": f"{where}.{kind}" if kind else where,
+            "doc": (cls.__doc__ or "").partition("\n")[0],
+            "keys": [vars(k) for k in declared_parts.keys_of(cls)], "needed": needed,
+        }  # fmt: skip
+        if where.startswith("controllers") and (law := files.law_of_kind(kind)) is not None:
+            row |= {"doc": law[0], "gains": _gains(law[1])}
+        return row
 
     def of(part: type, path: str) -> None:
         for f in fields(part):
@@ -61,31 +80,48 @@ def kinds() -> list[Row]:
             table: Any = getattr(hint, "__args__", ())
             inner = table[1] if f.name == "controllers" else hint
             where = f"{path}{f.name}" + (".NAME" if f.name == "controllers" else "")
-            classes = [c for c in declared_parts.options(inner) if isinstance(c, type)
-                       and hasattr(c, "__dataclass_fields__")]  # fmt: skip
-            for kind, cls in declared_parts.kinds(classes).items():
-                if (f.name, kind) in seen:
-                    continue
-                seen.add((f.name, kind))
-                keys = [
-                    "its own numbers" if k.metadata.get("rest") else k.name
-                    for k in fields(cls)
-                    if k.name != "kind"
-                ]
-                needed = [k.name for k in fields(cls) if k.default is MISSING
-                          and k.default_factory is MISSING]  # fmt: skip
-                doc = (cls.__doc__ or "").partition("\n")[0]
-                rows.append({"name": f"{where}.{kind}", "doc": doc, "keys": keys, "needed": needed})
+            classes = [c for one in declared_parts.options(inner) for c in (one, *_items(one))
+                       if isinstance(c, type) and hasattr(c, "__dataclass_fields__")]  # fmt: skip
+            by_kind = declared_parts.kinds(classes)
+            plain = [("", c) for c in classes if c not in by_kind.values()]
+            for kind, cls in (*by_kind.items(), *plain):
+                if (f.name, kind) not in seen:
+                    seen.add((f.name, kind))
+                    rows.append(row_of(where, kind, cls))
             for cls in classes:
-                if cls.__name__ in ("Vehicle", "Sensors"):
+                if not f.name.startswith(("controllers", "reference")):
                     of(cls, f"{where}.")
 
-    of(trip_files.vehicle_files().roots[0], "")
+    of(files.roots[0], "")
     return rows
+
+
+def _items(hint: Any) -> tuple[Any, ...]:
+    """What a list of tables has in it."""
+    return tuple(a for a in getattr(hint, "__args__", ()) if isinstance(a, type))
+
+
+def _gains(found: Sequence[Signal]) -> list[Row]:
+    """Gains of a law that a file may set, as keys; last names where they are alone."""
+    last = [s.name.rpartition(".")[2] for s in found]
+    return [
+        {"name": n if last.count(n) == 1 else s.name, "meaning": s.doc,
+         "unit": "" if s.unit == "1" else s.unit, "default": number(s.value), "range": ""}
+        for s, n in zip(found, last, strict=True)
+    ]  # fmt: skip
 
 
 def _has(row: Row, word: str) -> bool:
     return word.lower() in f"{row['name']} {row['doc']}".lower()
+
+
+def _key_lines(key: Row) -> list[str]:
+    """A key with its unit, default and range, and its meaning."""
+    unit = f" [{key['unit']}]" if key["unit"] else ""
+    must = key["default"] == "must be given"
+    told = [key["default"] if must else f"default {key['default']}", key["range"]]
+    text = f"{key['name']}{unit}, {', '.join(filter(None, told))}: {key['meaning']}"
+    return textwrap.wrap(text, 96, initial_indent="    ", subsequent_indent="        ")
 
 
 def text(found: dict[str, list[Row]]) -> str:
@@ -98,6 +134,6 @@ def text(found: dict[str, list[Row]]) -> str:
         for row in rows:
             lines.append(f"  {row['name']:<{wide}} {row['doc']}")
             lines += [f"    {b['name']:<22} {b['doc']}" for b in row.get("blocks", ())]
-            if row.get("keys"):
-                lines.append(f"    keys: {', '.join(row['keys'])}")
+            lines += [line for k in (*row.get("keys", ()), *row.get("gains", ()))
+                      for line in _key_lines(k)]  # fmt: skip
     return "\n".join(lines[1:])

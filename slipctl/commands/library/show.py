@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
+import shutil
+import sys
 import textwrap
 from typing import Any
 
@@ -19,7 +22,10 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if options.json and (options.latex or options.graph or options.against):
         raise BadInput("--json says all; leave out --latex, --graph and --against")
     if whole and not (options.latex or options.graph or options.against):
-        print(store.json_text(_study_data(asked)).rstrip() if options.json else _study_text(asked))
+        if options.json:
+            print(store.json_text(_study_data(asked)).rstrip())
+        else:
+            print(_for_terminal(_study_text(asked), options.verbose))
         return 0
     if whole:
         asked.needs_loop()
@@ -39,8 +45,47 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if options.graph:
         print(show.graph(block).rstrip())
     if not (options.latex or options.graph):
-        print(show.text(block).rstrip())
+        print(_for_terminal(show.text(block).rstrip(), options.verbose))
     return 0
+
+
+FOLDED = {"Signals": ("  state ", "  output "), "Jacobian": ("",)}
+"""Rows of a section that a terminal does not show where there are many of them."""
+
+MANY = 24
+"""Rows of a section from which on it is folded."""
+
+
+def _for_terminal(text: str, everything: bool) -> str:
+    """A text as a terminal shows it: lines wrapped, long sections folded unless asked for.
+
+    What goes into a file or another program stays as it is.
+    """
+    if not (sys.stdout and sys.stdout.isatty()):
+        return text
+    width = shutil.get_terminal_size((100, 50)).columns
+    out = []
+    for section in text.split("\n\n"):
+        head, *rows = section.split("\n")
+        starts = FOLDED.get(head, ())
+        hidden = [r for r in rows if starts and r.startswith(starts)]
+        if everything or len(rows) <= MANY or not hidden:
+            hidden = []
+        shown = [head, *(r for r in rows if r not in hidden)]
+        if hidden:
+            shown.append(f"  {len(hidden)} more rows; slipctl show -v has them")
+        out.append("\n".join(line for row in shown for line in _hung(row, width)))
+    return "\n\n".join(out)
+
+
+def _hung(row: str, width: int) -> list[str]:
+    """A row over several lines; one of a table gives up its columns where it does not fit."""
+    if len(row) <= width:
+        return [row]
+    lead = len(row) - len(row.lstrip())
+    close = " " * lead + re.sub(r" {2,}", "  ", row.lstrip())
+    return textwrap.wrap(close, width, subsequent_indent=" " * (lead + 8), drop_whitespace=True,
+                         break_long_words=False, replace_whitespace=False)  # fmt: skip
 
 
 def _study_data(asked: Request) -> dict[str, Any]:

@@ -52,6 +52,8 @@ def polish(search: Search) -> Polished:
     without = [m for m in search.objective.metrics if m not in SMOOTH]
     if without:
         return Polished(f"{', '.join(without)} has no slope")
+    if search.best.score.lost():
+        return Polished("a draw that is never reached has no slope")
     names = [f.name for f in search.frees]
     try:
         slopes = Slopes(search.rolls.world, names)

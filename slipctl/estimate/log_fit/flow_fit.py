@@ -97,7 +97,13 @@ def fit_over_time(
                        " a gap; give a log without one")  # fmt: skip
     begin = {n: float(v) for n, v in flow.start().items()}
     rolled = Rolled(flow, measured, unknown, free, delay, rule, begin)
-    return Search(rolled, pieces, records, set(told)).found()
+    try:
+        return Search(rolled, pieces, records, set(told)).found()
+    except np.linalg.LinAlgError:
+        raise BadInput(
+            f"{records[0].source}: {flow.name} is not finite over it; look at the units of time and"
+            f" {measured}, or give another start, --start NAME=VALUE"
+        ) from None
 
 
 def _records(

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.errors import BadInput, nearest
+from slipctl.tables.heads import name_and_unit
+from slipctl.tables.times import is_time_name
 
 LARGEST = 2**31
 """Bytes of the columns that are read."""
@@ -34,6 +36,7 @@ class Columns:
         own: rows that belong to a column, where not all do.
         spacing: usual distance in s of the rows of the fastest column, likewise.
         notes: what had to be put in order.
+        typed: columns of times by their type.
     """
 
     values: dict[str, np.ndarray] = field(default_factory=dict)
@@ -43,6 +46,7 @@ class Columns:
     own: dict[str, np.ndarray] = field(default_factory=dict)
     spacing: float = 0.0
     notes: list[str] = field(default_factory=list)
+    typed: list[str] = field(default_factory=list)
 
 
 def reader(path: Path) -> Callable[..., Columns] | None:
@@ -68,13 +72,13 @@ def _check_size(path: Path, numbers: int) -> None:
         )
 
 
-def parquet(path: Path, wanted: Collection[str] | None, times: Collection[str]) -> Columns:
+def parquet(path: Path, wanted: Collection[str] | None) -> Columns:
     """Read a Parquet file.
 
     Args:
         path: of the file.
-        wanted: texts that name the columns to read; None reads all.
-        times: names that a column of times may have; the first column too.
+        wanted: texts that name the columns to read; None reads all. Those that are called as times
+            or dates are read too, and the first one.
 
     Raises:
         BadInput: the extra is missing, the file is damaged or too large.
@@ -95,7 +99,7 @@ def parquet(path: Path, wanted: Collection[str] | None, times: Collection[str]) 
         names = [*index, *(n for n in schema.names if n not in index)]
         pure = {n: _pure(n) for n in names}
         chosen = [n for k, n in enumerate(names)
-                  if k == 0 or pure[n].lower() in times or _asked(pure[n], wanted)]  # fmt: skip
+                  if k == 0 or is_time_name(n) or _asked(pure[n], wanted)]  # fmt: skip
         found.others = [n for n in names if n not in chosen]
         _check_size(path, file.metadata.num_rows * len(chosen))
         table = file.read(columns=chosen)
@@ -103,6 +107,7 @@ def parquet(path: Path, wanted: Collection[str] | None, times: Collection[str]) 
             found.values[name], unit = _numbers(pyarrow, table[name])
             about = schema.field(name).metadata or {}
             told = about.get(b"unit") or about.get(b"units") or b""
+            found.typed += [name_and_unit(name)[0]] if unit else []
             found.units[name] = unit or told.decode("utf-8", errors="replace")
     except BadInput:
         raise
@@ -113,25 +118,30 @@ def parquet(path: Path, wanted: Collection[str] | None, times: Collection[str]) 
 
 def _pure(name: str) -> str:
     """Name of a column without its unit."""
-    return name.partition("[")[0].partition("(")[0].strip() or name
+    return name_and_unit(name)[0]
 
 
 def _numbers(pyarrow: Any, column: Any) -> tuple[np.ndarray, str]:
-    """Values of a column as floats, else as texts; and their unit, if the type has one."""
-    kind = column.type
-    if pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind):
+    """Values of a column as numbers, else as texts; and their unit, if the type has one."""
+    kind, types = column.type, pyarrow.types
+    if types.is_timestamp(kind) or types.is_duration(kind):
         scale = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit]
-        ticks = column.cast(pyarrow.int64())
-        first = next((v for v in ticks.to_pylist()[:1] if v is not None), 0)
-        rows = np.array([np.nan if v is None else v - first for v in ticks.to_pylist()], float)
-        return scale * rows, "s"  # from the first one on, so that no digit is lost
+        missing = column.is_null().to_numpy()
+        ticks = column.cast(pyarrow.int64()).fill_null(0).to_numpy()
+        first = ticks[~missing][0] if (~missing).any() else 0
+        # from the first one on, so that no digit is lost
+        return np.where(missing, np.nan, scale * (ticks - first)), "s"
+    if types.is_dictionary(kind):
+        return _numbers(pyarrow, column.cast(kind.value_type))
+    if types.is_integer(kind) and not column.null_count and kind != pyarrow.uint64():
+        return column.to_numpy().astype(np.int64), ""
     try:
         return column.cast(pyarrow.float64()).to_numpy().astype(float), ""
     except (pyarrow.ArrowInvalid, pyarrow.ArrowNotImplementedError):
         return np.array(["" if v is None else str(v) for v in column.to_pylist()], dtype=object), ""
 
 
-def mdf(path: Path, wanted: Collection[str] | None, times: Collection[str]) -> Columns:
+def mdf(path: Path, wanted: Collection[str] | None) -> Columns:
     """Read a measurement data file, MDF 4 or older; arguments as of :func:`parquet`.
 
     Raises:

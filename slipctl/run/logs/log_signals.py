@@ -14,37 +14,48 @@ from slipctl.block.signals import Signal
 from slipctl.block.text.expression import read
 from slipctl.block.units import unit_walk
 from slipctl.block.units.unit_algebra import factor, parse_quantity, refuse_count, si_text, unit
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, nearest
 from slipctl.run.logs.recorded_log import Recording
+from slipctl.tables.columns import expression_of, unit_of_column
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where the values of a signal come from: a column, its unit, and arithmetic behind it.
+    """Where the values of a signal come from: columns, and arithmetic with them.
 
     Attributes:
-        column, scale: what is read first, and what makes its unit the one wanted.
-        tail: arithmetic with ``numbers`` of the block and with further columns.
-        others: scales of these columns.
+        columns: name and scale by symbol; the scale makes the unit the one wanted. The samples are
+            those of the first.
+        text: arithmetic with the symbols and with ``numbers``; empty for the first as it is.
+        numbers: of the block.
     """
 
-    column: str
-    scale: float
-    tail: str
-    numbers: Mapping[str, float]
-    others: Mapping[str, float] = field(default_factory=dict)
+    columns: Mapping[str, tuple[str, float]]
+    text: str = ""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def column(self) -> str:
+        """The first column."""
+        return next(iter(self.columns.values()))[0]
 
     def values(self, log: Recording) -> np.ndarray:
         """Values at the samples, NaN where nothing was measured."""
-        x = log.channel(self.column) * self.scale
-        if not self.tail:
+        x = log.channel(self.column) * next(iter(self.columns.values()))[1]
+        if not self.text:
             return x
-        tree = read("u__" + self.tail)
+        tree = read(self.text)
         symbols = {n: ca.SX.sym(n) for n in tree.names}
         f = ca.Function("f", list(symbols.values()), [ca.SX(tree.value(symbols))])
-        rows = {n: log.held(n) * scale for n, scale in self.others.items()} | {"u__": x}
+        rows = {n: log.held(c) * scale for n, (c, scale) in self.columns.items()}
+        rows[next(iter(self.columns))] = x
         given = [rows[n].reshape(1, -1) if n in rows else self.numbers[n] for n in symbols]
         return np.array(f(*given).full()).ravel()
+
+    def empty(self, log: Recording) -> dict[str, np.ndarray]:
+        """Samples at which nothing was measured, of each column that has some."""
+        rows = {c: ~np.isfinite(log.channel(c)) & log.rows_of(c) for c, _ in self.columns.values()}
+        return {c: r for c, r in rows.items() if r.any()}
 
     def at(self, log: Recording, ticks: np.ndarray, rule: str, keep: np.ndarray) -> np.ndarray:
         """Values at ticks, NaN where the log says nothing."""
@@ -55,9 +66,13 @@ class Source:
         return np.where(keep, resample_at(log.time[good], x[good], ticks, rule), np.nan)
 
 
+BRIDGED = {"hold": "the last value held", "linear": "a straight line across"}
+"""What becomes of samples that are missing, by the rule."""
+
+
 def good_samples(
     block: Block, log: Recording, name: str, source: Source, values: Mapping[str, np.ndarray],
-    notes: list[str],
+    rule: str, notes: list[str],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Times and values of the samples that an input may take, and lines on the others.
 
@@ -67,6 +82,7 @@ def good_samples(
         name: of the input.
         source: of its values.
         values: of all parameters.
+        rule: by which samples become values of ticks.
         notes: a line is added for what is held.
 
     Raises:
@@ -77,17 +93,15 @@ def good_samples(
     if signal.shape:
         raise BadInput(f"{name} has shape {signal.shape}; a column gives one number")
     missing = ~np.isfinite(x)
-    empty = missing & log.rows(source.column)
     lows, highs, *_ = block.ends(signal, values)
     lo, hi = (max(map(float, lows), default=-np.inf), min(map(float, highs), default=np.inf))
     off = ~missing & ((x < lo) | (x > hi))
-    if empty.any():
-        longest = _longest(log.time, empty)
-        notes.append(f"{source.column}: {int(empty.sum())} empty cells, the last value held,"
-                     f" for {longest:.3g} s at most")  # fmt: skip
+    for column, empty in source.empty(log).items():
+        notes.append(f"{column}: {int(empty.sum())} empty cells, {BRIDGED[rule]}, for"
+                     f" {_longest(log.time, empty):.3g} s at most")  # fmt: skip
     if off.any():
-        notes.append(f"{name}: {int(off.sum())} samples off {lo:g} .. {hi:g} {signal.unit}, the"
-                     " last good value held")  # fmt: skip
+        notes.append(f"{name}: {int(off.sum())} samples off {lo:g} .. {hi:g} {signal.unit},"
+                     f" {BRIDGED[rule]}")  # fmt: skip
     good = ~missing & ~off
     if not good.any():
         raise BadInput(f"{log.source}: {source.column} has no sample that {name} may take")
@@ -144,7 +158,7 @@ def of_inputs(
         if n in found or n in constants:
             continue
         short = n.rpartition(".")[2]
-        same = next((c for c in (n, short) if c in log.texts), None)
+        same = next((c for c in (n, short) if c in log.columns), None)
         if same is not None and not any(f.startswith(f"--map {short}:") for f in faults):
             try:
                 found[n] = source_of(block, log, s, same)
@@ -179,49 +193,22 @@ def of_results(
 
 
 def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source:
-    """Read ``COLUMN``, ``COLUMN[unit]`` and arithmetic behind it, for a signal."""
-    text = text.strip()
-    hits = [c for c in log.texts if text == c or (text.startswith(c) and not _wordy(text[len(c)]))]
-    if not hits:
-        name = re.split(r"\s*[\[*/+-]", text)[0]
-        log.find(name)
-        hits = [log.find(name)]
-        text = hits[0] + text[len(name) :]
-    column = max(hits, key=len)
-    rest = text[len(column) :].strip()
-    given = re.match(r"\[([^\]]*)\]\s*", rest)
-    told = given[1] if given else log.units[column]
-    tail = rest[given.end() :] if given else rest
-    if not told and not tail:
-        log.notes.append(f"{column} has no unit in the head; read in {signal.unit}")
-        return Source(column, 1.0, "", {})
-    if not tail:
-        if unit(told).dims != unit(signal.unit).dims:
-            radius = next((n for n in block.params if n.rpartition(".")[2] == "r"), "r")
-            raise BadInput(
-                f"{column} is in {told}, {signal.name} in {signal.unit}, another dimension; turn it"
-                f" round, '{column}[{told}] / {radius}' say"
-            )
-        scale = factor(told, signal.unit)
-        if scale != 1.0:
-            log.notes.append(f"{column} converted from {told} to {signal.unit}")
-        return Source(column, scale, "", {})
-    refuse_count(told or "1")
-    si = si_text(told or "1")
-    said = dict(log.units)  # the unit of a further column may stand behind it too
-    for c in log.texts:
-        inside = re.search(rf"\b{re.escape(c)}\s*\[([^\]]*)\]", tail)
-        if inside:
-            said[c], tail = inside[1], tail.replace(inside[0], c)
-    tree = read("u__" + tail)
-    numbers, others, units = {}, {}, {"u__": si}
+    """Read ``COLUMN``, ``COLUMN[unit]`` and arithmetic with columns, for a signal."""
+    said = expression_of(text, log.table)
+    if not said.columns:
+        log.find(re.split(r"\s*[\[*/+-]", text.strip())[0])
+    if said.plain:
+        ((column, told),) = zip(said.columns.values(), said.told.values(), strict=True)
+        return Source({"u": (column, _scale(block, log, signal, column, told))})
+    units, columns, numbers = {}, {}, {}
+    for n, column in said.columns.items():
+        told = unit_of_column(log.table, column, said.told[n], "", log.notes) or "1"
+        refuse_count(told)
+        units[n] = si_text(told)
+        columns[n] = (column, factor(told, units[n]))
+    tree = read(said.text)
     for n in tree.names:
-        if n == "u__":
-            continue
-        if n in log.texts:
-            refuse_count(said[n] or "1")
-            units[n] = si_text(said[n] or "1")
-            others[n] = factor(said[n] or "1", units[n])
+        if n in columns:
             continue
         if n in block.law_data.beside:
             known = block.law_data.beside[n]
@@ -229,17 +216,35 @@ def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source
                 raise BadInput(f"{text} needs {n}, {known.doc} [{known.unit}]; --set {n}=VALUE")
             numbers[n], units[n] = float(known.value), known.unit
             continue
-        full = block.find(n, "param")
+        try:
+            full = block.find(n, "param")
+        except BadInput as error:
+            raise BadInput(f"{error}{nearest(n, log.columns)}") from None
         numbers[n], units[n] = float(block.param_values()[full]), block.params[full].unit
     symbols = {n: ca.SX.sym(n) for n in tree.names}
     value = ca.SX(tree.value(symbols))
     wrong = unit_walk.check({signal.name: value}, units, {signal.name: signal.unit})
     if wrong:
-        why = wrong[0].partition(": ")[2].replace("u__", column)
-        raise BadInput(f"{text}: {why}")
-    log.notes.append(f"{signal.name} = {text}" + (f" ({told} to {si})" if told != si else ""))
-    return Source(column, factor(told or "1", si), tail, numbers, others)
+        raise BadInput(f"{text}: {wrong[0].partition(': ')[2]}")
+    turned = [f"{c} from {log.units[c]} to {units[n]}" for n, (c, scale) in columns.items()
+              if scale != 1.0 and log.units[c]]  # fmt: skip
+    log.notes.append(f"{signal.name} = {text}" + f" ({', '.join(turned)})" * bool(turned))
+    return Source(columns, said.text, numbers)
 
 
-def _wordy(letter: str) -> bool:
-    return letter.isalnum() or letter == "_"
+def _scale(block: Block, log: Recording, signal: Signal, column: str, told: str) -> float:
+    """What turns a column that is a signal itself into the signal's unit."""
+    told = unit_of_column(log.table, column, told, signal.unit, log.notes)
+    if not told:
+        log.notes.append(f"{column} has no unit in the head; read in {signal.unit}")
+        return 1.0
+    if unit(told).dims != unit(signal.unit).dims:
+        radius = next((n for n in block.params if n.rpartition(".")[2] == "r"), "r")
+        raise BadInput(
+            f"{column} is in {told}, {signal.name} in {signal.unit}, another dimension; turn it"
+            f" round, '{column}[{told}] / {radius}' say"
+        )
+    scale = factor(told, signal.unit)
+    if scale != 1.0:
+        log.notes.append(f"{column} converted from {told} to {signal.unit}")
+    return scale

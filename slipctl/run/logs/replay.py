@@ -12,6 +12,7 @@ from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import sampled
 from slipctl.errors import BadInput, Faults, check_positive, nearest
 from slipctl.run.logs.log_signals import (
+    BRIDGED,
     Source,
     apply_settings,
     good_samples,
@@ -62,6 +63,7 @@ class Replayed:
         compared: outputs beside the recording.
         gaps: ends in s of the stretches without samples.
         notes: what was converted, filled and left out, a line each.
+        done: how the file was read, a line each.
     """
 
     block: Block
@@ -69,6 +71,7 @@ class Replayed:
     compared: list[Compared] = field(default_factory=list)
     gaps: list[tuple[float, float]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    done: list[str] = field(default_factory=list)
 
     @property
     def innovations(self) -> list[str]:
@@ -160,6 +163,10 @@ def replay(
     """
     if rule not in RULES:
         raise BadInput(f"there is no rule {rule!r}{nearest(rule, RULES)}")
+    if log.begins:
+        row = f"{log.table.line} {log.table.lines[log.rows[log.begins[0]]]}"
+        raise BadInput(f"{log.source}: the time goes back in {row}, where a further run begins;"
+                       " a replay takes one run, so cut the file there")  # fmt: skip
     h = _tick(block, log, period)
     block = sampled(block, h, "rk4") if block.kind == "flow" else block
     block = with_period(block, h)
@@ -168,11 +175,13 @@ def replay(
     pairs = of_results(block, log, beside or {}, faults)
     if faults:
         raise Faults(faults)
+    for x in (*sources.values(), *pairs.values()):
+        x.values(log)  # what has to be decided of a column is told with the rest
     notes = list(log.notes)
     gaps = log.gaps
     told = ", ".join(f"{a:.4g} .. {b:.4g} s" for a, b in gaps[:5])
     if gaps:
-        notes.append(f"{len(gaps)} gaps, the last values held: {told}" + ", ..." * (len(gaps) > 5))
+        notes.append(f"{len(gaps)} gaps, {BRIDGED[rule]}: {told}" + ", ..." * (len(gaps) > 5))
     first, ticks, columns = _columns(block, log, sources, h, rule, notes)
     if ticks < 1:
         raise BadInput(f"{log.source}: the mapped columns have no stretch of a tick in common")
@@ -182,7 +191,7 @@ def replay(
     data = data.drop_attrs(deep=False).assign_attrs(
         {k: v for k, v in data.attrs.items() if k not in ("seed", "noise", "rail_changes_s")}
     )
-    found = Replayed(block, data, gaps=gaps, notes=notes)
+    found = Replayed(block, data, gaps=gaps, notes=notes, done=log.table.done)
     keep = found.outside_gaps()
     for name, source in pairs.items():
         if name not in data:
@@ -208,7 +217,7 @@ def _columns(
 ) -> tuple[float, int, dict[str, np.ndarray]]:  # fmt: skip
     """Start, number of ticks, and the inputs at the ticks."""
     values = block.param_values()
-    channels = {n: good_samples(block, log, n, x, values, notes) for n, x in sources.items()}
+    channels = {n: good_samples(block, log, n, x, values, rule, notes) for n, x in sources.items()}
     first = max((float(t[0]) for t, _ in channels.values()), default=0.0)
     ticks = int(np.floor((float(log.time[-1]) - first) / h + 1e-6)) + 1
     at = first + h * np.arange(max(ticks, 0))

@@ -15,6 +15,7 @@ from slipctl import registry
 from slipctl.errors import BadInput
 from slipctl.run.metrics import METRICS
 from slipctl.run.sweep import sweep_store
+from slipctl.run.sweep.spread import Kept, count_kept, value_in_run
 from slipctl.run.sweep.sweep_plan import Axis, Plan
 
 if TYPE_CHECKING:
@@ -87,11 +88,33 @@ class Sweep:
         return self.plan.size - sum(run < self.plan.size for run, *_ in self.runs)
 
     def column(self, metric: str, row: int | None = None) -> np.ndarray:
-        """Values of a metric in order of the runs that ended, NaN where there is none."""
-        found = [m.get(metric) for _, _, m, _ in self.runs]
-        if row is not None:
-            found = [v[row] if isinstance(v, list) and row < len(v) else None for v in found]
-        return np.array([np.nan if v is None else v for v in found], dtype=float)
+        """Values of a metric in order of the runs that ended.
+
+        A run that never reached the metric, or that broke off, has the worst value there is: plus
+        infinity for a distance or a time. NaN where the metric has no meaning in a run.
+        """
+        return np.array([value_in_run(metric, m, row) for _, _, m, _ in self.runs], dtype=float)
+
+    def labelled(self) -> Iterator[tuple[str, str, np.ndarray]]:
+        """Each number of the metrics: its name with its rail, its unit, its :meth:`column`."""
+        for name, (unit, labels) in self.units.items():
+            many = self.rows(name)
+            if many is None or many == 1:
+                yield name, unit, self.column(name, None if many is None else 0)
+                continue
+            for k in range(many):
+                label = labels[k] if len(labels) == many else str(k + 1)
+                yield f"{name}, {label}", unit, self.column(name, k)
+
+    @property
+    def limits(self) -> Mapping[str, float]:
+        """Limits of the study, by metric; those of a sweep that was made without are empty."""
+        return dict(self.about.get("limits", {}))
+
+    @property
+    def kept(self) -> Kept | None:
+        """How many runs are within the limits; None where there are no limits."""
+        return count_kept([m for _, _, m, _ in self.runs], self.limits)
 
     def rows(self, metric: str) -> int | None:
         """Numbers that a metric has, or None where it has one."""
@@ -102,7 +125,7 @@ class Sweep:
         """All numbers and metrics as one labelled Dataset.
 
         Its dimensions are the axes of the grid, and ``sample`` where something is drawn; a run
-        that is missing or failed is NaN.
+        that is missing is NaN; see :meth:`column` for one that never reached a metric.
         """
         import xarray
 
@@ -123,7 +146,7 @@ class Sweep:
             variables[a.name] = (dims, spread(drawn), {"units": a.unit})
         for name, (unit, rows) in self.units.items():
             many = self.rows(name)
-            attrs = {"units": unit, "long_name": METRICS[name][1] if name in METRICS else name}
+            attrs = {"units": unit, "long_name": METRICS[name].meaning if name in METRICS else name}
             if many is None:
                 variables[name] = (dims, spread(self.column(name)), attrs)
                 continue

@@ -34,7 +34,7 @@ create table if not exists logs (run integer, name text, shape text not null, da
     primary key (run, name));
 """
 
-GROWS = ("samples", "command")
+GROWS = ("samples", "command", "limits")
 """What of a sweep may change from one call to the next."""
 
 OF_A_MACHINE = ("processor", "machine", "numbers")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
+from slipctl.run.warnings.wheels import longest_span, watched_wheels
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""
@@ -39,7 +41,7 @@ def doubt_signals(loop: Block) -> set[str]:
     found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}  # for where the axles are
     found |= {n for n, _ in _ranged(loop)} | {n for n, _ in _taking(loop)}
     known = {**loop.states, **loop.outputs}
-    return {n for n in found if n in known}
+    return {n for n in found if n in known} | watched_wheels(loop)
 
 
 def warnings_of_log(loop: Block, scenario: Scenario, log: Values) -> list[str]:
@@ -56,8 +58,26 @@ def warnings_of_log(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """
     return [
         *_unreached(loop, scenario, log), *_off_range(loop, log), *_giving(loop, log),
-        *_stays_off(loop, scenario, log), *_limited(loop, log),
+        *(e.numbers for e in estimates_off(loop, scenario, log)), *_limited(loop, log),
     ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EstimateOff:
+    """An estimate that was off by more than its own deviations for long.
+
+    Attributes:
+        what: is estimated, in words: "adhesion curve". axle: from 1 on; 0 where there is one.
+        start, stop: of the stretch, in s. to_end: whether the run ends in it.
+        numbers: all of it with its numbers, a line.
+    """
+
+    what: str
+    axle: int
+    start: float
+    stop: float
+    to_end: bool
+    numbers: str
 
 
 def warnings_of_loop(loop: Block, scenario: Scenario) -> list[str]:
@@ -79,8 +99,23 @@ def meant_signal(loop: Block, name: str, own: set[str]) -> str | None:
     for signals in (loop.states, loop.params, loop.outputs):
         hits = [n for n in signals if n.endswith("." + name) and n.rpartition(".")[0] not in own]
         if hits:
-            return hits[0] if len(hits) == 1 else None
+            return hits[0] if len(hits) == 1 and not _of_another_law(loop, hits[0], own) else None
     return None
+
+
+def _of_another_law(loop: Block, name: str, own: set[str]) -> bool:
+    """Whether a number is of a law of adhesion with a parameter that no estimator knows of.
+
+    A parameter of one law is no truth for that of another one, though both are called ``c``.
+    """
+    home = name.rpartition(".")[0]
+    laws = {path: law for path, law in loop.leaves() if law.conditions and "mu" in law.outputs}
+    if home not in laws:
+        return False
+    known = {t for o in own for n, s in loop.states.items() if n.rpartition(".")[0] == o
+             for text in s.truth for t in names_in(text)}  # fmt: skip
+    known |= {n.rpartition(".")[2] for n in loop.params if n.rpartition(".")[0] in own}
+    return any(n not in known for n, s in laws[home].params.items() if not s.derived)
 
 
 def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
@@ -93,7 +128,12 @@ def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
             yield n, s, {k: str(v) for k, v in names.items()}
 
 
-def _stays_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
+def estimates_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[EstimateOff]:
+    """Estimates that were off by more than three of their own deviations for more than a second.
+
+    Args:
+        loop, scenario, log: as of :func:`warnings_of_log`.
+    """
     time = np.asarray(log["time"])
     if time.size < 2:
         return
@@ -109,15 +149,15 @@ def _stays_off(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
             for k, v in names.items()
         }
         found = [_span(loop, n, s, k, values, log, sure, tick) for k in range(len(s.truth))]
-        length, text = max(found)
+        length, off = max(found, key=lambda f: f[0])
         if length * tick > LONG:
-            yield text
+            yield off
 
 
 def _span(
     loop: Block, n: str, s: Signal, k: int, values: Values, log: Values, sure: np.ndarray,
     tick: float,
-) -> tuple[int, str]:  # fmt: skip
+) -> tuple[int, EstimateOff]:  # fmt: skip
     """Rows for which one element of an estimate is too far off at a stretch, and what to say."""
     text, time = s.truth[k], log["time"]
     truth = np.asarray(evaluate(text, values, n), dtype=float)
@@ -127,33 +167,37 @@ def _span(
         one, sure = one[:, k], sure[:, k]
     one, truth, sure = np.broadcast_arrays(*map(_columns, (one, truth, sure)))
     beyond = (np.abs(one - truth) > AWAY * sure) & (sure > 0)
-    spans = [_longest(column) for column in beyond.T]
+    spans = [longest_span(column) for column in beyond.T]
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
     what = n if len(s.truth) == 1 and text.isidentifier() else f"{n} for {text}"
     where = f" of axle {axle + 1}" if len(spans) > 1 else ""
     unit = "" if s.unit == "1" else f" {s.unit}"
     last = max(b - 1, 0)
-    return b - a, (
+    numbers = (
         f"{what}{where} is off by more than {AWAY:g} of its own deviations from"
         f" {time[a]:.4g} s to {time[last]:.4g} s: at the end {one[last, axle]:.4g}{unit}, not"
         f" {truth[last, axle]:.4g}{unit}, with a deviation of {sure[last, axle]:.2g}{unit}"
     )
+    return b - a, EstimateOff(
+        _estimated(loop, s, text, n), (axle + 1) * (len(spans) > 1), float(time[a]),
+        float(time[last]), b == len(time), numbers,
+    )  # fmt: skip
+
+
+def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
+    """What is estimated, in words."""
+    if len(s.truth) > 1 or not text.isidentifier():
+        return "adhesion curve"  # coordinates of a law that is fitted
+    own = {n.rpartition(".")[0] for n in loop.states if loop.states[n].truth}
+    truth = meant_signal(loop, text, own)
+    doc = loop.declared(truth).doc.partition(",")[0] if truth else ""
+    return doc or text
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
     """Rows of a run, a column per axle."""
     return values if values.ndim > 1 else values.reshape(-1, 1)
-
-
-def _longest(true: np.ndarray) -> tuple[int, int]:
-    """First row, and the one after the last, of the longest stretch that is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    k = int(np.argmax(ends - begins))
-    return int(begins[k]), int(ends[k])
 
 
 def _deviations(

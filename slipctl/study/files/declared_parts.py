@@ -10,10 +10,11 @@ blocks know.
 from __future__ import annotations
 
 import math
+import re
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -26,6 +27,10 @@ Fault = tuple[Keys, str]
 
 BY = {"time": "s", "speed": "m/s", "position": "m"}
 """Units of a number whose unit follows from what the part says that it is over."""
+
+
+class Each(float):
+    """A number that was told by another quantity: N/kg where N is wanted, to be multiplied."""
 
 
 def read(kind: type, content: Any) -> tuple[Any, list[Fault]]:
@@ -176,6 +181,10 @@ class _Reader:
             try:
                 given = parse_quantity(given, unit)
             except BadInput as error:
+                if meta.get("by") and (each := _by(given, unit, meta["by"])) is not None:
+                    if not (math.isfinite(each) and each >= meta.get("lo", -math.inf)):
+                        return self.fault(keys, f"is {_shown(given)}, which is out of range")
+                    return Each(each)
                 return self.fault(keys, str(error))
             except (ValueError, OverflowError, RecursionError):
                 return self.fault(keys, f"is no number in {unit}")
@@ -192,6 +201,18 @@ class _Reader:
             told = "" if unit == "1" else f" {unit}"
             return self.fault(keys, f"{value:g}{told} is outside {lo:g} .. {hi:g}{told}")
         return int(value) if whole else value
+
+
+def _by(text: str, unit: str, by: str) -> float | None:
+    """Number of a text by another quantity, in ``unit/by``; None where it is none.
+
+    ``ton`` is the American one of 2000 lb, as Davis and AREMA write lbf/ton.
+    """
+    short, found = re.subn(r"/\s*ton\b", "/lb", text)
+    try:
+        return parse_quantity(short, f"{unit}/{by}") / 2000**found
+    except (BadInput, ValueError, OverflowError, RecursionError):
+        return None
 
 
 def _shown(value: Any) -> str:
@@ -240,11 +261,67 @@ def _schema_of(kind: Any, found: dict[str, Any]) -> dict[str, Any]:
     return {"$ref": f"#/$defs/{name}"}
 
 
+@dataclass(frozen=True)
+class Key:
+    """A key of a part, as a reader wants it.
+
+    Attributes:
+        name: of the key. meaning: in words. unit: empty where it has none. default: as text; empty
+            where it must be given. range: as text; empty where there is none.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    default: str
+    range: str
+
+
+def keys_of(kind: Any) -> list[Key]:
+    """Keys of a part that are no tables of their own, in their order."""
+    found = []
+    for f in fields(kind):
+        if f.name == "kind" or f.metadata.get("rest"):
+            continue
+        meaning = str(f.metadata.get("doc", ""))
+        choices = [a for c in options(hints(kind)[f.name]) if get_origin(c) is Literal
+                   for a in get_args(c)]  # fmt: skip
+        if choices and not f.metadata.get("unit"):
+            meaning += f": {' or '.join(map(str, choices))}"
+        unit = str(f.metadata.get("unit") or "")
+        found.append(Key(f.name, meaning, "" if unit == "1" else unit, _default(f), _range(f)))
+    return found
+
+
+def _default(f: Field[Any]) -> str:
+    if f.default is MISSING and f.default_factory is MISSING:
+        return "must be given"
+    value = f.default_factory() if callable(f.default_factory) else f.default
+    if value is None or value == "" or value == {} or value == []:
+        return "none"
+    if is_dataclass(value):
+        kind = getattr(value, "kind", "")
+        return f'kind = "{kind}"' if kind else "as below"
+    return {True: "true", False: "false"}.get(value, "") if isinstance(value, bool) else (
+        f"{value:g}" if isinstance(value, (int, float)) else str(value))  # fmt: skip
+
+
+def _range(f: Field[Any]) -> str:
+    lo, hi = (f.metadata.get(end, math.inf) for end in ("lo", "hi"))
+    low, high = math.isfinite(lo), math.isfinite(hi)
+    if low and high:
+        return f"{lo:g} to {hi:g}"
+    return f"at least {lo:g}" if low else f"at most {hi:g}" if high else ""
+
+
 def _field(kind: Any, f: Field[Any], found: dict[str, Any]) -> dict[str, Any]:
     said: dict[str, Any] = {}
     unit = f.metadata.get("unit")
     if f.metadata.get("doc"):
-        said["description"] = f.metadata["doc"] + (f" [{unit}]" if unit not in (None, "1") else "")
+        more = [f"unit {unit}"] if unit not in (None, "1") else []
+        more += [_range(f)] if _range(f) else []
+        more += [f"default {_default(f)}"] if _default(f) != "must be given" else [_default(f)]
+        said["description"] = f"{f.metadata['doc']} ({', '.join(more)})"
     either = list(_types(kind, f, found))
     return said | (either[0] if len(either) == 1 else {"anyOf": either})
 

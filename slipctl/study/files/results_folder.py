@@ -6,7 +6,7 @@ import csv
 import errno
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -207,34 +207,12 @@ def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable
     return {stem: job(stem) for stem in results.study.figures}
 
 
-def early_sections(
-    results: Results, cores: Cores, meanwhile: Callable[[], object]
-) -> dict[str, str]:
-    """Write the sections that speak of no result, before anything runs.
-
-    Args:
-        results: the loops.
-        cores: what they are written on.
-        meanwhile: see :func:`~slipctl.study.jobs.run_jobs`.
-    """
-    from slipctl.study.report import report_page
-
-    parts = {f"page, {n}": _section(write) for n, write in report_page.constant(results).items()}
-    done: dict[str, str] = {}
-    with closing(run_jobs(parts, cores, lambda name, share: None, meanwhile)) as outcomes:
-        for name, outcome in outcomes:
-            with note_failure(results, name):
-                done[name.removeprefix("page, ")] = outcome.get()
-    return done
-
-
 def save_pages(
     results: Results,
     judged: Callable[[], Sequence[Verdict]],
     out: Path,
     command: str,
     cores: Cores | None = None,
-    sections: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Draw the figures, write them and ``report_page.html``; gives the SVG by file stem.
 
@@ -246,7 +224,6 @@ def save_pages(
         out: folder of the run.
         command: command line.
         cores: what the figures are drawn on.
-        sections: of :func:`early_sections`; None writes them here.
     """
     from slipctl.draw import plots
     from slipctl.study.report import report_page
@@ -254,9 +231,7 @@ def save_pages(
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
-    parts = report_page.of_runs(results) | (
-        report_page.constant(results) if sections is None else {}
-    )
+    parts = report_page.of_runs(results) | report_page.constant(results)
     jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
     done: dict[str, Any] = {}
     left: list[str] = []
@@ -271,8 +246,7 @@ def save_pages(
     both = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
     drawn = {stem: svg for stem, (svg, _) in both.items()}
     curves = {stem: live for stem, (_, live) in both.items() if live is not None}
-    texts = dict(sections or {})
-    texts |= {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
+    texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
     store.write_text(
         out / "report.html",
         report_page.page(results, judged(), drawn, command, texts, curves=curves),

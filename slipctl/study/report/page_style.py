@@ -36,7 +36,7 @@ figure img { width: 100%; max-width: 52rem; height: auto; }
 figcaption { color: var(--soft); font-size: .9rem; max-width: 48rem; }
 .equations td { border: 0; padding: .18rem .3rem; vertical-align: baseline; }
 .equations td:first-child { text-align: right; }
-.diagram img { max-width: 100%; height: auto; }
+.diagram { overflow-x: auto; } .diagram img { max-width: none; }
 math { font-size: 1.05rem; }
 pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem; }
 details { margin: .4rem 0; } summary { cursor: pointer; }
@@ -46,5 +46,5 @@ td details p { max-width: 22rem; margin: .1rem 0 .3rem; }
 @media print { td summary::after { content: none; }
   body { max-width: none; padding: 0; font-size: 10pt; } nav { break-after: page; }
   tr, figure { break-inside: avoid; } a { color: inherit; text-decoration: none; }
-  .wide { overflow: visible; } }
+  .wide { overflow: visible; } .diagram img { max-width: 100%; height: auto; } }
 """

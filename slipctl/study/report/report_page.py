@@ -25,17 +25,18 @@ from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
 from slipctl.study.provenance import provenance
 from slipctl.study.report.page_style import STYLE as STYLE
+from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.texts import (
     absent,
     answers,
     changes,
     count,
-    doubts,
     left_out,
     left_to_full,
     limits_broken,
     number,
     ranked_rows,
+    sections_line,
     times,
     tolerance_text,
     verdicts_of_run,
@@ -87,6 +88,8 @@ def page(
     if results.tables:
         sections.append(("Experiments", _experiments(results)))
     sections += [(n.capitalize(), texts[n]) for n in written if n in texts]
+    if remarks := remarks_html(results):
+        sections.append(("Estimators", remarks))
     sections.append(("Provenance", _provenance(results, command)))
     named = [(title.lower(), title, text) for title, text in sections]
     contents = "".join(f'<li><a href="#{key}">{title}</a></li>' for key, title, _ in named)
@@ -95,7 +98,7 @@ def page(
     left = f"<p>{escape(left_to_full(results))}</p>" if results.left else ""
     doubted = "".join(
         f'<p class="quick">{escape(line)}.<br><span class="soft">{escape(where)}</span></p>'
-        for line, where in doubts(results)
+        for line, where in warnings_of_runs(results)
     )
     quick = '<p class="quick">A quick run: shorter or fewer runs than the study proper.</p>'
     failed = "".join(
@@ -117,6 +120,7 @@ def page(
 <p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
 {__version__}</p>
 {_paragraphs(study.doc)}
+{answer_html(results)}
 {stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
@@ -212,7 +216,12 @@ def _metrics(results: Results) -> str:
             ]  # fmt: skip
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
         if any(best for _, best in rows):
-            out.append('<p class="soft">Bold: the best of a row, the bound left out.</p>')
+            out.append(
+                '<p class="soft">Bold: the best of a row, of the loops that keep the limits'
+                " and stop where another one does; the bound is left out.</p>"
+            )
+        if beside := sections_line(results, scenario):
+            out.append(f'<p class="soft">{escape(beside)}.</p>')
         out += [f"<p>{escape(text)}.</p>" for text in limits_broken(results, scenario)]
         out += [f'<p class="soft">{escape(text)}.</p>' for text in
                 [*left_out(results.metrics[scenario], getattr(results.study, "limits", ())),
@@ -222,9 +231,10 @@ def _metrics(results: Results) -> str:
 
 def _told(label: str) -> Html | str:
     """Label of a metric's row, with the meaning of the metric a click away."""
-    meaning = METRICS.get(re.split(r" \[|,", label)[0], (None, ""))[1]
-    if not meaning:
+    name = re.split(r" \[|,", label)[0]
+    if name not in METRICS:
         return label
+    meaning = METRICS[name].meaning
     said = re.sub(r"`(.+?)`", r"<code>\1</code>", escape(meaning, quote=False))
     said = f'<p class="soft">{said}</p>'
     return Html(f"<details><summary>{escape(label)}</summary>{said}</details>")
@@ -339,7 +349,8 @@ def _loops(results: Results) -> str:
     for key, places in inside.items():
         said = _places(places, list(loops))
         drawing = image(diagram.levels_svg([levels[key]]), f"block diagram of {said}")
-        out.append(f"<h3>Inside {escape(said)}</h3><div class='diagram'>{drawing}</div>")
+        head = f"<summary>Inside {escape(said)}</summary>"
+        out.append(f"<details>{head}<div class='diagram'>{drawing}</div></details>")
     return "".join(out)
 
 

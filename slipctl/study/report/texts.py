@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.run.metrics import BETTER, METRICS, NEEDS, Metric
+from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.results import Results
-from slipctl.study.case_setup import warnings_before_run
 from slipctl.study.declaration import (
     CHANGED,
     FAILED,
@@ -23,6 +22,9 @@ from slipctl.study.declaration import (
     Claim,
     Verdict,
 )
+
+DUST = 1e-30
+"""Size below which a number is zero for a reader."""
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -41,11 +43,18 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, (float, np.floating)):
         if not math.isfinite(value):
             return "–"
+        if abs(float(value)) < DUST:
+            return "0"
         mantissa, e, exponent = f"{value or 0.0:.{digits}g}".partition("e")  # no -0
         if e and 0 <= int(exponent) <= 6:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}" if e else mantissa
     return str(value)
+
+
+def number_or_never(value: float | None, digits: int = 4) -> str:
+    """Write a number of an event: *never* where it is infinite."""
+    return "never" if value is not None and math.isinf(value) else number(value, digits)
 
 
 def telling_digits(values: Sequence[Any], digits: int) -> int:
@@ -126,6 +135,15 @@ def changes(results: Results) -> str:
     return f"with {results.changed}{claims}"
 
 
+def claim_line(v: Verdict) -> str:
+    """One claim with the paper's answer, ours and the verdict, as a sentence."""
+    paper, ours = answers(v)
+    if v.left:
+        return f"Claim: {v.claim.claim}. Not judged: it {v.left}."
+    why = f": {v.why}" if v.why else ""
+    return f"Claim: {v.claim.claim}. Paper {paper}, ours {ours}; {v.verdict}{why}."
+
+
 def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:
     """Table *claim / paper / ours / verdict and why*."""
     rows = [["claim", "paper", "ours", "verdict and why"]]
@@ -166,43 +184,71 @@ def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[i
     The bound, ``ideal``, is no competitor. No column is the best where all say the same, and
     where a metric has no better end.
     """
-    loops = results.metrics[scenario]
-    above = values_beyond_limit(results, scenario)
+    loops, limits = results.metrics[scenario], getattr(results.study, "limits", {})
+    above, failed = values_beyond_limit(results, scenario), failed_loops(results, scenario)
     rows: list[tuple[list[str], list[int]]] = [(["metric", *loops], [])]
-    for name in METRICS:
+    for name, d in METRICS.items():
         found = {loop: m[name] for loop, m in loops.items() if name in m}
         if not found:
             continue
         factor, unit = display_scale(next(iter(found.values())).unit)
         digits = 6 if unit == "m" else 4  # ways differ in their centimetres
         lists = {k: times(m.value, factor) for k, m in found.items()}
+        if name not in limits and _same_for_all(name, list(lists.values())):
+            continue
+        cells = [
+            _cell(lists[loop], digits, d.event, above[loop].get(name, ())) if loop in lists else ""
+            for loop in loops
+        ]
+        competing = {
+            column: lists[loop] for column, loop in enumerate(loops, 1)
+            if loop in lists and not loop.startswith("ideal") and loop not in failed
+        }  # fmt: skip
+        many = max(map(len, lists.values()))
+        best = [
+            set(_best(name, {c: v[k] for c, v in competing.items() if k < len(v)}, digits))
+            for k in range(many)
+        ]
         label = name if unit == "1" else f"{name} [{unit}]"
-        named = max((m.rows for m in found.values()), key=len)
-        same = equal_settling(
-            name, list(lists.values()), name in getattr(results.study, "limits", {})
-        )
-        shown = [k for k in range(max(map(len, lists.values()))) if k not in same]
-        for k in shown:  # a list goes down, an entry per row
-            cells = [
-                number(v[k], digits) + MARK * (k in above[loop].get(name, ()))
-                if k < len(v := lists.get(loop, [])) else "" for loop in loops
-            ]  # fmt: skip
-            rail = f", {named[k]}" if k < len(named) else ""
-            told = f"{label}{rail}" if k == shown[0] or rail else ""
-            values = {
-                column: v[k] for column, loop in enumerate(loops, 1)
-                if k < len(v := lists.get(loop, [])) and not loop.startswith("ideal")
-            }  # fmt: skip
-            rows.append(([told, *cells], _best(name, values, digits)))
+        rows.append(([label, *cells], sorted(set.intersection(*best) if best else set())))
     return rows
+
+
+def _cell(values: Sequence[Any], digits: int, event: bool, above: Sequence[int]) -> str:
+    """Number of a loop, or those of all sections beside each other; marked above a limit."""
+    told = (("never" if event else "–") if v is None else number(v, digits) for v in values)
+    return " / ".join(text + MARK * (k in above) for k, text in enumerate(told))
+
+
+def _same_for_all(name: str, lists: Sequence[Sequence[Any]]) -> bool:
+    """Whether an event tells no loop from another: none reached it, or all settled at once."""
+    every = {v for values in lists for v in values}
+    return METRICS[name].event and (every <= {None} or every <= {0})
+
+
+def sections_line(results: Results, scenario: str) -> str:
+    """What the numbers with slashes between belong to; empty where no metric has several."""
+    every = [m.rows for metrics in results.metrics[scenario].values() for m in metrics.values()]
+    rows = max(every, key=len, default=())
+    return f"Numbers beside each other: {' / '.join(rows)}" if len(rows) > 1 else ""
+
+
+def failed_loops(results: Results, scenario: str) -> set[str]:
+    """Loops that are no competitor: above a limit, or still moving where another one stopped."""
+    loops = results.metrics[scenario]
+    stops = {n: m["stopping_distance"].value for n, m in loops.items() if "stopping_distance" in m}
+    stopped = any(v is not None for v in stops.values())
+    still = {n for n, v in stops.items() if v is None and stopped}
+    return still | {n for n, above in values_beyond_limit(results, scenario).items() if above}
 
 
 def _best(name: str, values: Mapping[int, Any], digits: int) -> list[int]:
     """Columns whose number, as it is shown, is at the better end."""
     known = {k: v for k, v in values.items() if v is not None}
-    if name not in BETTER or not known or len(values) < 2:
+    better = METRICS[name].better
+    if not better or not known or len(values) < 2:
         return []
-    end = (min if BETTER[name] == "low" else max)(known.values())
+    end = (min if better == "low" else max)(known.values())
     best = [k for k, v in known.items() if number(v, digits) == number(end, digits)]
     return best if len(best) < len(values) else []
 
@@ -236,7 +282,7 @@ def limits_broken(results: Results, scenario: str) -> list[str]:
                 continue
             worst = max((v for v in (times(metric.value, 1.0)[k] for k in above) if v is not None),
                         default=None)  # fmt: skip
-            told = "for ever" if worst is None else with_unit(worst, metric.unit)
+            told = "never" if worst is None else with_unit(worst, metric.unit)
             said.append(f"{name} {told}, at most {with_unit(limit, metric.unit)}")
         if said:
             lines.append(f"! {loop} is above its limits: {'; '.join(said)}")
@@ -249,38 +295,19 @@ def times(value: Any, factor: float) -> list[Any]:
     return [v if v is None or factor == 1.0 else factor * v for v in found]
 
 
-ALIKE = {0: "0 for every loop, none leaves the band", None: "no loop comes into the band to stay"}
-"""Settling times that tell no loop from another, and what is said in their place."""
-
-
-def equal_settling(
-    name: str, lists: Sequence[Sequence[Any]], limited: bool = False
-) -> dict[int, Any]:
-    """Rails on which a settling time is 0 for every loop, or none settles: which of the two.
-
-    Where it has a limit, that none settles is shown, and marked.
-    """
-    if name not in ("settling_time", "tracking_time"):
-        return {}
-    rails = [[v[k] for v in lists if k < len(v)] for k in range(max(map(len, lists), default=0))]
-    told = [0] if limited else list(ALIKE)
-    return {k: v[0] for k, v in enumerate(rails) if v[0] in told and len(set(v)) == 1}
-
-
 def left_out(loops: Mapping[str, Mapping[str, Metric]], limits: Container[str] = ()) -> list[str]:
-    """A line for settling times that are not shown, with the reason; ``limits``: those with one."""
+    """A line for events that are not shown, with the reason; ``limits``: those that have one."""
     lines = []
-    for name in ("settling_time", "tracking_time"):
-        found = [m[name] for m in loops.values() if name in m]
-        if not found:
+    for name, d in METRICS.items():
+        lists = [times(m[name].value, 1.0) for m in loops.values() if name in m]
+        if not d.event or not lists or name in limits or not _same_for_all(name, lists):
             continue
-        same = equal_settling(name, [times(m.value, 1.0) for m in found], name in limits)
-        named = max((m.rows for m in found), key=len)
-        for value, why in ALIKE.items():
-            rails = [k for k, v in same.items() if v == value]
-            if rails:
-                where = ", ".join(named[k] if k < len(named) else f"rail {k + 1}" for k in rails)
-                lines.append(f"{name} on {where}: {why}, so it is not shown")
+        never = all(v is None for values in lists for v in values)
+        if name == "stopping_distance":
+            why = "no loop comes to a standstill"
+        else:
+            why = "no loop comes into the band to stay" if never else "0 for every loop"
+        lines.append(f"{name}: {why}, so it is not shown")
     return lines
 
 
@@ -292,7 +319,7 @@ def absent(results: Results, scenario: str) -> list[str]:
     by_reason: dict[tuple[str, str], list[str]] = {}
     loops, signals = results.metrics[scenario], results.study.signals
     limits = getattr(results.study, "limits", {})
-    for name, needs in NEEDS.items():
+    for name, needs in ((n, d.needs) for n, d in METRICS.items() if d.needs):
         if not any(name in m for m in loops.values()) and name not in limits:
             continue
         reasons: dict[str, list[str]] = {}
@@ -300,34 +327,12 @@ def absent(results: Results, scenario: str) -> list[str]:
             log = results.data[scenario][loop]
             missing = [r.replace("_", " ") for r in needs if signals.find(r, log) is None]
             why = f"no {' and no '.join(missing)}" if missing else ""
-            if not why and name == "stopping_distance":
-                why = "no standstill"
             if why:
                 reasons.setdefault(why, []).append(loop)
         for why, names in reasons.items():
             by_reason.setdefault((", ".join(names), why), []).append(name)
     return [f"{', '.join(names)} of {of}: left out, there is {why}"
             for (of, why), names in by_reason.items()]  # fmt: skip
-
-
-def doubts(results: Results) -> list[tuple[str, str]]:
-    """What gives reason to doubt the runs, each line with the runs that it is about."""
-    by_line: dict[str, dict[str, list[str]]] = {}
-    for case in results.cases:
-        scenario = case.scenario.name
-        for name, loop in case.loops.items():
-            log = results.data.get(scenario, {}).get(name)
-            late = str(log.attrs.get("told", "")) if log is not None else ""
-            before = [
-                *getattr(results.study, "remarks", ()),
-                *warnings_before_run(loop, case.scenario),
-            ]
-            for line in [*before, *filter(None, late.split("\n"))]:
-                by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
-    return [
-        (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
-        for line, runs in by_line.items()
-    ]
 
 
 def metric_table(results: Results, scenario: str, width: int = 132) -> str:
@@ -341,8 +346,9 @@ def metric_table(results: Results, scenario: str, width: int = 132) -> str:
             cells = [row[0].ljust(wide[0]), *(row[k].rjust(wide[k]) for k in group)]
             lines.append("  " + "  ".join(cells).rstrip())
         lines.append("")
-    for text in [*limits_broken(results, scenario), *left_out(results.metrics[scenario], limits),
-                 *absent(results, scenario)]:  # fmt: skip
+    said = [*limits_broken(results, scenario), sections_line(results, scenario),
+            *left_out(results.metrics[scenario], limits), *absent(results, scenario)]  # fmt: skip
+    for text in filter(None, said):
         lines[-1:] = [*textwrap.wrap(text, width - 2, initial_indent="  ",
                                      subsequent_indent="  "), ""]  # fmt: skip
     return "\n".join(lines[:-1])

@@ -18,22 +18,28 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # --jobs says how many cores are taken
 sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[3]))
 
-from adversary import common
+from adversary import common, user_ticks
 
 BLOCK = 100
 """Cases of one trial."""
 
+OTHERS = {"user_ticks": user_ticks.trial}
+"""Trials that are of no system with numbers of its own."""
+
 
 def block(name: str, n: int, seed: int) -> common.Tally:
-    """One trial of a system."""
+    """One trial of a system, or of ticks that somebody wrote."""
+    if name in OTHERS:
+        return OTHERS[name](n, seed)
     return common.trial(common.adversaries()[name], n, seed, every=10)
 
 
 def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
     """Write the outcome of a system into a file of evidence, beside those of the others."""
+    from bench import speed
     from slipctl.run import store
-    from slipctl.studies.bench import speed
 
     numbers: dict[str, Any] = {}
     if out.exists():
@@ -53,7 +59,7 @@ def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
 
 def main() -> int:
     """Run what is asked for."""
-    known = list(common.adversaries())
+    known = [*common.adversaries(), *OTHERS]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("systems", nargs="*", default=known, metavar="SYSTEM")
     parser.add_argument("--cases", type=int, default=10_000)

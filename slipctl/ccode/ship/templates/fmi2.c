@@ -115,7 +115,7 @@ EXPORT int F(fmi2DoStep)(void *c, double time, double size, int final)
 EXPORT int F(fmi2GetRealStatus)(void *c, int kind, double *v)
 {
     const model *m = &((instance *)c)->m;
-    *v = m->start + (m->ticks * PERIOD);
+    *v = m->begun ? m->now : m->start;
     return (kind == 2) ? FINE : DISCARD; /* last successful time */
 }
 

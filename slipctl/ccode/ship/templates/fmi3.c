@@ -117,7 +117,7 @@ EXPORT int F(fmi3DoStep)(void *c, double time, double size, bool final, bool *ev
     *event = false;
     *stop = false;
     *early = false;
-    *reached = i->m.start + (i->m.ticks * PERIOD);
+    *reached = i->m.now;
     return status;
 }
 

@@ -43,6 +43,7 @@ typedef struct {
     @n@_state state;
     @n@_out out;
     double start; /* time of the first tick */
+    double now;   /* where the last communication step ended */
     double ticks; /* ticks done */
     int status;   /* of the last communication step */
     bool begun;   /* initialization is over */
@@ -148,7 +149,7 @@ static int read_real(instance *c, const uint32_t *variables, size_t count, doubl
         const int v = number_of(variables[k]);
         const real *found = place(&c->m, v);
         if (v == TIME) {
-            values[k] = c->m.start + (c->m.ticks * PERIOD);
+            values[k] = c->m.begun ? c->m.now : c->m.start;
         } else if (found == NULL) {
             return tell(c, WRONG, "no real variable has this value reference");
         } else {
@@ -199,38 +200,46 @@ static int begin(instance *c)
     if (c->m.status != 0) {
         return tell(c, WRONG, "a parameter or start value is out of range");
     }
+    c->m.now = c->m.start;
     c->m.begun = true;
     c->m.fresh = false;
     return FINE;
 }
 
-/* Run the ticks of a communication step; a step that is no whole number of ticks is discarded. */
+/* Ticks that are done when a communication step ends there: a controller has done those that begin
+ * before it, a plant those that end by then. What lies between two ticks holds the last one. */
+static double due(const model *m, double end)
+{
+    const double passed = (end - m->start) / PERIOD;
+    const double slack = 1e-6 + (1e-12 * fabs(passed));
+    return (NOW != 0) ? floor(passed + slack) : ceil(passed - slack);
+}
+
+/* Run the ticks of a communication step of any size. */
 static int advance(instance *c, double time, double size)
 {
     const double period = PERIOD;
-    double ticks = (period > 0.0) ? floor((size / period) + 0.5) : 1.0;
-    const double due = c->m.start + (c->m.ticks * period);
+    const double end = time + size;
+    double ticks = 1.0;
     int worst = 0;
     if (!c->m.begun) {
         return tell(c, WRONG, "a step before the end of the initialization");
     }
-    if (!(size >= 0.0) || !(ticks <= MOST)) {
-        return tell(c, DISCARD, "the communication step size is no number of seconds");
-    }
     if (period > 0.0) {
-        const double most = 1e-6 * period * ((ticks > 1.0) ? ticks : 1.0);
-        if (fabs(size - (ticks * period)) > most) {
-            return tell(c, DISCARD, "the communication step size is no multiple of @period@ s");
+        if (!(fabs(time - c->m.now) <= (0.01 * period) + (1e-12 * fabs(time)))) {
+            return tell(c, WRONG, "the communication point is not where the last step ended");
         }
-        if (!(fabs(time - due) <= (0.01 * period) + (1e-12 * fabs(time)))) {
-            return tell(c, DISCARD, "the communication point is not where the last step ended");
-        }
+        ticks = due(&c->m, end) - c->m.ticks;
+    }
+    if (!(size >= 0.0) || !(ticks <= MOST)) {
+        return tell(c, WRONG, "the communication step size is no number of seconds");
     }
     for (; ticks > 0.5; ticks -= 1.0) {
         worst |= @n@_step(&c->m.in, &c->m.param, &c->m.state, &c->m.out);
         c->m.ticks += 1.0;
     }
-    c->m.start = (period > 0.0) ? c->m.start : time + size;
+    c->m.now = end;
+    c->m.start = (period > 0.0) ? c->m.start : end;
     c->m.status = worst;
     c->m.fresh = false;
     if ((worst & ~(int)@big@_LIMITED) != 0) {

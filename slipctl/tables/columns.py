@@ -1,0 +1,126 @@
+"""Expressions of columns as a person types them: names, their units, arithmetic behind them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from slipctl.block.units.unit_algebra import unit
+from slipctl.errors import BadInput
+from slipctl.tables.heads import is_unit, unit_in_name
+from slipctl.tables.table import Table
+
+
+@dataclass(frozen=True)
+class Expression:
+    """Arithmetic with columns.
+
+    Attributes:
+        text: with an identifier for each column.
+        columns: by identifier, in the order of the text.
+        told: unit behind a column, by identifier; empty where there is none.
+    """
+
+    text: str
+    columns: Mapping[str, str]
+    told: Mapping[str, str]
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is one column as it is."""
+        return self.text in self.columns
+
+
+def identifier_of(name: str) -> str:
+    """Identifier for a column of any name: the name itself if it is one."""
+    return (
+        name
+        if name.isidentifier()
+        else re.sub(r"\W", "_", f"{name}__").lstrip("_0123456789") or "c__"
+    )
+
+
+def expression_of(text: str, table: Table) -> Expression:
+    """Find the columns in a text, longest names first, each with its unit in brackets.
+
+    Raises:
+        BadInput: two units of one column.
+    """
+    text = text.strip()
+    names = {n: n for n in table.cells} | {h: n for n, h in table.heads.items() if h}
+    found = _found(text, names, 0)
+    return found if found.columns else _found(text, names, re.IGNORECASE)
+
+
+def _found(text: str, names: Mapping[str, str], flags: int) -> Expression:
+    """The columns in a text, by name or by head."""
+    parts = [_edged(n) for n in sorted(names, key=len, reverse=True)]
+    pattern = re.compile(rf"({'|'.join(parts)})(?:\s*\[([^\]]*)\])?", flags)
+    lower = {n.lower(): c for n, c in names.items()}
+    columns: dict[str, str] = {}
+    told: dict[str, str] = {}
+
+    def put(match: re.Match[str]) -> str:
+        column = names.get(match[1]) or lower[match[1].lower()]
+        key = identifier_of(column)
+        while columns.get(key, column) != column:
+            key += "_"
+        said = (match[2] or "").strip()
+        if said and told.get(key) and said != told[key]:
+            raise BadInput(f"{column} is told in {told[key]} and in {said}; write one")
+        columns[key] = column
+        told[key] = said or told.get(key, "")
+        return key
+
+    return Expression(pattern.sub(put, text) if parts else text, columns, told)
+
+
+def _edged(name: str) -> str:
+    """Pattern of a name that is no part of a longer word."""
+    left = r"(?<![\w.])" if name[:1].isalnum() or name[:1] == "_" else ""
+    right = r"(?!\w)" if name[-1:].isalnum() or name[-1:] == "_" else ""
+    return left + re.escape(name) + right
+
+
+def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: list[str]) -> str:
+    """Unit of a column by the person, its head or its name; empty where nobody says one.
+
+    Args:
+        table: the table.
+        column: its name.
+        told: by the person, or empty.
+        wanted: unit that is wanted there, or empty.
+        notes: a line is added where the name says it, or the head says what is not known.
+
+    Raises:
+        BadInput: two that contradict each other, a unit that is not known.
+    """
+    head = table.units[column]
+    where = f"{table.path}: {column}"
+    if told:
+        unit(told)
+    if head and not is_unit(head):
+        if not told:
+            _refuse_unknown(where, head)
+        notes.append(f"{column} is in {told} as told; its head has {head!r}, which is not known")
+        head = ""
+    named = unit_in_name(column, told or head or wanted) if told or head or wanted else ""
+    said = {
+        w: u for w, u in (("as told", told), ("by its head", head), ("by its name", named)) if u
+    }
+    first = next(iter(said.values()), "")
+    for who, u in said.items():
+        if not unit(u).same(unit(first)):
+            raise BadInput(f"{where} is in {first} {next(iter(said))} and in {u} {who}; units are"
+                           " never overruled, leave out the wrong one")  # fmt: skip
+    if named and len(said) == 1:
+        notes.append(f"{column} is in {named} by its name")
+    return first
+
+
+def _refuse_unknown(where: str, head: str) -> None:
+    try:
+        unit(head)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None

@@ -1,0 +1,206 @@
+"""A table as read: columns with names, units and cells, and what was decided to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from slipctl.block.units.unit_algebra import unit
+from slipctl.errors import BadInput, nearest
+from slipctl.tables import numerals
+from slipctl.tables.heads import is_unit, name_and_unit
+from slipctl.tables.layout import Row, layout_of
+
+LARGEST = 1e100
+"""Largest number of a table: sums of squares stay far from what a number can hold."""
+
+
+@dataclass
+class Table:
+    """A table.
+
+    Attributes:
+        path: where from.
+        cells: of each column by its name, texts or numbers.
+        units: of each column, as written; empty where the head says none.
+        lines: of the file, or numbers, of the rows.
+        line: what these are called.
+        heads: names as they are written in the file, with their units.
+        settings: ``name = value`` of comments ``# set name = value``, with their lines.
+        done: how the file was read.
+        notes: what was decided or left out, a line each.
+        decimal: the decimal mark, if a person told it.
+        mark: between the cells of a text.
+        others: columns that were not read.
+        typed: columns of times by their type, in s.
+        twice: names that several columns have, none of which is read.
+    """
+
+    path: str
+    cells: dict[str, np.ndarray]
+    units: dict[str, str]
+    lines: Sequence[int]
+    line: str = "line"
+    heads: dict[str, str] = field(default_factory=dict)
+    settings: list[tuple[int, str, str]] = field(default_factory=list)
+    done: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    decimal: str = ""
+    mark: str = ""
+    others: Sequence[str] = ()
+    typed: Collection[str] = ()
+    twice: Collection[str] = ()
+    _read: dict[str, numerals.Column] = field(default_factory=dict)
+    _numbers: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns that were read."""
+        return list(self.cells)
+
+    @property
+    def rows(self) -> list[Row]:
+        """Line and cells of each row."""
+        return [(n, list(c)) for n, *c in zip(self.lines, *self.cells.values(), strict=True)]
+
+    def find(self, name: str) -> str:
+        """Name of a column, given as it is written in the file or in other letters.
+
+        Raises:
+            BadInput: there is none, with the nearest; or there are two.
+        """
+        if name in self.cells:
+            return name
+        if name in self.twice:
+            raise BadInput(f"{self.path}: its head has two columns {name!r}; rename one")
+        same = [n for n in self.cells if n.lower() == name.lower()]
+        same = same or [n for n, h in self.heads.items() if h == name]
+        if len(same) == 1:
+            return same[0]
+        known = [*self.cells, *self.others]
+        raise BadInput(f"{self.path} has no column {name!r}{nearest(name, known)}")
+
+    def column(self, name: str) -> numerals.Column:
+        """The numbers of a column of texts, as written."""
+        if name not in self._read:
+            self._read[name] = numerals.column_of(self.cells[name].tolist())
+        return self._read[name]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Numbers of a column, NaN where nothing was measured.
+
+        Raises:
+            BadInput: a cell that is no number, or one that can be read in two ways; says its row.
+        """
+        if name not in self._numbers:
+            self._numbers[name] = self._as_numbers(name)
+        return self._numbers[name]
+
+    def _as_numbers(self, name: str) -> np.ndarray:
+        cells = self.cells[name]
+        if cells.dtype != object:
+            found = cells.astype(float)
+            found[~np.isfinite(found)] = np.nan
+            return found
+        column = self.column(name)
+        reading = None
+        if column.wrong is None and column.clash is None:
+            marks = self._decimals(name) if column.open else set()
+            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark)
+        where = f"{self.path}: {name}"
+        if reading is None:
+            raise numerals.refuse(
+                where, self.line, self.lines, column, cells.tolist(), self.decimal
+            )
+        self._tell(name, column, reading)
+        found = column.values(reading)
+        if (np.abs(found) > LARGEST).any():
+            k = int(np.flatnonzero(np.abs(found) > LARGEST)[0])
+            raise BadInput(f"{where}: {cells[k]!r} in {self.line} {self.lines[k]} is beyond what"
+                           " can be squared")  # fmt: skip
+        return found
+
+    def _decimals(self, name: str) -> set[str]:
+        """Decimal marks of the other columns that are decided."""
+        return {self.column(n).decimal for n, c in self.cells.items()
+                if n != name and c.dtype == object} - {""}  # fmt: skip
+
+    def _tell(self, name: str, column: numerals.Column, reading: tuple[str, str]) -> None:
+        decimal, group = reading
+        if any("," in s for s in column.firsts) and decimal == "," and column.firsts:
+            self.notes.append(f"{name} has a decimal comma")
+        grouped = [k for s, k in column.firsts.items() if group and group in s]
+        if grouped:
+            cell = str(self.cells[name][grouped[0]]).strip()
+            self.notes.append(
+                f"{name}: {group!r} parts thousands, so {cell} in {self.line}"
+                f" {self.lines[grouped[0]]} is {column.values(reading)[grouped[0]]:g}"
+            )
+
+
+def named_columns(heads: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names and units of heads; a head without a name is ``column 3``."""
+    found = [name_and_unit(h) if h.strip() else (f"column {k}", "") for k, h in enumerate(heads, 1)]
+    return [n for n, _ in found], [u for _, u in found]
+
+
+def table_of(
+    path: str, heads: Sequence[str], columns: Sequence[np.ndarray], units: Sequence[str],
+    lines: Sequence[int], **rest: object,
+) -> Table:  # fmt: skip
+    """A table of columns; those that share a name are left out and can be named by nobody.
+
+    Args:
+        path: where from.
+        heads: of the columns, as written.
+        columns: cells.
+        units: that stand elsewhere than in the heads, empty where there is none.
+        lines: of the rows.
+        rest: other attributes of the table.
+
+    A head and a row of units that contradict each other make a unit that cannot be read.
+    """
+    names, own = named_columns(heads)
+    twice = {n for n in names if names.count(n) > 1}
+    found: dict[str, np.ndarray] = {}
+    said: dict[str, str] = {}
+    written: dict[str, str] = {}
+    for n, u, more, head, cells in zip(names, own, units, heads, columns, strict=True):
+        if n in twice:
+            continue
+        row = more.strip()
+        row = row[1:-1].strip() if row[:1] + row[-1:] in ("[]", "()", "{}", "<>") else row
+        row = "1" if row in ("-", "--") else row
+        if u and row and not _one_unit(u, row):
+            u = f"{u} | {row}" if is_unit(u) and is_unit(row) else (row if is_unit(row) else u)
+        found[n], said[n], written[n] = cells, u or row, head.strip()
+    return Table(path, found, said, lines, heads=written, twice=twice, **rest)  # type: ignore[arg-type]
+
+
+def _one_unit(first: str, second: str) -> bool:
+    if first == second:
+        return True
+    return is_unit(first) and is_unit(second) and unit(first).same(unit(second))
+
+
+def read_table(path: str | Path, decimal: str = "") -> Table:
+    """Read a text with a head and a row per sample, as people have it.
+
+    Args:
+        path: of the file. Any of ``;``, comma, tab, ``|`` and blanks parts its cells. Lines before
+            the head, comments, a row of units, quotes, UTF-16 and cp1252 are read.
+        decimal: decimal mark of all numbers, where they can be read in two ways.
+
+    Raises:
+        BadInput: no such file, no text, no table, or a row with cells beyond the head.
+    """
+    layout = layout_of(Path(path))
+    lines = [n for n, _ in layout.rows]
+    columns = [np.array(c, dtype=object) for c in zip(*(c for _, c in layout.rows), strict=True)]
+    return table_of(
+        str(path), layout.head, columns, layout.units, lines, settings=layout.settings,
+        done=layout.done, notes=layout.notes, mark=layout.mark, decimal=decimal,
+    )  # fmt: skip

@@ -1,1 +1,0 @@
-"""Benchmarks and long checks: speed against peers, controllers in C, endurance, FMUs."""

@@ -1,0 +1,81 @@
+"""The answer of a run in a line, and doubts about estimators in a sentence."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray
+
+from slipctl.run.metrics import Run, measure
+from slipctl.run.roles import Signals
+from slipctl.study import resolve
+from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
+
+T = np.arange(0, 20, 0.01)
+SIGNALS = Signals(speed="v", slip="s", reference="r")
+
+
+def log(v, s, off=None, told=""):
+    units = {"v": "m/s", "s": "m/s", "r": "m/s"}
+    data = {"v": v, "s": s, "r": 0 * T + 0.5}
+    attrs = {"period_s": 0.01, "told": told}
+    if off:
+        attrs["estimates_off"] = json.dumps([{
+            "what": "adhesion curve", "axle": 1, "start": off[0], "stop": off[1],
+            "to_end": bool(off[1] >= T[-1]), "numbers": "theta is off by 3.2",
+        }])  # fmt: skip
+    return xarray.Dataset(
+        {n: ("time", np.broadcast_to(x, T.shape), {"units": units[n]}) for n, x in data.items()},
+        coords={"time": T}, attrs=attrs,
+    )  # fmt: skip
+
+
+def results(limits=None, **logs):
+    return SimpleNamespace(
+        study=SimpleNamespace(signals=SIGNALS, limits=limits or {}), cases=[], data={"base": logs},
+        metrics={"base": {n: measure(Run(x, SIGNALS)) for n, x in logs.items()}},
+    )  # fmt: skip
+
+
+def test_a_line_says_where_a_vehicle_stops_and_how_its_wheels_fared():
+    stops, rolls = np.maximum(20 - 2 * T, 0), 20 - 0.1 * T
+    lines = answer_lines(results(
+        {"lock_time": 0.3}, held=log(stops, np.minimum(0.5, stops)), none=log(rolls, rolls)
+    ), "base")  # fmt: skip
+    assert lines["held"] == "held stops in 100 m; wheels never lock"
+    assert lines["none"].startswith("none does not stop: 64.8 km/h after 20 s, 380")
+    assert "wheels lock for 20 s; misses its limit of lock_time" in lines["none"]
+
+
+@pytest.mark.parametrize(
+    ("slip", "held", "said"),
+    [
+        (0.5, True, "the controller held the slip all the same"),
+        (np.where(T > 8, 3.0, 0.5), False, "the slip came to 3 m/s then, no wheel locked"),
+        (np.where(T > 8, 20 - 0.5 * T, 0.5), False, "wheels locked for"),
+    ],
+)
+def test_a_doubt_is_a_sentence_and_a_warning_only_where_the_slip_was_lost(slip, held, said):
+    found = results(a=log(20 - 0.5 * T, slip, (6.2, 20.0)))
+    (remark,) = estimator_remarks(found)
+    assert remark.text.startswith("the estimated adhesion curve of axle 1 was wrong from 6.2 s on;")
+    assert said in remark.text
+    assert remark.numbers == ("theta is off by 3.2",)
+    assert remark.held is held
+    assert [line for line, _ in warnings_of_runs(found)] == ([] if held else [remark.text])
+
+
+@pytest.mark.parametrize(
+    "name", ["subway_braking", "hst_braking", "hst_traction", "freight_traction"]
+)
+def test_the_answer_of_a_study_is_that_of_its_page(name):
+    """A fact has one place: what the page says in short is what the study prints."""
+    with open(f"docs/{name}.md", encoding="utf-8") as file:
+        text = file.read()
+    short = " ".join(text.partition("## In short\n\n")[2].partition("\n\n")[0].split())
+    study = resolve.load_study(name)
+    assert study.short == short
+    assert study.headline in {c.id for c in study.claims}

@@ -1,0 +1,157 @@
+"""Tables as people have them: what is read right, and what is refused with its row and cause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dialects import speeds
+
+from slipctl import BadInput
+from slipctl.block.units.unit_algebra import parse_quantity, unit
+from slipctl.models.trials import coasting
+from slipctl.run.logs.log_signals import source_of
+from slipctl.run.logs.recorded_log import Recording, read_recording
+
+V = [3.6 * v for v in speeds()][:400]
+HEAD = "t [s];v [km/h]\n"
+
+
+def rows(line: Callable[[float, float, int], str]) -> str:
+    return "".join(line(k / 10, v, k) + "\n" for k, v in enumerate(V))
+
+
+def plain(t: float, v: float, k: int) -> str:
+    return f"{t:.1f};{v:.2f}"
+
+
+def comma(x: float, digits: int) -> str:
+    return f"{x:.{digits}f}".replace(".", ",")
+
+
+def clock(t: float, begin: float = 28800.0) -> str:
+    t += begin
+    return f"{int(t // 3600) % 24:02d}:{int(t // 60) % 60:02d}:{t % 60:06.3f}"
+
+
+READ = {
+    "quoted decimal commas": "t [s],v [km/h]\n" + rows(
+        lambda t, v, k: f'"{comma(t, 1)}","{comma(v, 2)}"'),
+    "a mark behind each row": HEAD + rows(lambda t, v, k: plain(t, v, k) + ";"),
+    "formulas": HEAD + rows(lambda t, v, k: f'="{t:.1f}";="{v:.2f}"'),
+    "the index of a frame": ",t,v [km/h]\n" + rows(lambda t, v, k: f"{k},{t:.1f},{v:.2f}"),
+    "a number of each row": "Nr;Zeit;v [km/h]\n" + rows(lambda t, v, k: f"{k};{plain(t, v, k)}"),
+    "numpy": "# t [s], v [km/h]\n" + rows(lambda t, v, k: f"{t:.18e},{v:.18e}"),
+    "blanks": "t[s]   v[km/h]\n" + rows(lambda t, v, k: f"{t:8.1f} {v:8.2f}"),
+    "markdown": "| t [s] | v [km/h] |\n|---|---|\n" + rows(
+        lambda t, v, k: f"| {t:.1f} | {v:.2f} |"),
+    "a 1 among units": "t;v;x\ns;km/h;1\n" + rows(lambda t, v, k: plain(t, v, k) + ";3"),
+    "units above": "s;km/h\nt;v\n" + rows(plain),
+    "units and types": "t;v\nfloat;float\ns;km/h\n" + rows(plain),
+    "the form of a clock": "Zeit;v\nhh:mm:ss;km/h\n" + rows(
+        lambda t, v, k: f"{clock(t)};{v:.2f}"),
+    "pairs before the head": "".join(f"par {k};{1.5 * k}\n" for k in range(29)) + HEAD
+    + rows(plain),
+    "Swiss thousands": "t [ms];v [mm/s]\n" + rows(
+        lambda t, v, k: f"{1000 * t:,.0f};{v / 0.0036:,.1f}".replace(",", "'")),
+    "narrow blanks": "t [ms];v [mm/s]\n" + rows(
+        lambda t, v, k: f"{1000 * t:,.0f};{v / 0.0036:,.1f}".replace(",", "\u202f")),
+    "thousands of ms": "t [ms];v [km/h]\n" + rows(
+        lambda t, v, k: f"{1000 * t:,.0f}".replace(",", ".") + f";{comma(v, 2)}"),
+    "midnight": "Zeit;v [km/h]\n" + rows(lambda t, v, k: f"{clock(t, 86380)};{v:.2f}"),
+    "minutes of a spreadsheet": "Zeit;v [km/h]\n" + rows(
+        lambda t, v, k: f"{clock(t, 3580)[3:-2]};{v:.2f}"),
+    "days of a spreadsheet": "Zeit;v [km/h]\n" + rows(
+        lambda t, v, k: f"{45413.4 + t / 86400:.9f};{v:.2f}"),
+    "date and time": "Datum;Uhrzeit;v [km/h]\n" + rows(
+        lambda t, v, k: f"1.5.24;{clock(t)};{v:.2f}"),
+    "lines of old Macs": (HEAD + rows(plain)).replace("\n", "\r"),
+    "the head again": (HEAD + rows(plain)).replace("\n20.0;", f"\n{HEAD}20.0;"),
+    "unit in a name": "time_ms,vKmh\n" + rows(lambda t, v, k: f"{1000 * t:.0f},{v:.2f}"),
+    "unit behind in": "Zeit in s;v in km/std\n" + rows(plain),
+    "unit behind a slash": "t/s;v/(km/h)\n" + rows(plain),
+    "Fortran": HEAD + rows(lambda t, v, k: f"{t:.6E};{v:.8E}".replace("E", "D")),
+    "columns that share a name": "t [s];v [km/h];x;x\n" + rows(
+        lambda t, v, k: plain(t, v, k) + ";0;1"),
+}  # fmt: skip
+
+REFUSED = {
+    "a decimal comma between commas": (
+        "t [s],v [km/h]\n" + rows(lambda t, v, k: f"{t:.0f},{f'{v:g}'.replace('.', ',')}"),
+        r"line 2 has 3 cells, its head 2.*decimal comma"),
+    "its other half in a column without name": (
+        "t [s],v [km/h],\n" + rows(lambda t, v, k: f"{k},{comma(v, 2)}"), "line 2 .*decimal comma"),
+    "its other half in another column": (
+        "t [s],v [km/h],door\n" + rows(lambda t, v, k: f"{k},{comma(v, 2)}"), "one number"),
+    "no times": ("Nr;v [km/h]\n" + rows(lambda t, v, k: f"{k};{v:.2f}"), "no column of times"),
+    "ms without a unit": ("t;v [km/h]\n" + rows(lambda t, v, k: f"{1000 * t:.0f};{v:.2f}"),
+                          "s would be 100 s from row to row"),
+    "two units of time": ("time_ms [s];v [km/h]\n" + rows(plain), "its head s and its name ms"),
+    "two units of speed": ("t [s];v_kmh [m/s]\n" + rows(plain), "never overruled"),
+    "other units further on": (
+        ("t;v\ns;km/h\n" + rows(plain)).replace("\n20.0;", "\nt;v\ns;m/s\n20.0;"), "line 203"),
+    "a word": (HEAD + rows(plain).replace("30.0;", "30.0;12. Mai "), "'12. Mai .*' in line 302"),
+    "other marks in a column": (HEAD + rows(lambda t, v, k: f"{t};{comma(v, 2)}" if k == 9 else
+                                            plain(t, v, k)), "in line 11 has other marks"),
+    "three digits": ("t [ms];v [km/h]\n" + rows(lambda t, v, k: f"{100 * k};{v:.3f}"),
+                     r"in line 2 may be 79\.293 or 79293"),
+    "newest first": (HEAD + "".join(reversed(rows(plain).splitlines(keepends=True))), "fall"),
+    "coarse times": ("Zeit;v [km/h]\n" + rows(lambda t, v, k: f"{clock(t)[:8]};{v:.2f}"),
+                     "time of the row before, the first in line 3"),
+    "hours and minutes, or minutes and seconds": (
+        "Zeit;v [km/h]\n" + rows(lambda t, v, k: f"{clock(t)[:5]};{v:.2f}"),
+        "line 2: '08:00' is no"),
+    "a quote that is open": (HEAD + rows(lambda t, v, k: f"{t};{v:.2f}" + ';"x' * (k == 395)),
+                             "quotes stand in pairs"),
+    "two lines in one": (HEAD + rows(plain).replace("\n30.0", "30.0"), "line 301 has 3 cells"),
+}  # fmt: skip
+
+
+def read(text: str, file: Path) -> tuple[Recording, np.ndarray]:
+    file.write_text(text, encoding="utf-8", newline="")
+    log = read_recording(file)
+    name = next((n for n in log.columns if n.startswith("v")), "v")
+    return log, source_of(coasting, log, coasting.states["v"], name).values(log)
+
+
+@pytest.mark.parametrize("what", READ)
+def test_it_is_read_right(what: str, tmp_path: Path) -> None:
+    log, v = read(READ[what], tmp_path / "log.csv")
+    assert np.allclose(log.time, np.arange(400) / 10, atol=1e-4)  # days have nine digits
+    assert np.allclose(v, np.array(V) / 3.6, atol=0.0015)  # half a hundredth of a km/h
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_it_is_refused_with_row_and_cause(what: str, tmp_path: Path) -> None:
+    text, said = REFUSED[what]
+    with pytest.raises(BadInput, match=said) as error:
+        read(text, tmp_path / "log.csv")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_a_person_says_the_decimal_mark(mark: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("t [ms];x\n" + "".join(f"{k};1{mark}{k:03d}\n" for k in range(100)))
+    assert read_recording(file, decimal=mark).channel("x")[7] == 1.007
+    other = "," if mark == "." else "."
+    assert read_recording(file, decimal=other).channel("x")[7] == 1007
+
+
+@pytest.mark.parametrize(("text", "same"), [
+    ("U/min", "rpm"), ("Km/h", "km/h"), ("KM/H", "km/h"), ("Bar", "bar"), ("Promille", "‰"),
+    ("Prozent", "%"), ("mps", "m/s")])  # fmt: skip
+def test_units_as_people_write_them(text: str, same: str) -> None:
+    assert unit(text).same(unit(same))
+
+
+def test_a_gradient_is_said_by_its_ratio() -> None:
+    assert parse_quantity("1 in 25", "1") == 0.04
+    assert parse_quantity("-1:40", "%") == pytest.approx(-2.5)
+    with pytest.raises(BadInput):
+        parse_quantity("1 in 25", "m/s")
+    for text in ("°C", "°F", "degC"):
+        with pytest.raises(BadInput, match="scale with an offset"):
+            unit(text)
